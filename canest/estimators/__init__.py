@@ -1,0 +1,1 @@
+"""The estimators: each of the papers' methods and our own, behind one interface."""

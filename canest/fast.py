@@ -1,0 +1,64 @@
+"""Optional compilation: the same scalar Python source, run by CPython or compiled by numba.
+
+numba costs 0.2 to 0.45 s to import, so it is imported only when a caller says that it pays
+(`enable`), and everything runs interpreted when it is missing. Kernels are written so that both
+give the same bits: plain float64 arithmetic, no fastmath, no numpy reductions.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_enabled = False
+
+
+def available() -> bool:
+    """Return True when numba is installed (without importing it)."""
+    return importlib.util.find_spec("numba") is not None
+
+
+def enable(on: bool = True) -> bool:
+    """Switch compilation on (or off) for every kernel called from now on; return what is in force."""
+    global _enabled  # noqa: PLW0603 - one process-wide switch, set once by the command that starts
+    _enabled = on and available()
+    return _enabled
+
+
+def enabled() -> bool:
+    """Return True when kernels run compiled."""
+    return _enabled
+
+
+class Kernel:
+    """A scalar kernel: call it, and it runs compiled when compilation is enabled, else as it stands.
+
+    Callers ask `fast.enabled()` to choose the containers: numpy arrays for a compiled call, lists
+    (three times faster to index from CPython) for an interpreted one.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.interpreted = function
+        self.__doc__ = function.__doc__
+        self.__name__ = function.__name__
+        self._compiled: Callable[..., Any] | None = None
+
+    @property
+    def compiled(self) -> Callable[..., Any]:
+        """The compiled function; compiles (or loads from numba's cache) at its first call."""
+        if self._compiled is None:
+            import numba
+
+            self._compiled = numba.njit(cache=True, error_model="numpy")(self.interpreted)
+        return self._compiled
+
+    def __call__(self, *args: Any) -> Any:
+        return self.compiled(*args) if _enabled else self.interpreted(*args)
+
+
+def kernel(function: Callable[..., Any]) -> Kernel:
+    """Mark a scalar function as a kernel (decorator)."""
+    return Kernel(function)

@@ -1,0 +1,32 @@
+"""The gates: why the estimator does not learn from a sample. Codes are those of `dbc/canest.dbc`."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Gate(IntEnum):
+    """Reasons, in order of precedence when several hold at once (lowest positive code wins)."""
+
+    OPEN = 0
+    STALE = 1  #: a required signal is older than its limit, or has never been seen
+    INVALID = 2  #: a required signal says not available or error, or is out of range
+    REVERSE = 3
+    LOW_SPEED = 4
+    BRAKE = 5  #: service or parking brake, ABS, traction control
+    SHIFT = 6
+    DRIVELINE = 7  #: not engaged, not locked up, clutch slipping, or speeds not in a gear's ratio
+    RETARDER = 8
+    PTO = 9
+    TURNING = 10
+    IMPLAUSIBLE = 11  #: two signals that must agree do not, or one jumps beyond physics
+    LOW_EXCITATION = 12
+    RECOVERY = 13  #: nothing wrong any more, but the filters still remember what was
+
+    @property
+    def label(self) -> str:
+        """Return the name used in est.csv, summary.json and configs ('' when open)."""
+        return "" if self is Gate.OPEN else self.name.lower()
+
+
+LABELS: dict[int, str] = {int(g): g.label for g in Gate}

@@ -1,0 +1,32 @@
+"""Finds the files that ship with canest (DBCs, configs, units), in a checkout or an installed wheel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from canest.errors import ConfigError
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def shipped(kind: str) -> Path:
+    """Return the folder of shipped files of a kind: ``dbc``, ``configs`` or ``systemd``."""
+    installed = _PACKAGE / "_shipped" / kind
+    return installed if installed.is_dir() else _PACKAGE.parent / kind
+
+
+def find(kind: str, name: str, beside: Path | None = None) -> Path:
+    """Return the file ``name``: as given, beside the config that names it, or among the shipped ones.
+
+    Errors: ConfigError that lists the shipped names.
+    """
+    candidates = [Path(name)] if beside is None else [beside / name, Path(name)]
+    folder = shipped(kind)
+    candidates.append(folder / name)
+    if kind == "configs" and not name.endswith((".yaml", ".yml")):
+        candidates.append(folder / f"{name}.yaml")
+    for path in candidates:
+        if path.is_file():
+            return path
+    names = ", ".join(sorted(p.name for p in folder.glob("*") if p.is_file()))
+    raise ConfigError(f"no such {kind} file", where=name, expected=f"a path or a shipped name ({names})")

@@ -1,0 +1,106 @@
+"""Roles: what the estimator needs to know, whatever a bus calls it.
+
+A config's signal map ties each role to a DBC signal or a table column. A role has one unit inside
+canest; a source in another unit of the same dimension is converted, any other unit is refused.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+#: unit -> (unit inside canest, factor, offset): value_inside = value * factor + offset
+CONVERSIONS: dict[str, tuple[str, float, float]] = {
+    "m/s": ("m/s", 1.0, 0.0),
+    "km/h": ("m/s", 1 / 3.6, 0.0),
+    "mph": ("m/s", 0.44704, 0.0),
+    "rpm": ("rpm", 1.0, 0.0),
+    "rad/s": ("rpm", 30 / math.pi, 0.0),
+    "Nm": ("Nm", 1.0, 0.0),
+    "%": ("%", 1.0, 0.0),
+    "ratio": ("ratio", 1.0, 0.0),
+    "gear": ("gear", 1.0, 0.0),
+    "": ("", 1.0, 0.0),
+    "m": ("m", 1.0, 0.0),
+    "ft": ("m", 0.3048, 0.0),
+    "rad": ("rad", 1.0, 0.0),
+    "deg": ("rad", math.pi / 180, 0.0),
+    "rad/s_yaw": ("rad/s", 1.0, 0.0),
+    "m/s2": ("m/s2", 1.0, 0.0),
+    "g": ("m/s2", 9.80665, 0.0),
+    "kPa": ("kPa", 1.0, 0.0),
+    "bar": ("kPa", 100.0, 0.0),
+    "degC": ("degC", 1.0, 0.0),
+    "degF": ("degC", 5 / 9, -160 / 9),
+    "kg": ("kg", 1.0, 0.0),
+    "t": ("kg", 1000.0, 0.0),
+    "kW": ("kW", 1.0, 0.0),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Role:
+    """One role: its unit inside canest, how old a sample may be, and what it is for."""
+
+    name: str
+    unit: str
+    stale_s: float
+    text: str
+    #: a held value of this role is a state (switch, gear), not a sample of something continuous
+    discrete: bool = False
+
+
+def _role(name: str, unit: str, stale_s: float, text: str, discrete: bool = False) -> tuple[str, Role]:
+    return name, Role(name, unit, stale_s, text, discrete)
+
+
+ROLES: dict[str, Role] = dict(
+    [
+        # traction
+        _role("engine_torque_pct", "%", 0.25, "actual engine percent torque, indicated (SPN 513)"),
+        _role("engine_friction_pct", "%", 2.5, "nominal friction percent torque (SPN 514)"),
+        _role("reference_torque", "Nm", math.inf, "engine reference torque, 100 % (SPN 544)"),
+        _role("engine_torque", "Nm", 0.25, "net torque of engine or motor at its shaft, where sent in N m"),
+        _role("wheel_torque", "Nm", 0.25, "sum of measured wheel or half-shaft torques"),
+        _role("half_shaft_torque_left", "Nm", 0.25, "measured torque of the left half-shaft"),
+        _role("half_shaft_torque_right", "Nm", 0.25, "measured torque of the right half-shaft"),
+        _role("engine_speed", "rpm", 0.25, "engine speed (SPN 190)"),
+        # driveline
+        _role("output_shaft_speed", "rpm", 0.25, "transmission output shaft speed (SPN 191)"),
+        _role("input_shaft_speed", "rpm", 0.25, "transmission input shaft speed (SPN 161)"),
+        _role("gear_ratio", "ratio", 1.0, "actual transmission ratio (SPN 526)", True),
+        _role("gear", "gear", 1.5, "current gear number (SPN 523)", True),
+        _role("selected_gear", "gear", 1.5, "selected gear number (SPN 524)", True),
+        _role("shift_in_process", "", 0.5, "shift in process, 0 or 1 (SPN 574)", True),
+        _role("driveline_engaged", "", 0.5, "driveline engaged, 0 or 1 (SPN 560)", True),
+        _role("lockup_engaged", "", 0.5, "torque converter locked up, 0 or 1 (SPN 573)", True),
+        _role("clutch_slip", "%", 0.5, "clutch slip (SPN 522)"),
+        _role("clutch_switch", "", 1.0, "clutch pedal pressed, 0 or 1 (SPN 598)", True),
+        # speed of the vehicle
+        _role("vehicle_speed", "m/s", 0.5, "wheel-based vehicle speed (SPN 84)"),
+        _role("undriven_speed", "m/s", 0.5, "speed of an undriven axle (SPN 904)"),
+        _role("gps_speed", "m/s", 2.5, "navigation-based speed (SPN 517)"),
+        # brakes and retarders
+        _role("brake_switch", "", 1.0, "service brake pressed, 0 or 1 (SPN 597)", True),
+        _role("brake_pedal", "%", 0.5, "brake pedal position (SPN 521)"),
+        _role("parking_brake", "", 1.0, "parking brake set, 0 or 1 (SPN 70)", True),
+        _role("abs_active", "", 1.0, "anti-lock or traction control acting, 0 or 1 (SPN 563)", True),
+        _role("retarder_torque_pct", "%", 0.5, "actual retarder percent torque, negative when braking (SPN 520)"),
+        _role("retarder_reference_torque", "Nm", math.inf, "retarder reference torque (SPN 556)"),
+        # driver and environment
+        _role("accelerator", "%", 0.5, "accelerator pedal position (SPN 91)"),
+        _role("ambient_temperature", "degC", 30.0, "ambient air temperature (SPN 171)"),
+        _role("barometric_pressure", "kPa", 30.0, "barometric pressure (SPN 108)"),
+        _role("pto_state", "", 2.0, "power take-off governor state, 0 is off (SPN 976)", True),
+        _role("fan_speed", "%", 5.0, "estimated fan speed (SPN 975)"),
+        # motion
+        _role("longitudinal_accel", "m/s2", 0.25, "longitudinal accelerometer (SPN 1810)"),
+        _role("lateral_accel", "m/s2", 0.25, "lateral accelerometer (SPN 1809)"),
+        _role("yaw_rate", "rad/s", 0.25, "yaw rate, left positive (SPN 1808)"),
+        _role("steering_angle", "rad", 0.25, "steering wheel angle, left positive (SPN 1807)"),
+        _role("pitch", "rad", 0.25, "slope sensor pitch, uphill positive (SPN 3318)"),
+        _role("altitude", "m", 5.0, "altitude (SPN 580)"),
+        # what others say
+        _role("reported_mass", "kg", 10.0, "gross combination mass from another controller (SPN 1760)"),
+    ]
+)
