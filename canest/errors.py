@@ -23,9 +23,7 @@ class CanestError(Exception):
 
     exit_code = 1
 
-    def __init__(
-        self, what: str, *, where: str = "", found: object = None, expected: str = ""
-    ) -> None:
+    def __init__(self, what: str, *, where: str = "", found: object = None, expected: str = "") -> None:
         self.what, self.where, self.found, self.expected = what, where, found, expected
         parts = [f"{where}: {what}" if where else what]
         if found is not None:

@@ -56,6 +56,7 @@ class Kernel:
         return self._compiled
 
     def __call__(self, *args: Any) -> Any:
+        """Run the kernel, compiled when `enabled`."""
         return self.compiled(*args) if _enabled else self.interpreted(*args)
 
 

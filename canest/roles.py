@@ -85,7 +85,9 @@ ROLES: dict[str, Role] = dict(
         _role("brake_pedal", "%", 0.5, "brake pedal position (SPN 521)"),
         _role("parking_brake", "", 1.0, "parking brake set, 0 or 1 (SPN 70)", True),
         _role("abs_active", "", 1.0, "anti-lock or traction control acting, 0 or 1 (SPN 563)", True),
-        _role("retarder_torque_pct", "%", 0.5, "actual retarder percent torque, negative when braking (SPN 520)"),
+        _role(
+            "retarder_torque_pct", "%", 0.5, "actual retarder percent torque, negative when braking (SPN 520)"
+        ),
         _role("retarder_reference_torque", "Nm", math.inf, "retarder reference torque (SPN 556)"),
         # driver and environment
         _role("accelerator", "%", 0.5, "accelerator pedal position (SPN 91)"),

@@ -89,9 +89,7 @@ class ModelBlock:
     @staticmethod
     def concatenate(blocks: list[ModelBlock]) -> ModelBlock:
         """Join blocks in order (at least one)."""
-        return ModelBlock(
-            *(np.concatenate([getattr(b, f.name) for b in blocks]) for f in fields(ModelBlock))
-        )
+        return ModelBlock(*(np.concatenate([getattr(b, f.name) for b in blocks]) for f in fields(ModelBlock)))
 
 
 @dataclass(frozen=True, slots=True)

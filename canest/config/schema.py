@@ -1,0 +1,314 @@
+"""What a config may say, with units in the names and bounds on every number.
+
+`extra="forbid"` everywhere: a misspelt key is an error, never a silent default.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from canest.roles import CONVERSIONS, ROLES
+
+
+class Section(BaseModel):
+    """Base of all sections: unknown keys refused, values immutable, no silent type juggling."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, str_strip_whitespace=True)
+
+
+def _number_not_bool(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise ValueError("a number, not yes/no")  # noqa: TRY004 - pydantic wants ValueError
+    return value
+
+
+Number = Annotated[float, BeforeValidator(_number_not_bool)]
+
+
+class Retarder(Section):
+    """A retarder that reports its torque (ERC1)."""
+
+    reference_torque_Nm: Number = Field(gt=0, le=10_000)
+    #: where its torque acts: at the crank (through the gear) or at the transmission output shaft
+    location: Literal["crank", "output_shaft"] = "crank"
+
+
+class Accelerometer(Section):
+    """Facts of the longitudinal accelerometer, where known."""
+
+    pitch_rad_per_mps2: Number | None = Field(None, ge=0, le=0.1)
+
+
+class Vehicle(Section):
+    """Facts of the vehicle that an engineer would know."""
+
+    name: str = "vehicle"
+    key: str = ""
+    mass_min_kg: Number = Field(gt=50, le=500_000)
+    mass_max_kg: Number = Field(gt=50, le=500_000)
+    wheel_radius_m: Number = Field(gt=0.1, lt=2.0)
+    wheel_inertia_kgm2: Number = Field(0.0, ge=0, le=2_000)
+    final_drive: Number = Field(gt=0.1, lt=30)
+    gear_ratios: dict[int, Number] = Field(default_factory=dict)
+    driveline_efficiency: Number = Field(0.96, gt=0.5, le=1.0)
+    gear_efficiency: dict[int, Number] = Field(default_factory=dict)
+    engine_inertia_kgm2: Number = Field(0.0, ge=0, le=50)
+    reference_torque_Nm: Number | None = Field(None, gt=1, le=65_000)
+    friction_torque_pct: Number = Field(0.0, ge=-125, le=125)
+    retarder: Retarder | None = None
+    drag_area_m2: Number = Field(gt=0, lt=30)
+    air_density_kgpm3: Number = Field(1.2, gt=0.5, lt=1.6)
+    rolling_resistance: Number = Field(gt=0, lt=0.1)
+    accelerometer: Accelerometer = Accelerometer()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Vehicle:
+        if self.mass_min_kg >= self.mass_max_kg:
+            raise ValueError(
+                f"mass_min_kg {self.mass_min_kg:g} must be below mass_max_kg {self.mass_max_kg:g}"
+            )
+        for gear, ratio in self.gear_ratios.items():
+            if not 0.1 < ratio < 50:
+                raise ValueError(f"gear_ratios.{gear}: found {ratio:g}, expected a ratio between 0.1 and 50")
+        for gear, efficiency in self.gear_efficiency.items():
+            if not 0.5 < efficiency <= 1:
+                raise ValueError(
+                    f"gear_efficiency.{gear}: found {efficiency:g}, expected above 0.5 and up to 1"
+                )
+        return self
+
+
+Validity = Literal["j1939", "full", "source_address", "gear", "ascii"]
+
+
+class Source(Section):
+    """Where one role comes from: a DBC signal, or a column of a decoded table."""
+
+    message: str | None = None
+    signal: str | None = None
+    source: int | None = Field(None, ge=0, le=253)
+    column: str | None = None
+    unit: str | None = None
+    #: the value describes the vehicle this much earlier than its frame is stamped
+    delay_s: Number = Field(0.0, ge=0, le=2.0)
+    stale_s: Number | None = Field(None, gt=0)
+    validity: Validity = "j1939"
+    optional: bool = True
+    scale: Number = 1.0
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Source:
+        dbc = self.message is not None and self.signal is not None
+        if dbc == (self.column is not None) or (self.message is None) != (self.signal is None):
+            raise ValueError("give either message and signal, or column")
+        if self.unit is not None and self.unit not in CONVERSIONS:
+            raise ValueError(
+                f"unknown unit {self.unit!r}, expected one of {', '.join(u for u in CONVERSIONS if u)}"
+            )
+        return self
+
+
+class Sampling(Section):
+    """The 50 Hz grid."""
+
+    #: ticks go on this long after the last wanted frame, then the grid sleeps until the next one
+    hold_s: Number = Field(2.0, ge=0.1, le=60)
+    #: a stamp that goes back further than this starts a new epoch; less is clamped and counted
+    max_backward_s: Number = Field(0.5, ge=0, le=60)
+    #: name of the time column (seconds) of decoded tables
+    time_column: str = "t_s"
+
+
+class FilterSection(Section):
+    """The Butterworth that the whole regression passes (order and -3 dB frequency)."""
+
+    order: int = Field(2, ge=1, le=6)
+    cutoff_hz: Number = Field(2.0, gt=0)
+
+    @model_validator(mode="after")
+    def _below_nyquist(self) -> FilterSection:
+        if self.cutoff_hz >= 25:
+            raise ValueError(
+                f"cutoff_hz {self.cutoff_hz:g} is not below 25 Hz, half the 50 Hz sampling rate: "
+                "no digital Butterworth exists there; choose e.g. 2"
+            )
+        return self
+
+
+class GateSection(Section):
+    """One gate: on or off, and how long it stays closed after its cause has cleared."""
+
+    enabled: bool = True
+    recovery_s: Number = Field(1.0, ge=0, le=60)
+
+
+class BrakeGate(GateSection):
+    """Service brake by switch or pedal; ABS; parking brake."""
+
+    pedal_pct: Number = Field(1.0, ge=0, le=100)
+    #: for a vehicle that reports no friction brake: a released accelerator may mean braking
+    assume_when_pedal_released: bool = False
+
+
+class LowSpeedGate(GateSection):
+    """Below this speed clutch and tyre behaviour are not in the model."""
+
+    recovery_s: Number = Field(0.5, ge=0, le=60)
+    min_mps: Number = Field(2.0, ge=0, le=30)
+
+
+class DrivelineGate(GateSection):
+    """Driveline not engaged, converter not locked, clutch slipping, or shaft speeds not in ratio."""
+
+    clutch_slip_pct: Number = Field(5.0, ge=0, le=100)
+    #: engine speed against output shaft x ratio: largest relative difference of an engaged driveline
+    ratio_mismatch: Number = Field(0.06, gt=0, le=1)
+
+
+class RetarderGate(GateSection):
+    """Retarder torque beyond this share: its reported torque is too coarse to learn from."""
+
+    torque_pct: Number = Field(2.0, ge=0, le=100)
+
+
+class TurningGate(GateSection):
+    """Curves scrub the tyres: lateral acceleration (speed x yaw rate, or measured) beyond this."""
+
+    lateral_mps2: Number = Field(1.0, gt=0, le=20)
+
+
+class ExcitationGate(Section):
+    """Too little variation of the force to tell mass from grade (for methods that wind up)."""
+
+    #: None: on for the estimators that need it, off for those that handle it themselves
+    enabled: bool | None = None
+    window_s: Number = Field(8.0, gt=0.5, le=120)
+    #: standard deviation of force over the window, as share of mid-range weight
+    force_share: Number = Field(0.004, ge=0, le=1)
+
+
+class Gates(Section):
+    """All gates, by name."""
+
+    shift: GateSection = GateSection(recovery_s=1.2)
+    driveline: DrivelineGate = DrivelineGate()
+    brake: BrakeGate = BrakeGate(recovery_s=1.0)
+    retarder: RetarderGate = RetarderGate(recovery_s=1.0)
+    low_speed: LowSpeedGate = LowSpeedGate()
+    reverse: GateSection = GateSection()
+    turning: TurningGate = TurningGate(recovery_s=0.5)
+    pto: GateSection = GateSection()
+    stale: GateSection = GateSection()
+    invalid: GateSection = GateSection()
+    implausible: GateSection = GateSection()
+    low_excitation: ExcitationGate = ExcitationGate()
+
+
+class EstimatorSection(Section):
+    """Which estimator, from which start, with which of its own options."""
+
+    name: str = "canest"
+    initial_mass_kg: Number | None = Field(None, gt=0)
+    initial_grade: Number | None = Field(None, ge=-0.5, le=0.5)
+    options: dict[str, Any] = Field(default_factory=dict)
+
+
+class Bus(Section):
+    """The CAN interface, as python-can names it."""
+
+    interface: str = "socketcan"
+    channel: str = "vcan0"
+    bitrate: int | None = Field(None, gt=0)
+    options: dict[str, Any] = Field(default_factory=dict)
+
+
+class Name(Section):
+    """The 64-bit J1939 NAME (ISO 11783-5): who we say we are."""
+
+    identity: int = Field(1, ge=0, lt=2**21)
+    manufacturer: int = Field(0, ge=0, lt=2**11)
+    ecu_instance: int = Field(0, ge=0, lt=8)
+    function_instance: int = Field(0, ge=0, lt=32)
+    #: 33 = system monitor, valid for any industry group
+    function: int = Field(33, ge=0, lt=256)
+    vehicle_system: int = Field(0, ge=0, lt=128)
+    vehicle_system_instance: int = Field(0, ge=0, lt=16)
+    industry_group: int = Field(0, ge=0, lt=8)
+    arbitrary_address_capable: bool = True
+
+
+class Broadcast(Section):
+    """What goes back on the bus."""
+
+    #: None: only on a virtual bus (vcan, virtual, udp_multicast); a physical bus must be asked for
+    enabled: bool | None = None
+    #: no transmission at all, not even an address claim
+    listen_only: bool = False
+    pgn: int = Field(0xFF5A, ge=0xFF00, le=0x1FFFF)
+    priority: int = Field(6, ge=0, le=7)
+    rate_hz: Number = Field(10.0, gt=0, le=50)
+    preferred_address: int = Field(158, ge=128, le=247)
+    name: Name = Name()
+    #: also as SPN 1760 in PGN 65136, 1 Hz, only while valid
+    cvw: bool = False
+    #: also as SPN 7432 in PGN 61651: map-based controllers may act on it
+    pcc1: bool = False
+
+    @model_validator(mode="after")
+    def _proprietary_b(self) -> Broadcast:
+        if not (0xFF00 <= self.pgn <= 0xFFFF or 0x1FF00 <= self.pgn <= 0x1FFFF):
+            raise ValueError(
+                f"pgn {self.pgn:#x} is not a proprietary-B group, expected 0xFF00..0xFFFF or 0x1FF00..0x1FFFF"
+            )
+        return self
+
+
+class Service(Section):
+    """The daemon's life."""
+
+    learn: Literal["off", "on", "on+save"] = "on+save"
+    #: None: $STATE_DIRECTORY of systemd, else ~/.local/state/canest
+    state_dir: str | None = None
+    save_every_s: Number = Field(60.0, ge=1)
+    #: a remembered mass is restored with at least this much doubt, relative
+    restore_std: Number = Field(0.03, ge=0, le=1)
+    metrics_file: str | None = None
+    metrics_port: int | None = Field(None, gt=0, lt=65536)
+    #: candump log of what was received, for replay
+    record: str | None = None
+    #: est.csv of what was estimated
+    log_estimates: str | None = None
+    #: bounded recording of the wanted frames for `canest diagnose --recorded`
+    residual_dir: str | None = None
+    residual_max_mb: Number = Field(200.0, gt=0)
+
+
+class Config(Section):
+    """A whole config."""
+
+    vehicle: Vehicle
+    dbc: tuple[str, ...] = ("j1939.dbc",)
+    signals: dict[str, Source]
+    sampling: Sampling = Sampling()
+    filter: FilterSection = FilterSection()
+    gates: Gates = Gates()
+    estimator: EstimatorSection = EstimatorSection()
+    effects: tuple[dict[str, Any], ...] = ()
+    bus: Bus = Bus()
+    broadcast: Broadcast = Broadcast()
+    service: Service = Service()
+
+    @model_validator(mode="after")
+    def _roles_known(self) -> Config:
+        from canest.vehicle.effects import effect_from_config
+
+        used = {effect_from_config(e, f"effects[{i}]").signal for i, e in enumerate(self.effects)}
+        for role in self.signals:
+            if role not in ROLES and role not in used:
+                raise ValueError(f"signals.{role}: unknown role, expected one of {', '.join(ROLES)}")
+        for role in used - {None}:
+            if role not in self.signals:
+                raise ValueError(f"signals: an effect uses the signal {role!r}, which the map does not name")
+        return self

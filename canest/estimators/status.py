@@ -1,0 +1,41 @@
+"""When an estimate may be trusted: one rule for every estimator."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canest.frames import BoolColumn, FloatColumn
+from canest.vehicle.samples import RATE_HZ, Status
+
+#: valid once std/mass has stayed below this ...
+VALID_RATIO = 0.10
+#: ... for this long (the hover-thrust estimators of flight controllers use the same hold)
+HOLD_S = 2.0
+
+
+class StatusTracker:
+    """Counts how long the standard deviation has been small; carries the count over blocks."""
+
+    def __init__(self, ratio: float = VALID_RATIO, hold_s: float = HOLD_S) -> None:
+        self._ratio, self._hold = ratio, round(hold_s * RATE_HZ)
+        self._run = 0
+
+    def update(
+        self, learned: BoolColumn, mass_kg: FloatColumn, mass_std_kg: FloatColumn
+    ) -> NDArray[np.uint8]:
+        """Return the status per sample, shape (n,).
+
+        learned: True from the first sample on at which the data confirmed or moved the start value.
+        NaN in the mass counts as "no number yet".
+        """
+        n = len(mass_kg)
+        small = learned & (mass_std_kg <= self._ratio * mass_kg)
+        index = np.arange(1, n + 1)
+        last_large = np.maximum.accumulate(np.where(small, -self._run, index)) if n else index
+        run = index - last_large
+        if n:
+            self._run = int(run[-1])
+        status = np.where(learned & (mass_kg == mass_kg), Status.CONVERGING, Status.UNESTIMATED)
+        status[run >= self._hold] = Status.VALID
+        return status.astype(np.uint8)

@@ -1,0 +1,106 @@
+"""Sample and hold onto ticks: a value at tick t comes from samples stamped at or before t, nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from canest.frames import BoolColumn, FloatColumn, IntColumn
+from canest.vehicle.samples import STEP_US
+
+_NEVER_US = -(1 << 62)
+_FOREVER_US = 1 << 61
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """How one role is held: ``delay_us`` it reports late, ``stale_us`` it may age."""
+
+    role: str
+    delay_us: int = 0
+    stale_us: int = _FOREVER_US
+
+
+@dataclass(frozen=True, slots=True)
+class GridBlock:
+    """Consecutive ticks.
+
+    t_us: int64 (n,), multiples of 20 ms. values: role -> float64 (n,), the held sample, NaN when it said
+    "not available" or was never seen. stale: role -> bool (n,), older than allowed (or never seen).
+    continues: False when this block does not follow the previous one tick by tick.
+    """
+
+    t_us: IntColumn
+    values: dict[str, FloatColumn]
+    stale: dict[str, BoolColumn]
+    continues: bool
+
+    def __len__(self) -> int:
+        return len(self.t_us)
+
+
+class Grid:
+    """Holds the last sample of every channel and hands out finished ticks.
+
+    Channels that report late are waited for: with the largest delay D, tick t shows every channel as it
+    was at t - D, so torque and speed describe the same moment.
+    """
+
+    def __init__(self, channels: list[Channel]) -> None:
+        self._channels = channels
+        longest = max((c.delay_us for c in channels), default=0)
+        self._shift_us = {c.role: longest - c.delay_us for c in channels}
+        #: role -> samples not yet passed by a tick, led by the one in force
+        self._t: dict[str, IntColumn] = {c.role: np.array([_NEVER_US], np.int64) for c in channels}
+        self._v: dict[str, FloatColumn] = {c.role: np.array([np.nan]) for c in channels}
+        self._next_us: int | None = None
+        self._continues = False
+
+    def restart(self, first_us: int, *, clock_set_back: bool) -> None:
+        """Go on at ``first_us`` after a gap, or in a new epoch (then old stamps mean nothing any more)."""
+        self._next_us = -(-first_us // STEP_US) * STEP_US
+        self._continues = False
+        if clock_set_back:
+            for role, v in self._v.items():
+                self._t[role] = np.array([_NEVER_US], np.int64)
+                self._v[role] = v[-1:]
+
+    def push(self, samples: Mapping[str, tuple[IntColumn, FloatColumn]]) -> None:
+        """Take samples (stamps not before those already passed)."""
+        for role, (t_us, value) in samples.items():
+            if len(t_us):
+                self._t[role] = np.concatenate((self._t[role], t_us))
+                self._v[role] = np.concatenate((self._v[role], value))
+
+    def ticks_until(self, end_us: int, *, inclusive: bool) -> GridBlock | None:
+        """Return all ticks before ``end_us`` (or up to and including it), None when there is none."""
+        if self._next_us is None:
+            return None
+        count = (end_us - self._next_us) // STEP_US + 1
+        if not inclusive and self._next_us + (count - 1) * STEP_US == end_us:
+            count -= 1
+        if count <= 0:
+            return None
+        t_us = np.arange(self._next_us, self._next_us + count * STEP_US, STEP_US, dtype=np.int64)
+        values: dict[str, FloatColumn] = {}
+        stale: dict[str, BoolColumn] = {}
+        for channel in self._channels:
+            role = channel.role
+            stamps = self._t[role]
+            seen_us = t_us - self._shift_us[role] if self._shift_us[role] else t_us
+            if len(stamps) == 1 and stamps[0] <= seen_us[0]:
+                at = np.zeros(count, np.int64)
+            else:
+                at = stamps.searchsorted(seen_us, side="right") - 1
+            values[role] = self._v[role][at]
+            stale[role] = seen_us - stamps[at] > channel.stale_us
+            passed = int(at[-1])
+            if passed:
+                self._t[role] = stamps[passed:]
+                self._v[role] = self._v[role][passed:]
+        block = GridBlock(t_us, values, stale, self._continues)
+        self._next_us += count * STEP_US
+        self._continues = True
+        return block

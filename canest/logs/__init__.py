@@ -1,0 +1,1 @@
+"""Recorded logs in, results out: tolerant readers and streaming writers."""
