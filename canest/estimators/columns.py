@@ -38,4 +38,4 @@ def state_in(state: list[float]) -> Container:
 
 def state_out(state: Container) -> list[float]:
     """Return the state to carry after the kernel changed its working copy."""
-    return state.tolist() if isinstance(state, np.ndarray) else state
+    return [float(x) for x in state]

@@ -35,13 +35,14 @@ class Regression:
 
 def usable(block: ModelBlock) -> BoolColumn:
     """Return True where the gates are open and the sample is finite and physically possible."""
-    return (
+    good: BoolColumn = (
         (block.gate == 0)
         & (np.abs(block.accel_mps2) < ACCEL_LIMIT_MPS2)
         & (np.abs(block.force_N) < FORCE_LIMIT_N)
         & (np.abs(block.speed_mps) < SPEED_LIMIT_MPS)
         & (np.abs(block.mu) < MU_LIMIT)
     )
+    return good
 
 
 def secant(mu: FloatColumn) -> FloatColumn:

@@ -1,4 +1,4 @@
-"""Recursive least squares with multiple forgetting: the 2005 paper's (`rlsmf`) and the 2013 paper's (`rlsmf-n`).
+"""Recursive least squares with multiple forgetting, of the 2005 paper (`rlsmf`) and the 2013 one (`rlsmf-n`).
 
 Slips in the 2005 paper: eqs. 15-16 lack the regressor inside the second sum (the normal equations 14 have
 it); the recursion 17-23 that follows is right, and it is what runs here. The 25 Hz cut-off of section 5.2
@@ -124,11 +124,9 @@ def own_gain(
         elif b > high2:
             b = high2
         q1 = q1 * il1 / (1.0 + w1)
-        if q1 > top1:
-            q1 = top1
+        q1 = min(q1, top1)
         q2 = q2 * il2 / (1.0 + w2)
-        if q2 > top2:
-            q2 = top2
+        q2 = min(q2, top2)
         s += alpha * (e * f - s)
         theta1[k] = a
         theta2[k] = b
@@ -187,11 +185,9 @@ def joint_gain(
         elif b > high2:
             b = high2
         q1 = q1 * il1 * ((1.0 + w2) * d)
-        if q1 > top1:
-            q1 = top1
+        q1 = min(q1, top1)
         q2 = q2 * il2 * ((1.0 + w1) * d)
-        if q2 > top2:
-            q2 = top2
+        q2 = min(q2, top2)
         s += alpha * (e * f - s)
         theta1[k] = a
         theta2[k] = b

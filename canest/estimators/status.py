@@ -36,6 +36,6 @@ class StatusTracker:
         run = index - last_large
         if n:
             self._run = int(run[-1])
-        status = np.where(learned & (mass_kg == mass_kg), Status.CONVERGING, Status.UNESTIMATED)
+        status = np.where(learned & ~np.isnan(mass_kg), Status.CONVERGING, Status.UNESTIMATED)
         status[run >= self._hold] = Status.VALID
         return status.astype(np.uint8)

@@ -119,9 +119,9 @@ class TwoParameter(Estimator):
         # the estimate of a sample is that of the last row at or before it (held through gates)
         count = np.searchsorted(rows.at, np.arange(len(block)), side="right")
         mass, mass_std, grade, grade_std = numbers[:, count]
-        learned = (mass == mass) & (self._confirmed | (count > 0))
+        learned = ~np.isnan(mass) & (self._confirmed | (count > 0))
         self._held = numbers[:, -1:]
-        self._confirmed = self._confirmed or bool(known.shape[1] and known[0, -1] == known[0, -1])
+        self._confirmed = self._confirmed or bool(known.shape[1] and not np.isnan(known[0, -1]))
         return EstimateBlock(mass, mass_std, grade, grade_std, self._status.update(learned, mass, mass_std))
 
     def snapshot(self) -> dict[str, Any]:
