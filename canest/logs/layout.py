@@ -13,14 +13,60 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, BoolColumn, FrameBlock
+from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, BoolColumn, FrameBlock, IntColumn
 from canest.logs.lines import STANDARD_ID_MAX, Line
-from canest.logs.swar import ZERO_CHARS, Words, decimal, hex_bytes
+from canest.logs.swar import ALL_BITS, ZERO_CHARS, Words, decimal, hex_bytes
 
 _WORD = 8
+_FRACTION_DIGITS = 6
 _STANDARD_DIGITS = 3
-_ALL_BITS = (1 << 64) - 1
-Matrix = NDArray[np.uint8]
+
+assert EXTENDED == ERROR << 2  # how `_identifiers` marks whatever is not an error frame
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Lines of one width, back to back: text is uint8 of at least count * width + 7 characters."""
+
+    text: NDArray[np.uint8]
+    count: int
+    width: int
+
+    @staticmethod
+    def gather(text: NDArray[np.uint8], starts: IntColumn, width: int) -> Rows:
+        """Copy the lines that begin at ``starts``, all ``width`` >= 8 characters wide (newline not included)."""
+        windows = np.ndarray(len(text) - width + 1, f"V{width}", text, strides=(1,))
+        # the last line stands twice: words that begin in it may end behind it
+        return Rows(windows[np.append(starts, starts[-1:])].view(np.uint8), len(starts), width)
+
+    def words(self, offset: int) -> Words:
+        """Return the eight characters at ``offset`` of every line."""
+        return np.ndarray(self.count, "<u8", self.text, offset, (self.width,)).copy()
+
+    def field(self, offset: int, digits: int) -> Words:
+        """Return ``digits`` <= 8 characters at ``offset`` of every line, zeros in front."""
+        words = self.words(offset)
+        if digits < _WORD:
+            shift = 8 * (_WORD - digits)
+            words <<= np.uint64(shift)
+            words |= np.uint64(ZERO_CHARS & ((1 << shift) - 1))
+        return words
+
+    def four_bytes(self, offset: int, step: int, count: int) -> Words:
+        """Return the hexadecimal digits of ``count`` <= 4 bytes, one every ``step`` characters, zeros behind."""
+        if step == 2:
+            words = self.words(offset)
+        else:
+            pairs = np.empty((self.count, 4), "<u2")
+            for index in range(count):
+                pairs[:, index] = np.ndarray(
+                    self.count, "<u2", self.text, offset + step * index, (self.width,)
+                )
+            words = pairs.view("<u8")[:, 0]
+        if count < 4:
+            mask = (1 << (16 * count)) - 1
+            words = (words & np.uint64(mask)) | np.uint64(ZERO_CHARS & ~mask & ALL_BITS)
+        return words
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +77,7 @@ class Layout:
     fixed: tuple[tuple[int, np.uint64, np.uint64], ...]  #: (offset, mask, value) of the fixed characters
     seconds_at: int
     seconds_digits: int
-    seconds_base: int  #: value of the leading digits beyond eight, which are fixed
+    seconds_base: int  #: seconds told by the digits in front of the last eight, which are fixed
     fraction_at: int
     id_at: int
     id_digits: int
@@ -42,119 +88,94 @@ class Layout:
 
     @staticmethod
     def learn(text: bytes, line: Line) -> Layout | None:
-        """Return the layout of a well-formed line; None where it has no fixed one (dates, odd fractions)."""
+        """Return the layout of a well-formed line; None where it is too odd to be worth one."""
         match = line.match
-        if match.string != text or match["date"] is not None or len(match["frac"]) != 6:
+        part = match.groupdict()
+        pairs = _byte_pairs(part["data"] or b"")
+        if match.string != text or part["date"] or len(part["frac"]) != _FRACTION_DIGITS or pairs is None:
             return None
         seconds_at, seconds_end = match.span("sec")
-        data = match["data"] or b""
-        pairs = data.split() if b" " in data else [data[i : i + 2] for i in range(0, len(data), 2)]
-        data_at = match.start("data") + len(data) - len(data.lstrip()) if data else 0
-        data_step = 3 if len(pairs) > 1 and len(data.strip()) > 2 * len(pairs) else 2
-        span = data_step * (len(pairs) - 1) + 2 if pairs else 0
-        if data.strip() != text[data_at : data_at + span]:
-            return None  # dots between bytes, or more than one blank
         leading = max(0, seconds_end - seconds_at - _WORD)
-        variable = set(range(seconds_at + leading, seconds_end)) | set(range(*match.span("frac")))
-        variable |= set(range(*match.span("id")))
-        for index in range(len(pairs)):
-            variable |= {data_at + data_step * index, data_at + data_step * index + 1}
-        if "ascii" in match.groupdict() and match["ascii"] is not None:
-            variable |= set(range(match.start("ascii") + 1, match.end("ascii") - 1))
+        spans = [(seconds_at + leading, seconds_end), match.span("frac"), match.span("id")]
+        data_at = match.end("data") - len((part["data"] or b"").lstrip())
+        data_step = 3 if b" " in (part["data"] or b"").strip() else 2
+        spans += [(data_at + data_step * i, data_at + data_step * i + 2) for i in range(len(pairs))]
+        if part.get("ascii"):
+            spans.append((match.start("ascii") + 1, match.end("ascii") - 1))
         return Layout(
             channel=line.channel,
-            fixed=_fixed(text, variable),
+            fixed=_fixed(text, {position for span in spans for position in range(*span)}),
             seconds_at=seconds_at + leading,
             seconds_digits=seconds_end - seconds_at - leading,
             seconds_base=int(text[seconds_at : seconds_at + leading] or b"0") * 10**_WORD,
             fraction_at=match.start("frac"),
             id_at=match.start("id"),
-            id_digits=len(match["id"]),
+            id_digits=len(part["id"]),
             remote=bool(line.can_id & REMOTE),
             length=line.length,
             data_at=data_at,
             data_step=data_step,
         )
 
-    def parse(self, lines: Matrix) -> tuple[FrameBlock, BoolColumn]:
-        """Parse lines of one width, uint8 (n, width), in contiguous memory that goes on for 8 more bytes.
-
-        Returns n frames and which of them are really lines of this layout; the others hold nothing of use.
-        """
-        fault = np.zeros(len(lines), np.uint64)
+    def parse(self, rows: Rows) -> tuple[FrameBlock, BoolColumn]:
+        """Return one frame per line, and which lines really have this layout (the other frames are void)."""
+        fault = np.zeros(rows.count, np.uint64)
         for offset, mask, value in self.fixed:
-            fault |= (_words(lines, offset) ^ value) & mask
-        can_id = self._identifiers(lines, fault)
-        t_us = self._stamps(lines, fault)
-        data = self._payload(lines, fault)
-        length = np.full(len(lines), self.length, np.uint8)
-        return FrameBlock(t_us, can_id, length, data), fault == 0
+            fault |= (rows.words(offset) ^ value) & mask
+        can_id = self._identifiers(rows, fault)
+        t_us = self._stamps(rows, fault)
+        data = self._payload(rows, fault)
+        return FrameBlock(t_us, can_id, np.full(rows.count, self.length, np.uint8), data), fault == 0
 
-    def _identifiers(self, lines: Matrix, fault: Words) -> NDArray[np.uint32]:
-        big_endian, bad = hex_bytes(_right_aligned(lines, self.id_at, self.id_digits))
+    def _identifiers(self, rows: Rows, fault: Words) -> NDArray[np.uint32]:
+        reversed_id, bad = hex_bytes(rows.field(self.id_at, self.id_digits))
         fault |= bad
-        can_id = big_endian.byteswap()
+        can_id: NDArray[np.uint32] = reversed_id.byteswap()
         if self.id_digits == _STANDARD_DIGITS:
             fault |= can_id > STANDARD_ID_MAX
         else:
-            fault |= can_id & np.uint32(~(ID_MASK | ERROR) & 0xFFFF_FFFF)
+            fault |= can_id & np.uint32(0xFFFF_FFFF ^ (ID_MASK | ERROR))
             can_id |= (~can_id & np.uint32(ERROR)) << np.uint32(2)
         return can_id | np.uint32(REMOTE) if self.remote else can_id
 
-    def _stamps(self, lines: Matrix, fault: Words) -> NDArray[np.int64]:
-        seconds, bad = decimal(_right_aligned(lines, self.seconds_at, self.seconds_digits))
+    def _stamps(self, rows: Rows, fault: Words) -> IntColumn:
+        seconds, bad = decimal(rows.field(self.seconds_at, self.seconds_digits))
         fault |= bad
-        micros, bad = decimal(_right_aligned(lines, self.fraction_at, 6))
+        micros, bad = decimal(rows.field(self.fraction_at, _FRACTION_DIGITS))
         fault |= bad
-        seconds += np.uint64(self.seconds_base)
-        seconds *= np.uint64(1_000_000)
-        seconds += micros
-        return seconds.view(np.int64)
+        t_us = (seconds + np.uint64(self.seconds_base)) * np.uint64(1_000_000) + micros
+        return t_us.view(np.int64)
 
-    def _payload(self, lines: Matrix, fault: Words) -> Words:
-        data = np.zeros((len(lines), 2), np.uint32)
-        for first in range(0, self.length if self.data_at else 0, 4):
-            count = min(4, self.length - first)
-            text = self._digits(lines, self.data_at + first * self.data_step, count)
-            four, bad = hex_bytes(text)
+    def _payload(self, rows: Rows, fault: Words) -> Words:
+        halves = np.zeros((rows.count, 2), "<u4")
+        for first in range(0, 0 if self.remote else self.length, 4):
+            at = self.data_at + first * self.data_step
+            four, bad = hex_bytes(rows.four_bytes(at, self.data_step, min(4, self.length - first)))
             fault |= bad
             if first < _WORD:
-                data[:, first // 4] = four
-        return data.view("<u8")[:, 0]
-
-    def _digits(self, lines: Matrix, offset: int, count: int) -> Words:
-        """Return the hexadecimal digits of ``count`` payload bytes, filled up with zeros at the end."""
-        if self.data_step == 2:
-            text = _words(lines, offset)
-        else:
-            pairs = np.empty((len(lines), 4), "<u2")
-            for index in range(count):
-                pairs[:, index] = _strided(lines, offset + self.data_step * index, "<u2")
-            text = pairs.view("<u8")[:, 0]
-        if count < 4:
-            mask = (1 << (16 * count)) - 1
-            text = (text & np.uint64(mask)) | np.uint64(ZERO_CHARS & ~mask & _ALL_BITS)
-        return text
+                halves[:, first // 4] = four
+        return halves.view("<u8")[:, 0]
 
 
-assert EXTENDED == ERROR << 2  # how `_identifiers` marks what is not an error frame
+def _byte_pairs(data: bytes) -> list[bytes] | None:
+    """Return the payload bytes as written; None when they stand unevenly."""
+    if b" " not in data.strip():
+        return None if b"." in data else [data.strip()[i : i + 2] for i in range(0, len(data.strip()), 2)]
+    pairs = data.split()
+    return pairs if b" ".join(pairs) == data.strip() else None
 
 
 def _fixed(text: bytes, variable: set[int]) -> tuple[tuple[int, np.uint64, np.uint64], ...]:
     """Cover the fixed characters of a line with few masked words."""
-    wanted = [position for position in range(len(text)) if position not in variable]
     words = []
+    wanted = [position for position in range(len(text)) if position not in variable]
     while wanted:
         offset = wanted[0]
-        covered = [position for position in wanted if position < offset + _WORD]
-        mask = bytes(0xFF if offset + i in covered else 0 for i in range(_WORD))
-        value = bytes(text[offset + i] if offset + i in covered else 0 for i in range(_WORD))
+        covered = {position - offset for position in wanted if position < offset + _WORD}
+        mask = bytes(0xFF if i in covered else 0 for i in range(_WORD))
+        value = bytes(text[offset + i] if i in covered else 0 for i in range(_WORD))
         words.append(
             (offset, np.uint64(int.from_bytes(mask, "little")), np.uint64(int.from_bytes(value, "little")))
         )
         wanted = wanted[len(covered) :]
     return tuple(words)
-
-
-def _strided(lines: Matrix, offset: int, kind: str) -> NDArray[np.generic]:
-    return np.ndarray(len(lines), kind, lines.base, _start(lines) + offset, (lines.strides[0],))

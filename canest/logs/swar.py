@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 Words = NDArray[np.uint64]
 
 _ONES = 0x0101_0101_0101_0101
+ALL_BITS = (1 << 64) - 1
 ZERO_CHARS = 0x30 * _ONES  #: the text "00000000"
 
 

@@ -1,0 +1,166 @@
+"""Candump text to frame blocks: layouts for the many lines, the tolerant parser for the few odd ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canest.frames import FrameBlock, IntColumn
+from canest.logs.layout import Layout, Rows
+from canest.logs.lines import Line, is_ignorable, parse_line
+
+NEWLINE = 10
+LINE_CHARS_MAX = 1024  #: the longest line candump writes has some 330 characters
+SKIPPED_SHOWN = 10
+SHOWN_CHARS = 80
+_WIDTH_MIN = 8  #: layouts read whole words
+#: below this many lines of one width, one line at a time is quicker
+_FEW_LINES = 24
+#: lines that fit none of this many layouts of their width are read one at a time
+_LAYOUTS_PER_WIDTH = 16
+
+Wanted = Callable[[NDArray[np.uint32]], NDArray[np.bool_]]
+_Piece = tuple[IntColumn, FrameBlock]  #: line indices, and the frames of those lines
+
+
+class CandumpParser:
+    """Parses whole lines, counts what it could not read; one parser per log.
+
+    wanted: takes identifiers uint32 (n,) with flags, returns which frames to deliver (all are counted).
+    channel: deliver frames of this interface only; None for all.
+    """
+
+    def __init__(self, wanted: Wanted | None = None, channel: str | None = None) -> None:
+        self._wanted = wanted
+        self._channel = channel.encode() if channel is not None else None
+        self._layouts: dict[int, list[Layout]] = {}
+        self.lines = 0  #: lines seen
+        self.frames = 0  #: well-formed frames among them, delivered or not
+        self.ignored_lines = 0  #: blank lines and details of error frames
+        self.skipped_lines = 0  #: lines that should be a frame and are not
+        self.skipped: list[tuple[int, str, str]] = []  #: the first of them: (line number, text, reason)
+        self.channels: dict[str, int] = {}  #: interface -> frames
+
+    def parse(self, text: bytes) -> FrameBlock:
+        """Return the frames of ``text``, which ends with a newline, in the order of its lines."""
+        chars = np.frombuffer(text, np.uint8)
+        ends = np.flatnonzero(chars == NEWLINE)
+        starts = np.empty_like(ends)
+        starts[:1] = 0
+        starts[1:] = ends[:-1] + 1
+        widths = np.minimum(ends - starts, LINE_CHARS_MAX + 1)
+        pieces: list[_Piece] = []
+        odd: list[IntColumn] = []
+        for width in np.flatnonzero(np.bincount(widths)).tolist():
+            index = np.flatnonzero(widths == width)
+            if _WIDTH_MIN <= width <= LINE_CHARS_MAX:
+                index = self._parse_width(text, chars, starts, index, width, pieces)
+            odd.append(index)
+        pieces += self._parse_odd(text, starts, ends, odd)
+        self.lines += len(ends)
+        return self._select(pieces, len(ends))
+
+    def skip(self, line: int, text: bytes, reason: str) -> None:
+        """Count line number ``line`` as unreadable."""
+        self.skipped_lines += 1
+        if len(self.skipped) < SKIPPED_SHOWN:
+            shown = text[:SHOWN_CHARS].decode("ascii", "backslashreplace")
+            self.skipped.append((line, shown, reason))
+
+    def _parse_width(
+        self,
+        text: bytes,
+        chars: NDArray[np.uint8],
+        starts: IntColumn,
+        pending: IntColumn,
+        width: int,
+        pieces: list[_Piece],
+    ) -> IntColumn:
+        """Parse the lines of one width into ``pieces``; return the indices of lines left to do."""
+        layouts = self._layouts.setdefault(width, [])
+        odd: list[IntColumn] = []
+        tried = 0
+        while len(pending) > _FEW_LINES and tried < _LAYOUTS_PER_WIDTH:
+            if tried == len(layouts):
+                start = int(starts[pending[0]])
+                line = parse_line(text[start : start + width])
+                layout = Layout.learn(text[start : start + width], line) if isinstance(line, Line) else None
+                if layout is None or layout in layouts:
+                    odd.append(pending[:1])
+                    pending = pending[1:]
+                    continue
+                layouts.append(layout)
+            layout = layouts[tried]
+            tried += 1
+            frames, fits = layout.parse(Rows.gather(chars, starts[pending], width))
+            if fits.all():
+                done, pending = pending, pending[:0]
+            else:
+                done, pending, frames = pending[fits], pending[~fits], frames[fits]
+            if self._count(layout.channel, len(done)):
+                pieces.append((done, frames))
+        return np.concatenate([*odd, pending])
+
+    def _parse_odd(
+        self, text: bytes, starts: IntColumn, ends: IntColumn, odd: list[IntColumn]
+    ) -> list[_Piece]:
+        if not odd:
+            return []
+        lines: list[tuple[int, Line]] = []
+        for index in np.sort(np.concatenate(odd)).tolist():
+            start, end = int(starts[index]), int(ends[index])
+            if end - start > LINE_CHARS_MAX:
+                self.skip(self.lines + index + 1, text[start : start + SHOWN_CHARS], "line too long")
+                continue
+            line = parse_line(text[start:end])
+            if isinstance(line, Line):
+                if self._count(line.channel, 1):
+                    lines.append((index, line))
+            elif is_ignorable(text[start:end]):
+                self.ignored_lines += 1
+            else:
+                self.skip(self.lines + index + 1, text[start:end], line)
+        if not lines:
+            return []
+        frames = FrameBlock(
+            np.array([line.t_us for _, line in lines], np.int64),
+            np.array([line.can_id for _, line in lines], np.uint32),
+            np.array([line.length for _, line in lines], np.uint8),
+            np.array([line.data for _, line in lines], np.uint64),
+        )
+        return [(np.array([index for index, _ in lines], np.int64), frames)]
+
+    def _count(self, channel: bytes, frames: int) -> bool:
+        """Count frames of an interface; return whether they are to be delivered."""
+        if not frames:
+            return False
+        name = channel.decode("ascii", "backslashreplace")
+        self.frames += frames
+        self.channels[name] = self.channels.get(name, 0) + frames
+        return self._channel is None or channel == self._channel
+
+    def _select(self, pieces: list[_Piece], lines: int) -> FrameBlock:
+        """Put the pieces into the order of their lines, and keep what is wanted."""
+        if len(pieces) == 1:
+            block = pieces[0][1]
+            keep = np.ones(len(block), np.bool_)
+        else:
+            keep = np.zeros(lines, np.bool_)
+            block = FrameBlock(
+                np.empty(lines, np.int64),
+                np.empty(lines, np.uint32),
+                np.empty(lines, np.uint8),
+                np.empty(lines, np.uint64),
+            )
+            for index, piece in pieces:
+                keep[index] = True
+                block.t_us[index] = piece.t_us
+                block.can_id[index] = piece.can_id
+                block.length[index] = piece.length
+                block.data[index] = piece.data
+            block.can_id[~keep] = 0
+        if self._wanted is not None:
+            keep &= self._wanted(block.can_id)
+        return block if keep.all() else block[np.flatnonzero(keep)]
