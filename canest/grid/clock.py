@@ -22,6 +22,8 @@ class Stretch:
     frames: FrameBlock
     #: "" continues; "gap" after a silence; "back" when the clock was set back
     jump: str
+    #: stamp of the last frame before the jump, None at the start of the stream
+    before_us: int | None = None
 
 
 class Clock:
@@ -39,23 +41,23 @@ class Clock:
         t_us = frames.t_us
         steps = np.diff(t_us, prepend=t_us[0] if self.last_us is None else self.last_us)
         if steps.min() >= 0 and steps.max() <= self._hold_us:
-            jump = "gap" if self.last_us is None else ""
+            first = self.last_us is None
             self.last_us = int(t_us[-1])
-            yield Stretch(frames, jump)
+            yield Stretch(frames, "gap" if first else "")
             return
         yield from self._split_slowly(frames)
 
     def _split_slowly(self, frames: FrameBlock) -> Iterator[Stretch]:
         """Walk a block that holds a jump: frame by frame, since every clamp moves the reference."""
         t_us = frames.t_us.copy()
-        begin, jump = 0, "gap" if self.last_us is None else ""
+        begin, jump, before = 0, "gap" if self.last_us is None else "", None
         last = int(t_us[0]) if self.last_us is None else self.last_us
         for i, stamp in enumerate(frames.t_us.tolist()):
             step = stamp - last
             if step < -self._max_backward_us or step > self._hold_us:
                 if i > begin:
-                    yield Stretch(self._part(frames, t_us, begin, i), jump)
-                begin, jump = i, "back" if step < 0 else "gap"
+                    yield Stretch(self._part(frames, t_us, begin, i), jump, before)
+                begin, jump, before = i, "back" if step < 0 else "gap", last
                 self.counters["clock_set_back" if step < 0 else "gaps"] += 1
                 last = stamp
             elif step < 0:
@@ -64,7 +66,7 @@ class Clock:
             else:
                 last = stamp
         self.last_us = last
-        yield Stretch(self._part(frames, t_us, begin, len(t_us)), jump)
+        yield Stretch(self._part(frames, t_us, begin, len(t_us)), jump, before)
 
     @staticmethod
     def _part(frames: FrameBlock, t_us: np.ndarray, begin: int, end: int) -> FrameBlock:

@@ -28,7 +28,7 @@ class GridBlock:
     """Consecutive ticks.
 
     t_us: int64 (n,), multiples of 20 ms. values: role -> float64 (n,), the held sample, NaN when it said
-    "not available" or was never seen. stale: role -> bool (n,), older than allowed (or never seen).
+    "not available", is stale, or was never seen. stale: role -> bool (n,), older than allowed (or never seen).
     continues: False when this block does not follow the previous one tick by tick.
     """
 
@@ -94,8 +94,10 @@ class Grid:
                 at = np.zeros(count, np.int64)
             else:
                 at = stamps.searchsorted(seen_us, side="right") - 1
-            values[role] = self._v[role][at]
-            stale[role] = seen_us - stamps[at] > channel.stale_us
+            value = self._v[role][at]
+            old = seen_us - stamps[at] > channel.stale_us
+            values[role] = np.where(old, np.nan, value) if old.any() else value
+            stale[role] = old
             passed = int(at[-1])
             if passed:
                 self._t[role] = stamps[passed:]

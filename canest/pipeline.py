@@ -1,0 +1,206 @@
+"""The one way through: frames -> decode -> grid -> model, filter, gates -> estimator -> estimates.
+
+Knows no socket, file, wall clock or thread. Daemon, replay, comparison and diagnosis are thin shells
+around it, and give the same bits for the same frames however they are cut.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canest.config.schema import Config
+from canest.decode.decoder import Decoder
+from canest.decode.signal_map import decoder_for, resolution_of
+from canest.estimators.base import Estimator, create
+from canest.frames import FloatColumn, FrameBlock, IntColumn
+from canest.gates import LABELS
+from canest.grid.clock import Clock, Stretch
+from canest.grid.grid import Channel, Grid, GridBlock
+from canest.roles import ROLES
+from canest.vehicle.regression import Regression
+from canest.vehicle.samples import EstimateBlock, ModelBlock, VehicleFacts
+
+#: roles that the effect `torque_delay` finds late
+TORQUE_ROLES = ("engine_torque_pct", "engine_torque", "engine_friction_pct", "retarder_torque_pct")
+
+
+@dataclass(frozen=True, slots=True)
+class Estimates:
+    """Estimates with their ticks and gates: one row per 50 Hz sample, all columns (n,)."""
+
+    t_us: IntColumn
+    mass_kg: FloatColumn
+    mass_std_kg: FloatColumn
+    grade: FloatColumn
+    grade_std: FloatColumn
+    status: NDArray[np.uint8]
+    gate: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.t_us)
+
+    @staticmethod
+    def concatenate(parts: list[Estimates]) -> Estimates:
+        """Join in order (an empty list gives no rows)."""
+        if not parts:
+            e = np.empty(0)
+            return Estimates(np.empty(0, np.int64), e, e, e, e, np.empty(0, np.uint8), np.empty(0, np.uint8))
+        names = Estimates.__slots__
+        return Estimates(*(np.concatenate([getattr(p, n) for p in parts]) for n in names))
+
+
+class Listener(Protocol):
+    """Someone who wants the model samples beside the estimates (report, comparison, diagnosis)."""
+
+    def __call__(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
+        """Take the next samples and their estimates."""
+
+
+class Pipeline:
+    """Carries every stage's state for one stream."""
+
+    def __init__(self, config: Config, *, listener: Listener | None = None) -> None:
+        self.config = config
+        self.decoder: Decoder = decoder_for(config)
+        self._hold_us = round(config.sampling.hold_s * 1e6)
+        self.clock = Clock(self._hold_us, round(config.sampling.max_backward_s * 1e6))
+        self._grid = Grid(channels_of(config))
+        self.estimator: Estimator = create(
+            config.estimator.name, facts_of(config), config.estimator.options
+        )
+        self._regression = Regression(
+            config, excitation_gate=self.estimator.wants_excitation_gate
+        )
+        self._listener = listener
+        self.frames = 0
+        self.gates: Counter[str] = Counter()
+        self.samples = 0
+
+    def push(self, frames: FrameBlock) -> Estimates:
+        """Take the next frames; return the estimates of every tick they complete."""
+        self.frames += len(frames)
+        done: list[Estimates] = []
+        for stretch in self.clock.split(frames[self.decoder.wanted(frames.can_id)]):
+            if stretch.jump:
+                self._jump(stretch, done)
+            self._grid.push(self.decoder.push(stretch.frames).samples)
+            self._emit(self._grid.ticks_until(int(stretch.frames.t_us[-1]), inclusive=False), done)
+        return Estimates.concatenate(done)
+
+    def push_samples(self, samples: Mapping[str, tuple[IntColumn, FloatColumn]], t_us: IntColumn) -> Estimates:
+        """Take already decoded samples (tables) with the stamps of all their rows, in order."""
+        done: list[Estimates] = []
+        empty = np.zeros(len(t_us), np.uint32)
+        rows = FrameBlock(t_us, empty, empty.astype(np.uint8), np.arange(len(t_us), dtype=np.uint64))
+        for stretch in self.clock.split(rows):
+            if stretch.jump:
+                self._jump(stretch, done)
+            first, last = int(stretch.frames.data[0]), int(stretch.frames.data[-1])
+            part = {
+                role: (stretch.frames.t_us, value[first : last + 1]) for role, (_, value) in samples.items()
+            }
+            self._grid.push(part)
+            self._emit(self._grid.ticks_until(int(stretch.frames.t_us[-1]), inclusive=False), done)
+        return Estimates.concatenate(done)
+
+    def advance_to(self, t_us: int) -> Estimates:
+        """Event time has certainly reached ``t_us``: emit ticks before it, though the bus may be quiet.
+
+        Beyond the hold time after the last wanted frame nothing is emitted: the grid sleeps until the
+        next one, exactly as a replay of the recording would.
+        """
+        done: list[Estimates] = []
+        if self.clock.last_us is not None:
+            end = min(t_us, self.clock.last_us + self._hold_us)
+            self._emit(self._grid.ticks_until(end, inclusive=False), done)
+        return Estimates.concatenate(done)
+
+    def finish(self) -> Estimates:
+        """Return the ticks that were still waiting for a later frame, at the end of a log."""
+        done: list[Estimates] = []
+        if self.clock.last_us is not None:
+            self._emit(self._grid.ticks_until(self.clock.last_us, inclusive=True), done)
+        return Estimates.concatenate(done)
+
+    def restore(self, mass_kg: float, mass_std_kg: float) -> None:
+        """Start from a remembered mass."""
+        self.estimator.restore(mass_kg, mass_std_kg)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what the estimator wants to keep over a restart (JSON types)."""
+        return self.estimator.snapshot()
+
+    @property
+    def gate_counts(self) -> dict[str, int]:
+        """Return samples refused per gate, by name."""
+        return {name: self.gates[name] for name in LABELS.values() if name and self.gates[name]}
+
+    @property
+    def updated(self) -> int:
+        """Return how many samples the estimator learned from."""
+        return self.gates[""]
+
+    def _jump(self, stretch: Stretch, done: list[Estimates]) -> None:
+        """Finish the old stretch of time (held for a while after a silence), start the new one."""
+        if stretch.before_us is not None:
+            held = self._hold_us if stretch.jump == "gap" else 0
+            self._emit(self._grid.ticks_until(stretch.before_us + held, inclusive=not held), done)
+        self._grid.restart(int(stretch.frames.t_us[0]), clock_set_back=stretch.jump == "back")
+
+    def _emit(self, ticks: GridBlock | None, done: list[Estimates]) -> None:
+        if ticks is None:
+            return
+        samples = self._regression.process(ticks)
+        e = self.estimator.update(samples)
+        if self._listener is not None:
+            self._listener(samples, e)
+        counts = np.bincount(samples.gate).tolist()
+        for code, count in enumerate(counts):
+            if count:
+                self.gates[LABELS[code]] += count
+        self.samples += len(samples)
+        done.append(
+            Estimates(samples.t_us, e.mass_kg, e.mass_std_kg, e.grade, e.grade_std, e.status, samples.gate)
+        )
+
+
+def channels_of(config: Config) -> list[Channel]:
+    """Return the grid's channels: the signal map with its delays and staleness limits."""
+    from canest.vehicle.effects import effect_from_config
+
+    late_s = sum(
+        float(getattr(effect_from_config(e), "delay_s", 0.0)) for e in config.effects
+        if e.get("effect") == "torque_delay"
+    )
+    channels = []
+    for role, source in config.signals.items():
+        stale_s = source.stale_s if source.stale_s is not None else ROLES[role].stale_s if role in ROLES else 5.0
+        delay_s = source.delay_s + (late_s if role in TORQUE_ROLES else 0.0)
+        stale_us = round(stale_s * 1e6) if np.isfinite(stale_s) else 1 << 61
+        channels.append(Channel(role, round(delay_s * 1e6), stale_us))
+    return channels
+
+
+def facts_of(config: Config) -> VehicleFacts:
+    """Return what the estimator may know of the vehicle."""
+    v = config.vehicle
+    resolution = resolution_of(config)
+    return VehicleFacts(
+        mass_min_kg=v.mass_min_kg,
+        mass_max_kg=v.mass_max_kg,
+        initial_mass_kg=config.estimator.initial_mass_kg,
+        initial_grade=config.estimator.initial_grade,
+        rolling_resistance=v.rolling_resistance,
+        pitch_rad_per_mps2=v.accelerometer.pitch_rad_per_mps2,
+        speed_step_mps=resolution["speed"],
+        torque_step_Nm=resolution["torque"],
+        accelerometer_step_mps2=resolution["accelerometer"],
+        reference_torque_Nm=v.reference_torque_Nm or 2000.0,
+        has_accelerometer="longitudinal_accel" in config.signals,
+    )

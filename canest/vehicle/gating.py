@@ -1,0 +1,174 @@
+"""Which samples the estimator may learn from, and why not from the others."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canest import fast
+from canest.config.schema import Config
+from canest.frames import BoolColumn, FloatColumn
+from canest.gates import Gate
+from canest.grid.grid import GridBlock
+from canest.vehicle.model import LongitudinalModel, RawModel
+from canest.vehicle.samples import GRAVITY_MPS2, RATE_HZ, STEP_S
+
+#: no road vehicle accelerates harder than its tyres hold: a signal that says so is wrong
+MAX_ACCEL_MPS2 = 12.0
+#: two speeds of one vehicle may differ by slip and tyre size (share) and by timing (m/s)
+SPEED_MISMATCH_SHARE, SPEED_MISMATCH_MPS = 0.15, 1.5
+_NEVER = -(1 << 62)
+
+
+class Gating:
+    """Closes the gates and opens them again after each one's recovery dwell; carries the dwell."""
+
+    def __init__(self, config: Config, model: LongitudinalModel) -> None:
+        self._gates, self._model = config.gates, model
+        self._watched = [r for r, s in config.signals.items() if not s.optional]
+        self._pedal_only = config.gates.brake.assume_when_pedal_released
+        self._until_tick = _NEVER
+        self._last_ratio = np.nan
+
+    def close(self, grid: GridBlock, raw: RawModel, accel_mps2: FloatColumn) -> NDArray[np.uint8]:
+        """Return the gate code of every tick (uint8, 0 is open), the excitation gate aside."""
+        gates = self._gates
+        code = np.zeros(len(grid), np.uint8)
+        tick = grid.t_us // round(STEP_S * 1e6)
+        settle = round(gates.stale.recovery_s * RATE_HZ)
+        # after a gap the filters have just started: nothing to learn until they have settled
+        until = np.full(len(grid), self._until_tick if grid.continues else tick[0] + settle, np.int64)
+        for gate, closed in self._causes(grid, raw, accel_mps2):
+            section = getattr(gates, gate.label)
+            if not section.enabled or not closed.any():
+                continue
+            code = np.where((code == 0) & closed, np.uint8(gate), code)
+            dwell = round(section.recovery_s * RATE_HZ)
+            until = np.maximum(until, np.where(closed, tick + dwell, _NEVER))
+        if len(until) > 1:
+            until = np.maximum.accumulate(until)
+        self._until_tick = int(until[-1])
+        return np.where((code == 0) & (tick < until), np.uint8(Gate.RECOVERY), code)
+
+    def _causes(
+        self, grid: GridBlock, raw: RawModel, accel_mps2: FloatColumn
+    ) -> list[tuple[Gate, BoolColumn]]:
+        """Return each gate whose signals are there with where it is closed, in order of precedence."""
+        c, gates = raw.columns, self._gates
+        stale = np.zeros(len(grid), np.bool_)
+        for role in {*self._model.required_roles(), *self._watched}:
+            stale = stale | grid.stale[role]
+        speed_stale = np.ones(len(grid), np.bool_)
+        for role in self._model.speed_roles:
+            speed_stale = speed_stale & grid.stale[role]
+        stale = stale | speed_stale
+        for role in ("gear_ratio", "gear"):
+            if role in grid.stale:
+                stale = stale | (grid.stale[role] & ~raw.geared)
+        causes = [(Gate.STALE, stale), (Gate.INVALID, ~raw.usable)]
+        has = grid.values
+        if "gear" in has:
+            causes.append((Gate.REVERSE, c.signal("gear") < 0))
+        speed = np.where(raw.usable, raw.speed_mps, 0.0)
+        causes.append((Gate.LOW_SPEED, speed < gates.low_speed.min_mps))
+        causes.append((Gate.BRAKE, self._braking(raw, has)))
+        causes.append((Gate.SHIFT, self._shifting(grid, raw, has)))
+        causes.append((Gate.DRIVELINE, self._disengaged(raw, has)))
+        if "retarder_torque_pct" in has:
+            closed = np.abs(c.signal("retarder_torque_pct")) > gates.retarder.torque_pct
+            causes.append((Gate.RETARDER, closed))
+        if "pto_state" in has:
+            causes.append((Gate.PTO, c.signal("pto_state") > 0))
+        lateral = np.zeros(len(grid))
+        if "yaw_rate" in has:
+            lateral = np.abs(speed * c.signal("yaw_rate"))
+        elif "lateral_accel" in has:
+            lateral = np.abs(c.signal("lateral_accel"))
+        causes.append((Gate.TURNING, lateral > gates.turning.lateral_mps2))
+        causes.append((Gate.IMPLAUSIBLE, self._implausible(raw, has, accel_mps2)))
+        return causes
+
+    def _braking(self, raw: RawModel, has: dict[str, FloatColumn]) -> BoolColumn:
+        c = raw.columns
+        closed = np.zeros(len(c), np.bool_)
+        for role in ("brake_switch", "parking_brake", "abs_active"):
+            if role in has:
+                closed = closed | c.on(role)
+        if "brake_pedal" in has:
+            closed = closed | c.on("brake_pedal", self._gates.brake.pedal_pct)
+        if self._pedal_only and "accelerator" in has:
+            closed = closed | (c.signal("accelerator") < self._gates.brake.pedal_pct)
+        return closed
+
+    def _shifting(self, grid: GridBlock, raw: RawModel, has: dict[str, FloatColumn]) -> BoolColumn:
+        """Return where a shift is in process, or the ratio is not the one of the tick before."""
+        ratio = raw.columns.ratio
+        before = np.empty(len(ratio))
+        before[0], before[1:] = self._last_ratio, ratio[:-1]
+        self._last_ratio = float(ratio[-1])
+        closed = np.isfinite(before) & (np.abs(ratio - before) > 0.03 * before)
+        if "shift_in_process" in has:
+            closed = closed | raw.columns.on("shift_in_process")
+        return closed
+
+    def _disengaged(self, raw: RawModel, has: dict[str, FloatColumn]) -> BoolColumn:
+        c, gates = raw.columns, self._gates.driveline
+        closed = ~raw.geared
+        for role in ("driveline_engaged", "lockup_engaged"):
+            if role in has:
+                closed = closed | (c.signal(role, missing=1.0) < 0.5)
+        if "clutch_switch" in has:
+            closed = closed | c.on("clutch_switch")
+        if "clutch_slip" in has:
+            closed = closed | c.on("clutch_slip", gates.clutch_slip_pct)
+        if "engine_speed" in has and self._model.speed_roles[0] == "output_shaft_speed":
+            wheel = raw.speed_mps / c.radius_m * c.ratio
+            wrong = np.abs(c.engine_radps - wheel) > gates.ratio_mismatch * np.abs(wheel) + 5.0
+            closed = closed | (wrong & np.isfinite(c.engine_radps) & np.isfinite(wheel) & (c.ratio > 0))
+        return closed
+
+    def _implausible(self, raw: RawModel, has: dict[str, FloatColumn], accel_mps2: FloatColumn) -> BoolColumn:
+        closed = np.abs(accel_mps2) > MAX_ACCEL_MPS2
+        for role in ("undriven_speed", "vehicle_speed"):
+            if role in has:
+                other = raw.columns.signals[role]
+                allowed = SPEED_MISMATCH_SHARE * np.abs(raw.speed_mps) + SPEED_MISMATCH_MPS
+                closed = closed | (np.abs(other - raw.speed_mps) > allowed)
+        return closed
+
+
+@fast.kernel
+def _excitation_kernel(force, open_, n, decay, least, state, low):  # type: ignore[no-untyped-def]
+    """Mark samples where the force hardly varies: exponentially windowed mean and variance."""
+    mean, variance, weight = state[0], state[1], state[2]
+    for i in range(n):
+        if open_[i]:
+            weight = decay * weight + 1.0
+            step = (force[i] - mean) / weight
+            variance = decay * variance + (force[i] - mean) * (force[i] - mean - step)
+            mean = mean + step
+        low[i] = variance < least * least * weight
+    state[0], state[1], state[2] = mean, variance, weight
+
+
+class Excitation:
+    """The low_excitation gate, against covariance wind-up (2005 paper, section 4.1)."""
+
+    def __init__(self, config: Config) -> None:
+        section = config.gates.low_excitation
+        weight_N = GRAVITY_MPS2 * (config.vehicle.mass_min_kg * config.vehicle.mass_max_kg) ** 0.5
+        self._decay = 1.0 - 1.0 / (section.window_s * RATE_HZ)
+        self._least_N = section.force_share * weight_N
+        self._state = [0.0, 0.0, 0.0]
+
+    def low(self, force_N: FloatColumn, open_: BoolColumn) -> BoolColumn:
+        """Return where the open samples of the last window vary too little (n,)."""
+        n = len(force_N)
+        compiled = fast.enabled()
+        state = np.array(self._state) if compiled else self._state
+        low = np.zeros(n, np.bool_) if compiled else [False] * n
+        force = force_N if compiled else force_N.tolist()
+        flags = open_ if compiled else open_.tolist()
+        _excitation_kernel(force, flags, n, self._decay, self._least_N, state, low)
+        self._state = [float(s) for s in state]
+        return np.asarray(low, np.bool_)

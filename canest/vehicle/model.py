@@ -1,0 +1,276 @@
+"""The longitudinal model: from held signals to the forces along the road.
+
+    F = (T - J_e domega/dt) i eta / r - J_w / r^2 a - F_aero + F_extra        (2005 paper, eq. 1)
+    M (a + g sin(beta) + g mu cos(beta)) = F
+
+with the wheels' inertia added and domega/dt = a i / r while the driveline is engaged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from canest.config.schema import Config
+from canest.errors import ConfigError
+from canest.frames import BoolColumn, FloatColumn
+from canest.grid.grid import GridBlock
+from canest.vehicle.columns import Columns
+from canest.vehicle.effects import Effect, effect_from_config
+from canest.vehicle.samples import STEP_S
+
+RPM_TO_RADPS = np.pi / 30
+#: specific gas constant of dry air, J/(kg K)
+AIR_R = 287.05
+#: a shaft slower than this tells nothing about the ratio, rpm
+MIN_SHAFT_RPM = 50.0
+#: a gear ratio found from shaft speeds is snapped to a table entry this close, relative
+RATIO_SNAP = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class RawModel:
+    """The unfiltered model of consecutive ticks, all columns (n,); units as in `ModelBlock`.
+
+    usable: every needed number is there. geared: the ratio from crank to wheel is known (or not needed).
+    """
+
+    columns: Columns
+    speed_mps: FloatColumn
+    force_N: FloatColumn
+    traction_N: FloatColumn
+    aero_N: FloatColumn
+    force_per_torque_1pm: FloatColumn
+    rotating_mass_kg: FloatColumn
+    usable: BoolColumn
+    geared: BoolColumn
+
+
+class LongitudinalModel:
+    """Turns grid blocks into forces; carries the last speed (for differences) and the start of the stream."""
+
+    def __init__(self, config: Config) -> None:
+        self.vehicle = config.vehicle
+        self.effects = [effect_from_config(e, f"effects[{i}]") for i, e in enumerate(config.effects)]
+        self.roles = frozenset(config.signals)
+        self.speed_roles = self._speed_roles()
+        self.torque_role = self._torque_role()
+        self._stages = {
+            stage: [e for e in self.effects if e.stage == stage]
+            for stage in ("geometry", "crank", "driveline", "speed", "road")
+        }
+        self._gears = np.array(sorted(self.vehicle.gear_ratios), np.float64)
+        self._ratios = np.array([self.vehicle.gear_ratios[int(g)] for g in self._gears], np.float64)
+        self._last_speed_mps = np.nan
+        self._first_us: int | None = None
+
+    def delay_s(self) -> float:
+        """Return how much later than it acts the torque is reported (effect `torque_delay`)."""
+        return sum(float(getattr(e, "delay_s", 0.0)) for e in self.effects if e.stage == "sampling")
+
+    def required_roles(self) -> tuple[str, ...]:
+        """Return the roles without which there is no force."""
+        torque = {
+            "half_shaft_torque_left": ("half_shaft_torque_left", "half_shaft_torque_right"),
+        }.get(self.torque_role, (self.torque_role,))
+        return torque
+
+    def process(self, grid: GridBlock) -> RawModel:
+        """Compute the forces of a block of ticks."""
+        if not grid.continues:
+            self._last_speed_mps = np.nan
+        c = self._columns(grid)
+        at_wheels = self.torque_role in ("wheel_torque", "half_shaft_torque_left")
+        geared = c.ratio > 0
+        c.ratio = np.where(geared, c.ratio, 0.0)
+        self._run("geometry", c)
+        self._torque(c)
+        self._run("crank", c)
+        self._run("driveline", c)
+        per_torque = c.ratio * c.efficiency / c.radius_m
+        traction = c.wheel_torque_Nm / c.radius_m if at_wheels else c.torque_Nm * per_torque
+        c.notes["traction_N"] = traction
+        self._speed(c)
+        self._run("road", c)
+        rotating = (
+            c.wheel_inertia_kgm2 + c.crank_inertia_kgm2 * c.ratio * c.ratio * c.efficiency
+        ) / c.radius_m**2
+        air = c.speed_mps + c.wind_mps
+        aero = 0.5 * c.density_kgpm3 * c.drag_area_m2 * air * np.abs(air)
+        force = traction - rotating * c.accel_mps2 - aero + c.extra_N
+        usable = np.isfinite(force) & np.isfinite(c.speed_mps)
+        geared = geared | at_wheels
+        return RawModel(c, c.speed_mps, force, traction, aero, per_torque, rotating, usable, geared)
+
+    # -- the steps ---------------------------------------------------------------------------------
+
+    def _run(self, stage: str, c: Columns) -> None:
+        for effect in self._stages[stage]:
+            effect.apply(c)
+
+    def _columns(self, grid: GridBlock) -> Columns:
+        n, v = len(grid), self.vehicle
+        if self._first_us is None:
+            self._first_us = int(grid.t_us[0])
+        ratio, gear = self._ratio_and_gear(grid.values, n)
+        efficiency = np.full(n, v.driveline_efficiency)
+        for number, value in v.gear_efficiency.items():
+            efficiency = np.where(gear == number, value, efficiency)
+        zero = np.zeros(n)
+        return Columns(
+            t_us=grid.t_us,
+            elapsed_s=(grid.t_us - self._first_us) * 1e-6,
+            torque_Nm=zero,
+            engine_radps=self._engine_radps(grid.values, n),
+            ratio=ratio * v.final_drive,
+            gear=gear,
+            radius_m=np.full(n, v.wheel_radius_m),
+            efficiency=efficiency,
+            crank_inertia_kgm2=np.full(n, v.engine_inertia_kgm2),
+            wheel_inertia_kgm2=np.full(n, v.wheel_inertia_kgm2),
+            speed_mps=zero,
+            accel_mps2=zero,
+            wind_mps=zero,
+            drag_area_m2=np.full(n, v.drag_area_m2),
+            density_kgpm3=self._density(grid.values, n),
+            mu=np.full(n, v.rolling_resistance),
+            extra_N=zero,
+            wheel_torque_Nm=zero,
+            signals=grid.values,
+            notes={"nominal_mass_kg": np.full(n, (v.mass_min_kg * v.mass_max_kg) ** 0.5)},
+        )
+
+    @staticmethod
+    def _engine_radps(values: Mapping[str, FloatColumn], n: int) -> FloatColumn:
+        speed = values.get("engine_speed")
+        return np.full(n, np.nan) if speed is None else speed * RPM_TO_RADPS
+
+    def _density(self, values: Mapping[str, FloatColumn], n: int) -> FloatColumn:
+        pressure, temperature = values.get("barometric_pressure"), values.get("ambient_temperature")
+        declared = np.full(n, self.vehicle.air_density_kgpm3)
+        if pressure is None or temperature is None:
+            return declared
+        density = 1000.0 * pressure / (AIR_R * (temperature + 273.15))
+        plausible = (density > 0.5) & (density < 1.7)
+        return np.where(plausible, density, declared)
+
+    def _ratio_and_gear(self, values: Mapping[str, FloatColumn], n: int) -> tuple[FloatColumn, FloatColumn]:
+        """Return transmission ratio and gear number: from ETC2, else the gear table, else shaft speeds."""
+        ratio, gear = values.get("gear_ratio"), values.get("gear")
+        if not len(self._gears):
+            known = np.full(n, 1.0) if ratio is None else ratio
+            return known, np.zeros(n) if gear is None else gear
+        if len(self._gears) == 1 and ratio is None and gear is None:
+            return np.full(n, self._ratios[0]), np.full(n, self._gears[0])
+        if gear is not None:
+            table = self._table_ratio(gear)
+            ratio = table if ratio is None else np.where(ratio > 0, ratio, table)
+        shaft = None
+        if ratio is None or bool(np.isnan(ratio).any()):
+            shaft = self._shaft_ratio(values, n)
+            ratio = shaft if ratio is None else np.where(ratio > 0, ratio, shaft)
+        if gear is None:
+            nearest = np.abs(np.log(np.where(ratio > 0, ratio, 1.0))[:, None] - np.log(self._ratios)).argmin(
+                1
+            )
+            gear = np.where(ratio > 0, self._gears[nearest], 0.0)
+        return ratio, gear
+
+    def _table_ratio(self, gear: FloatColumn) -> FloatColumn:
+        at = np.minimum(np.searchsorted(self._gears, gear), len(self._gears) - 1)
+        return np.where(self._gears[at] == gear, self._ratios[at], np.nan)
+
+    def _shaft_ratio(self, values: Mapping[str, FloatColumn], n: int) -> FloatColumn:
+        engine, shaft = values.get("engine_speed"), values.get("output_shaft_speed")
+        if engine is None or shaft is None:
+            return np.full(n, np.nan)
+        turning = (shaft > MIN_SHAFT_RPM) & (engine > MIN_SHAFT_RPM)
+        measured = np.where(turning, engine, 1.0) / np.where(turning, shaft, 1.0)
+        nearest = np.abs(np.log(measured)[:, None] - np.log(self._ratios)).argmin(1)
+        table = self._ratios[nearest]
+        return np.where(turning & (np.abs(measured / table - 1) < RATIO_SNAP), table, np.nan)
+
+    def _torque_role(self) -> str:
+        for role in ("wheel_torque", "half_shaft_torque_left", "engine_torque", "engine_torque_pct"):
+            if role in self.roles:
+                if role == "engine_torque_pct" and not (
+                    "reference_torque" in self.roles or self.vehicle.reference_torque_Nm
+                ):
+                    raise ConfigError(
+                        "vehicle.reference_torque_Nm: is missing, and no signal gives it",
+                        expected="the engine's 100 % torque in N m (SPN 544)",
+                    )
+                return role
+        raise ConfigError(
+            "signals: no torque",
+            expected="engine_torque_pct, engine_torque, wheel_torque or half-shaft torques",
+        )
+
+    def _torque(self, c: Columns) -> None:
+        """Set net crank torque (or wheel torque): (actual - friction) % x reference, plus the retarder."""
+        role = self.torque_role
+        if role == "wheel_torque":
+            c.wheel_torque_Nm = c.signals[role]
+        elif role == "half_shaft_torque_left":
+            c.wheel_torque_Nm = c.signals[role] + c.signals["half_shaft_torque_right"]
+        elif role == "engine_torque":
+            c.torque_Nm = c.signals[role]
+        else:
+            declared = self.vehicle.reference_torque_Nm
+            reference = c.signal("reference_torque", np.nan if declared is None else declared)
+            friction = c.signal("engine_friction_pct", self.vehicle.friction_torque_pct)
+            c.torque_Nm = (c.signals[role] - friction) * 0.01 * reference
+        retarder = self.vehicle.retarder
+        if retarder is not None and "retarder_torque_pct" in self.roles:
+            # SPN 520 is negative while braking
+            torque = (
+                0.01
+                * c.signal("retarder_torque_pct")
+                * c.signal("retarder_reference_torque", retarder.reference_torque_Nm)
+            )
+            if retarder.location == "crank":
+                c.torque_Nm = c.torque_Nm + torque
+            else:
+                c.extra_N = c.extra_N + torque * self.vehicle.final_drive / c.radius_m
+
+    def _speed_roles(self) -> tuple[str, ...]:
+        # finest first; engine speed through the gear is finer than a road speed in half miles per hour
+        order = ("output_shaft_speed", "undriven_speed", "engine_speed", "vehicle_speed", "gps_speed")
+        present = tuple(r for r in order if r in self.roles)
+        if not present:
+            raise ConfigError(
+                "signals: no speed", expected="output_shaft_speed, vehicle_speed or another speed"
+            )
+        return present
+
+    def _speed(self, c: Columns) -> None:
+        """Set speed and acceleration, from the finest speed that has a value."""
+        shaft = self.vehicle.final_drive
+        speed = np.full(len(c), np.nan)
+        for role in self.speed_roles:
+            if role == "output_shaft_speed":
+                candidate = c.signals[role] * (RPM_TO_RADPS / shaft) * c.radius_m
+            elif role == "engine_speed":
+                geared = c.ratio > 0
+                candidate = (
+                    np.where(geared, c.engine_radps / np.where(geared, c.ratio, 1.0), np.nan) * c.radius_m
+                )
+            else:
+                candidate = c.signals[role]
+            speed = np.where(np.isnan(speed), candidate, speed)
+            if not np.isnan(speed).any():
+                break
+        c.speed_mps = speed
+        self._run("speed", c)
+        speed = c.speed_mps
+        before = np.empty(len(c))
+        before[0], before[1:] = self._last_speed_mps, speed[:-1]
+        c.accel_mps2 = np.where(np.isnan(before), 0.0, speed - before) / STEP_S
+        self._last_speed_mps = float(speed[-1])
+
+
+def effects_of(config: Config) -> list[Effect]:
+    """Return a config's effects, built."""
+    return [effect_from_config(e, f"effects[{i}]") for i, e in enumerate(config.effects)]

@@ -1,0 +1,115 @@
+"""From held signals to what estimators eat: model, filter, gates, in that order."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from canest.config.schema import Config
+from canest.filters import Filter
+from canest.frames import BoolColumn, FloatColumn
+from canest.gates import Gate
+from canest.grid.grid import GridBlock
+from canest.vehicle.gating import Excitation, Gating
+from canest.vehicle.model import LongitudinalModel, RawModel
+from canest.vehicle.samples import STEP_S, ModelBlock
+
+#: slower than this (m/s) the vehicle stands: speed sensors give no pulses below
+STANDSTILL_MPS = 0.2
+
+
+class _Held:
+    """A column whose unusable samples repeat the last usable one, so that a filter never meets a NaN."""
+
+    def __init__(self) -> None:
+        self._last = 0.0
+        self._was_usable = False
+
+    def fill(self, x: FloatColumn, usable: BoolColumn) -> tuple[FloatColumn, BoolColumn]:
+        """Return the filled column and where a filter must start anew (first usable sample)."""
+        if self._was_usable and usable.all():
+            self._last = float(x[-1])
+            return x, np.zeros(len(x), np.bool_)
+        before = np.empty(len(x), np.bool_)
+        before[0], before[1:] = self._was_usable, usable[:-1]
+        at = np.maximum.accumulate(np.where(usable, np.arange(len(x)), -1))
+        filled = np.where(at >= 0, x[at], self._last)
+        self._last, self._was_usable = float(filled[-1]), bool(usable[-1])
+        return filled, usable & ~before
+
+
+class Regression:
+    """Carries the filters, the gates and the last filtered speed; block in, `ModelBlock` out."""
+
+    def __init__(self, config: Config, *, excitation_gate: bool = False) -> None:
+        self.model = LongitudinalModel(config)
+        self._gating = Gating(config, self.model)
+        wanted = config.gates.low_excitation.enabled
+        use = excitation_gate if wanted is None else wanted
+        self._excitation = Excitation(config) if use else None
+        names = ("speed", "force", "accelerometer")
+        self._filters = {n: Filter(config.filter.order, config.filter.cutoff_hz) for n in names}
+        self._held = {n: _Held() for n in names}
+        self._last_filtered_mps = np.nan
+        self._was_open = False
+
+    def process(self, grid: GridBlock) -> ModelBlock:
+        """Turn a block of ticks into model samples."""
+        raw = self.model.process(grid)
+        c = raw.columns
+        speed, started = self._filtered("speed", raw.speed_mps, raw.usable, grid)
+        force, _ = self._filtered("force", raw.force_N, raw.usable, grid)
+        before = np.empty(len(speed))
+        before[0], before[1:] = self._last_filtered_mps, speed[:-1]
+        accel = np.where(started | np.isnan(before), 0.0, speed - before) / STEP_S
+        self._last_filtered_mps = float(speed[-1])
+        gate = self._gating.close(grid, raw, accel)
+        if self._excitation is not None:
+            low = self._excitation.low(force, gate == 0)
+            gate = np.where((gate == 0) & low, np.uint8(Gate.LOW_EXCITATION), gate)
+        is_open = gate == 0
+        was_open = np.empty(len(gate), np.bool_)
+        was_open[0], was_open[1:] = self._was_open and grid.continues, is_open[:-1]
+        self._was_open = bool(is_open[-1])
+        nothing = np.full(len(grid), np.nan)
+        accelerometer, ax_ok = self._accelerometer(grid, raw, nothing)
+        return ModelBlock(
+            t_us=grid.t_us,
+            speed_mps=speed,
+            accel_mps2=accel,
+            force_N=force,
+            mu=np.where(np.isfinite(c.mu), c.mu, self.model.vehicle.rolling_resistance),
+            traction_N=raw.traction_N,
+            aero_N=raw.aero_N,
+            force_per_torque_1pm=raw.force_per_torque_1pm,
+            rotating_mass_kg=raw.rotating_mass_kg,
+            undriven_mps=c.signals.get("undriven_speed", nothing),
+            accelerometer_mps2=accelerometer,
+            slope=np.tan(c.signals["pitch"]) if "pitch" in c.signals else nothing,
+            altitude_m=c.signals.get("altitude", nothing),
+            yaw_rate_radps=c.signals.get("yaw_rate", nothing),
+            raw_speed_mps=raw.speed_mps,
+            raw_force_N=raw.force_N,
+            gate=gate,
+            restart=is_open & ~was_open,
+            stopped=np.abs(raw.speed_mps) < STANDSTILL_MPS,
+            ax_ok=ax_ok,
+        )
+
+    def _filtered(
+        self, name: str, x: FloatColumn, usable: BoolColumn, grid: GridBlock
+    ) -> tuple[FloatColumn, BoolColumn]:
+        filled, start = self._held[name].fill(x, usable)
+        if not grid.continues:
+            start = start.copy()
+            start[0] = True
+        return self._filters[name].apply(filled, start), start
+
+    def _accelerometer(
+        self, grid: GridBlock, raw: RawModel, nothing: FloatColumn
+    ) -> tuple[FloatColumn, BoolColumn]:
+        signal = raw.columns.signals.get("longitudinal_accel")
+        if signal is None:
+            return nothing, np.zeros(len(grid), np.bool_)
+        known = np.isfinite(signal)
+        filtered, _ = self._filtered("accelerometer", signal, known, grid)
+        return np.where(known, filtered, np.nan), known & np.isfinite(raw.speed_mps)
