@@ -24,13 +24,14 @@ MU_LIMIT = 0.5
 class Regression:
     """Rows the estimator may learn from: y = phi1 theta1 + phi2 theta2, all shape (k,).
 
-    at: positions of these rows in the block, shape (k,).
+    at: positions of these rows in the block, shape (k,). mu: rolling resistance, to get the grade back.
     """
 
     at: IntColumn
     y: FloatColumn
     phi1: FloatColumn
     phi2: FloatColumn
+    mu: FloatColumn
 
 
 def usable(block: ModelBlock) -> BoolColumn:
@@ -53,7 +54,8 @@ def secant(mu: FloatColumn) -> FloatColumn:
 def differentiated(block: ModelBlock) -> Regression:
     """Rows of eq. 2: y = dv/dt, phi1 = F, phi2 = -g / cos(beta_mu)."""
     at = np.flatnonzero(usable(block))
-    return Regression(at, block.accel_mps2[at], block.force_N[at], -GRAVITY_MPS2 * secant(block.mu[at]))
+    mu = block.mu[at]
+    return Regression(at, block.accel_mps2[at], block.force_N[at], -GRAVITY_MPS2 * secant(mu), mu)
 
 
 class Integrator:
@@ -96,11 +98,12 @@ class Integrator:
         scale = 1.0 / (window * STEP_S)
         y = (v_all[now] - v_all[then]) * scale
         phi1 = (sum_all[now] - sum_all[then]) * (STEP_S * scale)
-        phi2 = -GRAVITY_MPS2 * secant(block.mu[at]) * (length * (STEP_S * scale))
+        mu = block.mu[at]
+        phi2 = -GRAVITY_MPS2 * secant(mu) * (length * (STEP_S * scale))
 
         self._v, self._sum = v_all[-window:], sum_all[-window:]
         self._since = np.concatenate((self._since, since))[-1:]
-        return Regression(at, y, phi1, phi2)
+        return Regression(at, y, phi1, phi2, mu)
 
 
 def theta2_range(grade_limit: float) -> tuple[float, float]:

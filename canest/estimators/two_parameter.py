@@ -15,8 +15,9 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from canest.estimators.base import Estimator
+from canest.estimators.chunked import ChunkedEstimator
 from canest.estimators.options import Options, parse
+from canest.estimators.outliers import OutlierOptions, OutlierStage
 from canest.estimators.regression import (
     Integrator,
     Regression,
@@ -50,6 +51,8 @@ class TwoParameterOptions(Options):
     grade_limit: float = Field(0.25, gt=0.0, le=1.0)
     #: initial diagonal of P; None: from the spread of the bounds
     p0: tuple[float, float] | None = None
+    #: distance-based outlier detection before learning (2013, section IV-B), or None
+    outliers: OutlierOptions | None = None
 
 
 @dataclass(slots=True)
@@ -75,7 +78,7 @@ class Box:
         )
 
 
-class TwoParameter(Estimator):
+class TwoParameter(ChunkedEstimator):
     """An estimator of [1/M, sin(beta + beta_mu)]; subclasses learn, this class does the rest."""
 
     Options: ClassVar[type[TwoParameterOptions]] = TwoParameterOptions
@@ -87,6 +90,7 @@ class TwoParameter(Estimator):
         self.box = Box((1.0 / facts.mass_max_kg, low2), (1.0 / facts.mass_min_kg, high2))
         integrated = self.options.regression == "integrated"
         self._rows = Integrator(self.options.window_s) if integrated else differentiated
+        self._outliers = OutlierStage(self.options.outliers, 4) if self.options.outliers else None
         self._status = StatusTracker()
         self._batch: list[FloatColumn] = []
         self._held = np.full((4, 1), np.nan)  # theta1, theta2 and their variances, then held as numbers
@@ -107,15 +111,14 @@ class TwoParameter(Estimator):
 
     # what all share
 
-    def update(self, block: ModelBlock) -> EstimateBlock:
-        """Take the next samples, return their estimates (same length)."""
-        rows = self._rows(block)
+    def _update(self, block: ModelBlock) -> EstimateBlock:
+        rows = self._good(self._rows(block))
         known, skip = self._fill_batch(rows)
         if self._ready and skip < len(rows.at):
             known = np.concatenate(
                 (known, self._learn(rows.y[skip:], rows.phi1[skip:], rows.phi2[skip:])), axis=1
             )
-        numbers = np.concatenate((self._held, self._numbers(known, block.mu[rows.at])), axis=1)
+        numbers = np.concatenate((self._held, self._numbers(known, rows.mu)), axis=1)
         # the estimate of a sample is that of the last row at or before it (held through gates)
         count = np.searchsorted(rows.at, np.arange(len(block)), side="right")
         mass, mass_std, grade, grade_std = numbers[:, count]
@@ -123,6 +126,13 @@ class TwoParameter(Estimator):
         self._held = numbers[:, -1:]
         self._confirmed = self._confirmed or bool(known.shape[1] and not np.isnan(known[0, -1]))
         return EstimateBlock(mass, mass_std, grade, grade_std, self._status.update(learned, mass, mass_std))
+
+    def _good(self, rows: Regression) -> Regression:
+        """Drop outliers, where the options ask for it."""
+        if self._outliers is None:
+            return rows
+        at, kept = self._outliers(rows.at, np.stack((rows.y, rows.phi1, rows.phi2, rows.mu), axis=1))
+        return Regression(at, kept[:, 0], kept[:, 1], kept[:, 2], kept[:, 3])
 
     def snapshot(self) -> dict[str, Any]:
         """Return the mass and its standard deviation, where there is a confirmed one."""
