@@ -43,31 +43,29 @@ class CandumpParser:
         self.skipped: list[tuple[int, str, str]] = []  #: the first of them: (line number, text, reason)
         self.channels: dict[str, int] = {}  #: interface -> frames
 
-    def parse(self, text: bytes) -> FrameBlock:
-        """Return the frames of ``text``, which ends with a newline, in the order of its lines."""
+    def parse(self, text: bytes, end: int | None = None) -> FrameBlock:
+        """Return the frames of ``text[:end]``, which ends with a newline, in the order of its lines."""
+        end = len(text) if end is None else end
+        if len(text) < end + 8:  # whole words are read from the last line too
+            text += bytes(8)
         chars = np.frombuffer(text, np.uint8)
-        ends = np.flatnonzero(chars == NEWLINE)
-        starts = np.empty_like(ends)
-        starts[:1] = 0
-        starts[1:] = ends[:-1] + 1
-        widths = np.minimum(ends - starts, LINE_CHARS_MAX + 1)
+        starts, widths = _lines(text, chars, end)
         pieces: list[_Piece] = []
         odd: list[IntColumn] = []
         for width in np.flatnonzero(np.bincount(widths)).tolist():
             index = np.flatnonzero(widths == width)
             if _WIDTH_MIN <= width <= LINE_CHARS_MAX:
                 index = self._parse_width(text, chars, starts, index, width, pieces)
-            odd.append(index)
-        pieces += self._parse_odd(text, starts, ends, odd)
-        self.lines += len(ends)
-        return self._select(pieces, len(ends))
+            if len(index):
+                odd.append(index)
+        pieces += self._parse_odd(text, starts, widths, odd)
+        self.lines += len(starts)
+        return self._select(pieces, len(starts))
 
-    def skip(self, line: int, text: bytes, reason: str) -> None:
-        """Count line number ``line`` as unreadable."""
-        self.skipped_lines += 1
-        if len(self.skipped) < SKIPPED_SHOWN:
-            shown = text[:SHOWN_CHARS].decode("ascii", "backslashreplace")
-            self.skipped.append((line, shown, reason))
+    def skip_line(self, text: bytes, reason: str) -> None:
+        """Count a line that is not even worth parsing."""
+        self.lines += 1
+        self._skip(self.lines, text, reason)
 
     def _parse_width(
         self,
@@ -94,7 +92,11 @@ class CandumpParser:
                 layouts.append(layout)
             layout = layouts[tried]
             tried += 1
-            frames, fits = layout.parse(Rows.gather(chars, starts[pending], width))
+            if len(pending) * (width + 1) == starts[-1] + width + 1:  # all lines there are: no need to copy
+                rows = Rows(chars, len(pending), width + 1)
+            else:
+                rows = Rows.gather(chars, starts[pending], width)
+            frames, fits = layout.parse(rows)
             if fits.all():
                 done, pending = pending, pending[:0]
             else:
@@ -104,24 +106,22 @@ class CandumpParser:
         return np.concatenate([*odd, pending])
 
     def _parse_odd(
-        self, text: bytes, starts: IntColumn, ends: IntColumn, odd: list[IntColumn]
+        self, text: bytes, starts: IntColumn, widths: IntColumn, odd: list[IntColumn]
     ) -> list[_Piece]:
         if not odd:
             return []
         lines: list[tuple[int, Line]] = []
         for index in np.sort(np.concatenate(odd)).tolist():
-            start, end = int(starts[index]), int(ends[index])
-            if end - start > LINE_CHARS_MAX:
-                self.skip(self.lines + index + 1, text[start : start + SHOWN_CHARS], "line too long")
-                continue
-            line = parse_line(text[start:end])
+            start, width = int(starts[index]), int(widths[index])
+            shown = text[start : start + width]
+            line = parse_line(shown) if width <= LINE_CHARS_MAX else "line too long"
             if isinstance(line, Line):
                 if self._count(line.channel, 1):
                     lines.append((index, line))
-            elif is_ignorable(text[start:end]):
+            elif is_ignorable(shown):
                 self.ignored_lines += 1
             else:
-                self.skip(self.lines + index + 1, text[start:end], line)
+                self._skip(self.lines + index + 1, shown, line)
         if not lines:
             return []
         frames = FrameBlock(
@@ -131,6 +131,12 @@ class CandumpParser:
             np.array([line.data for _, line in lines], np.uint64),
         )
         return [(np.array([index for index, _ in lines], np.int64), frames)]
+
+    def _skip(self, number: int, text: bytes, reason: str) -> None:
+        self.skipped_lines += 1
+        if len(self.skipped) < SKIPPED_SHOWN:
+            shown = text[:SHOWN_CHARS].decode("ascii", "backslashreplace")
+            self.skipped.append((number, shown, reason))
 
     def _count(self, channel: bytes, frames: int) -> bool:
         """Count frames of an interface; return whether they are to be delivered."""
@@ -164,3 +170,16 @@ class CandumpParser:
         if self._wanted is not None:
             keep &= self._wanted(block.can_id)
         return block if keep.all() else block[np.flatnonzero(keep)]
+
+
+def _lines(text: bytes, chars: NDArray[np.uint8], end: int) -> tuple[IntColumn, IntColumn]:
+    """Return where each line of ``text[:end]`` starts, and its width (capped above the longest allowed)."""
+    count = text.count(b"\n", 0, end)
+    stride = text.find(b"\n", 0, end) + 1
+    if count * stride == end and bool((chars[stride - 1 : end : stride] == NEWLINE).all()):
+        return np.arange(0, end, stride), np.full(count, min(stride - 1, LINE_CHARS_MAX + 1))
+    ends = np.flatnonzero(chars[:end] == NEWLINE)
+    starts = np.empty_like(ends)
+    starts[:1] = 0
+    starts[1:] = ends[:-1] + 1
+    return starts, np.minimum(ends - starts, LINE_CHARS_MAX + 1)

@@ -1,9 +1,9 @@
 """A layout: where the parts of a candump line stand. All lines of one layout are parsed at once.
 
-A log has few layouts (one per interface name, payload length and kind of identifier). A layout is learned from
-one line that the tolerant parser understood; it then claims, from lines of the same width, those whose every
-fixed character is the same and whose every variable character is a digit of the right kind. Whatever it
-claims, the tolerant parser would have read the same way.
+A log has few layouts (one per interface name, payload length and kind of identifier). A layout is learned
+from one line that the tolerant parser understood; it then claims, from lines of the same width, those whose
+every fixed character is the same and whose every variable character is a digit of the right kind. Whatever
+it claims, the tolerant parser would have read the same way.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ assert EXTENDED == ERROR << 2  # how `_identifiers` marks whatever is not an err
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Lines of one width, back to back: text is uint8 of at least count * width + 7 characters."""
+    """Lines of one width, one every ``stride`` characters; ``text`` goes on for a word behind the last."""
 
     text: NDArray[np.uint8]
     count: int
-    width: int
+    stride: int
 
     @staticmethod
     def gather(text: NDArray[np.uint8], starts: IntColumn, width: int) -> Rows:
-        """Copy the lines that begin at ``starts``, all ``width`` >= 8 characters wide (newline not included)."""
+        """Copy the lines that begin at ``starts``, all ``width`` >= 8 characters wide without newline."""
         windows = np.ndarray(len(text) - width + 1, f"V{width}", text, strides=(1,))
         # the last line stands twice: words that begin in it may end behind it
         return Rows(windows[np.append(starts, starts[-1:])].view(np.uint8), len(starts), width)
 
     def words(self, offset: int) -> Words:
         """Return the eight characters at ``offset`` of every line."""
-        return np.ndarray(self.count, "<u8", self.text, offset, (self.width,)).copy()
+        return np.ndarray(self.count, "<u8", self.text, offset, (self.stride,)).copy()
 
     def field(self, offset: int, digits: int) -> Words:
         """Return ``digits`` <= 8 characters at ``offset`` of every line, zeros in front."""
@@ -53,14 +53,14 @@ class Rows:
         return words
 
     def four_bytes(self, offset: int, step: int, count: int) -> Words:
-        """Return the hexadecimal digits of ``count`` <= 4 bytes, one every ``step`` characters, zeros behind."""
+        """Return the hexadecimal digits of ``count`` <= 4 bytes, one per ``step`` characters, zeros behind."""
         if step == 2:
             words = self.words(offset)
         else:
             pairs = np.empty((self.count, 4), "<u2")
             for index in range(count):
                 pairs[:, index] = np.ndarray(
-                    self.count, "<u2", self.text, offset + step * index, (self.width,)
+                    self.count, "<u2", self.text, offset + step * index, (self.stride,)
                 )
             words = pairs.view("<u8")[:, 0]
         if count < 4:

@@ -23,7 +23,10 @@ STANDARD_ID_MAX = 0x7FF
 #: whole seconds that still fit int64 microseconds with room to spare
 SECONDS_DIGITS_MAX = 12
 
-_STAMP = rb"\s*\((?:(?P<sec>\d+)|(?P<date>\d{4}-\d\d-\d\d \d\d:\d\d:\d\d))\.(?P<frac>\d{1,9})\)\s+(?P<channel>\S+)\s+"
+_STAMP = (
+    rb"\s*\((?:(?P<sec>\d+)|(?P<date>\d{4}-\d\d-\d\d \d\d:\d\d:\d\d))\.(?P<frac>\d{1,9})\)"
+    rb"\s+(?P<channel>\S+)\s+"
+)
 _LOG = re.compile(
     _STAMP
     + rb"(?P<id>[0-9A-Fa-f]{8}|[0-9A-Fa-f]{3})(?P<mark>##[0-9A-Fa-f]|#)"

@@ -1,0 +1,149 @@
+"""What every log reader offers, and the reader of candump text."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+
+from canest.errors import LogError
+from canest.frames import FrameBlock
+from canest.logs.blocks import TableBlock
+from canest.logs.candump import LINE_CHARS_MAX, SHOWN_CHARS, CandumpParser
+from canest.logs.compression import Source
+
+#: frames per block: large enough that the pipeline's fixed cost per block vanishes, a few MB of columns
+BLOCK_FRAMES = 1 << 17
+#: text parsed at once: fits the second-level cache together with what is made of it
+_TEXT_BYTES = 1 << 19
+
+
+class LogReader(ABC):
+    """A log: iterate once over its blocks, then look at what could not be read.
+
+    frames: well-formed frames (table: rows) so far, delivered or not.
+    skipped_lines, skipped: lines (records) that could not be read; the first as (number, text, reason).
+    truncated, truncated_reason: the file ends before it should.
+    bytes_done, bytes_total: progress through the file.
+    """
+
+    #: what iteration yields: "frames" (FrameBlock) or "table" (TableBlock)
+    kind = "frames"
+    format = ""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self.path = source.path
+        self.truncated_reason = ""
+
+    @property
+    def truncated(self) -> bool:
+        """True when the file ends before it should."""
+        return bool(self.truncated_reason)
+
+    @property
+    def bytes_done(self) -> int:
+        """Bytes of the stored file taken in so far."""
+        return self._source.bytes_done
+
+    @property
+    def bytes_total(self) -> int:
+        """Size of the stored file, 0 when it cannot be told."""
+        return self._source.bytes_total
+
+    @property
+    @abstractmethod
+    def frames(self) -> int:
+        """Well-formed frames (rows of a table) so far."""
+
+    @property
+    @abstractmethod
+    def skipped_lines(self) -> int:
+        """Lines or records that could not be read."""
+
+    @property
+    @abstractmethod
+    def skipped(self) -> list[tuple[int, str, str]]:
+        """The first unreadable lines: (number, text, reason)."""
+
+    def __iter__(self) -> Iterator[FrameBlock | TableBlock]:
+        with self._source:
+            yield from self._blocks()
+            self.truncated_reason = self.truncated_reason or self._source.damage
+        if not self.frames and self.skipped_lines:
+            number, text, reason = self.skipped[0]
+            raise LogError(
+                f"nothing to read in {self.skipped_lines} lines; line {number}: {reason}",
+                where=str(self.path),
+                found=text,
+            )
+
+    @abstractmethod
+    def _blocks(self) -> Iterator[FrameBlock | TableBlock]: ...
+
+
+class CandumpReader(LogReader):
+    """Candump text, either form."""
+
+    format = "candump"
+
+    def __init__(self, source: Source, head: bytes, parser: CandumpParser, block_frames: int) -> None:
+        super().__init__(source)
+        self._head, self._parser, self._block_frames = head, parser, block_frames
+
+    @property
+    def frames(self) -> int:
+        """Well-formed frames so far, delivered or not."""
+        return self._parser.frames
+
+    @property
+    def skipped_lines(self) -> int:
+        """Lines that should be a frame and are not."""
+        return self._parser.skipped_lines
+
+    @property
+    def skipped(self) -> list[tuple[int, str, str]]:
+        """The first unreadable lines: (number, text, reason)."""
+        return self._parser.skipped
+
+    @property
+    def channels(self) -> dict[str, int]:
+        """Frames per interface so far."""
+        return self._parser.channels
+
+    def _blocks(self) -> Iterator[FrameBlock]:
+        blocks: list[FrameBlock] = []
+        held = 0
+        for block in self._parsed():
+            blocks.append(block)
+            held += len(block)
+            if held >= self._block_frames:
+                yield FrameBlock.concatenate(blocks)
+                blocks, held = [], 0
+        if held:
+            yield FrameBlock.concatenate(blocks)
+
+    def _parsed(self) -> Iterator[FrameBlock]:
+        text, self._head = self._head, b""
+        overlong = False
+        while True:
+            end = text.rfind(b"\n") + 1
+            if overlong and end:  # the rest of a line already counted
+                text = text[text.find(b"\n") + 1 :]
+                overlong = False
+                continue
+            if end:
+                yield self._parser.parse(text, end)
+                text = text[end:]
+            if len(text) > LINE_CHARS_MAX:
+                if not overlong:
+                    self._parser.skip_line(text[:SHOWN_CHARS], "line too long")
+                overlong, text = True, b""
+            more = self._source.read(_TEXT_BYTES)
+            if not more:
+                break
+            text += more
+        if text and not overlong:
+            if self._source.damage:
+                self._parser.skip_line(text, "cut off by the end of the archive")
+            else:
+                yield self._parser.parse(text + b"\n")

@@ -1,0 +1,127 @@
+"""Bytes of a file, decompressed as they are read; what a damaged archive still holds is delivered.
+
+The kind of archive is told by its first bytes, never by its name. Memory stays bounded: compressed bytes are
+fed in small pieces.
+"""
+
+from __future__ import annotations
+
+import bz2
+import io
+import lzma
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO
+
+from canest.errors import LogError
+
+_PIECE_BYTES = 1 << 14
+_MAGIC_BYTES = 6
+
+
+def _zstd() -> Any:
+    try:
+        import zstandard
+    except ImportError:
+        raise LogError(
+            "log is compressed with zstd", expected="the zstandard package: pip install canest[formats]"
+        ) from None
+    return zstandard.ZstdDecompressor().decompressobj()
+
+
+#: first bytes -> (name, how to make a decompressor)
+_ARCHIVES: dict[bytes, tuple[str, Callable[[], Any]]] = {
+    b"\x1f\x8b": ("gzip", lambda: zlib.decompressobj(wbits=31)),
+    b"\xfd7zXZ\x00": ("xz", lzma.LZMADecompressor),
+    b"BZh": ("bzip2", bz2.BZ2Decompressor),
+    b"\x28\xb5\x2f\xfd": ("zstd", _zstd),
+}
+
+
+class Source:
+    """A log file opened for reading; use as a context manager.
+
+    bytes_done, bytes_total: of the file as stored (for a progress bar); total is 0 for a pipe.
+    damage: '' or why the archive ended before its end.
+
+    Errors: LogError when the file cannot be opened, read, or decompressed for want of a package.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.damage = ""
+        self.bytes_done = 0
+        try:
+            self._file: BinaryIO = path.open("rb")
+            self.bytes_total = path.stat().st_size
+        except OSError as error:
+            raise LogError(f"cannot open: {error.strerror or error}", where=str(path)) from None
+        head = self._raw(_MAGIC_BYTES)
+        self._head = head
+        self._make: Callable[[], Any] | None = None
+        self.archive = ""
+        for magic, (name, make) in _ARCHIVES.items():
+            if head.startswith(magic):
+                self.archive, self._make = name, make
+        self._machine = self._start()
+
+    def __enter__(self) -> Source:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def read(self, size: int) -> bytes:
+        """Return at least ``size`` bytes, and fewer only at the end."""
+        if self._make is None:
+            head, self._head = self._head, b""
+            return head + self._raw(max(size - len(head), 0))
+        out = io.BytesIO()
+        while out.tell() < size:
+            piece = self._head or self._raw(_PIECE_BYTES)
+            self._head = b""
+            if not piece or self.damage:
+                if not self.damage and not self._machine.eof:
+                    self.damage = f"the {self.archive} archive ends early"
+                break
+            out.write(self._decompress(piece))
+        return out.getvalue()
+
+    def _decompress(self, piece: bytes) -> bytes:
+        out = b""
+        while piece and not self.damage:
+            if self._machine.eof:  # archives may be several, one behind the other
+                piece = piece.lstrip(b"\0")
+                if not piece:
+                    break
+                self._machine = self._start()
+            try:
+                out += self._machine.decompress(piece)
+            except Exception as error:  # each library has its own, with no common root
+                self.damage = f"the {self.archive} archive is damaged ({error})".replace("\n", " ")
+                break
+            piece = self._machine.unused_data if self._machine.eof else b""
+        return out
+
+    def _start(self) -> Any:
+        try:
+            return self._make() if self._make else None
+        except LogError as error:
+            self._file.close()
+            raise LogError(error.what, where=str(self.path), expected=error.expected) from None
+
+    def _raw(self, size: int) -> bytes:
+        try:
+            data = self._file.read(size)
+        except OSError as error:
+            raise LogError(f"cannot read: {error.strerror or error}", where=str(self.path)) from None
+        self.bytes_done += len(data)
+        return data

@@ -1,0 +1,101 @@
+"""Opens any log: looks at the first bytes (of the decompressed content) and picks the reader."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from canest.errors import LogError
+from canest.logs.candump import CandumpParser, Wanted
+from canest.logs.compression import Source
+from canest.logs.lines import Line, is_ignorable, parse_line
+from canest.logs.base import BLOCK_FRAMES, CandumpReader, LogReader
+
+_HEAD_BYTES = 1 << 16
+#: content that tells itself -> suffix under which python-can knows it
+_BINARY = {b"LOGG": ".blf", b"MDF     ": ".mf4", b"UnFinMF ": ".mf4", b"SQLite format 3\0": ".db"}
+_PARQUET = b"PAR1"
+_CANDUMP_SUFFIXES = (".log", ".txt", ".candump", ".dump", "")
+_ARCHIVE_SUFFIXES = (".gz", ".xz", ".zst", ".bz2")
+EXPECTED = "candump text, .asc .blf .trc .mf4 .csv .db, or a table (.csv .parquet), also compressed"
+
+
+def open_log(
+    path: str | Path,
+    *,
+    wanted: Wanted | None = None,
+    channel: str | None = None,
+    time_column: str = "t_s",
+    block_frames: int = BLOCK_FRAMES,
+) -> LogReader:
+    """Open a log for one pass over its blocks.
+
+    wanted: identifiers uint32 (n,) with flags -> which frames to deliver; all are counted.
+    channel: deliver this interface only; None for all.
+    time_column: the column of a decoded table that holds seconds.
+    block_frames: about how many frames or rows a block holds; memory does not depend on the log's length.
+
+    Errors: LogError, one line, for what cannot be opened or is no log.
+    """
+    path = Path(path)
+    source = Source(path)
+    head = source.read(_HEAD_BYTES)
+    suffix = _suffix(path)
+    for magic, binary_suffix in _BINARY.items():
+        if head.startswith(magic):
+            return _from_python_can(source, head, binary_suffix, wanted, channel, block_frames)
+    if head.startswith(_PARQUET):
+        from canest.logs.parquet import ParquetReader
+
+        return ParquetReader(source, head, time_column, block_frames)
+    if _looks_like_candump(head):
+        return CandumpReader(source, head, CandumpParser(wanted, channel), block_frames)
+    text_suffix = _text_format(head, suffix)
+    if text_suffix == "table":
+        from canest.logs.tables import CsvReader
+
+        return CsvReader(source, head, time_column, block_frames)
+    if text_suffix:
+        return _from_python_can(source, head, text_suffix, wanted, channel, block_frames)
+    if not head or suffix in _CANDUMP_SUFFIXES:
+        return CandumpReader(source, head, CandumpParser(wanted, channel), block_frames)
+    source.close()
+    raise LogError("no log that canest knows", where=str(path), found=_shown(head), expected=EXPECTED)
+
+
+def _from_python_can(
+    source: Source, head: bytes, suffix: str, wanted: Wanted | None, channel: str | None, block_frames: int
+) -> LogReader:
+    from canest.logs.others import PythonCanReader
+
+    return PythonCanReader(source, head, suffix, wanted, channel, block_frames)
+
+
+def _suffix(path: Path) -> str:
+    """Return the suffix below that of the archive: '.csv' of 'trip.csv.xz'."""
+    suffix = path.suffix.lower()
+    return Path(path.stem).suffix.lower() if suffix in _ARCHIVE_SUFFIXES else suffix
+
+
+def _looks_like_candump(head: bytes) -> bool:
+    lines = [line for line in head.split(b"\n")[:1000] if not is_ignorable(line)]
+    return any(isinstance(parse_line(line), Line) for line in lines if len(line) < 1024)
+
+
+def _text_format(head: bytes, suffix: str) -> str:
+    """Return the suffix under which python-can knows a text log, "table", or ''."""
+    lines = [line.strip() for line in head.removeprefix(b"\xef\xbb\xbf").split(b"\n")[:20]]
+    first = next((line for line in lines if line), b"")
+    if b"\0" in head or not first:
+        return ""
+    if first.lower().startswith((b"date ", b"base hex", b"base dec")) or suffix == ".asc":
+        return ".asc"
+    if first.startswith(b";$FILEVERSION") or suffix == ".trc":
+        return ".trc"
+    if first.startswith(b"timestamp,arbitration_id,"):
+        return ".csv"
+    separated = max(first.count(separator) for separator in (b",", b";", b"\t"))
+    return "table" if suffix == ".csv" or separated >= 1 else ""
+
+
+def _shown(head: bytes) -> str:
+    return head[:24].decode("ascii", "backslashreplace")
