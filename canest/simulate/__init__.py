@@ -1,0 +1,18 @@
+"""A truth simulator: road, driver, vehicle and bus, richer than the estimators' model and apart from it.
+
+No equation is shared with `canest.vehicle`: an error there must show against a drive made here.
+"""
+
+from __future__ import annotations
+
+from canest.simulate.run import SimulatedDrive, simulate, simulate_to_directory
+from canest.simulate.scenario import Scenario, load_scenario, shipped_scenarios
+
+__all__ = [
+    "Scenario",
+    "SimulatedDrive",
+    "load_scenario",
+    "shipped_scenarios",
+    "simulate",
+    "simulate_to_directory",
+]

@@ -1,0 +1,55 @@
+"""Writes a simulated drive: candump log, truth table, config."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from canest.frames import FrameBlock
+
+if TYPE_CHECKING:
+    from canest.simulate.run import SimulatedDrive
+
+_FORMATS = {"t_s": "%.3f", "distance_m": "%.2f", "speed_mps": "%.4f", "accel_mps2": "%.4f", "grade": "%.6f",
+            "mass_kg": "%.1f", "elevation_m": "%.2f", "shift": "%d", "brake": "%d"}  # fmt: skip
+
+
+def write_drive(drive: SimulatedDrive, directory: Path, compress: bool) -> list[Path]:
+    """Write NAME.log[.xz], NAME.truth.csv and NAME.yaml. Errors: OSError."""
+    directory.mkdir(parents=True, exist_ok=True)
+    log = directory / f"{drive.name}.log{'.xz' if compress else ''}"
+    text = candump_text(drive.frames)
+    if compress:
+        import lzma
+
+        log.write_bytes(lzma.compress(text, preset=1))
+    else:
+        log.write_bytes(text)
+    truth = directory / f"{drive.name}.truth.csv"
+    names = list(_FORMATS)
+    row = ",".join(_FORMATS[name] for name in names)
+    lines = [row % values for values in zip(*(drive.truth[name].tolist() for name in names), strict=True)]
+    truth.write_text("\n".join([",".join(names), *lines]) + "\n", encoding="utf-8")
+    config = directory / f"{drive.name}.yaml"
+    config.write_text(config_text(drive.config), encoding="utf-8")
+    return [log, truth, config]
+
+
+def config_text(config: dict[str, Any]) -> str:
+    """Return a config as YAML text."""
+    return yaml.safe_dump(config, sort_keys=False, allow_unicode=True)
+
+
+def candump_text(frames: FrameBlock, channel: str = "can0") -> bytes:
+    """Return frames as candump -L text."""
+    hexed = frames.data.astype("<u8").tobytes().hex().upper()
+    lines = []
+    for k, (t, can_id, length) in enumerate(
+        zip(frames.t_us.tolist(), frames.can_id.tolist(), frames.length.tolist(), strict=True)
+    ):
+        shown = f"{can_id & 0x1FFFFFFF:08X}" if can_id & 0x80000000 else f"{can_id:03X}"
+        at = 16 * k
+        lines.append(f"({t // 1000000}.{t % 1000000:06d}) {channel} {shown}#{hexed[at : at + 2 * length]}\n")
+    return "".join(lines).encode()

@@ -1,0 +1,402 @@
+"""The truth's motion: engine, clutch, driveline twist, tyres, body, driver and gearbox, at 1 kHz.
+
+One scalar kernel, interpreted as it stands or compiled by numba. Physics run at 1 kHz (semi-implicit
+Euler: velocities first, positions with the new velocities), driver, gearbox and records at 200 Hz.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from canest.fast import kernel
+
+STEP_S = 0.001
+STEPS_PER_RECORD = 5
+RECORD_S = STEP_S * STEPS_PER_RECORD
+TORQUE_TABLE_RPM = 25.0  #: spacing of the full-torque table
+
+#: columns of a record
+COLUMNS = (
+    "speed_mps", "accel_mps2", "distance_m", "engine_radps", "wheel_radps", "indicated_Nm", "demand_Nm",
+    "wheel_torque_Nm", "pedal", "brake", "retarder_Nm", "gear", "phase", "clutch_slip", "mass_kg", "load_on",
+    "pitch_rad", "grade", "curvature_1pm", "crank_Nm",
+)  # fmt: skip
+
+#: phases of the driveline
+ENGAGED, RAMP_OUT, NEUTRAL, RAMP_IN, LAUNCH, STANDING = range(6)
+
+
+class Constants(NamedTuple):
+    """The true vehicle and its hidden effects, all float; SI units."""
+
+    engine_inertia: float
+    friction_0: float  #: N m at standstill
+    friction_w: float  #: N m per rad/s
+    regeneration: float
+    idle: float  #: rad/s; 0 for an electric motor
+    fuelling_s: float
+    boost_s: float
+    unboosted: float
+    radius: float
+    wheel_inertia: float
+    drag: float  #: half rho Cd A
+    crr: float
+    crr_per_mps: float
+    wind: float
+    stiffness: float
+    damping: float
+    gain: float
+    torque_loss: float
+    drag_force: float
+    cornering: float
+    slip: float
+    retarder_max: float
+    hidden_retarder_pedal: float
+    hidden_retarder_brake: float
+    load_power: float  #: W
+    load_cubic: float  #: 1 when the power goes with the cube of engine speed, else 0
+    load_at: float  #: rad/s at which the load takes `load_power`
+    upshift_low: float
+    upshift_high: float
+    downshift: float
+    ramp_s: float
+    neutral_s: float
+    accel_limit: float
+    pitch_gain: float
+    pitch_w: float
+    brakes: float
+    uses_retarder: float
+    fixed_gear: float  #: index, or -1
+    pulse_min: float
+    start_mps: float
+    start_gear: float
+
+
+@kernel
+def move(
+    c: Any, full: Any, ratios: Any, etas: Any, kept: Any, grades: Any, curvatures: Any, target: Any,
+    throttle: Any, crr_extra: Any, drag_scale: Any, load_on: Any, mass_t: Any, mass_kg: Any, out: Any,
+) -> None:  # fmt: skip
+    """Move the vehicle and fill `out`, flat: one row of `COLUMNS` every 5 ms.
+
+    full: full torque (N m) every 25 rpm. ratios: crank to wheels, per gear; etas: efficiency, kept: share of
+    the traction that hidden losses leave. grades, curvatures: every metre. target (m/s), throttle (negative:
+    none), crr_extra, drag_scale, load_on: every 0.1 s. mass_t, mass_kg: changes, at a standstill from then on.
+    """
+    dt = 0.001
+    gravity = 9.80665
+    gears = len(ratios)
+    road_end = len(grades) - 2
+    full_end = len(full) - 1
+    records = len(out) // 20
+    to_table = 60.0 / (2.0 * math.pi) / 25.0
+    electric = c.idle == 0.0
+    radius = c.radius
+    mass_next = 1
+    m = mass_kg[0]
+
+    v = c.start_mps
+    s = 0.0
+    gear = int(c.start_gear)
+    ratio = ratios[gear]
+    moving = v > 0.5 or electric
+    phase = 0 if moving else 5
+    we = v / radius * ratio if moving else c.idle
+    ww = v / radius
+    win = ww * ratio
+    theta = 0.0
+    boost = 0.0
+    t_ind = c.friction_0 + c.friction_w * we
+    pedal = 0.0
+    brake = 0.0
+    braking = False
+    retarder = 0.0
+    hidden_retarder = 0.0
+    phase_s = 0.0
+    since_shift = 10.0
+    next_gear = gear
+    ramp = 1.0
+    resisted = 0.0
+    pitch = 0.0
+    pitch_rate = 0.0
+    tw = 0.0
+    tc = 0.0
+    capacity = 0.0
+    demand = t_ind
+    slip_gain = c.slip / (radius * m)
+
+    for k in range(records):
+        # what the plan, the road and the cargo say
+        j = k // 20
+        wanted = target[j]
+        foot = throttle[j]
+        at = int(s)
+        if at >= road_end:
+            grade = grades[road_end]
+            curvature = curvatures[road_end]
+        else:
+            part = s - at
+            grade = grades[at] + (grades[at + 1] - grades[at]) * part
+            curvature = curvatures[at] + (curvatures[at + 1] - curvatures[at]) * part
+        if mass_next < len(mass_t) and k * 0.005 >= mass_t[mass_next] and v < 0.01:
+            m = mass_kg[mass_next]
+            mass_next += 1
+            slip_gain = c.slip / (radius * m)
+        cosine = 1.0 / math.sqrt(1.0 + grade * grade)
+        crr = c.crr + crr_extra[j] + c.crr_per_mps * v
+        cornering = m * c.cornering * (v * v * curvature) ** 2
+        fixed = m * gravity * (grade + crr) * cosine + cornering + c.drag_force
+        drag = c.drag * drag_scale[j]
+        air = v + c.wind
+        resistance = fixed + drag * air * abs(air)
+        resisted += (resistance - resisted) * 0.005 / 0.8  # what a driver has come to expect
+
+        # full torque at this speed: the unboosted part at once, the rest as the turbo spools up
+        x = we * to_table
+        i = int(x)
+        if i < 0:
+            i = 0
+        if i >= full_end:
+            highest = full[full_end]
+        else:
+            highest = full[i] + (full[i + 1] - full[i]) * (x - i)
+        friction = c.friction_0 + c.friction_w * we
+        boost += (t_ind / (highest + 1.0) - boost) * 0.005 / c.boost_s
+        if boost > 1.0:
+            boost = 1.0
+        available = highest * (c.unboosted + (1.0 - c.unboosted) * boost * 1.05)
+        if available > highest:
+            available = highest
+
+        # driver: pedal and brake
+        closed = phase == 0 or phase == 1 or phase == 3
+        per_force = radius / (ratio * etas[gear])  # crank torque per newton at the wheels
+        least = -(friction + c.regeneration * (1.0 if v > 1.5 else v / 1.5)) / per_force if closed else 0.0
+        short = 0.0
+        error = wanted - v
+        if foot >= 0.0:
+            want_pedal = foot
+            if v > wanted:
+                want_pedal = 0.0
+            if v < c.pulse_min:
+                want_pedal = 1.0
+        else:
+            accel = 0.5 * error
+            if accel > c.accel_limit:
+                accel = c.accel_limit
+            if accel < -2.5:
+                accel = -2.5
+            force = resisted + m * accel
+            want_pedal = (force * per_force + friction + c.regeneration) / (highest + c.regeneration + 1.0)
+            short = least - force
+            if wanted < 0.05 and v < 2.0:
+                want_pedal = 0.0
+        ceiling = (resistance + m * c.accel_limit) * per_force + friction
+        want_pedal = min(1.0, max(0.0, want_pedal))
+        pedal += min(0.02, max(-0.025, want_pedal - pedal))  # a foot needs a quarter of a second
+
+        want_retarder = 0.0
+        if c.uses_retarder > 0.0 and short > 0.0 and phase == 0 and we > 100.0 and not electric:
+            want_retarder = min(c.retarder_max, short * per_force)
+            want_retarder = math.floor(want_retarder / c.retarder_max * 3.0 + 0.5) / 3.0 * c.retarder_max
+            short -= want_retarder / per_force
+        retarder += (want_retarder - retarder) * 0.005 / 0.15
+        if retarder < 1.0 and want_retarder == 0.0:
+            retarder = 0.0
+        if c.brakes > 0.0:
+            if braking:
+                braking = short > 0.0
+            else:
+                braking = short > m * 0.12 and error < -0.4
+            holding = foot < 0.0 and wanted < 0.05 and v < 0.6
+            want_brake = 0.0
+            if holding:
+                braking = True
+                want_brake = 0.25
+            elif braking:
+                want_brake = min(1.0, short / (m * gravity * 0.6))
+            brake += (want_brake - brake) * 0.005 / 0.12
+            if not braking and brake < 0.002:
+                brake = 0.0
+        brake_force = brake * m * gravity * 0.6
+        want_hidden = 0.0
+        if phase == 0 and we > 95.0:
+            if pedal < 0.005:
+                want_hidden = c.hidden_retarder_pedal
+            if braking:
+                want_hidden += c.hidden_retarder_brake
+        hidden_retarder += (want_hidden - hidden_retarder) * 0.005 / 0.1
+
+        # gearbox and clutch
+        phase_s += 0.005
+        since_shift += 0.005
+        if phase == 0 and not electric:
+            if win < 0.88 * c.idle:
+                phase = 5
+                phase_s = 0.0
+            elif c.fixed_gear < 0.0 and since_shift > 1.2 and not braking and v > 0.5:
+                chosen = gear
+                if we > c.upshift_low + (c.upshift_high - c.upshift_low) * pedal:
+                    for h in range(gear + 1, min(gears, gear + 3)):
+                        wh = win * ratios[h] / ratio
+                        i = min(full_end, int(wh * to_table))
+                        spare = 0.9 * full[i] * ratios[h] * etas[h] / radius - resistance
+                        if wh > c.downshift * 1.08 and (spare > m * 0.04 or we > c.upshift_high * 1.1):
+                            chosen = h
+                elif (
+                    we < c.downshift * (1.0 + 0.12 * pedal)
+                    and gear > 0
+                    and (pedal > 0.05 or we < c.downshift)
+                ):
+                    chosen = gear - 1
+                    if gear > 1 and resistance > 0.9 * full[i] * ratios[chosen] * etas[chosen] / radius:
+                        chosen = gear - 2
+                    if win * ratios[chosen] / ratio > c.upshift_high * 1.05:
+                        chosen = gear
+                if chosen != gear:
+                    next_gear = chosen
+                    phase = 1
+                    phase_s = 0.0
+        elif phase == 1:
+            if phase_s >= c.ramp_s and (abs(tc) < 0.03 * highest + 5.0 or phase_s > 0.6):
+                phase = 2
+                phase_s = 0.0
+                gear = next_gear
+                ratio = ratios[gear]
+        elif phase == 2:
+            if phase_s >= c.neutral_s and abs(we - win) < 2.0:
+                phase = 3
+                phase_s = 0.0
+                theta = 0.0
+            elif phase_s > 4.0 or win < 0.88 * c.idle:
+                phase = 5
+                phase_s = 0.0
+        elif phase == 3:
+            if phase_s >= c.ramp_s:
+                phase = 0
+                phase_s = 0.0
+                since_shift = 0.0
+        elif phase == 4:
+            if pedal < 0.005 and wanted < 0.05:
+                phase = 5
+        elif phase == 5 and pedal > 0.03 and brake < 0.3:
+            if c.fixed_gear >= 0.0:
+                gear = int(c.fixed_gear)
+            else:
+                gear = 0
+                for h in range(min(3, gears)):
+                    pull = 0.6 * full[min(full_end, 48)] * ratios[h] * etas[h] / radius
+                    if pull > resistance + m * 1.0 and h < gears - 1:
+                        gear = h
+                while gear < gears - 1 and v / radius * ratios[gear] > c.downshift * 1.15:
+                    gear += 1
+            ratio = ratios[gear]
+            win = ww * ratio
+            phase = 4 if win < c.idle * 1.25 else 2
+            phase_s = 0.0
+
+        # torque the engine is asked for
+        kp = kept[gear]
+        eta_drive = etas[gear] * kp
+        if phase == 2 and not electric:
+            demand = friction + c.engine_inertia * (win - we) / 0.1
+            demand = min(0.6 * available, max(0.0, demand))
+            ramp = 0.0
+        elif phase == 5 and not electric:
+            demand = friction
+        else:
+            asked = pedal * (highest + c.regeneration) - c.regeneration * (1.0 if v > 1.5 else v / 1.5)
+            if asked > ceiling:
+                asked = ceiling
+            if phase == 1:
+                ramp = max(0.0, 1.0 - phase_s / c.ramp_s)
+                asked = friction + (asked - friction) * ramp
+            elif ramp < 1.0:
+                ramp = min(1.0, ramp + 0.005 / (c.ramp_s * 1.5))
+                asked = friction + (asked - friction) * ramp
+            demand = asked
+        if not electric:
+            floor = friction + 25.0 * c.engine_inertia * (c.idle - we)
+            if demand < floor and we < c.idle * 1.1:
+                demand = floor
+            if demand < 0.0:
+                demand = 0.0
+        if demand > available:
+            demand = available
+
+        load = 0.0
+        if load_on[j] > 0.0 and we > 10.0:
+            power = c.load_power
+            if c.load_cubic > 0.0:
+                power = power * (we / c.load_at) ** 3
+            load = power / we
+        lost = c.torque_loss if we > 10.0 else 0.0
+        taken = lost + load + retarder + hidden_retarder
+        kc = c.stiffness / (ratio * ratio)
+        body = (m * radius * radius + c.wheel_inertia) / (ratio * ratio)
+        cc = 2.0 * c.damping * math.sqrt(kc * c.engine_inertia * body / (c.engine_inertia + body))
+        inertial = m + c.wheel_inertia / (radius * radius)
+        fuel = dt / c.fuelling_s
+        twisting = phase == 0 or phase == 1 or phase == 3
+        launching = phase == 4
+        v_before = v
+
+        for _ in range(5):
+            t_ind += (demand - t_ind) * fuel
+            crank = c.gain * (t_ind - friction) - taken
+            if twisting:
+                tc = kc * theta + cc * (we - win)
+            elif launching:
+                capacity = t_ind - friction - taken + 8.0 * c.engine_inertia * (we - 1.5 * c.idle)
+                tc = capacity if capacity > 0.0 and we > win else 0.0
+            else:
+                tc = 0.0
+            tw = tc * ratio * eta_drive if tc > 0.0 else tc * ratio / eta_drive
+            we += (crank - tc) / c.engine_inertia * dt
+            air = v + c.wind
+            a = (tw / radius - fixed - drag * air * abs(air) - brake_force) / inertial
+            v += a * dt
+            if v < 0.0:
+                v = 0.0
+            s += v * dt
+            ww = v * (1.0 + slip_gain * tw) / radius
+            win = ww * ratio
+            if twisting:
+                theta += (we - win) * dt
+        if not electric and we < 0.5 * c.idle:
+            we = 0.5 * c.idle
+        if launching and win > we - 1.0 and win > 0.9 * c.idle:
+            phase = 0
+            phase_s = 0.0
+            since_shift = 0.0
+            theta = tc / kc
+
+        a = (v - v_before) / 0.005
+        pitch_rate += (
+            c.pitch_w * c.pitch_w * (c.pitch_gain * a - pitch) - 0.7 * c.pitch_w * pitch_rate
+        ) * 0.005
+        pitch += pitch_rate * 0.005
+
+        o = k * 20
+        out[o] = v
+        out[o + 1] = a
+        out[o + 2] = s
+        out[o + 3] = we
+        out[o + 4] = ww
+        out[o + 5] = t_ind
+        out[o + 6] = demand
+        out[o + 7] = tw
+        out[o + 8] = pedal
+        out[o + 9] = brake
+        out[o + 10] = retarder
+        out[o + 11] = gear
+        out[o + 12] = phase
+        slip = (we - win) / we if we > 1.0 and not twisting else 0.0
+        out[o + 13] = min(1.0, max(0.0, slip))
+        out[o + 14] = m
+        out[o + 15] = load_on[j]
+        out[o + 16] = pitch
+        out[o + 17] = grade
+        out[o + 18] = curvature
+        out[o + 19] = crank

@@ -1,0 +1,244 @@
+"""Runs a scenario: truth first, then what the bus shows of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from canest import fast
+from canest.errors import ConfigError, OutputError
+from canest.frames import FloatColumn, FrameBlock
+from canest.simulate.bus_j1939 import j1939_frames
+from canest.simulate.drivers import PLAN_S, plan
+from canest.simulate.effects import Hidden, combine, small_errors
+from canest.simulate.known import known_config
+from canest.simulate.motion import COLUMNS, RECORD_S, TORQUE_TABLE_RPM, Constants, move
+from canest.simulate.roads import lay
+from canest.simulate.scenario import Scenario, load_scenario
+from canest.simulate.signals import Signals
+
+TRUTH_HZ = 10
+#: random streams, each its own: another road or another effect leaves the other draws as they were
+_STREAMS = ("road", "driver", "errors", "sensors", "bus", "drafting")
+FASTEST_MPS = 45.0  #: sets how much road is laid
+
+
+@dataclass(frozen=True)
+class SimulatedDrive:
+    """A drive with its truth.
+
+    frames: what was on the bus. truth: columns at 10 Hz (t_s, distance_m, speed_mps, accel_mps2, grade, mass_kg,
+    elevation_m, shift, brake), (n,) each. config: what an engineer would know, in the schema of configs.
+    undeclared: the effects in force that the config does not know, small errors included. history: every
+    column of `motion.COLUMNS` at 200 Hz, for tests.
+    """
+
+    name: str
+    frames: FrameBlock
+    truth: dict[str, FloatColumn]
+    config: dict[str, Any]
+    undeclared: list[dict[str, Any]]
+    history: dict[str, FloatColumn]
+
+    def write(self, directory: str | Path, *, compress: bool = False) -> list[Path]:
+        """Write NAME.log (or NAME.log.xz), NAME.truth.csv and NAME.yaml; return their paths.
+
+        Errors: OutputError when the directory cannot be written.
+        """
+        from canest.simulate.files import write_drive
+
+        try:
+            return write_drive(self, Path(directory), compress)
+        except OSError as error:
+            raise OutputError(f"cannot be written ({error.strerror})", where=str(directory)) from error
+
+
+def simulate(
+    scenario: Scenario | dict[str, Any] | str | Path,
+    seed: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> SimulatedDrive:
+    """Simulate a scenario (given, a mapping, a file, or a shipped name), with its own seed or another.
+
+    The same seed gives the same frames to the last bit. `progress` is called with 0..1.
+    Errors: ConfigError.
+    """
+    name = Path(str(scenario)).stem if isinstance(scenario, str | Path) else "drive"
+    spec = load_scenario(scenario)
+    tell = progress or (lambda share: None)
+    tell(0.0)
+    root = np.random.SeedSequence(spec.seed if seed is None else seed)
+    rng = {
+        stream: np.random.default_rng(child)
+        for stream, child in zip(_STREAMS, root.spawn(len(_STREAMS)), strict=True)
+    }
+    effects = list(spec.undeclared)
+    damping = None
+    drawn, oscillating = small_errors(spec.vehicle.crr, rng["errors"])
+    if spec.small_errors:
+        effects += drawn
+        damping = oscillating
+    hidden = combine(effects, len(spec.vehicle.gear_ratios), damping)
+    records = _drive(spec, hidden, rng)
+    tell(0.6)
+    signals = Signals(records, spec, hidden.delay_s, rng["sensors"])
+    if spec.vehicle.layout == "car":
+        from canest.simulate.bus_car import car_frames as frames_of
+    else:
+        frames_of = j1939_frames
+    frames = frames_of(signals, spec, hidden.load, spec.duration_s, rng["bus"])
+    tell(1.0)
+    return SimulatedDrive(
+        name=name,
+        frames=frames,
+        truth=_truth(signals, spec),
+        config=known_config(spec),
+        undeclared=[effect.model_dump() for effect in effects],
+        history=signals.table | {"t_s": signals.t_s},
+    )
+
+
+def _drive(spec: Scenario, hidden: Hidden, rng: dict[str, np.random.Generator]) -> FloatColumn:
+    vehicle, driver = spec.vehicle, spec.driver
+    ratios = [ratio * vehicle.final_drive for ratio in vehicle.gear_ratios]
+    intent = plan(driver, spec.duration_s, rng["driver"])
+    road = lay(spec.road, spec.duration_s * FASTEST_MPS, rng["road"])
+    t = np.arange(len(intent.target_mps)) * PLAN_S
+    extra = np.full_like(t, hidden.crr_delta)
+    for cold, tau in hidden.warmups:
+        extra += cold * np.exp(-t / tau)
+    drag_scale = np.ones_like(t)
+    if hidden.drafting:
+        now, behind = 0.0, False
+        while now < t[-1]:
+            until = now + rng["drafting"].uniform(0.4, 1.6) * hidden.drafting.period_s
+            if behind:
+                drag_scale[(t >= now) & (t < until)] = 1 - hidden.drafting.reduction
+            now, behind = until, not behind
+    load_on = np.zeros_like(t)
+    if hidden.load:
+        load_on = (np.mod(t, hidden.load.period_s) < hidden.load.on_s).astype(float)
+    table_rpm = np.arange(0.0, vehicle.full_torque[-1][0] + 1000.0, TORQUE_TABLE_RPM)
+    full = np.interp(table_rpm, *np.array(vehicle.full_torque).T)
+    full[table_rpm > vehicle.full_torque[-1][0]] = 0.0
+
+    changes = [(change.t_s, change.mass_kg) for change in spec.mass_kg]
+    times = sorted({when for when, _ in changes} | {when for when, _ in hidden.payloads})
+    masses = [
+        next(kg for when, kg in reversed(changes) if when <= at)
+        + sum(d for when, d in hidden.payloads if when <= at)
+        for at in times
+    ]
+    if min(masses) <= 0:
+        raise ConfigError("the mass must stay positive", where="mass_kg", found=f"{min(masses):g} kg")
+
+    constants = _constants(spec, hidden, ratios)
+    count = round(spec.duration_s / RECORD_S)
+    columns = [full, ratios, vehicle.gear_efficiencies, hidden.kept, road.grade, road.curvature_1pm,
+               intent.target_mps, intent.throttle, extra, drag_scale, load_on, times, masses]  # fmt: skip
+    arrays = [np.asarray(column, np.float64) for column in columns]
+    out = np.zeros(count * len(COLUMNS))
+    if fast.enabled():
+        move(constants, *arrays, out)
+    else:
+        # a list is indexed three times faster than an array; the buffer is filled through a view
+        move(constants, *[array.tolist() for array in arrays], memoryview(out))
+    if not np.isfinite(out).all():
+        raise ConfigError("the motion became unstable", where="vehicle", expected="plausible constants")
+    return out
+
+
+def _constants(spec: Scenario, hidden: Hidden, ratios: list[float]) -> Constants:
+    vehicle, driver = spec.vehicle, spec.driver
+    radps = 2 * math.pi / 60
+    radius = vehicle.wheel_radius_m * hidden.radius_factor
+    fixed = -1 if driver.fixed_gear is None else driver.fixed_gear - 1
+    if fixed >= len(ratios):
+        raise ConfigError(
+            "no such gear", where="driver.fixed_gear", found=fixed + 1, expected=f"1..{len(ratios)}"
+        )
+    gear = fixed
+    if fixed < 0:
+        wanted = vehicle.downshift_rpm * 1.2 * radps
+        fits = [k for k, ratio in enumerate(ratios) if driver.start_mps / radius * ratio >= wanted]
+        gear = max(fits, default=0)
+    load = hidden.load
+    rho = vehicle.air_density_kgpm3
+    per_krpm = vehicle.friction_pct_per_krpm / (1000 * radps)
+    return Constants(
+        engine_inertia=vehicle.engine_inertia_kgm2 + hidden.inertia_kgm2,
+        friction_0=vehicle.friction_pct / 100 * vehicle.reference_torque_Nm,
+        friction_w=per_krpm / 100 * vehicle.reference_torque_Nm,
+        regeneration=vehicle.regeneration_Nm,
+        idle=0.0 if vehicle.electric else vehicle.idle_rpm * radps,
+        fuelling_s=vehicle.fuelling_s,
+        boost_s=vehicle.boost_s,
+        unboosted=vehicle.unboosted,
+        radius=radius,
+        wheel_inertia=vehicle.wheel_inertia_kgm2,
+        drag=0.5 * rho * (vehicle.cda_m2 + hidden.cda_delta_m2),
+        crr=vehicle.crr,
+        crr_per_mps=hidden.crr_per_mps,
+        wind=hidden.wind_mps,
+        stiffness=vehicle.stiffness_Nm,
+        damping=vehicle.damping if hidden.damping is None else hidden.damping,
+        gain=hidden.gain,
+        torque_loss=hidden.torque_loss_Nm,
+        drag_force=hidden.drag_N,
+        cornering=hidden.cornering_s2pm,
+        slip=hidden.slip_per_mps2,
+        retarder_max=max(vehicle.retarder_Nm, 1.0),
+        hidden_retarder_pedal=hidden.retarder_Nm["pedal_up"],
+        hidden_retarder_brake=hidden.retarder_Nm["brake"],
+        load_power=load.power_kW * 1000 if load else 0.0,
+        load_cubic=1.0 if load and load.law == "cubic" else 0.0,
+        load_at=load.at_rpm * radps if load else 1.0,
+        upshift_low=vehicle.upshift_rpm[0] * radps,
+        upshift_high=vehicle.upshift_rpm[1] * radps,
+        downshift=vehicle.downshift_rpm * radps,
+        ramp_s=vehicle.torque_ramp_s,
+        neutral_s=vehicle.neutral_s,
+        accel_limit=vehicle.accel_limit_mps2,
+        pitch_gain=vehicle.pitch_rad_per_mps2,
+        pitch_w=2 * math.pi * vehicle.pitch_hz,
+        brakes=float(driver.brakes),
+        uses_retarder=float(driver.retarder and vehicle.retarder_Nm > 0),
+        fixed_gear=float(fixed),
+        pulse_min=getattr(driver, "min_mps", 0.0),
+        start_mps=driver.start_mps,
+        start_gear=float(gear),
+    )
+
+
+def _truth(signals: Signals, spec: Scenario) -> dict[str, FloatColumn]:
+    t = np.arange(0, math.floor(spec.duration_s * TRUTH_HZ)) / TRUTH_HZ
+    continuous = {
+        name: signals.at(name, t)
+        for name in ("distance_m", "speed_mps", "accel_mps2", "grade", "mass_kg", "elevation_m")
+    }
+    continuous["mass_kg"] = signals.held("mass_kg", t)
+    return (
+        {"t_s": t + spec.bus.start_s}
+        | continuous
+        | {
+            "shift": signals.shifting(t).astype(np.float64),
+            "brake": (signals.held("brake", t) > 0.003).astype(np.float64),
+        }
+    )
+
+
+def simulate_to_directory(
+    scenario: str | Path,
+    out_dir: str | Path,
+    progress: Callable[[float], None] | None = None,
+    *,
+    seed: int | None = None,
+    compress: bool = False,
+) -> list[Path]:
+    """Simulate a scenario file or shipped name and write its log, truth and config; return their paths."""
+    return simulate(scenario, seed, progress).write(out_dir, compress=compress)
