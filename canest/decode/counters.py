@@ -1,0 +1,80 @@
+"""What the decoder counts: per sender, per signal, and what it could attribute to nobody."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass(slots=True)
+class SignalCounters:
+    """One role as one address sends it.
+
+    Each sample counts once as valid, not_available or error_value; not_owner says how many of them did not
+    become samples of the role because another address owns it (only without a configured source).
+    """
+
+    valid: int = 0
+    not_available: int = 0
+    error_value: int = 0  #: in the indicator range, yet not "not available"; or text that names no gear
+    not_owner: int = 0
+
+
+@dataclass(slots=True)
+class SenderCounters:
+    """One parameter group (or exact identifier) from one address.
+
+    used: False when the config names another source for everything that this group carries.
+    frames: data frames or reassembled messages; first_us, last_us: their event time, for the rate.
+    """
+
+    used: bool
+    frames: int = 0
+    wrong_length: int = 0
+    remote_frames: int = 0
+    unknown_mux: int = 0
+    transport_errors: int = 0
+    first_us: int | None = None
+    last_us: int | None = None
+    roles: dict[str, SignalCounters] = field(default_factory=dict)
+
+    @property
+    def not_available(self) -> int:
+        """Samples that said "not available", over all roles."""
+        return sum(r.not_available for r in self.roles.values())
+
+    @property
+    def error_value(self) -> int:
+        """Samples in the error range, over all roles."""
+        return sum(r.error_value for r in self.roles.values())
+
+    @property
+    def rate_Hz(self) -> float | None:
+        """Mean rate from the first to the last frame, None before the second."""
+        if self.first_us is None or self.last_us is None or self.last_us <= self.first_us:
+            return None
+        return (self.frames - 1) * 1e6 / (self.last_us - self.first_us)
+
+
+@dataclass(slots=True)
+class Counters:
+    """Everything a decoder counted.
+
+    frames: all frames it was given; wanted: data frames of the wanted groups, from any address.
+    senders: (PGN, or exact identifier with its `EXTENDED` flag; source address, or None) -> counters.
+    transport: reason -> multi-packet sessions that ended so (see `canest.decode.transport`).
+    """
+
+    frames: int = 0
+    wanted: int = 0
+    error_frames: int = 0
+    senders: dict[tuple[int, int | None], SenderCounters] = field(default_factory=dict)
+    transport: dict[str, int] = field(default_factory=dict)
+
+    def of_role(self, role: str) -> dict[int | None, SignalCounters]:
+        """Return the counters of one role per source address."""
+        return {sa: s.roles[role] for (_, sa), s in self.senders.items() if role in s.roles}
+
+    @property
+    def other_senders(self) -> dict[tuple[int, int | None], int]:
+        """Frames of wanted groups from addresses that the config does not name."""
+        return {key: s.frames for key, s in self.senders.items() if not s.used and s.frames}
