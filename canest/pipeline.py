@@ -71,12 +71,8 @@ class Pipeline:
         self._hold_us = round(config.sampling.hold_s * 1e6)
         self.clock = Clock(self._hold_us, round(config.sampling.max_backward_s * 1e6))
         self._grid = Grid(channels_of(config))
-        self.estimator: Estimator = create(
-            config.estimator.name, facts_of(config), config.estimator.options
-        )
-        self._regression = Regression(
-            config, excitation_gate=self.estimator.wants_excitation_gate
-        )
+        self.estimator: Estimator = create(config.estimator.name, facts_of(config), config.estimator.options)
+        self._regression = Regression(config, excitation_gate=self.estimator.wants_excitation_gate)
         self._listener = listener
         self.frames = 0
         self.gates: Counter[str] = Counter()
@@ -93,7 +89,9 @@ class Pipeline:
             self._emit(self._grid.ticks_until(int(stretch.frames.t_us[-1]), inclusive=False), done)
         return Estimates.concatenate(done)
 
-    def push_samples(self, samples: Mapping[str, tuple[IntColumn, FloatColumn]], t_us: IntColumn) -> Estimates:
+    def push_samples(
+        self, samples: Mapping[str, tuple[IntColumn, FloatColumn]], t_us: IntColumn
+    ) -> Estimates:
         """Take already decoded samples (tables) with the stamps of all their rows, in order."""
         done: list[Estimates] = []
         empty = np.zeros(len(t_us), np.uint32)
@@ -175,12 +173,15 @@ def channels_of(config: Config) -> list[Channel]:
     from canest.vehicle.effects import effect_from_config
 
     late_s = sum(
-        float(getattr(effect_from_config(e), "delay_s", 0.0)) for e in config.effects
+        float(getattr(effect_from_config(e), "delay_s", 0.0))
+        for e in config.effects
         if e.get("effect") == "torque_delay"
     )
     channels = []
     for role, source in config.signals.items():
-        stale_s = source.stale_s if source.stale_s is not None else ROLES[role].stale_s if role in ROLES else 5.0
+        stale_s = (
+            source.stale_s if source.stale_s is not None else ROLES[role].stale_s if role in ROLES else 5.0
+        )
         delay_s = source.delay_s + (late_s if role in TORQUE_ROLES else 0.0)
         stale_us = round(stale_s * 1e6) if np.isfinite(stale_s) else 1 << 61
         channels.append(Channel(role, round(delay_s * 1e6), stale_us))

@@ -9,33 +9,36 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-#: unit -> (unit inside canest, factor, offset): value_inside = value * factor + offset
-CONVERSIONS: dict[str, tuple[str, float, float]] = {
-    "m/s": ("m/s", 1.0, 0.0),
-    "km/h": ("m/s", 1 / 3.6, 0.0),
-    "mph": ("m/s", 0.44704, 0.0),
-    "rpm": ("rpm", 1.0, 0.0),
-    "rad/s": ("rpm", 30 / math.pi, 0.0),
-    "Nm": ("Nm", 1.0, 0.0),
-    "%": ("%", 1.0, 0.0),
-    "ratio": ("ratio", 1.0, 0.0),
-    "gear": ("gear", 1.0, 0.0),
-    "": ("", 1.0, 0.0),
-    "m": ("m", 1.0, 0.0),
-    "ft": ("m", 0.3048, 0.0),
-    "rad": ("rad", 1.0, 0.0),
-    "deg": ("rad", math.pi / 180, 0.0),
-    "rad/s_yaw": ("rad/s", 1.0, 0.0),
-    "m/s2": ("m/s2", 1.0, 0.0),
-    "g": ("m/s2", 9.80665, 0.0),
-    "kPa": ("kPa", 1.0, 0.0),
-    "bar": ("kPa", 100.0, 0.0),
-    "degC": ("degC", 1.0, 0.0),
-    "degF": ("degC", 5 / 9, -160 / 9),
-    "kg": ("kg", 1.0, 0.0),
-    "t": ("kg", 1000.0, 0.0),
-    "kW": ("kW", 1.0, 0.0),
+#: unit inside canest -> the units it may come in: value_inside = value * factor + offset
+UNITS: dict[str, dict[str, tuple[float, float]]] = {
+    "m/s": {"m/s": (1.0, 0.0), "km/h": (1 / 3.6, 0.0), "kph": (1 / 3.6, 0.0), "mph": (0.44704, 0.0)},
+    "rpm": {"rpm": (1.0, 0.0), "1/min": (1.0, 0.0), "rad/s": (30 / math.pi, 0.0)},
+    "Nm": {"Nm": (1.0, 0.0), "N m": (1.0, 0.0), "kNm": (1000.0, 0.0)},
+    "%": {"%": (1.0, 0.0)},
+    "ratio": {"": (1.0, 0.0), "ratio": (1.0, 0.0)},
+    "gear": {"": (1.0, 0.0), "gear": (1.0, 0.0)},
+    "": {"": (1.0, 0.0)},
+    "m": {"m": (1.0, 0.0), "km": (1000.0, 0.0), "ft": (0.3048, 0.0)},
+    "rad": {"rad": (1.0, 0.0), "deg": (math.pi / 180, 0.0)},
+    "rad/s": {"rad/s": (1.0, 0.0), "deg/s": (math.pi / 180, 0.0)},
+    "m/s2": {"m/s2": (1.0, 0.0), "m/s^2": (1.0, 0.0), "g": (9.80665, 0.0)},
+    "kPa": {"kPa": (1.0, 0.0), "bar": (100.0, 0.0), "mbar": (0.1, 0.0), "hPa": (0.1, 0.0)},
+    "degC": {"degC": (1.0, 0.0), "°C": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5 / 9, -160 / 9)},
+    "kg": {"kg": (1.0, 0.0), "t": (1000.0, 0.0)},
+    "kW": {"kW": (1.0, 0.0), "W": (0.001, 0.0)},
 }
+KNOWN_UNITS = sorted({u for table in UNITS.values() for u in table if u})
+
+
+def conversion(role: str, unit: str) -> tuple[float, float] | None:
+    """Return (factor, offset) from a source's unit to a role's, None when they cannot be converted.
+
+    A role that only an effect knows takes any unit as it is; a source without a unit is trusted.
+    """
+    known = ROLES.get(role)
+    if known is None or not unit:
+        return 1.0, 0.0
+    return UNITS[known.unit].get(unit)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from canest.roles import CONVERSIONS, ROLES
+from canest.roles import KNOWN_UNITS, ROLES
 
 
 class Section(BaseModel):
@@ -103,10 +103,8 @@ class Source(Section):
         dbc = self.message is not None and self.signal is not None
         if dbc == (self.column is not None) or (self.message is None) != (self.signal is None):
             raise ValueError("give either message and signal, or column")
-        if self.unit is not None and self.unit not in CONVERSIONS:
-            raise ValueError(
-                f"unknown unit {self.unit!r}, expected one of {', '.join(u for u in CONVERSIONS if u)}"
-            )
+        if self.unit is not None and self.unit not in KNOWN_UNITS:
+            raise ValueError(f"unknown unit {self.unit!r}, expected one of {', '.join(KNOWN_UNITS)}")
         return self
 
 

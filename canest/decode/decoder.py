@@ -79,6 +79,13 @@ class Decoder:
         exact = [(i, EXTENDED | REMOTE | ID_MASK) for i in sorted(self._by_exact)]
         return [j1939.kernel_filter(pgn) for pgn in self.pgns] + exact
 
+    def wanted(self, can_id: NDArray[np.uint32]) -> NDArray[np.bool_]:
+        """Return which identifiers (with flags) this decoder listens to, from any source address."""
+        mask = self._table[(can_id >> np.uint32(8)) & np.uint32(j1939.PGN_MASK)] != _UNWANTED
+        for exact_id, _ in self._exact_slots:
+            mask |= (can_id & ~np.uint32(REMOTE)) == exact_id
+        return mask
+
     def push(self, block: FrameBlock) -> RoleSamples:
         """Decode the next frames.
 

@@ -1,0 +1,98 @@
+"""Resolves a config's signal map: DBC files loaded, units converted, what cannot be found refused."""
+
+from __future__ import annotations
+
+from canest.config.schema import Config, Source
+from canest.decode.database import find_signal, load
+from canest.decode.decoder import Decoder
+from canest.decode.groups import Want
+from canest.errors import ConfigError
+from canest.resources import find
+from canest.roles import KNOWN_UNITS, ROLES, conversion
+
+
+def decoder_for(config: Config) -> Decoder:
+    """Return the decoder of a config's DBC signals (one that listens to nothing for a table-only config).
+
+    Errors: ConfigError naming the key, what was found and what was expected.
+    """
+    databases = [load(find("dbc", name)) for name in config.dbc]
+    wants: dict[str, Want] = {}
+    for role, source in config.signals.items():
+        if source.message is None or source.signal is None:
+            continue
+        where = f"signals.{role}"
+        if not databases:
+            raise ConfigError("names a DBC signal, but the config has no dbc: file", where=where)
+        _, signal = find_signal(databases, source.message, source.signal, where)
+        factor, offset = factor_and_offset(role, source, source.unit or signal.unit or "")
+        wants[role] = Want(
+            role=role,
+            message=source.message,
+            signal=source.signal,
+            source=source.source,
+            validity=source.validity,
+            factor=factor,
+            offset=offset,
+        )
+    return Decoder(wants, databases)
+
+
+def factor_and_offset(role: str, source: Source, unit: str) -> tuple[float, float]:
+    """Return how a source's numbers become the role's (config's ``scale`` included).
+
+    Errors: ConfigError for a unit of another dimension.
+    """
+    converted = conversion(role, unit)
+    if converted is None:
+        known = ROLES[role].unit
+        raise ConfigError(
+            "unit does not fit the role",
+            where=f"signals.{role}",
+            found=unit,
+            expected=f"{known or 'a number without unit'} (or convertible; known units: {', '.join(KNOWN_UNITS)})",
+        )
+    factor, offset = converted
+    return factor * source.scale, offset * source.scale
+
+
+def resolution_of(config: Config) -> dict[str, float]:
+    """Return the steps of the signals in use: ``speed`` (m/s), ``torque`` (N m), ``accelerometer`` (m/s2).
+
+    What a DBC signal's factor says; for table columns, whose resolution nobody declares, typical values.
+    """
+    v = config.vehicle
+    reference = v.reference_torque_Nm or 2000.0
+    per_rpm = 0.10472 * v.wheel_radius_m
+    speeds = {
+        "output_shaft_speed": per_rpm / v.final_drive,
+        "undriven_speed": 1.0,
+        "engine_speed": per_rpm / v.final_drive / min(v.gear_ratios.values(), default=1.0),
+        "vehicle_speed": 1.0,
+        "gps_speed": 1.0,
+    }
+    steps = {"speed": 0.01, "torque": 0.005 * reference, "accelerometer": 0.02}
+    for role, scale in speeds.items():
+        if role in config.signals:
+            step = _step(config, role)
+            steps["speed"] = 0.01 if step is None else step * scale
+            break
+    for role, scale in (("engine_torque", 1.0), ("engine_torque_pct", 0.01 * reference)):
+        step = _step(config, role)
+        if step is not None:
+            steps["torque"] = step * scale
+            break
+    step = _step(config, "longitudinal_accel")
+    if step is not None:
+        steps["accelerometer"] = step
+    return steps
+
+
+def _step(config: Config, role: str) -> float | None:
+    """Return the factor of a role's DBC signal in the role's unit, None for a table column."""
+    source = config.signals.get(role)
+    if source is None or source.message is None or source.signal is None:
+        return None
+    _, signal = find_signal([load(find("dbc", n)) for n in config.dbc], source.message, source.signal)
+    factor, _ = factor_and_offset(role, source, source.unit or signal.unit or "")
+    return abs(float(signal.scale) * factor)
