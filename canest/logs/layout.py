@@ -53,7 +53,7 @@ class Rows:
         return words
 
     def four_bytes(self, offset: int, step: int, count: int) -> Words:
-        """Return the hexadecimal digits of ``count`` <= 4 bytes, one per ``step`` characters, zeros behind."""
+        """Return the hexadecimal digits of ``count`` <= 4 bytes, ``step`` characters apart, zeros behind."""
         if step == 2:
             words = self.words(offset)
         else:

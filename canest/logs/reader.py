@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 from canest.errors import LogError
+from canest.logs.base import BLOCK_FRAMES, CandumpReader, LogReader
 from canest.logs.candump import CandumpParser, Wanted
 from canest.logs.compression import Source
 from canest.logs.lines import Line, is_ignorable, parse_line
-from canest.logs.base import BLOCK_FRAMES, CandumpReader, LogReader
 
 _HEAD_BYTES = 1 << 16
 #: content that tells itself -> suffix under which python-can knows it
@@ -25,6 +26,7 @@ def open_log(
     wanted: Wanted | None = None,
     channel: str | None = None,
     time_column: str = "t_s",
+    columns: Collection[str] | None = None,
     block_frames: int = BLOCK_FRAMES,
 ) -> LogReader:
     """Open a log for one pass over its blocks.
@@ -32,6 +34,7 @@ def open_log(
     wanted: identifiers uint32 (n,) with flags -> which frames to deliver; all are counted.
     channel: deliver this interface only; None for all.
     time_column: the column of a decoded table that holds seconds.
+    columns: the columns of a decoded table to deliver; None for all.
     block_frames: about how many frames or rows a block holds; memory does not depend on the log's length.
 
     Errors: LogError, one line, for what cannot be opened or is no log.
@@ -46,14 +49,14 @@ def open_log(
     if head.startswith(_PARQUET):
         from canest.logs.parquet import ParquetReader
 
-        return ParquetReader(source, head, time_column, block_frames)
+        return ParquetReader(source, head, time_column, columns, block_frames)
     if _looks_like_candump(head):
         return CandumpReader(source, head, CandumpParser(wanted, channel), block_frames)
     text_suffix = _text_format(head, suffix)
     if text_suffix == "table":
         from canest.logs.tables import CsvReader
 
-        return CsvReader(source, head, time_column, block_frames)
+        return CsvReader(source, head, time_column, columns, block_frames)
     if text_suffix:
         return _from_python_can(source, head, text_suffix, wanted, channel, block_frames)
     if not head or suffix in _CANDUMP_SUFFIXES:

@@ -1,0 +1,111 @@
+"""Numbers to text, a column at a time, the way back from `canest.logs.swar`.
+
+A field is a uint8 matrix (n, width) of characters, zero where a row has none; `join` squeezes the zeros out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canest.frames import BoolColumn, FloatColumn, IntColumn
+
+Field = NDArray[np.uint8]
+
+_BLANK = 0
+_ZERO = 0x30
+_MINUS = 0x2D
+_GROUP = 10_000
+#: beyond this a float64 in microseconds or tenths is no exact integer any more
+_EXACT = 2.0**53
+
+#: "0000" to "9999" as four characters each
+_FOUR_DIGITS = (
+    np.frombuffer("".join(f"{i:04d}" for i in range(_GROUP)).encode(), np.uint8).reshape(_GROUP, 4)
+).view("<u4")[:, 0]
+_HEX_DIGITS = np.frombuffer(b"0123456789ABCDEF", np.uint8)
+#: "00" to "FF" as two characters each
+_HEX_PAIRS = np.stack([np.repeat(_HEX_DIGITS, 16), np.tile(_HEX_DIGITS, 16)], axis=1).copy().view("<u2")[:, 0]
+
+
+def digits(values: IntColumn, width: int) -> Field:
+    """Return the last ``width`` decimal digits of integers >= 0, with leading zeros."""
+    groups = -(-width // 4)
+    text = np.empty((len(values), groups), "<u4")
+    for group in range(groups - 1, 0, -1):
+        rest = values // _GROUP
+        text[:, group] = _FOUR_DIGITS[values - rest * _GROUP]
+        values = rest
+    text[:, 0] = _FOUR_DIGITS[values % _GROUP]
+    return text.view(np.uint8)[:, 4 * groups - width :]
+
+
+def integer(values: IntColumn, width_min: int = 1) -> Field:
+    """Return integers of either sign, leading zeros only up to ``width_min`` digits."""
+    magnitude = np.abs(values)
+    width = max(width_min, len(str(int(magnitude.max(initial=0)))))
+    text = np.empty((len(values), width + 1), np.uint8)
+    text[:, 0] = np.where(values < 0, _MINUS, _BLANK)
+    text[:, 1:] = digits(magnitude, width)
+    for place in range(width - width_min):
+        text[:, 1 + place][magnitude < 10 ** (width - 1 - place)] = _BLANK
+    return text
+
+
+def fixed(values: FloatColumn, decimals: int) -> Field:
+    """Return numbers with a fixed count of decimals; nothing where there is no (sane) number."""
+    scaled = np.rint(values * 10.0**decimals)
+    known = np.abs(scaled) < _EXACT  # false for NaN
+    whole = np.where(known, scaled, 0.0).astype(np.int64)
+    magnitude = np.abs(whole)
+    units = magnitude // 10**decimals
+    text = np.hstack(
+        [
+            np.where(whole < 0, _MINUS, _BLANK).astype(np.uint8)[:, None],
+            integer(units),
+            constant(b".", len(values)),
+            digits(magnitude - units * 10**decimals, decimals),
+        ]
+    )
+    text[~known] = _BLANK
+    return text
+
+
+def seconds(t_us: IntColumn) -> Field:
+    """Return microseconds as seconds: exact, three decimals where they suffice and else six."""
+    magnitude = np.abs(t_us)
+    whole = magnitude // 1_000_000
+    micros = digits(magnitude - whole * 1_000_000, 6).copy()
+    micros[:, 3:][magnitude % 1000 == 0] = _BLANK
+    sign = np.where(t_us < 0, _MINUS, _BLANK).astype(np.uint8)[:, None]
+    return np.hstack([sign, integer(whole), constant(b".", len(t_us)), micros])
+
+
+def labels(codes: NDArray[np.uint8], names: dict[int, str]) -> Field:
+    """Return the names of codes."""
+    width = max(1, *(len(name) for name in names.values()))
+    table = np.zeros((256, width), np.uint8)
+    for code, name in names.items():
+        table[code, : len(name)] = np.frombuffer(name.encode(), np.uint8)
+    return table[codes]
+
+
+def hexadecimal(values: NDArray[np.uint8]) -> Field:
+    """Return bytes (n, m) as two upper-case digits each: (n, 2 m)."""
+    return _HEX_PAIRS[values].view(np.uint8)
+
+
+def constant(text: bytes, rows: int) -> Field:
+    """Return the same text in every row."""
+    return np.broadcast_to(np.frombuffer(text, np.uint8), (rows, len(text)))
+
+
+def blank_where(field: Field, rows: BoolColumn) -> Field:
+    """Return the field without its text in the given rows."""
+    return np.where(rows[:, None], np.uint8(_BLANK), field)
+
+
+def join(fields: list[Field]) -> bytes:
+    """Return the rows one behind the other."""
+    text = np.hstack(fields).ravel()
+    return bytes(text[text != _BLANK])

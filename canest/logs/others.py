@@ -1,0 +1,224 @@
+"""Logs in the formats that python-can reads, through its readers, into frame blocks."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from canest.errors import LogError
+from canest.frames import ERROR, EXTENDED, REMOTE, FrameBlock
+from canest.logs.base import LogReader
+from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
+from canest.logs.compression import Source
+
+_TEXT_BYTES = 1 << 18
+_SECONDS_MAX = 9e12
+_TEXT_SUFFIXES = (".asc", ".trc", ".csv")
+_HEADER_LINES_MAX = 200
+
+
+class PythonCanReader(LogReader):
+    """A log that python-can reads; a record it stumbles over is counted, text formats go on behind it."""
+
+    def __init__(
+        self,
+        source: Source,
+        head: bytes,
+        suffix: str,
+        wanted: Wanted | None,
+        channel: str | None,
+        block_frames: int,
+    ) -> None:
+        super().__init__(source)
+        self.format = suffix.removeprefix(".")
+        self._head, self._suffix, self._wanted = head, suffix, wanted
+        self._channel, self._block_frames = channel, block_frames
+        self._frames = self._skipped_lines = 0
+        self._skipped: list[tuple[int, str, str]] = []
+        self.channels: dict[str, int] = {}
+
+    @property
+    def frames(self) -> int:
+        """Frames so far, delivered or not."""
+        return self._frames
+
+    @property
+    def skipped_lines(self) -> int:
+        """Records that python-can could not read."""
+        return self._skipped_lines
+
+    @property
+    def skipped(self) -> list[tuple[int, str, str]]:
+        """The first of them: (line or record number, text, reason)."""
+        return self._skipped
+
+    def _blocks(self) -> Iterator[FrameBlock]:
+        held: list[tuple[int, int, int, int]] = []
+        for message in self._messages():
+            frame = self._frame(message)
+            if frame is not None:
+                held.append(frame)
+                if len(held) >= self._block_frames:
+                    yield self._select(held)
+                    held = []
+        if held:
+            yield self._select(held)
+
+    def _messages(self) -> Iterator[Any]:
+        if self._suffix in _TEXT_SUFFIXES:
+            yield from self._text_messages()
+            return
+        if not self._source.archive:
+            yield from self._binary_messages(self.path)
+            return
+        with tempfile.NamedTemporaryFile(suffix=self._suffix) as unpacked:
+            unpacked.write(self._head)
+            while piece := self._source.read(_TEXT_BYTES):
+                unpacked.write(piece)
+            unpacked.flush()
+            yield from self._binary_messages(Path(unpacked.name))
+
+    def _binary_messages(self, path: Path) -> Iterator[Any]:
+        import can
+
+        try:
+            with self._reader(can.LogReader, str(path)) as reader:
+                yield from reader
+        except LogError:
+            raise
+        except Exception as error:  # whatever a damaged file makes of python-can
+            self._skip(self._frames + 1, "", _reason(error))
+            self.truncated_reason = f"damaged after {self._frames} frames: {_reason(error)}"
+
+    def _text_messages(self) -> Iterator[Any]:
+        """Iterate with a fresh reader behind every line that ends one; the header is read again each time."""
+        import can
+
+        kind = {".asc": can.ASCReader, ".trc": can.TRCReader, ".csv": can.CSVReader}[self._suffix]
+        lines = _Lines(self._source, self._head, self._suffix)
+        while not lines.ended:
+            lines.rewind_header()
+            try:
+                yield from self._reader(kind, lines)
+            except LogError:
+                raise
+            except Exception as error:  # as above
+                self._skip(lines.number, lines.current.strip(), _reason(error))
+
+    def _reader(self, make: Any, source: Any) -> Any:
+        try:
+            return make(source)
+        except (ImportError, NotImplementedError):
+            raise LogError(
+                f"log is in {self._suffix} format",
+                where=str(self.path),
+                expected="the asammdf package: pip install canest[formats]",
+            ) from None
+
+    def _frame(self, message: Any) -> tuple[int, int, int, int] | None:
+        stamp = float(message.timestamp)
+        if not math.isfinite(stamp) or abs(stamp) > _SECONDS_MAX:
+            self._skip(self._frames + 1, str(stamp), "impossible time stamp")
+            return None
+        self._frames += 1
+        channel = str(message.channel)
+        self.channels[channel] = self.channels.get(channel, 0) + 1
+        if self._channel is not None and channel != self._channel:
+            return None
+        can_id = int(message.arbitration_id)
+        can_id |= EXTENDED * message.is_extended_id if not message.is_error_frame else ERROR
+        can_id |= REMOTE * message.is_remote_frame
+        payload = bytes(message.data or b"")
+        length = int(message.dlc) if message.is_remote_frame else len(payload)
+        return round(stamp * 1e6), can_id, length, int.from_bytes(payload[:8], "little")
+
+    def _select(self, frames: list[tuple[int, int, int, int]]) -> FrameBlock:
+        t_us, can_id, length, data = zip(*frames, strict=True)
+        block = FrameBlock(
+            np.array(t_us, np.int64),
+            np.array(can_id, np.uint32),
+            np.array(length, np.uint8),
+            np.array(data, np.uint64),
+        )
+        return block if self._wanted is None else block[self._wanted(block.can_id)]
+
+    def _skip(self, number: int, text: str, reason: str) -> None:
+        self._skipped_lines += 1
+        if len(self._skipped) < SKIPPED_SHOWN:
+            self._skipped.append((number, text[:SHOWN_CHARS], reason))
+
+
+class _Lines:
+    """The lines of a source as a text file that python-can accepts, able to show the header again."""
+
+    def __init__(self, source: Source, head: bytes, suffix: str) -> None:
+        self.number, self.current, self.ended = 0, "", False
+        self._header: list[str] = []
+        self._replay: list[str] = []
+        self._suffix = suffix
+        self._stream = self._split(source, head)
+
+    def rewind_header(self) -> None:
+        """Let a new reader begin: header first, then the lines nobody has seen."""
+        self._replay = list(self._header)
+
+    def __iter__(self) -> _Lines:
+        return self
+
+    def __next__(self) -> str:
+        if self._replay:
+            return self._replay.pop(0)
+        try:
+            self.current = next(self._stream)
+        except StopIteration:
+            self.ended = True
+            raise
+        self.number += 1
+        if len(self._header) == self.number - 1 and self._is_header(self.current):
+            self._header.append(self.current)
+        return self.current
+
+    def readline(self) -> str:
+        return next(self, "")
+
+    def _is_header(self, line: str) -> bool:
+        if self.number > _HEADER_LINES_MAX:
+            return False
+        if self._suffix == ".csv":
+            return self.number == 1
+        if self._suffix == ".trc":
+            return line.startswith(";")
+        return not line.strip()[:1].isdigit()
+
+    @staticmethod
+    def _split(source: Source, head: bytes) -> Iterator[str]:
+        text = head.removeprefix(b"\xef\xbb\xbf")
+        while text:
+            whole, newline, rest = text.rpartition(b"\n")
+            if newline:
+                yield from (line + "\n" for line in whole.decode("utf-8", "replace").split("\n"))
+            more = source.read(_TEXT_BYTES)
+            text = rest + more
+            if not more:
+                break
+        if text:
+            yield text.decode("utf-8", "replace")
+
+    # python-can takes for a file whatever has these
+    def read(self, *_: object) -> str:
+        return self.readline()
+
+    def write(self, *_: object) -> int:
+        return 0
+
+    def close(self) -> None:
+        pass
+
+
+def _reason(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}".replace("\n", " ")[:200]

@@ -1,0 +1,76 @@
+"""Tables of already decoded signals as parquet (pyarrow, extra ``formats``)."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Collection, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canest.errors import LogError
+from canest.logs.blocks import TableBlock
+from canest.logs.compression import Source
+from canest.logs.tables import TableReader
+
+_READ_BYTES = 1 << 20
+
+
+class ParquetReader(TableReader):
+    """A parquet file, batch by batch; a truncated one holds nothing, since its index stands at the end."""
+
+    format = "parquet"
+
+    def __init__(
+        self, source: Source, head: bytes, time_column: str, wanted: Collection[str] | None, block_rows: int
+    ) -> None:
+        super().__init__(source, time_column, wanted)
+        self._head, self._block_rows = head, block_rows
+
+    def _blocks(self) -> Iterator[TableBlock]:
+        try:
+            import pyarrow as pa
+            import pyarrow.parquet as pq
+        except ImportError:
+            raise LogError(
+                "log is a parquet file",
+                where=str(self.path),
+                expected="the pyarrow package: pip install canest[formats]",
+            ) from None
+        try:
+            file = pq.ParquetFile(self._unpacked() if self._source.archive else self.path)
+            self.columns = list(file.schema_arrow.names)
+            names = [self.columns[position] for position in self._choose()]
+            seen = 0
+            for batch in file.iter_batches(batch_size=self._block_rows, columns=names):
+                values = np.column_stack([_floats(batch.column(name)) for name in names])
+                numbers = np.arange(seen + 1, seen + 1 + len(values))
+                seen += len(values)
+                yield self._block(names, values, numbers)
+        except (pa.ArrowException, OSError) as error:
+            if not self.frames:
+                raise LogError("no readable parquet file", where=str(self.path), found=str(error)) from None
+            self.truncated_reason = f"damaged parquet file ({error})".replace("\n", " ")
+
+    def _unpacked(self) -> io.BytesIO:
+        whole = io.BytesIO()
+        whole.write(self._head)
+        while piece := self._source.read(_READ_BYTES):
+            whole.write(piece)
+        whole.seek(0)
+        return whole
+
+
+def _floats(column: Any) -> NDArray[np.float64]:
+    """Return a column as float64, time stamps in seconds, NaN where there is no number."""
+    import pyarrow as pa
+
+    if pa.types.is_timestamp(column.type):
+        micros = column.cast(pa.timestamp("us", column.type.tz), safe=False).cast(pa.int64())
+        return np.asarray(micros.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)) / 1e6
+    try:
+        floats = column.cast(pa.float64(), safe=False)
+    except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+        return np.full(len(column), np.nan)
+    return np.array(floats.to_numpy(zero_copy_only=False), np.float64)

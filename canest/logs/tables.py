@@ -1,0 +1,187 @@
+"""Tables of already decoded signals as csv, since many people hold only those."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Collection, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canest.errors import LogError
+from canest.logs.base import LogReader
+from canest.logs.blocks import TableBlock
+from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN
+from canest.logs.compression import Source
+
+_TEXT_BYTES = 1 << 18
+#: where int64 microseconds end, with room to spare
+_SECONDS_MAX = 9e12
+_SEPARATORS = (",", ";", "\t")
+
+
+class TableReader(LogReader):
+    """What csv and parquet share: cells that hold no number become NaN and are counted per column.
+
+    columns: names in the file. bad_cells: column -> cells without a number (blank, NaN, text, infinite).
+    """
+
+    kind = "table"
+
+    def __init__(self, source: Source, time_column: str, wanted: Collection[str] | None) -> None:
+        super().__init__(source)
+        self._time_column, self._wanted = time_column, wanted
+        self._rows = self._skipped_lines = 0
+        self._skipped: list[tuple[int, str, str]] = []
+        self.columns: list[str] = []
+        self.bad_cells: dict[str, int] = {}
+
+    @property
+    def frames(self) -> int:
+        """Rows so far."""
+        return self._rows
+
+    @property
+    def skipped_lines(self) -> int:
+        """Rows without a time, or with too few or too many cells."""
+        return self._skipped_lines
+
+    @property
+    def skipped(self) -> list[tuple[int, str, str]]:
+        """The first unreadable rows: (line number, text, reason)."""
+        return self._skipped
+
+    def _skip(self, number: int, text: str, reason: str) -> None:
+        self._skipped_lines += 1
+        if len(self._skipped) < SKIPPED_SHOWN:
+            self._skipped.append((number, text[:SHOWN_CHARS], reason))
+
+    def _choose(self) -> list[int]:
+        """Return the positions of the columns to read, that of the time first."""
+        if self._time_column not in self.columns:
+            raise LogError(
+                f"the table has no time column {self._time_column!r}",
+                where=str(self.path),
+                found=", ".join(self.columns[:12]),
+                expected="a column of seconds (the config names it)",
+            )
+        names = list(dict.fromkeys(name for name in self.columns if name and name != self._time_column))
+        chosen = [name for name in names if self._wanted is None or name in self._wanted]
+        return [self.columns.index(name) for name in (self._time_column, *chosen)]
+
+    def _block(self, names: list[str], values: NDArray[np.float64], numbers: NDArray[np.int64]) -> TableBlock:
+        """Make a block of rows (n, columns), time first; ``numbers`` are their line numbers."""
+        timed = np.isfinite(values[:, 0]) & (np.abs(values[:, 0]) < _SECONDS_MAX)
+        for row in np.flatnonzero(~timed).tolist():
+            self._skip(int(numbers[row]), f"{self._time_column} = {values[row, 0]}", "no time")
+        if not timed.all():
+            values = values[timed]
+        self._rows += len(values)
+        columns = {}
+        for index, name in enumerate(names[1:], 1):
+            column = np.ascontiguousarray(values[:, index])
+            bad = ~np.isfinite(column)
+            count = int(bad.sum())
+            if count:
+                self.bad_cells[name] = self.bad_cells.get(name, 0) + count
+                column[bad] = np.nan
+            columns[name] = column
+        return TableBlock(np.rint(values[:, 0] * 1e6).astype(np.int64), columns)
+
+
+class CsvReader(TableReader):
+    """Separated text with a header line: comma, semicolon (then perhaps decimal commas) or tab."""
+
+    format = "csv"
+
+    def __init__(
+        self, source: Source, head: bytes, time_column: str, wanted: Collection[str] | None, block_rows: int
+    ) -> None:
+        super().__init__(source, time_column, wanted)
+        self._head, self._block_rows = head, block_rows
+        self._lines_seen = 0
+
+    def _blocks(self) -> Iterator[TableBlock]:
+        pending: list[str] = []
+        header: list[str] | None = None
+        for line in self._lines():
+            self._lines_seen += 1
+            if header is None:
+                if line.strip():
+                    header = self._read_header(line)
+                    chosen = self._choose()
+            else:
+                pending.append(line)
+                if len(pending) >= self._block_rows:
+                    yield self._parse(pending, chosen)
+                    pending = []
+        if pending:
+            yield self._parse(pending, chosen)
+
+    def _lines(self) -> Iterator[str]:
+        text = self._head.removeprefix(b"\xef\xbb\xbf")
+        while text:
+            whole, newline, rest = text.rpartition(b"\n")
+            if newline:
+                yield from whole.decode("utf-8", "replace").replace("\r", "").split("\n")
+            more = self._source.read(_TEXT_BYTES)
+            text = rest + more
+            if not more:
+                break
+        if text and not self._source.damage:
+            yield text.decode("utf-8", "replace")
+        elif text:
+            self._skip(self._lines_seen + 1, text.decode("utf-8", "replace"), "cut off by the archive's end")
+
+    def _read_header(self, line: str) -> list[str]:
+        self._separator = max(_SEPARATORS, key=line.count)
+        self.columns = [name.strip() for name in next(csv.reader([line], delimiter=self._separator))]
+        return self.columns
+
+    def _parse(self, lines: list[str], chosen: list[int]) -> TableBlock:
+        """Parse lines at once where numpy can, cell by cell where something stands in the way."""
+        first = self._lines_seen - len(lines) + 1
+        names = [self.columns[position] for position in chosen]
+        if self._separator == ";":
+            lines = [line.replace(",", ".") for line in lines]
+        values = self._parse_at_once(lines, chosen)
+        if values is not None:
+            return self._block(names, values, np.arange(first, first + len(lines)))
+        return self._block(names, *self._parse_cells(lines, chosen, first))
+
+    def _parse_at_once(self, lines: list[str], chosen: list[int]) -> NDArray[np.float64] | None:
+        width = len(self.columns) - 1
+        if any(not line or line.count(self._separator) != width for line in lines):
+            return None
+        try:
+            return np.loadtxt(lines, delimiter=self._separator, usecols=chosen, ndmin=2, comments=None)
+        except ValueError:
+            return None
+
+    def _parse_cells(
+        self, lines: list[str], chosen: list[int], first: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        rows: list[list[float]] = []
+        numbers: list[int] = []
+        for number, line in enumerate(lines, first):
+            if not line.strip():
+                continue
+            try:
+                cells = next(csv.reader([line], delimiter=self._separator))
+            except csv.Error as error:
+                self._skip(number, line, str(error))
+                continue
+            if len(cells) != len(self.columns):
+                self._skip(number, line, f"{len(cells)} cells where the header has {len(self.columns)}")
+                continue
+            rows.append([_number(cells[position]) for position in chosen])
+            numbers.append(number)
+        return np.array(rows, np.float64).reshape(-1, len(chosen)), np.array(numbers, np.int64)
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return math.nan

@@ -1,0 +1,52 @@
+"""truth.csv: what mass and grade really were, from a simulation or a weighbridge and a map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from canest.errors import CanestError, LogError
+from canest.frames import FloatColumn, IntColumn
+from canest.logs.blocks import TableBlock
+from canest.logs.reader import open_log
+
+COLUMNS = ("grade", "mass_kg")
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """Truth at its own rate: t_us int64 (n,), increasing; grade tan(beta), mass_kg float64 (n,) or None."""
+
+    t_us: IntColumn
+    grade: FloatColumn | None
+    mass_kg: FloatColumn | None
+
+
+def read_truth(path: str | Path) -> Truth:
+    """Read a table with ``t_s`` and ``grade`` or ``mass_kg`` or both; other columns are ignored.
+
+    Rows whose stamp does not increase are left out (interpolation needs an order).
+    Errors: LogError, one line, for a file that is none of this.
+    """
+    try:
+        reader = open_log(path, columns=COLUMNS)
+        blocks = [block for block in reader if isinstance(block, TableBlock)]
+    except LogError:
+        raise
+    except CanestError as error:
+        raise LogError(str(error), where=str(path)) from None
+    if not blocks or not sum(map(len, blocks)):
+        raise LogError("no truth in this file", where=str(path), expected="columns t_s and grade or mass_kg")
+    names = [name for name in COLUMNS if name in blocks[0].columns]
+    if not names:
+        raise LogError(
+            "neither grade nor mass_kg among the columns", where=str(path), expected="t_s,grade,mass_kg"
+        )
+    t_us = np.concatenate([block.t_us for block in blocks])
+    highest = np.maximum.accumulate(t_us)
+    rising = np.ones(len(t_us), np.bool_)
+    rising[1:] = t_us[1:] > highest[:-1]
+    columns = {name: np.concatenate([block.columns[name] for block in blocks])[rising] for name in names}
+    return Truth(t_us[rising], columns.get("grade"), columns.get("mass_kg"))

@@ -1,0 +1,257 @@
+"""Results as files, streamed: estimates as csv or parquet, frames as a candump log.
+
+A file appears under its name only when it is complete: it is written beside it as NAME.part first.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from canest.errors import OutputError
+from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
+from canest.gates import LABELS
+from canest.logs import ascii as text
+from canest.vehicle.samples import STATUS_LABELS
+
+if TYPE_CHECKING:
+    from canest.pipeline import Estimates
+
+HEADER = b"t_s,mass_kg,mass_std_kg,grade,grade_std,status,gate\n"
+MASS_DECIMALS = 1
+GRADE_DECIMALS = 6
+_ROWS_AT_ONCE = 1 << 13
+_FRAMES_AT_ONCE = 1 << 13
+#: rows of one parquet row group
+_ROW_GROUP = 1 << 17
+
+
+class EstimateWriter(ABC):
+    """Takes estimates in order; use as a context manager. An exception inside leaves no file.
+
+    Errors: OutputError when the file cannot be written (full disk, no permission).
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._out = _PartFile(path)
+
+    @abstractmethod
+    def write(self, estimates: Estimates) -> None:
+        """Append the next rows."""
+
+    def _finish(self) -> None:  # noqa: B027 - only formats that hold something back need it
+        """Write what is held back."""
+
+    def __enter__(self) -> EstimateWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is not None:
+            self._out.discard()
+            return
+        try:
+            self._finish()
+        except BaseException:
+            self._out.discard()
+            raise
+        self._out.commit()
+
+
+def open_writer(path: str | Path) -> EstimateWriter:
+    """Open a result file: parquet when its name ends so, else csv."""
+    path = Path(path)
+    return ParquetEstimateWriter(path) if path.suffix.lower() == ".parquet" else CsvEstimateWriter(path)
+
+
+class CsvEstimateWriter(EstimateWriter):
+    """est.csv: one row per sample, numbers empty where there is none."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._out.write(HEADER)
+
+    def write(self, estimates: Estimates) -> None:
+        """Append the next rows."""
+        for first in range(0, len(estimates), _ROWS_AT_ONCE):
+            self._out.write(estimates_csv(estimates, slice(first, first + _ROWS_AT_ONCE)))
+
+
+def estimates_csv(estimates: Estimates, rows: slice) -> bytes:
+    """Return rows of est.csv."""
+    t_us = estimates.t_us[rows]
+    comma = text.constant(b",", len(t_us))
+    return text.join(
+        [
+            text.seconds(t_us),
+            comma,
+            text.fixed(estimates.mass_kg[rows], MASS_DECIMALS),
+            comma,
+            text.fixed(estimates.mass_std_kg[rows], MASS_DECIMALS),
+            comma,
+            text.fixed(estimates.grade[rows], GRADE_DECIMALS),
+            comma,
+            text.fixed(estimates.grade_std[rows], GRADE_DECIMALS),
+            comma,
+            text.labels(estimates.status[rows], STATUS_LABELS),
+            comma,
+            text.labels(estimates.gate[rows], LABELS),
+            text.constant(b"\n", len(t_us)),
+        ]
+    )
+
+
+class ParquetEstimateWriter(EstimateWriter):
+    """The same columns as parquet (pyarrow, extra ``formats``), in row groups."""
+
+    def __init__(self, path: Path) -> None:
+        try:
+            import pyarrow as pa
+            import pyarrow.parquet as pq
+        except ImportError:
+            raise OutputError(
+                "cannot write parquet",
+                where=str(path),
+                expected="the pyarrow package: pip install canest[formats]",
+            ) from None
+        super().__init__(path)
+        self._pa = pa
+        names = pa.dictionary(pa.int8(), pa.string())
+        numbers = ("t_s", "mass_kg", "mass_std_kg", "grade", "grade_std")
+        self._schema = pa.schema(
+            [(name, pa.float64()) for name in numbers] + [("status", names), ("gate", names)]
+        )
+        with self._out.errors():
+            self._writer = pq.ParquetWriter(self._out.file, self._schema)
+        self._held: list[Any] = []
+        self._rows = 0
+
+    def write(self, estimates: Estimates) -> None:
+        """Append the next rows."""
+        e = estimates
+        numbers = [e.t_us / 1e6, e.mass_kg, e.mass_std_kg, e.grade, e.grade_std]
+        columns = [self._pa.array(column, from_pandas=True) for column in numbers]
+        columns.append(self._names(e.status, STATUS_LABELS))
+        columns.append(self._names(e.gate, LABELS))
+        self._held.append(self._pa.record_batch(columns, schema=self._schema))
+        self._rows += len(e)
+        if self._rows >= _ROW_GROUP:
+            self._flush()
+
+    def _names(self, codes: Any, names: dict[int, str]) -> Any:
+        known = [names.get(code, "") for code in range(max(names) + 1)]
+        return self._pa.DictionaryArray.from_arrays(codes.astype(np.int8), known)
+
+    def _flush(self) -> None:
+        with self._out.errors():
+            self._writer.write_table(self._pa.Table.from_batches(self._held, self._schema))
+        self._held, self._rows = [], 0
+
+    def _finish(self) -> None:
+        self._flush()
+        with self._out.errors():
+            self._writer.close()
+
+
+class CandumpWriter:
+    """A candump log (its log form); use as a context manager, as `EstimateWriter`."""
+
+    def __init__(self, path: str | Path, channel: str = "can0") -> None:
+        self._out = _PartFile(Path(path))
+        self._channel = channel
+
+    def write(self, frames: FrameBlock) -> None:
+        """Append the next frames."""
+        for first in range(0, len(frames), _FRAMES_AT_ONCE):
+            self._out.write(candump_text(frames[first : first + _FRAMES_AT_ONCE], self._channel))
+
+    def __enter__(self) -> CandumpWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self._out.commit()
+        else:
+            self._out.discard()
+
+
+def candump_text(frames: FrameBlock, channel: str = "can0") -> bytes:
+    """Return frames as lines of candump's log form (classic CAN: at most eight payload bytes)."""
+    count = len(frames)
+    t_us = frames.t_us
+    whole = t_us // 1_000_000
+    error = (frames.can_id & np.uint32(ERROR)) != 0
+    standard = (frames.can_id & np.uint32(EXTENDED | ERROR)) == 0
+    remote = (frames.can_id & np.uint32(REMOTE)) != 0
+    number = (frames.can_id & np.uint32(ID_MASK)) | np.where(error, np.uint32(ERROR), np.uint32(0))
+    identifier = text.hexadecimal(number.astype(">u4").view(np.uint8).reshape(count, 4)).copy()
+    identifier[:, :5][standard] = 0
+    payload = text.hexadecimal(frames.data.astype("<u8").view(np.uint8).reshape(count, 8)).copy()
+    unsent = np.arange(16) >= 2 * frames.length[:, None]
+    payload[unsent | remote[:, None]] = 0
+    request = text.blank_where(text.constant(b"R", count), ~remote)
+    announced = text.digits(frames.length.astype(np.int64), 1)
+    return text.join(
+        [
+            text.constant(b"(", count),
+            text.integer(whole, 10),
+            text.constant(b".", count),
+            text.digits(t_us - whole * 1_000_000, 6),
+            text.constant(f") {channel} ".encode(), count),
+            identifier,
+            text.constant(b"#", count),
+            payload,
+            request,
+            text.blank_where(announced, ~remote),
+            text.constant(b"\n", count),
+        ]
+    )
+
+
+class _PartFile:
+    """NAME.part while it grows, NAME once complete."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        # a device or a pipe (/dev/null, /dev/stdout) is written as it stands
+        special = path.exists() and not path.is_file()
+        self._part = path if special else path.with_name(path.name + ".part")
+        with self.errors():
+            self.file: BinaryIO = self._part.open("wb")
+
+    @contextmanager
+    def errors(self) -> Iterator[None]:
+        """Turn the system's complaints into one line."""
+        try:
+            yield
+        except OSError as error:
+            raise OutputError(f"cannot write: {error.strerror or error}", where=str(self._path)) from None
+
+    def write(self, data: bytes) -> None:
+        with self.errors():
+            self.file.write(data)
+
+    def commit(self) -> None:
+        try:
+            with self.errors():
+                self.file.close()
+                if self._part != self._path:
+                    self._part.replace(self._path)
+        except OutputError:
+            self.discard()
+            raise
+
+    def discard(self) -> None:
+        with suppress(OSError):  # the disk is full: what cannot be flushed is being thrown away
+            self.file.close()
+        if self._part != self._path:
+            self._part.unlink(missing_ok=True)
