@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canest.frames import FloatColumn, FrameBlock
+from canest.simulate.constants import STANDING
 from canest.simulate.effects import SwitchedLoad
-from canest.simulate.motion import STANDING
 from canest.simulate.packing import Content, Cyclic, Field, constant, payload, scaled, send
 from canest.simulate.scenario import Scenario
 from canest.simulate.signals import RPM, Signals
@@ -173,8 +173,8 @@ def j1939_frames(
             )
         messages.append(Cyclic(0x18FEC1EE, 1.0, 0.014, _random(rng)))
     if scenario.bus.cab_controller:
-        cab = [(0x0C000031, 0.02), (0x18F00131, 0.1), (0x18FE6C31, 0.05), (0x18FEEE31, 1.0), (0x18FEEF31, 0.5),
-               (0x18FEF131, 0.1), (0x18FEF231, 0.1)]  # fmt: skip
+        cab = [(0x0C000031, 0.02), (0x18F00131, 0.1), (0x18FE6C31, 0.05), (0x18FEEE31, 1.0),
+               (0x18FEEF31, 0.5), (0x18FEF131, 0.1), (0x18FEF231, 0.1)]  # fmt: skip
         messages += [
             Cyclic(can_id, period, 0.002 * k + 0.001, _random(rng)) for k, (can_id, period) in enumerate(cab)
         ]

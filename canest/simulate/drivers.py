@@ -18,6 +18,7 @@ class _Driver(Strict):
     start_mps: float = Field(0.0, ge=0)
     fixed_gear: int | None = Field(None, ge=1)
     brakes: bool = True  #: may brake when the wanted speed asks for it
+    firmness_1ps: float = Field(0.5, gt=0, le=2)  #: acceleration wanted per m/s of speed error
     retarder: bool = False  #: uses the (reported) engine brake before the brakes
 
 
@@ -25,6 +26,7 @@ class Cruise(_Driver):
     """Holds a speed; optionally another one now and then."""
 
     kind: Literal["cruise"]
+    firmness_1ps: float = Field(0.1, gt=0, le=2)
     speed_mps: float = Field(gt=0)
     change_mps: float = Field(0.0, ge=0)
     change_every_s: float = Field(60.0, gt=0)
@@ -57,12 +59,12 @@ class StopAndGo(_Driver):
     speeds_mps: tuple[float, float] = (9.0, 16.0)
     drive_s: tuple[float, float] = (40.0, 90.0)
     stand_s: tuple[float, float] = (8.0, 20.0)
-    long_stops: list[tuple[float, float]] = []  #: (from t_s, for s): stands there, for loading
+    long_stops: tuple[tuple[float, float], ...] = ()  #: (from t_s, for s): stands there, for loading
     braking_mps2: float = Field(0.9, gt=0)
 
 
 class Given(_Driver):
-    """Wanted speed by time, linear between points; `throttle` (0..1, or null) overrides it from its time on."""
+    """Wanted speed by time, linear between points; `throttle` (0..1, null: none) overrides it."""
 
     kind: Literal["given"]
     at_s: list[float]

@@ -179,7 +179,7 @@ class Hidden:
         self.drafting: Drafting | None = None
         self.damping: float | None = None
 
-    def add(self, effect: Any) -> None:  # noqa: C901 - one branch per effect of the vocabulary
+    def add(self, effect: Any) -> None:
         """Combine one more effect (an `Effect`) into the whole."""
         match effect:
             case Headwind():

@@ -8,7 +8,7 @@ from canest.simulate.scenario import Scenario
 
 
 def known_config(scenario: Scenario) -> dict[str, Any]:
-    """Return the config (schema of `canest.config`) with what is declared of the scenario, and nothing else."""
+    """Return the config (schema of `canest.config`) with what is declared of the scenario, no more."""
     vehicle = scenario.vehicle
     masses = [change.mass_kg for change in scenario.mass_kg]
     gears = range(1, len(vehicle.gear_ratios) + 1)

@@ -7,70 +7,9 @@ Euler: velocities first, positions with the new velocities), driver, gearbox and
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 from canest.fast import kernel
-
-STEP_S = 0.001
-STEPS_PER_RECORD = 5
-RECORD_S = STEP_S * STEPS_PER_RECORD
-TORQUE_TABLE_RPM = 25.0  #: spacing of the full-torque table
-
-#: columns of a record
-COLUMNS = (
-    "speed_mps", "accel_mps2", "distance_m", "engine_radps", "wheel_radps", "indicated_Nm", "demand_Nm",
-    "wheel_torque_Nm", "pedal", "brake", "retarder_Nm", "gear", "phase", "clutch_slip", "mass_kg", "load_on",
-    "pitch_rad", "grade", "curvature_1pm", "crank_Nm",
-)  # fmt: skip
-
-#: phases of the driveline
-ENGAGED, RAMP_OUT, NEUTRAL, RAMP_IN, LAUNCH, STANDING = range(6)
-
-
-class Constants(NamedTuple):
-    """The true vehicle and its hidden effects, all float; SI units."""
-
-    engine_inertia: float
-    friction_0: float  #: N m at standstill
-    friction_w: float  #: N m per rad/s
-    regeneration: float
-    idle: float  #: rad/s; 0 for an electric motor
-    fuelling_s: float
-    boost_s: float
-    unboosted: float
-    radius: float
-    wheel_inertia: float
-    drag: float  #: half rho Cd A
-    crr: float
-    crr_per_mps: float
-    wind: float
-    stiffness: float
-    damping: float
-    gain: float
-    torque_loss: float
-    drag_force: float
-    cornering: float
-    slip: float
-    retarder_max: float
-    hidden_retarder_pedal: float
-    hidden_retarder_brake: float
-    load_power: float  #: W
-    load_cubic: float  #: 1 when the power goes with the cube of engine speed, else 0
-    load_at: float  #: rad/s at which the load takes `load_power`
-    upshift_low: float
-    upshift_high: float
-    downshift: float
-    ramp_s: float
-    neutral_s: float
-    accel_limit: float
-    pitch_gain: float
-    pitch_w: float
-    brakes: float
-    uses_retarder: float
-    fixed_gear: float  #: index, or -1
-    pulse_min: float
-    start_mps: float
-    start_gear: float
 
 
 @kernel
@@ -82,7 +21,7 @@ def move(
 
     full: full torque (N m) every 25 rpm. ratios: crank to wheels, per gear; etas: efficiency, kept: share of
     the traction that hidden losses leave. grades, curvatures: every metre. target (m/s), throttle (negative:
-    none), crr_extra, drag_scale, load_on: every 0.1 s. mass_t, mass_kg: changes, at a standstill from then on.
+    none), crr_extra, drag_scale, load_on: every 0.1 s. mass_t, mass_kg: changes, at the next standstill.
     """
     dt = 0.001
     gravity = 9.80665
@@ -111,6 +50,8 @@ def move(
     pedal = 0.0
     brake = 0.0
     braking = False
+    lifted = False
+    pushed = False
     retarder = 0.0
     hidden_retarder = 0.0
     phase_s = 0.0
@@ -155,38 +96,35 @@ def move(
         # full torque at this speed: the unboosted part at once, the rest as the turbo spools up
         x = we * to_table
         i = int(x)
-        if i < 0:
-            i = 0
-        if i >= full_end:
-            highest = full[full_end]
-        else:
-            highest = full[i] + (full[i + 1] - full[i]) * (x - i)
+        i = max(i, 0)
+        highest = full[full_end] if i >= full_end else full[i] + (full[i + 1] - full[i]) * (x - i)
         friction = c.friction_0 + c.friction_w * we
         boost += (t_ind / (highest + 1.0) - boost) * 0.005 / c.boost_s
-        if boost > 1.0:
-            boost = 1.0
+        boost = min(boost, 1.0)
         available = highest * (c.unboosted + (1.0 - c.unboosted) * boost * 1.05)
-        if available > highest:
-            available = highest
+        available = min(available, highest)
 
         # driver: pedal and brake
-        closed = phase == 0 or phase == 1 or phase == 3
+        closed = phase in (0, 1, 3)
         per_force = radius / (ratio * etas[gear])  # crank torque per newton at the wheels
         least = -(friction + c.regeneration * (1.0 if v > 1.5 else v / 1.5)) / per_force if closed else 0.0
         short = 0.0
         error = wanted - v
         if foot >= 0.0:
-            want_pedal = foot
+            # beyond the upper speed the rest of the pulse is dropped, below the lower one it is prolonged
             if v > wanted:
-                want_pedal = 0.0
+                lifted = True
+            elif foot == 0.0:
+                lifted = False
             if v < c.pulse_min:
-                want_pedal = 1.0
+                pushed = True
+            elif v > c.pulse_min + 2.0:
+                pushed = False
+            want_pedal = 1.0 if pushed else 0.0 if lifted else foot
         else:
-            accel = 0.5 * error
-            if accel > c.accel_limit:
-                accel = c.accel_limit
-            if accel < -2.5:
-                accel = -2.5
+            accel = c.firmness * error
+            accel = min(accel, c.accel_limit)
+            accel = max(accel, -2.5)
             force = resisted + m * accel
             want_pedal = (force * per_force + friction + c.regeneration) / (highest + c.regeneration + 1.0)
             short = least - force
@@ -199,16 +137,12 @@ def move(
         want_retarder = 0.0
         if c.uses_retarder > 0.0 and short > 0.0 and phase == 0 and we > 100.0 and not electric:
             want_retarder = min(c.retarder_max, short * per_force)
-            want_retarder = math.floor(want_retarder / c.retarder_max * 3.0 + 0.5) / 3.0 * c.retarder_max
             short -= want_retarder / per_force
         retarder += (want_retarder - retarder) * 0.005 / 0.15
         if retarder < 1.0 and want_retarder == 0.0:
             retarder = 0.0
         if c.brakes > 0.0:
-            if braking:
-                braking = short > 0.0
-            else:
-                braking = short > m * 0.12 and error < -0.4
+            braking = short > 0.0 if braking else short > m * 0.12 and error < -0.4
             holding = foot < 0.0 and wanted < 0.05 and v < 0.6
             want_brake = 0.0
             if holding:
@@ -307,8 +241,7 @@ def move(
             demand = friction
         else:
             asked = pedal * (highest + c.regeneration) - c.regeneration * (1.0 if v > 1.5 else v / 1.5)
-            if asked > ceiling:
-                asked = ceiling
+            asked = min(asked, ceiling)
             if phase == 1:
                 ramp = max(0.0, 1.0 - phase_s / c.ramp_s)
                 asked = friction + (asked - friction) * ramp
@@ -320,10 +253,8 @@ def move(
             floor = friction + 25.0 * c.engine_inertia * (c.idle - we)
             if demand < floor and we < c.idle * 1.1:
                 demand = floor
-            if demand < 0.0:
-                demand = 0.0
-        if demand > available:
-            demand = available
+            demand = max(demand, 0.0)
+        demand = min(demand, available)
 
         load = 0.0
         if load_on[j] > 0.0 and we > 10.0:
@@ -338,7 +269,7 @@ def move(
         cc = 2.0 * c.damping * math.sqrt(kc * c.engine_inertia * body / (c.engine_inertia + body))
         inertial = m + c.wheel_inertia / (radius * radius)
         fuel = dt / c.fuelling_s
-        twisting = phase == 0 or phase == 1 or phase == 3
+        twisting = phase in (0, 1, 3)
         launching = phase == 4
         v_before = v
 
@@ -357,8 +288,7 @@ def move(
             air = v + c.wind
             a = (tw / radius - fixed - drag * air * abs(air) - brake_force) / inertial
             v += a * dt
-            if v < 0.0:
-                v = 0.0
+            v = max(v, 0.0)
             s += v * dt
             ww = v * (1.0 + slip_gain * tw) / radius
             win = ww * ratio

@@ -24,7 +24,7 @@ class Field:
 
 
 def scaled(start: int, bits: int, value: FloatColumn, factor: float, offset: float, top: int) -> Field:
-    """Return a field with physical values rounded to its resolution, clamped to raw 0..top; NaN is all ones."""
+    """Return a field of values rounded to its resolution, clamped to raw 0..top; NaN is all ones."""
     missing = np.isnan(value)
     raw = np.clip(np.rint((np.where(missing, offset, value) - offset) / factor), 0, top).astype(np.int64)
     return Field(start, bits, np.where(missing, (1 << bits) - 1, raw))

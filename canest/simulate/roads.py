@@ -118,7 +118,8 @@ def _highway(
         spiral = 40.0  # m, transition curve into and out of a bend
         length = min(0.6 * stretch, abs(radius) * rng.uniform(0.5, 1.5))
         bend_at += [start + transition, start + transition + spiral,
-                    start + transition + spiral + length, start + transition + 2 * spiral + length]  # fmt: skip
+                    start + transition + spiral + length,
+                    start + transition + 2 * spiral + length]  # fmt: skip
         bends += [0.0, 1 / radius, 1 / radius, 0.0]
     grade = np.interp(s, at, values)
     curvature = np.interp(s, np.maximum.accumulate(bend_at), bends) if road.bends else np.zeros_like(s)

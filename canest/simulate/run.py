@@ -14,10 +14,11 @@ from canest import fast
 from canest.errors import ConfigError, OutputError
 from canest.frames import FloatColumn, FrameBlock
 from canest.simulate.bus_j1939 import j1939_frames
+from canest.simulate.constants import COLUMNS, RECORD_S, TORQUE_TABLE_RPM, true_constants
 from canest.simulate.drivers import PLAN_S, plan
 from canest.simulate.effects import Hidden, combine, small_errors
 from canest.simulate.known import known_config
-from canest.simulate.motion import COLUMNS, RECORD_S, TORQUE_TABLE_RPM, Constants, move
+from canest.simulate.motion import move
 from canest.simulate.roads import lay
 from canest.simulate.scenario import Scenario, load_scenario
 from canest.simulate.signals import Signals
@@ -32,8 +33,8 @@ FASTEST_MPS = 45.0  #: sets how much road is laid
 class SimulatedDrive:
     """A drive with its truth.
 
-    frames: what was on the bus. truth: columns at 10 Hz (t_s, distance_m, speed_mps, accel_mps2, grade, mass_kg,
-    elevation_m, shift, brake), (n,) each. config: what an engineer would know, in the schema of configs.
+    frames: what was on the bus. truth: columns at 10 Hz (t_s, distance_m, speed_mps, accel_mps2, grade,
+    mass_kg, elevation_m, shift, brake), (n,) each. config: what an engineer would know.
     undeclared: the effects in force that the config does not know, small errors included. history: every
     column of `motion.COLUMNS` at 200 Hz, for tests.
     """
@@ -99,7 +100,7 @@ def simulate(
         truth=_truth(signals, spec),
         config=known_config(spec),
         undeclared=[effect.model_dump() for effect in effects],
-        history=signals.table | {"t_s": signals.t_s},
+        history={**signals.table, "t_s": signals.t_s},
     )
 
 
@@ -137,7 +138,7 @@ def _drive(spec: Scenario, hidden: Hidden, rng: dict[str, np.random.Generator]) 
     if min(masses) <= 0:
         raise ConfigError("the mass must stay positive", where="mass_kg", found=f"{min(masses):g} kg")
 
-    constants = _constants(spec, hidden, ratios)
+    constants = true_constants(spec, hidden, ratios)
     count = round(spec.duration_s / RECORD_S)
     columns = [full, ratios, vehicle.gear_efficiencies, hidden.kept, road.grade, road.curvature_1pm,
                intent.target_mps, intent.throttle, extra, drag_scale, load_on, times, masses]  # fmt: skip
@@ -147,72 +148,10 @@ def _drive(spec: Scenario, hidden: Hidden, rng: dict[str, np.random.Generator]) 
         move(constants, *arrays, out)
     else:
         # a list is indexed three times faster than an array; the buffer is filled through a view
-        move(constants, *[array.tolist() for array in arrays], memoryview(out))
+        move(constants, *[array.tolist() for array in arrays], memoryview(out.data))
     if not np.isfinite(out).all():
         raise ConfigError("the motion became unstable", where="vehicle", expected="plausible constants")
     return out
-
-
-def _constants(spec: Scenario, hidden: Hidden, ratios: list[float]) -> Constants:
-    vehicle, driver = spec.vehicle, spec.driver
-    radps = 2 * math.pi / 60
-    radius = vehicle.wheel_radius_m * hidden.radius_factor
-    fixed = -1 if driver.fixed_gear is None else driver.fixed_gear - 1
-    if fixed >= len(ratios):
-        raise ConfigError(
-            "no such gear", where="driver.fixed_gear", found=fixed + 1, expected=f"1..{len(ratios)}"
-        )
-    gear = fixed
-    if fixed < 0:
-        wanted = vehicle.downshift_rpm * 1.2 * radps
-        fits = [k for k, ratio in enumerate(ratios) if driver.start_mps / radius * ratio >= wanted]
-        gear = max(fits, default=0)
-    load = hidden.load
-    rho = vehicle.air_density_kgpm3
-    per_krpm = vehicle.friction_pct_per_krpm / (1000 * radps)
-    return Constants(
-        engine_inertia=vehicle.engine_inertia_kgm2 + hidden.inertia_kgm2,
-        friction_0=vehicle.friction_pct / 100 * vehicle.reference_torque_Nm,
-        friction_w=per_krpm / 100 * vehicle.reference_torque_Nm,
-        regeneration=vehicle.regeneration_Nm,
-        idle=0.0 if vehicle.electric else vehicle.idle_rpm * radps,
-        fuelling_s=vehicle.fuelling_s,
-        boost_s=vehicle.boost_s,
-        unboosted=vehicle.unboosted,
-        radius=radius,
-        wheel_inertia=vehicle.wheel_inertia_kgm2,
-        drag=0.5 * rho * (vehicle.cda_m2 + hidden.cda_delta_m2),
-        crr=vehicle.crr,
-        crr_per_mps=hidden.crr_per_mps,
-        wind=hidden.wind_mps,
-        stiffness=vehicle.stiffness_Nm,
-        damping=vehicle.damping if hidden.damping is None else hidden.damping,
-        gain=hidden.gain,
-        torque_loss=hidden.torque_loss_Nm,
-        drag_force=hidden.drag_N,
-        cornering=hidden.cornering_s2pm,
-        slip=hidden.slip_per_mps2,
-        retarder_max=max(vehicle.retarder_Nm, 1.0),
-        hidden_retarder_pedal=hidden.retarder_Nm["pedal_up"],
-        hidden_retarder_brake=hidden.retarder_Nm["brake"],
-        load_power=load.power_kW * 1000 if load else 0.0,
-        load_cubic=1.0 if load and load.law == "cubic" else 0.0,
-        load_at=load.at_rpm * radps if load else 1.0,
-        upshift_low=vehicle.upshift_rpm[0] * radps,
-        upshift_high=vehicle.upshift_rpm[1] * radps,
-        downshift=vehicle.downshift_rpm * radps,
-        ramp_s=vehicle.torque_ramp_s,
-        neutral_s=vehicle.neutral_s,
-        accel_limit=vehicle.accel_limit_mps2,
-        pitch_gain=vehicle.pitch_rad_per_mps2,
-        pitch_w=2 * math.pi * vehicle.pitch_hz,
-        brakes=float(driver.brakes),
-        uses_retarder=float(driver.retarder and vehicle.retarder_Nm > 0),
-        fixed_gear=float(fixed),
-        pulse_min=getattr(driver, "min_mps", 0.0),
-        start_mps=driver.start_mps,
-        start_gear=float(gear),
-    )
 
 
 def _truth(signals: Signals, spec: Scenario) -> dict[str, FloatColumn]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -57,9 +58,9 @@ class Scenario(Strict):
     mass_kg: list[MassChange]
     road: Road = Flat(kind="flat")
     driver: Driver
-    bus: Bus = Bus()
-    sensors: Sensors = Sensors()
-    undeclared: list[Effect] = []
+    bus: Bus = Field(default_factory=lambda: Bus.model_validate({}))
+    sensors: Sensors = Field(default_factory=lambda: Sensors.model_validate({}))
+    undeclared: tuple[Effect, ...] = ()
     small_errors: bool = False
 
     @field_validator("vehicle", mode="before")
@@ -79,11 +80,7 @@ class Scenario(Strict):
     @field_validator("mass_kg")
     @classmethod
     def _starts(cls, value: list[MassChange]) -> list[MassChange]:
-        if (
-            not value
-            or value[0].t_s != 0
-            or any(b.t_s <= a.t_s for a, b in zip(value, value[1:], strict=False))
-        ):
+        if not value or value[0].t_s != 0 or any(b.t_s <= a.t_s for a, b in pairwise(value)):
             raise ValueError("a list of mass changes starts at t_s 0 and goes forward in time")
         return value
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canest.frames import FloatColumn
-from canest.simulate.motion import COLUMNS, LAUNCH, NEUTRAL, RAMP_IN, RAMP_OUT, RECORD_S, STANDING
+from canest.simulate.constants import COLUMNS, LAUNCH, NEUTRAL, RAMP_IN, RAMP_OUT, RECORD_S, STANDING
 from canest.simulate.roads import START_ELEVATION_M
 from canest.simulate.scenario import Scenario
 
@@ -26,8 +26,9 @@ class Signals:
         self, records: FloatColumn, scenario: Scenario, delay_s: float, rng: np.random.Generator
     ) -> None:
         table = records.reshape(-1, len(COLUMNS))
-        self.table = {name: table[:, k] for k, name in enumerate(COLUMNS)}
-        self.t_s = np.arange(len(table)) * RECORD_S + RECORD_S  # a row is the state after its 5 ms
+        self.table: dict[str, FloatColumn] = {name: table[:, k] for k, name in enumerate(COLUMNS)}
+        # a row is the state after its 5 ms
+        self.t_s: FloatColumn = np.arange(1, len(table) + 1, dtype=np.float64) * RECORD_S
         self.rng = rng
         self.vehicle = scenario.vehicle
         self.sensors = scenario.sensors

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -55,7 +56,7 @@ class VehicleSpec(Strict):
     def _gears_agree(self) -> VehicleSpec:
         if len(self.gear_ratios) != len(self.gear_efficiencies):
             raise ValueError("gear_ratios and gear_efficiencies differ in length")
-        if any(b[0] <= a[0] for a, b in zip(self.full_torque, self.full_torque[1:], strict=False)):
+        if any(b[0] <= a[0] for a, b in pairwise(self.full_torque)):
             raise ValueError("full_torque needs increasing speeds")
         return self
 
