@@ -82,10 +82,10 @@ class Pipeline:
         """Take the next frames; return the estimates of every tick they complete."""
         self.frames += len(frames)
         done: list[Estimates] = []
-        for stretch in self.clock.split(frames[self.decoder.wanted(frames.can_id)]):
+        for stretch in self.clock.split(self.decoder.select(frames)):
             if stretch.jump:
                 self._jump(stretch, done)
-            self._grid.push(self.decoder.push(stretch.frames).samples)
+            self._grid.push(self.decoder.decode(stretch.frames).samples)
             self._emit(self._grid.ticks_until(int(stretch.frames.t_us[-1]), inclusive=False), done)
         return Estimates.concatenate(done)
 

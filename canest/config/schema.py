@@ -302,11 +302,12 @@ class Config(Section):
     def _roles_known(self) -> Config:
         from canest.vehicle.effects import effect_from_config
 
-        used = {effect_from_config(e, f"effects[{i}]").signal for i, e in enumerate(self.effects)}
+        signals = (effect_from_config(e, f"effects[{i}]").signal for i, e in enumerate(self.effects))
+        used = {s for s in signals if s is not None}
         for role in self.signals:
             if role not in ROLES and role not in used:
                 raise ValueError(f"signals.{role}: unknown role, expected one of {', '.join(ROLES)}")
-        for role in used - {None}:
+        for role in used:
             if role not in self.signals:
                 raise ValueError(f"signals: an effect uses the signal {role!r}, which the map does not name")
         return self

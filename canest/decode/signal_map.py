@@ -8,7 +8,7 @@ from canest.decode.decoder import Decoder
 from canest.decode.groups import Want
 from canest.errors import ConfigError
 from canest.resources import find
-from canest.roles import KNOWN_UNITS, ROLES, conversion
+from canest.roles import ROLES, UNITS, conversion
 
 
 def decoder_for(config: Config) -> Decoder:
@@ -50,7 +50,7 @@ def factor_and_offset(role: str, source: Source, unit: str) -> tuple[float, floa
             "unit does not fit the role",
             where=f"signals.{role}",
             found=unit,
-            expected=f"{known or 'a number without unit'} (or convertible; known units: {', '.join(KNOWN_UNITS)})",
+            expected="one of " + ", ".join(u or "no unit" for u in UNITS[known]),
         )
     factor, offset = converted
     return factor * source.scale, offset * source.scale

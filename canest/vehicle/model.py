@@ -3,7 +3,8 @@
     F = (T - J_e domega/dt) i eta / r - J_w / r^2 a - F_aero + F_extra        (2005 paper, eq. 1)
     M (a + g sin(beta) + g mu cos(beta)) = F
 
-with the wheels' inertia added and domega/dt = a i / r while the driveline is engaged.
+with the wheels' inertia added and domega/dt = a i / r while the driveline is engaged. Where the engine is
+driven by the wheels (T < 0) the losses are on its side: the force is T i / (eta r).
 """
 
 from __future__ import annotations
@@ -89,7 +90,8 @@ class LongitudinalModel:
         self._torque(c)
         self._run("crank", c)
         self._run("driveline", c)
-        per_torque = c.ratio * c.efficiency / c.radius_m
+        # losses always take: a driving engine gives less to the wheels, an overrun one takes more from them
+        per_torque = c.ratio / c.radius_m * np.where(c.torque_Nm < 0, 1.0 / c.efficiency, c.efficiency)
         traction = c.wheel_torque_Nm / c.radius_m if at_wheels else c.torque_Nm * per_torque
         c.notes["traction_N"] = traction
         self._speed(c)
@@ -121,7 +123,7 @@ class LongitudinalModel:
         zero = np.zeros(n)
         return Columns(
             t_us=grid.t_us,
-            elapsed_s=(grid.t_us - self._first_us) * 1e-6,
+            elapsed_s=(grid.t_us - self._first_us).astype(np.float64) * 1e-6,
             torque_Nm=zero,
             engine_radps=self._engine_radps(grid.values, n),
             ratio=ratio * v.final_drive,

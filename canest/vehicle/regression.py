@@ -10,7 +10,7 @@ from canest.frames import BoolColumn, FloatColumn
 from canest.gates import Gate
 from canest.grid.grid import GridBlock
 from canest.vehicle.gating import Excitation, Gating
-from canest.vehicle.model import LongitudinalModel, RawModel
+from canest.vehicle.model import LongitudinalModel
 from canest.vehicle.samples import STEP_S, ModelBlock
 
 #: slower than this (m/s) the vehicle stands: speed sensors give no pulses below
@@ -46,7 +46,7 @@ class Regression:
         wanted = config.gates.low_excitation.enabled
         use = excitation_gate if wanted is None else wanted
         self._excitation = Excitation(config) if use else None
-        names = ("speed", "force", "accelerometer")
+        names = ("speed", "force", "traction", "accelerometer", "undriven")
         self._filters = {n: Filter(config.filter.order, config.filter.cutoff_hz) for n in names}
         self._held = {n: _Held() for n in names}
         self._last_filtered_mps = np.nan
@@ -58,6 +58,7 @@ class Regression:
         c = raw.columns
         speed, started = self._filtered("speed", raw.speed_mps, raw.usable, grid)
         force, _ = self._filtered("force", raw.force_N, raw.usable, grid)
+        traction, _ = self._filtered("traction", raw.traction_N, raw.usable, grid)
         before = np.empty(len(speed))
         before[0], before[1:] = self._last_filtered_mps, speed[:-1]
         accel = np.where(started | np.isnan(before), 0.0, speed - before) / STEP_S
@@ -71,18 +72,18 @@ class Regression:
         was_open[0], was_open[1:] = self._was_open and grid.continues, is_open[:-1]
         self._was_open = bool(is_open[-1])
         nothing = np.full(len(grid), np.nan)
-        accelerometer, ax_ok = self._accelerometer(grid, raw, nothing)
+        accelerometer = self._sensor("accelerometer", c.signals.get("longitudinal_accel"), grid)
         return ModelBlock(
             t_us=grid.t_us,
             speed_mps=speed,
             accel_mps2=accel,
             force_N=force,
             mu=np.where(np.isfinite(c.mu), c.mu, self.model.vehicle.rolling_resistance),
-            traction_N=raw.traction_N,
+            traction_N=traction,
             aero_N=raw.aero_N,
             force_per_torque_1pm=raw.force_per_torque_1pm,
             rotating_mass_kg=raw.rotating_mass_kg,
-            undriven_mps=c.signals.get("undriven_speed", nothing),
+            undriven_mps=self._sensor("undriven", c.signals.get("undriven_speed"), grid),
             accelerometer_mps2=accelerometer,
             slope=np.tan(c.signals["pitch"]) if "pitch" in c.signals else nothing,
             altitude_m=c.signals.get("altitude", nothing),
@@ -92,7 +93,7 @@ class Regression:
             gate=gate,
             restart=is_open & ~was_open,
             stopped=np.abs(raw.speed_mps) < STANDSTILL_MPS,
-            ax_ok=ax_ok,
+            ax_ok=np.isfinite(accelerometer) & np.isfinite(raw.speed_mps),
         )
 
     def _filtered(
@@ -104,12 +105,10 @@ class Regression:
             start[0] = True
         return self._filters[name].apply(filled, start), start
 
-    def _accelerometer(
-        self, grid: GridBlock, raw: RawModel, nothing: FloatColumn
-    ) -> tuple[FloatColumn, BoolColumn]:
-        signal = raw.columns.signals.get("longitudinal_accel")
+    def _sensor(self, name: str, signal: FloatColumn | None, grid: GridBlock) -> FloatColumn:
+        """Return a further signal filtered, NaN where it is not known."""
         if signal is None:
-            return nothing, np.zeros(len(grid), np.bool_)
+            return np.full(len(grid), np.nan)
         known = np.isfinite(signal)
-        filtered, _ = self._filtered("accelerometer", signal, known, grid)
-        return np.where(known, filtered, np.nan), known & np.isfinite(raw.speed_mps)
+        filtered, _ = self._filtered(name, signal, known, grid)
+        return np.where(known, filtered, np.nan)
