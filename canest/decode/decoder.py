@@ -28,17 +28,16 @@ SHORT_BLOCK = 200  #: frames up to which the path frame by frame is faster (meas
 _IDS_REMEMBERED = 4096  #: identifiers resolved and kept; a bus has some hundreds, noise has millions
 
 _UNWANTED, _FRAME_BY_FRAME, _FIRST_COLUMNAR = range(3)  #: slots of the table over parameter groups
-_DATA, _MANAGE, _PACKET, _REMOTE, _ERROR, _NOTHING = range(6)
 
 
 @dataclass(frozen=True, slots=True)
 class _Route:
-    """What becomes of the frames of one identifier (with flags)."""
+    """Who takes the data frames of one identifier: a sender, or else the transport protocol."""
 
-    kind: int
+    sender: Sender | None
     source: int = 0
     destination: int = 0
-    sender: Sender | None = None
+    manages: bool = False  #: TP.CM, else TP.DT
 
 
 class Decoder:
@@ -63,42 +62,65 @@ class Decoder:
         self._transport = Transport(self._is_wanted, self._transport_error)
         self.counters.transport = self._transport.counts
         self._routes: dict[int, _Route] = {}
+        self._transport_pgns = (
+            {j1939.TP_CM_PGN, j1939.TP_DT_PGN} if any(g.multi_packet for g in self._groups) else set()
+        )
         self._columnar = [g for g in self._groups if not g.multi_packet]
         self._table = np.zeros(1 << j1939.PGN_BITS, np.uint8)
-        self._exact_slots: list[tuple[np.uint32, int]] = []
         self._fill_table()
 
     @property
     def pgns(self) -> list[int]:
         """Parameter groups that must be received, transport protocol included."""
-        extra = [j1939.TP_CM_PGN, j1939.TP_DT_PGN] if any(g.multi_packet for g in self._groups) else []
-        return sorted([*self._by_pgn, *extra])
+        return sorted([*self._by_pgn, *self._transport_pgns])
 
     def can_filters(self) -> list[tuple[int, int]]:
         """Return (id, mask) pairs for the kernel, flags as in Linux' struct can_filter."""
         exact = [(i, EXTENDED | REMOTE | ID_MASK) for i in sorted(self._by_exact)]
         return [j1939.kernel_filter(pgn) for pgn in self.pgns] + exact
 
-    def wanted(self, can_id: NDArray[np.uint32]) -> NDArray[np.bool_]:
-        """Return which identifiers (with flags) this decoder listens to, from any source address."""
-        mask = self._table[(can_id >> np.uint32(8)) & np.uint32(j1939.PGN_MASK)] != _UNWANTED
-        for exact_id, _ in self._exact_slots:
-            mask |= (can_id & ~np.uint32(REMOTE)) == exact_id
-        return mask
-
     def push(self, block: FrameBlock) -> RoleSamples:
-        """Decode the next frames.
+        """Decode the next frames of a bus or log: `select`, then `decode`."""
+        return self.decode(self.select(block))
+
+    def select(self, block: FrameBlock) -> FrameBlock:
+        """Return the data frames that the signal map wants, from any address; count the others.
+
+        These are the frames that the kernel lets through with `can_filters`.
+        """
+        ids = block.can_id
+        self.counters.frames += len(block)
+        odd = (ids >> np.uint32(29)) != np.uint32(EXTENDED >> 29)
+        wanted = self._table[(ids >> np.uint32(8)) & np.uint32(j1939.PGN_MASK)] != _UNWANTED
+        if odd.any():
+            wanted &= ~odd
+            self._count_odd(ids[odd])
+        for exact_id in self._by_exact:
+            wanted |= ids == np.uint32(exact_id)
+        rows = np.flatnonzero(wanted)
+        self.counters.wanted += len(rows)
+        return block if len(rows) == len(block) else block[rows]
+
+    def decode(self, block: FrameBlock) -> RoleSamples:
+        """Decode frames that `select` has let through.
 
         Roles without a sample in this block are absent from the result. Columns may be shared between
         roles: read them, do not write into them.
         """
-        self.counters.frames += len(block)
-        return self._push_frames(block) if len(block) <= SHORT_BLOCK else self._push_columns(block)
+        if not len(block):
+            return RoleSamples({}, None)
+        samples = self._one_by_one(block) if len(block) <= SHORT_BLOCK else self._in_columns(block)
+        return RoleSamples(samples, int(block.t_us[-1]))
+
+    def _count_odd(self, ids: NDArray[np.uint32]) -> None:
+        """Count error frames, and remote frames of wanted messages."""
+        self.counters.error_frames += int(np.count_nonzero(ids & np.uint32(ERROR)))
+        for can_id in ids[(ids & np.uint32(ERROR | REMOTE)) == np.uint32(REMOTE)].tolist():
+            route = self._route(can_id & ~REMOTE)
+            if route is not None and route.sender is not None:
+                route.sender.counters.remote_frames += 1
 
     def _fill_table(self) -> None:
-        for slot, group in enumerate(self._columnar, start=_FIRST_COLUMNAR):
-            if group.exact_id is not None:
-                self._exact_slots.append((np.uint32(group.exact_id), slot))
         for pgn in self.pgns:
             carried = self._by_pgn.get(pgn)
             slot = _FRAME_BY_FRAME
@@ -108,9 +130,8 @@ class Decoder:
 
     # -- frame by frame ------------------------------------------------------------------------------
 
-    def _push_frames(self, block: FrameBlock) -> RoleSamples:
+    def _one_by_one(self, block: FrameBlock) -> dict[str, tuple[IntColumn, FloatColumn]]:
         found: Found = {}
-        end_us: int | None = None
         routes = self._routes
         for t_us, can_id, length, word in zip(
             block.t_us.tolist(),
@@ -119,67 +140,40 @@ class Decoder:
             block.data.tolist(),
             strict=True,
         ):
-            route = routes.get(can_id)
-            if route is None:
-                route = self._resolve(can_id)
-            if route.kind <= _PACKET:
-                end_us = t_us
-                self._take(route, t_us, length, word, found)
-            elif route.kind != _NOTHING:
-                self._note(route)
-        return RoleSamples(_columns(found), end_us)
+            route = routes.get(can_id) or self._remember(can_id)
+            if route.sender is not None:
+                route.sender.push(t_us, length, word, found)
+            elif route.manages:
+                self._transport.manage(t_us, route.source, route.destination, length, word)
+            else:
+                message = self._transport.packet(t_us, route.source, route.destination, length, word)
+                if message is not None:
+                    pgn, payload = message
+                    self._sender(self._by_pgn[pgn], route.source).push_payload(t_us, payload, found)
+        return _columns(found)
 
-    def _take(
-        self,
-        route: _Route,
-        t_us: int,
-        length: int,
-        word: int,
-        found: Found,
-    ) -> None:
-        self.counters.wanted += 1
-        if route.kind == _DATA:
-            assert route.sender is not None
-            route.sender.push(t_us, length, word, found)
-        elif route.kind == _MANAGE:
-            self._transport.manage(t_us, route.source, route.destination, length, word)
-        else:
-            message = self._transport.packet(t_us, route.source, route.destination, length, word)
-            if message is not None:
-                pgn, payload = message
-                self._sender(self._by_pgn[pgn], route.source).push_payload(t_us, payload, found)
-
-    def _note(self, route: _Route) -> None:
-        if route.kind == _ERROR:
-            self.counters.error_frames += 1
-        elif route.sender is not None:
-            route.sender.counters.remote_frames += 1
-
-    def _resolve(self, can_id: int) -> _Route:
+    def _remember(self, can_id: int) -> _Route:
         route = self._route(can_id)
+        assert route is not None  # `select` has let it through
         if len(self._routes) >= _IDS_REMEMBERED:
             self._routes.clear()
         self._routes[can_id] = route
         return route
 
-    def _route(self, can_id: int) -> _Route:
-        if can_id & ERROR:
-            return _Route(_ERROR)
-        kind = _REMOTE if can_id & REMOTE else _DATA
-        plain = can_id & ~REMOTE
-        exact = self._by_exact.get(plain)
+    def _route(self, can_id: int) -> _Route | None:
+        """Return who takes the data frames of an identifier, None when nobody wants them."""
+        exact = self._by_exact.get(can_id)
         if exact is not None:
-            return _Route(kind, sender=self._sender(exact, None))
+            return _Route(self._sender(exact, None))
         if not can_id & EXTENDED:
-            return _Route(_NOTHING)
-        pgn, source = j1939.pgn_of(plain), j1939.source_of(plain)
+            return None
+        pgn, source = j1939.pgn_of(can_id), j1939.source_of(can_id)
         group = self._by_pgn.get(pgn)
         if group is not None:
-            return _Route(kind, sender=self._sender(group, source))
-        if kind == _DATA and pgn in (j1939.TP_CM_PGN, j1939.TP_DT_PGN) and pgn in self.pgns:
-            manage_or_packet = _MANAGE if pgn == j1939.TP_CM_PGN else _PACKET
-            return _Route(manage_or_packet, source, j1939.destination_of(plain))
-        return _Route(_NOTHING)
+            return _Route(self._sender(group, source))
+        if pgn in self._transport_pgns:
+            return _Route(None, source, j1939.destination_of(can_id), manages=pgn == j1939.TP_CM_PGN)
+        return None
 
     def _sender(self, group: Group, source: int | None) -> Sender:
         sender = group.senders.get(source)
@@ -199,63 +193,27 @@ class Decoder:
 
     # -- in columns ----------------------------------------------------------------------------------
 
-    def _push_columns(self, block: FrameBlock) -> RoleSamples:
+    def _in_columns(self, block: FrameBlock) -> dict[str, tuple[IntColumn, FloatColumn]]:
+        """Group by (slot, source address) in one stable sort, then decode each group's rows at once."""
         ids = block.can_id
         slots = self._table[(ids >> np.uint32(8)) & np.uint32(j1939.PGN_MASK)]
-        for exact_id, slot in self._exact_slots:
-            slots[(ids & ~np.uint32(REMOTE)) == exact_id] = slot
-        if (ids & np.uint32(ERROR)).any():
-            self.counters.error_frames += int(np.count_nonzero(ids & np.uint32(ERROR)))
-        picked = np.flatnonzero(slots)
-        picked = self._refuse_odd(ids, slots, picked)
-        if not len(picked):
-            return RoleSamples({}, None)
-        self.counters.wanted += len(picked)
-        end_us = int(block.t_us[picked[-1]])
-
-        key = slots[picked].astype(np.uint16) << np.uint16(8) | (ids[picked] & np.uint32(0xFF)).astype(
-            np.uint16
-        )
-        order = np.argsort(key, kind="stable")
-        key, picked = key[order], picked[order]
-        edges = np.flatnonzero(key[1:] != key[:-1]) + 1
-        starts = [0, *edges.tolist()]
-        ends = [*edges.tolist(), len(key)]
-        single = int(np.searchsorted(key, _FIRST_COLUMNAR << 8))
-        samples = self._in_order(block, np.sort(picked[:single])) if single else {}
+        for slot, group in enumerate(self._columnar, start=_FIRST_COLUMNAR):
+            if group.exact_id is not None:
+                slots[ids == np.uint32(group.exact_id)] = slot
+        key = slots.astype(np.uint16) << np.uint16(8) | (ids & np.uint32(0xFF)).astype(np.uint16)
+        rows = np.argsort(key, kind="stable")
+        key = key[rows]
+        edges = (np.flatnonzero(key[1:] != key[:-1]) + 1).tolist()
+        sequential = int(np.searchsorted(key, _FIRST_COLUMNAR << 8))
+        samples = self._one_by_one(block[np.sort(rows[:sequential])]) if sequential else {}
         columns = Columns(block)
-        for start, end in zip(starts, ends, strict=True):
+        for start, end in zip([0, *edges], [*edges, len(key)], strict=True):
             slot, low = divmod(int(key[start]), 256)
             if slot >= _FIRST_COLUMNAR:
                 group = self._columnar[slot - _FIRST_COLUMNAR]
-                source = None if group.exact_id is not None else low
-                self._sender(group, source).push_columns(columns, picked[start:end])
-        samples.update(columns.samples())
-        return RoleSamples(samples, end_us)
-
-    def _refuse_odd(self, ids: NDArray[np.uint32], slots: NDArray[np.uint8], picked: IntColumn) -> IntColumn:
-        """Count and drop what looks like a wanted identifier and is no data frame of it."""
-        flags = ids[picked] & np.uint32(EXTENDED | REMOTE | ERROR)
-        odd = flags != np.uint32(EXTENDED)
-        if not odd.any():
-            return picked
-        keep = np.ones(len(picked), np.bool_)
-        for at in np.flatnonzero(odd).tolist():
-            route = self._route(int(ids[picked[at]]))
-            keep[at] = route.kind <= _PACKET
-            if route.kind == _REMOTE:
-                self._note(route)
-        return picked[keep]
-
-    def _in_order(self, block: FrameBlock, rows: IntColumn) -> dict[str, tuple[IntColumn, FloatColumn]]:
-        found: Found = {}
-        part = block[rows]
-        for t_us, can_id, length, word in zip(
-            part.t_us.tolist(), part.can_id.tolist(), part.length.tolist(), part.data.tolist(), strict=True
-        ):
-            self._take(self._routes.get(can_id) or self._resolve(can_id), t_us, length, word, found)
-        self.counters.wanted -= len(rows)  # counted by the caller
-        return _columns(found)
+                sender = self._sender(group, None if group.exact_id is not None else low)
+                sender.push_columns(columns, rows[start:end])
+        return samples | columns.samples()
 
 
 def _columns(

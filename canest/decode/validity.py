@@ -28,7 +28,7 @@ HIGHEST_BY_SPN = {
 
 GEAR_PARK_RAW = 251  #: SPN 523, 524
 GEAR_PARK = 126.0  #: the number park gets, as raw 251 with offset -125 has
-_GEAR_TEXT = re.compile(rb"(?P<reverse>R(?P<back>\d?))|(?P<neutral>N)|(?P<park>P)|D?(?P<number>\d{1,2})")
+_GEAR_TEXT = re.compile(rb"(?P<reverse>R(?P<back>\d?))|(?P<neutral>N)|(?P<park>P)|D?(?P<number>\d{1,2})[CL]?")
 
 
 def highest_valid(width: int, rule: str, spn: int | None = None, where: str = "") -> int:
@@ -61,8 +61,8 @@ def first_not_available(width: int) -> int:
 def gear_of_text(text: bytes) -> float:
     """Return the gear that a transmission's range characters name, NaN when they name none.
 
-    ``3``, `` 3``, ``03`` and ``D3`` are 3, ``N`` is 0, ``R`` and ``R1`` are -1, ``P`` is `GEAR_PARK`
-    (SPN 162 and 163, PID 162 and 163).
+    ``3``, `` 3``, ``03`` and ``D3`` are 3, so are ``3C`` and ``3L`` (torque converter open or locked), ``N``
+    is 0, ``R`` and ``R1`` are -1, ``P`` is `GEAR_PARK` (SPN and PID 162 and 163).
     """
     match = _GEAR_TEXT.fullmatch(text.strip(b" \0"))
     if match is None:
