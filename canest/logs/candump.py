@@ -176,7 +176,7 @@ def _lines(text: bytes, chars: NDArray[np.uint8], end: int) -> tuple[IntColumn, 
     """Return where each line of ``text[:end]`` starts, and its width (capped above the longest allowed)."""
     count = text.count(b"\n", 0, end)
     stride = text.find(b"\n", 0, end) + 1
-    if count * stride == end and bool((chars[stride - 1 : end : stride] == NEWLINE).all()):
+    if stride and count * stride == end and bool((chars[stride - 1 : end : stride] == NEWLINE).all()):
         return np.arange(0, end, stride), np.full(count, min(stride - 1, LINE_CHARS_MAX + 1))
     ends = np.flatnonzero(chars[:end] == NEWLINE)
     starts = np.empty_like(ends)
