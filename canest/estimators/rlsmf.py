@@ -15,14 +15,14 @@ from pydantic import Field
 
 from canest import fast
 from canest.estimators.columns import Container, give, room, state_in, state_out, take
-from canest.estimators.two_parameter import PRIOR_NOISE_MPS2, TwoParameter, TwoParameterOptions
+from canest.estimators.two_parameter import (
+    P_LIMIT,
+    PRIOR_NOISE_MPS2,
+    VARIANCE_ALPHA,
+    TwoParameter,
+    TwoParameterOptions,
+)
 from canest.frames import FloatColumn
-from canest.vehicle.samples import RATE_HZ
-
-#: P never exceeds this multiple of the prior's (2005, section 4.1: limit the growth of the covariance)
-P_LIMIT = 10.0
-#: memory of the innovation variance
-VARIANCE_MEMORY_S = 10.0
 
 
 class RlsmfOptions(TwoParameterOptions):
@@ -64,11 +64,10 @@ class Rlsmf(TwoParameter):
     def _learn(self, y: FloatColumn, phi1: FloatColumn, phi2: FloatColumn) -> FloatColumn:
         o, n = self.options, len(y)
         out = room(n, 4)
-        alpha = 1.0 / (VARIANCE_MEMORY_S * RATE_HZ)
         bounds = (self.box.low[0], self.box.high[0], self.box.low[1], self.box.high[1])
         state = state_in(self._state)
         run = own_gain if self.name == "rlsmf" else joint_gain
-        run(*give(y, phi1, phi2), *self._inverse, *bounds, *self._ceiling, alpha, state, *out)
+        run(*give(y, phi1, phi2), *self._inverse, *bounds, *self._ceiling, VARIANCE_ALPHA, state, *out)
         self._state = state_out(state)
         known = np.stack([take(c) for c in out])
         known[2] *= o.forgetting_mass

@@ -33,6 +33,10 @@ from canest.vehicle.samples import RATE_HZ, EstimateBlock, ModelBlock, VehicleFa
 
 #: acceleration noise that scales prior covariances (P is in units of theta^2 per y^2), m/s2
 PRIOR_NOISE_MPS2 = 0.05
+#: P never exceeds this multiple of the prior's (2005, section 4.1: limit the growth of the covariance)
+P_LIMIT = 10.0
+#: step of the running variance of the innovation: a memory of ten seconds
+VARIANCE_ALPHA = 1.0 / (10.0 * RATE_HZ)
 SQRT12 = float(np.sqrt(12.0))
 
 
