@@ -7,7 +7,7 @@ around it, and give the same bits for the same frames however they are cut.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -16,18 +16,15 @@ from numpy.typing import NDArray
 
 from canest.config.schema import Config
 from canest.decode.decoder import Decoder
-from canest.decode.signal_map import decoder_for, resolution_of
+from canest.decode.signal_map import resolution_of
 from canest.estimators.base import Estimator, create
 from canest.frames import FloatColumn, FrameBlock, IntColumn
 from canest.gates import LABELS
-from canest.grid.clock import Clock, Stretch
-from canest.grid.grid import Channel, Grid, GridBlock
-from canest.roles import ROLES
+from canest.grid.clock import Clock
+from canest.grid.grid import Feed, GridBlock
+from canest.intake import Intake, grid_for, hold_us
 from canest.vehicle.regression import Regression
 from canest.vehicle.samples import EstimateBlock, ModelBlock, VehicleFacts
-
-#: roles that the effect `torque_delay` finds late
-TORQUE_ROLES = ("engine_torque_pct", "engine_torque", "engine_friction_pct", "retarder_torque_pct")
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,45 +64,23 @@ class Pipeline:
 
     def __init__(self, config: Config, *, listener: Listener | None = None) -> None:
         self.config = config
-        self.decoder: Decoder = decoder_for(config)
-        self._hold_us = round(config.sampling.hold_s * 1e6)
-        self.clock = Clock(self._hold_us, round(config.sampling.max_backward_s * 1e6))
-        self._grid = Grid(channels_of(config))
+        self.intake = Intake(config)
+        self._grid = grid_for(config)
         self.estimator: Estimator = create(config.estimator.name, facts_of(config), config.estimator.options)
         self._regression = Regression(config, excitation_gate=self.estimator.wants_excitation_gate)
         self._listener = listener
-        self.frames = 0
         self.gates: Counter[str] = Counter()
         self.samples = 0
 
     def push(self, frames: FrameBlock) -> Estimates:
         """Take the next frames; return the estimates of every tick they complete."""
-        self.frames += len(frames)
-        done: list[Estimates] = []
-        for stretch in self.clock.split(self.decoder.select(frames)):
-            if stretch.jump:
-                self._jump(stretch, done)
-            self._grid.push(self.decoder.decode(stretch.frames).samples)
-            self._emit(self._grid.ticks_until(int(stretch.frames.t_us[-1]), inclusive=False), done)
-        return Estimates.concatenate(done)
+        return self._take(self.intake.frames(frames))
 
     def push_samples(
         self, samples: Mapping[str, tuple[IntColumn, FloatColumn]], t_us: IntColumn
     ) -> Estimates:
         """Take already decoded samples (tables) with the stamps of all their rows, in order."""
-        done: list[Estimates] = []
-        empty = np.zeros(len(t_us), np.uint32)
-        rows = FrameBlock(t_us, empty, empty.astype(np.uint8), np.arange(len(t_us), dtype=np.uint64))
-        for stretch in self.clock.split(rows):
-            if stretch.jump:
-                self._jump(stretch, done)
-            first, last = int(stretch.frames.data[0]), int(stretch.frames.data[-1])
-            part = {
-                role: (stretch.frames.t_us, value[first : last + 1]) for role, (_, value) in samples.items()
-            }
-            self._grid.push(part)
-            self._emit(self._grid.ticks_until(int(stretch.frames.t_us[-1]), inclusive=False), done)
-        return Estimates.concatenate(done)
+        return self._take(self.intake.table(samples, t_us))
 
     def advance_to(self, t_us: int) -> Estimates:
         """Event time has certainly reached ``t_us``: emit ticks before it, though the bus may be quiet.
@@ -115,7 +90,7 @@ class Pipeline:
         """
         done: list[Estimates] = []
         if self.clock.last_us is not None:
-            end = min(t_us, self.clock.last_us + self._hold_us)
+            end = min(t_us, self.clock.last_us + hold_us(self.config))
             self._emit(self._grid.ticks_until(end, inclusive=False), done)
         return Estimates.concatenate(done)
 
@@ -135,6 +110,16 @@ class Pipeline:
         return self.estimator.snapshot()
 
     @property
+    def decoder(self) -> Decoder:
+        """Return the decoder (its counters tell what the bus carried)."""
+        return self.intake.decoder
+
+    @property
+    def clock(self) -> Clock:
+        """Return the event clock (its counters tell what it had to mend)."""
+        return self.intake.clock
+
+    @property
     def gate_counts(self) -> dict[str, int]:
         """Return samples refused per gate, by name."""
         return {name: self.gates[name] for name in LABELS.values() if name and self.gates[name]}
@@ -144,12 +129,12 @@ class Pipeline:
         """Return how many samples the estimator learned from."""
         return self.gates[""]
 
-    def _jump(self, stretch: Stretch, done: list[Estimates]) -> None:
-        """Finish the old stretch of time (held for a while after a silence), start the new one."""
-        if stretch.before_us is not None:
-            held = self._hold_us if stretch.jump == "gap" else 0
-            self._emit(self._grid.ticks_until(stretch.before_us + held, inclusive=not held), done)
-        self._grid.restart(int(stretch.frames.t_us[0]), clock_set_back=stretch.jump == "back")
+    def _take(self, feeds: Iterable[Feed]) -> Estimates:
+        done: list[Estimates] = []
+        for feed in feeds:
+            for ticks in self._grid.take(feed):
+                self._emit(ticks, done)
+        return Estimates.concatenate(done)
 
     def _emit(self, ticks: GridBlock | None, done: list[Estimates]) -> None:
         if ticks is None:
@@ -166,26 +151,6 @@ class Pipeline:
         done.append(
             Estimates(samples.t_us, e.mass_kg, e.mass_std_kg, e.grade, e.grade_std, e.status, samples.gate)
         )
-
-
-def channels_of(config: Config) -> list[Channel]:
-    """Return the grid's channels: the signal map with its delays and staleness limits."""
-    from canest.vehicle.effects import effect_from_config
-
-    late_s = sum(
-        float(getattr(effect_from_config(e), "delay_s", 0.0))
-        for e in config.effects
-        if e.get("effect") == "torque_delay"
-    )
-    channels = []
-    for role, source in config.signals.items():
-        stale_s = (
-            source.stale_s if source.stale_s is not None else ROLES[role].stale_s if role in ROLES else 5.0
-        )
-        delay_s = source.delay_s + (late_s if role in TORQUE_ROLES else 0.0)
-        stale_us = round(stale_s * 1e6) if np.isfinite(stale_s) else 1 << 61
-        channels.append(Channel(role, round(delay_s * 1e6), stale_us))
-    return channels
 
 
 def facts_of(config: Config) -> VehicleFacts:

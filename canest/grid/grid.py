@@ -24,6 +24,21 @@ class Channel:
 
 
 @dataclass(frozen=True, slots=True)
+class Feed:
+    """One monotone stretch of decoded samples.
+
+    samples: role -> (t_us, value). jump, before_us: how it follows what came before (`canest.grid.clock`).
+    first_us, last_us: stamps of its first and last wanted frame.
+    """
+
+    samples: Mapping[str, tuple[IntColumn, FloatColumn]]
+    jump: str
+    before_us: int | None
+    first_us: int
+    last_us: int
+
+
+@dataclass(frozen=True, slots=True)
 class GridBlock:
     """Consecutive ticks.
 
@@ -48,8 +63,8 @@ class Grid:
     was at t - D, so torque and speed describe the same moment.
     """
 
-    def __init__(self, channels: list[Channel]) -> None:
-        self._channels = channels
+    def __init__(self, channels: list[Channel], hold_us: int) -> None:
+        self._channels, self._hold_us = channels, hold_us
         longest = max((c.delay_us for c in channels), default=0)
         self._shift_us = {c.role: longest - c.delay_us for c in channels}
         #: role -> samples not yet passed by a tick, led by the one in force
@@ -66,6 +81,22 @@ class Grid:
             for role, v in self._v.items():
                 self._t[role] = np.array([_NEVER_US], np.int64)
                 self._v[role] = v[-1:]
+
+    def take(self, feed: Feed) -> list[GridBlock]:
+        """Take one stretch of samples; return the runs of ticks it completes.
+
+        A tick is complete when something later than it has been seen. After a silence the old stretch
+        is held on for ``hold_us``, then time goes on where the new one starts.
+        """
+        blocks = []
+        if feed.jump:
+            if feed.before_us is not None:
+                held = self._hold_us if feed.jump == "gap" else 0
+                blocks.append(self.ticks_until(feed.before_us + held, inclusive=not held))
+            self.restart(feed.first_us, clock_set_back=feed.jump == "back")
+        self.push(feed.samples)
+        blocks.append(self.ticks_until(feed.last_us, inclusive=False))
+        return [b for b in blocks if b is not None]
 
     def push(self, samples: Mapping[str, tuple[IntColumn, FloatColumn]]) -> None:
         """Take samples (stamps not before those already passed)."""

@@ -54,7 +54,7 @@ class LongitudinalModel:
 
     def __init__(self, config: Config) -> None:
         self.vehicle = config.vehicle
-        self.effects = [effect_from_config(e, f"effects[{i}]") for i, e in enumerate(config.effects)]
+        self.effects = effects_of(config)
         self.roles = frozenset(config.signals)
         self.speed_roles = self._speed_roles()
         self.torque_role = self._torque_role()
@@ -66,10 +66,6 @@ class LongitudinalModel:
         self._ratios = np.array([self.vehicle.gear_ratios[int(g)] for g in self._gears], np.float64)
         self._last_speed_mps = np.nan
         self._first_us: int | None = None
-
-    def delay_s(self) -> float:
-        """Return how much later than it acts the torque is reported (effect `torque_delay`)."""
-        return sum(float(getattr(e, "delay_s", 0.0)) for e in self.effects if e.stage == "sampling")
 
     def required_roles(self) -> tuple[str, ...]:
         """Return the roles without which there is no force."""

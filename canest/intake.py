@@ -1,0 +1,62 @@
+"""The pipeline's left end: wanted frames (or table rows) in, monotone stretches of decoded samples out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from canest.config.schema import Config
+from canest.decode.signal_map import decoder_for
+from canest.frames import FloatColumn, FrameBlock, IntColumn
+from canest.grid.clock import Clock
+from canest.grid.grid import Channel, Feed, Grid
+from canest.roles import ROLES
+from canest.vehicle.model import effects_of
+
+#: roles that the effect `torque_delay` finds late
+TORQUE_ROLES = ("engine_torque_pct", "engine_torque", "engine_friction_pct", "retarder_torque_pct")
+#: staleness limit of a signal that only an effect knows
+EFFECT_SIGNAL_STALE_S = 5.0
+
+
+class Intake:
+    """Selects, puts in time order, decodes; carries the decoder's and the clock's state."""
+
+    def __init__(self, config: Config) -> None:
+        self.decoder = decoder_for(config)
+        self.clock = Clock(hold_us(config), round(config.sampling.max_backward_s * 1e6))
+
+    def frames(self, block: FrameBlock) -> Iterator[Feed]:
+        """Yield the stretches of a block of frames."""
+        for stretch in self.clock.split(self.decoder.select(block)):
+            t_us = stretch.frames.t_us
+            samples = self.decoder.decode(stretch.frames).samples
+            yield Feed(samples, stretch.jump, stretch.before_us, int(t_us[0]), int(t_us[-1]))
+
+    def table(self, samples: Mapping[str, tuple[IntColumn, FloatColumn]], t_us: IntColumn) -> Iterator[Feed]:
+        """Yield the stretches of table rows: ``t_us`` of every row, and one value per row and role."""
+        nothing = np.zeros(len(t_us), np.uint32)
+        rows = FrameBlock(t_us, nothing, nothing.astype(np.uint8), np.arange(len(t_us), dtype=np.uint64))
+        for stretch in self.clock.split(rows):
+            stamps, at = stretch.frames.t_us, stretch.frames.data.astype(np.int64)
+            part = {role: (stamps, value[at]) for role, (_, value) in samples.items()}
+            yield Feed(part, stretch.jump, stretch.before_us, int(stamps[0]), int(stamps[-1]))
+
+
+def hold_us(config: Config) -> int:
+    """Return how long ticks go on after the last wanted frame."""
+    return round(config.sampling.hold_s * 1e6)
+
+
+def grid_for(config: Config) -> Grid:
+    """Return the grid of a config: the signal map with its delays and staleness limits."""
+    late_s = sum(float(getattr(e, "delay_s", 0.0)) for e in effects_of(config) if e.stage == "sampling")
+    channels = []
+    for role, source in config.signals.items():
+        known = ROLES[role].stale_s if role in ROLES else EFFECT_SIGNAL_STALE_S
+        stale_s = known if source.stale_s is None else source.stale_s
+        stale_us = round(stale_s * 1e6) if np.isfinite(stale_s) else 1 << 61
+        delay_s = source.delay_s + (late_s if role in TORQUE_ROLES else 0.0)
+        channels.append(Channel(role, round(delay_s * 1e6), stale_us))
+    return Grid(channels, hold_us(config))
