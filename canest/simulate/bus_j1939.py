@@ -127,9 +127,7 @@ def j1939_frames(
         )
 
     def erc1(t: FloatColumn) -> NDArray[np.uint64]:
-        share = np.zeros(len(t))
-        if signals.vehicle.retarder_Nm:
-            share = -100 * signals.at("retarder_Nm", t) / signals.vehicle.retarder_Nm
+        share = -100 * signals.at("retarder_Nm", t) / signals.vehicle.retarder_Nm
         torque = [scaled(start, 8, share, 1, -125, TOP8) for start in (8, 16)]  # SPN 520, 1085
         return payload([Field(0, 8, np.full(len(t), 0xF1)), *torque], len(t))
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from canest.frames import FrameBlock
+from canest.logs.writer import candump_text
 
 if TYPE_CHECKING:
     from canest.simulate.run import SimulatedDrive
@@ -40,16 +40,3 @@ def write_drive(drive: SimulatedDrive, directory: Path, compress: bool) -> list[
 def config_text(config: dict[str, Any]) -> str:
     """Return a config as YAML text."""
     return yaml.safe_dump(config, sort_keys=False, allow_unicode=True)
-
-
-def candump_text(frames: FrameBlock, channel: str = "can0") -> bytes:
-    """Return frames as candump -L text."""
-    hexed = frames.data.astype("<u8").tobytes().hex().upper()
-    lines = []
-    for k, (t, can_id, length) in enumerate(
-        zip(frames.t_us.tolist(), frames.can_id.tolist(), frames.length.tolist(), strict=True)
-    ):
-        shown = f"{can_id & 0x1FFFFFFF:08X}" if can_id & 0x80000000 else f"{can_id:03X}"
-        at = 16 * k
-        lines.append(f"({t // 1000000}.{t % 1000000:06d}) {channel} {shown}#{hexed[at : at + 2 * length]}\n")
-    return "".join(lines).encode()

@@ -45,7 +45,7 @@ class VehicleSpec(Strict):
     downshift_rpm: float = 0.0
     torque_ramp_s: float = 0.2
     neutral_s: float = 0.4  #: shortest time out of gear in a shift
-    retarder_Nm: float = Field(0.0, ge=0)  #: engine brake at the crank, and its reference
+    retarder_Nm: float = Field(300.0, gt=0)  #: engine brake at the crank, and its reference (trucks)
     accel_limit_mps2: float = 2.0  #: launch torque is limited to this
     pitch_rad_per_mps2: float = 0.01
     pitch_hz: float = 1.3  #: not declared
