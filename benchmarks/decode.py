@@ -80,7 +80,9 @@ def main() -> None:
         decoder.SHORT_BLOCK = 10**9
         scalar = best_ns_per_frame(live, size, 3)
         decoder.SHORT_BLOCK = 0
-        print(f"blocks of {size:>4}: frame by frame {scalar:6.0f}, columns {best_ns_per_frame(live, size, 3):6.0f} ns/frame")
+        print(
+            f"blocks of {size:>4}: frame by frame {scalar:6.0f}, columns {best_ns_per_frame(live, size, 3):6.0f} ns/frame"
+        )
 
 
 if __name__ == "__main__":

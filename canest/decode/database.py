@@ -67,6 +67,8 @@ def find_signal(
 
 def _near(name: str, names: Iterable[str]) -> str:
     spelled = {n.lower(): n for n in names}
+    if not spelled:  # cantools reads a DBC that ends in mid-line without complaint
+        return "a name, but there are none: is the file cut short?"
     near = [spelled[n] for n in difflib.get_close_matches(name.lower(), spelled, n=3, cutoff=0.5)]
     return (
         ("did you mean " + " or ".join(near) + "?")

@@ -63,7 +63,9 @@ def push_cut(decoder: Decoder, block: FrameBlock, cuts: Iterable[int]):
         end_us = result.end_us if result.end_us is not None else end_us
         for role, columns in result.samples.items():
             parts.setdefault(role, []).append(columns)
-    joined = {r: (np.concatenate([c[0] for c in p]), np.concatenate([c[1] for c in p])) for r, p in parts.items()}
+    joined = {
+        r: (np.concatenate([c[0] for c in p]), np.concatenate([c[1] for c in p])) for r, p in parts.items()
+    }
     return joined, end_us
 
 

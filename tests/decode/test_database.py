@@ -1,0 +1,72 @@
+"""Databases that are missing, damaged or lack a signal: one line that says where and what is near."""
+
+from __future__ import annotations
+
+import pytest
+from decode_helpers import shipped_database, wants
+
+from canest.decode import Decoder
+from canest.decode.database import find_signal, load
+from canest.errors import ConfigError
+from canest.resources import shipped
+
+
+def test_loaded_once_per_process():
+    path = shipped("dbc") / "canest.dbc"
+    assert load(path) is load(str(path))
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(ConfigError, match=r"nowhere\.dbc: cannot read database.*No such file"):
+        load(tmp_path / "nowhere.dbc")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"\x00\x01\x02\xff\xfe",
+        b"hello",
+        b"",
+        b'BO_ 1 A: 1 X\n SG_ S : 0|64@1+ (1,0) [0|0] "" X\n',
+        b'BO_ 419361001 NoExtendedFlag: 8 X\n SG_ S : 0|8@1+ (1,0) [0|0] "" X\n',
+    ],
+)
+def test_damaged_file_is_one_line_with_its_name(tmp_path, content):
+    path = tmp_path / "damaged.dbc"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError) as caught:
+        load(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert caught.value.exit_code == 2
+
+
+def test_file_cut_in_mid_line(tmp_path):
+    path = tmp_path / "cut.dbc"
+    path.write_text("BO_ 2566844926 CCVS1: 8 X\n SG_ Speed : 8|16@1+ (0.0")
+    with pytest.raises(ConfigError, match="no such signal in CCVS1.*found 'Speed'.*cut short"):
+        find_signal([load(path)], "CCVS1", "Speed")
+
+
+def test_missing_message_and_signal_name_what_is_near():
+    databases = [shipped_database()]
+    with pytest.raises(
+        ConfigError, match=r"signals\.gear: no such message, found 'ETC22'.*did you mean ETC2"
+    ):
+        find_signal(databases, "ETC22", "TransCurrentGear", "signals.gear")
+    with pytest.raises(ConfigError, match="no such signal in ETC2.*did you mean TransCurrentGear"):
+        find_signal(databases, "ETC2", "TransCurentGear", "signals.gear")
+    with pytest.raises(ConfigError, match="one of AGW"):
+        find_signal(databases, "zzzzzzzz", "x")
+
+
+def test_decoder_says_which_role_lacks_its_signal():
+    with pytest.raises(ConfigError, match=r"signals\.vehicle_speed"):
+        Decoder(wants(("vehicle_speed", "CCVS1", "Speed")), [shipped_database()])
+
+
+def test_first_database_that_has_the_message_counts(tmp_path):
+    path = tmp_path / "own.dbc"
+    path.write_text('BO_ 291 EEC1: 8 X\n SG_ EngSpeed : 0|8@1+ (100,0) [0|0] "rpm" X\n')
+    message, signal = find_signal([load(path), shipped_database()], "EEC1", "EngSpeed")
+    assert (message.frame_id, signal.scale) == (291, 100)
