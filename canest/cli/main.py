@@ -1,0 +1,138 @@
+"""The `canest` command: finds the subcommand, runs it, turns every failure into one line and an exit code."""
+
+from __future__ import annotations
+
+import os
+import sys
+from importlib import import_module
+from typing import Any
+
+import click
+
+from canest import __version__
+
+#: command -> (module below `canest.cli`, what it does); a module is imported when its command is called
+COMMANDS: dict[str, tuple[str, str]] = {
+    "demo": ("demo", "See mass and grade settle on a bundled drive; needs no hardware."),
+    "check": ("check", "Say whether a config fits a log or a bus, signal by signal."),
+    "run": ("run", "Estimate live on a CAN bus and put the result back on it."),
+    "replay": ("replay", "Estimate from recorded logs, as fast as they can be read."),
+    "compare": ("compare", "Run every estimator on one log and compare it with the truth."),
+    "diagnose": ("diagnose", "Find what the vehicle model lacks in measured data, and add it."),
+    "simulate": ("simulate", "Make a log with known truth from a scenario."),
+    "status": ("status", "Show how a running daemon is doing."),
+    "monitor": ("monitor", "Watch mass and grade live, from the broadcast alone."),
+    "install-service": ("install", "Print or install the systemd unit."),
+}
+
+OK, FAILED = 0, 1
+
+
+class _LazyGroup(click.Group):
+    """Knows the commands' names and one-line texts without importing any of them."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = import_module(f"canest.cli.{COMMANDS[cmd_name][0]}").command
+        command.name = cmd_name
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+            from difflib import get_close_matches
+
+            near = get_close_matches(args[0], COMMANDS, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"one of {', '.join(COMMANDS)}"
+            raise click.UsageError(f"no such command, found '{args[0]}', expected {hint}", ctx)
+        return super().resolve_command(ctx, args)
+
+
+EPILOG = """\b
+Start here:
+  canest demo                                         a drive, live, in half a minute
+  canest check -c class8 drive.log                    does this config fit this truck?
+  canest replay drive.log -c my-truck.yaml -o est.csv
+  canest run -c my-truck.yaml                         the daemon
+
+Errors are one line; add --debug to any command for the traceback.
+"""
+
+
+@click.group(
+    cls=_LazyGroup,
+    epilog=EPILOG,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.version_option(__version__, prog_name="canest")
+@click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
+def cli() -> None:
+    """Estimate a vehicle's mass and the road grade at 50 Hz from its CAN bus, live or from logs."""
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the command line and exit: 0 done, 2 bad usage or config, 1 anything else."""
+    # threads of OpenBLAS cost 50 to 200 ms of start-up, and nothing here multiplies large matrices
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    debug = "--debug" in arguments
+    code = run([a for a in arguments if a != "--debug"], debug)
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _forget_stdout()
+    sys.exit(code)
+
+
+def run(arguments: list[str], debug: bool = False) -> int:
+    """Run the command line and return its exit code; failures are told on stderr."""
+    try:
+        result: Any = cli.main(args=arguments, prog_name="canest", standalone_mode=False)
+        return result if isinstance(result, int) else OK
+    except click.exceptions.Exit as done:
+        return done.exit_code
+    except (click.exceptions.Abort, KeyboardInterrupt):
+        return FAILED
+    except BrokenPipeError:  # the reader of our output has seen enough
+        _forget_stdout()
+        return FAILED
+    except Exception as error:
+        if debug:
+            import traceback
+
+            traceback.print_exc()
+        return _tell(error, debug)
+
+
+def _tell(error: Exception, debug: bool) -> int:
+    from canest.errors import CanestError
+
+    hint = "" if debug else " (--debug shows where)"
+    if isinstance(error, CanestError):
+        line, code = str(error), error.exit_code
+    elif isinstance(error, click.ClickException):
+        where = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "canest"
+        line, code = f"{where}: {error.format_message()} (see {where} --help)", error.exit_code
+    elif isinstance(error, MemoryError):
+        line, code = "out of memory", FAILED
+    elif isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        line, code = f"{where}{error.strerror or error}{hint}", FAILED
+    else:
+        line, code = f"unexpected {type(error).__name__}: {error}{hint}", FAILED
+    print("error: " + " ".join(line.split()), file=sys.stderr)
+    return code
+
+
+def _forget_stdout() -> None:
+    """Point stdout at nothing, so that the interpreter does not complain about it at its exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)

@@ -1,0 +1,67 @@
+"""Options that several commands share, so that they look and mean the same everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+if TYPE_CHECKING:
+    from canest.config.schema import Config
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+CONFIG_HELP = "Config file, or the name of a shipped one (class8, kenworth, bmw-i3, ...)."
+
+
+def config_option(required: bool = True) -> Callable[[F], F]:
+    """Return the -c/--config option."""
+    return click.option(
+        "-c", "--config", "config_name", required=required, metavar="CONFIG", help=CONFIG_HELP
+    )
+
+
+def override_options(function: F) -> F:
+    """Add the options that change a config for one call."""
+    for option in (
+        click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Override a config key, "
+                     "e.g. --set filter.cutoff_hz=1.5; may be repeated."),
+        click.option("--initial-mass", type=float, metavar="KG", help="Start value of the mass."),
+        click.option("--estimator", metavar="NAME", help="Estimator to use instead of the config's."),
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
+def truth_options(function: F) -> F:
+    """Add the options that say what the right answer is."""
+    for option in (
+        click.option("--after", "after_s", type=float, default=60.0, show_default=True, metavar="S",
+                     help="Count errors from this many seconds after the first sample on."),
+        click.option("--mass", "mass_kg", type=float, metavar="KG", help="The true mass, if constant."),
+        click.option("--truth", metavar="CSV", help="Table with t_s and grade or mass_kg or both; "
+                     "'auto' takes NAME.truth.csv beside each log."),
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
+def load(
+    config_name: str,
+    overrides: tuple[str, ...] = (),
+    estimator: str | None = None,
+    initial_mass: float | None = None,
+) -> Config:
+    """Load a config with what the command line changes in it. Errors: ConfigError, UsageError."""
+    from canest.config import load_config
+
+    changes = list(overrides)
+    if estimator is not None:
+        # the config's options belong to the config's estimator; --set still reaches the new one's
+        if load_config(config_name).estimator.name != estimator:
+            changes.insert(0, "estimator.options={}")
+        changes.append(f"estimator.name={estimator}")
+    if initial_mass is not None:
+        changes.append(f"estimator.initial_mass_kg={initial_mass!r}")
+    return load_config(config_name, changes)

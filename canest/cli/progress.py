@@ -1,0 +1,75 @@
+"""Progress on stderr: only for a person who waits (a terminal, and longer than a moment)."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+#: shorter jobs show nothing, and so need not import rich
+PATIENCE_S = 0.7
+
+
+class _Shown:
+    """A rich progress bar that appears late or never; use as a context manager."""
+
+    def __init__(self, text: str, total: float | None = None) -> None:
+        self._text, self._total = text, total
+        self._begin = time.monotonic()
+        self._progress: Progress | None = None
+        self._task: Any = None
+
+    def _show(self, done: float, total: float | None) -> None:
+        if self._progress is None:
+            if time.monotonic() - self._begin < PATIENCE_S or not sys.stderr.isatty():
+                return
+            from rich.console import Console
+            from rich.progress import Progress
+
+            self._progress = Progress(console=Console(stderr=True), transient=True)
+            self._task = self._progress.add_task(self._text, total=total)
+            self._progress.start()
+        self._progress.update(self._task, completed=done, total=total, description=self._text)
+
+    def __enter__(self) -> Any:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._progress is not None:
+            self._progress.stop()
+
+
+class Bar(_Shown):
+    """Progress through one log, by bytes."""
+
+    def update(self, done: int, total: int) -> None:
+        """Take note of the bytes done, of all (0: unknown)."""
+        self._show(done, total or None)
+
+
+class Share(_Shown):
+    """Progress told as a share, 0 to 1."""
+
+    def update(self, share: float) -> None:
+        """Take note of the share done."""
+        self._show(share, 1.0)
+
+
+class Count(_Shown):
+    """Progress through many logs."""
+
+    def __init__(self, text: str, total: int) -> None:
+        super().__init__(text, total)
+        self._done = 0
+
+    def step(self, name: str) -> None:
+        """Take note of one more that is done."""
+        self._done += 1
+        self._text = name
+        self._show(self._done, self._total)

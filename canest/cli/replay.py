@@ -1,0 +1,154 @@
+"""`canest replay`: estimates from recorded logs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from canest.cli.options import config_option, load, override_options, truth_options
+
+if TYPE_CHECKING:
+    from canest.config import Config
+    from canest.fleet import Job
+
+EPILOG = """\b
+Examples:
+  canest replay drive.log.xz -c class8                     what does this log say?
+  canest replay drive.log -c my.yaml -o est.csv --report est.html
+  canest replay drive.log -c my.yaml --truth drive.truth.csv --json -
+  canest replay fleet/*.log.gz -c my.yaml -o results/ --truth auto
+  canest replay trip.csv -c bmw-i3 --mass 1520             a table of decoded signals
+  canest replay drive.log --to socketcan:vcan0 --speed 2   onto a bus, twice as fast
+
+\b
+Logs: candump text in both its forms, .asc .blf .trc .mf4 .csv .db, and tables (.csv .parquet),
+plain or compressed (.gz .xz .zst .bz2).
+"""
+
+
+@click.command(epilog=EPILOG)
+@click.argument("logs", nargs=-1, required=True, metavar="LOG...")
+@config_option(required=False)
+@click.option(
+    "-o", "--output", metavar="PATH", help="Estimates as .csv or .parquet; a directory for several logs."
+)
+@click.option("--json", "json_path", metavar="PATH", help="Write the summary as JSON ('-': to stdout).")
+@click.option("--report", metavar="HTML", help="Write an HTML report; a directory for several logs.")
+@truth_options
+@override_options
+@click.option("--channel", metavar="NAME", help="Use this interface of the log only (can0, can1, ...).")
+@click.option(
+    "--to", "bus", metavar="INTERFACE:CHANNEL", help="Send the log onto a bus instead of estimating."
+)
+@click.option("--speed", type=float, metavar="FACTOR", help="With --to: times real time (default 1).")
+@click.option(
+    "-j", "--jobs", "workers", type=click.IntRange(1), metavar="N", help="Logs at a time (default: cores)."
+)
+def command(
+    logs: tuple[str, ...],
+    config_name: str | None,
+    output: str | None,
+    json_path: str | None,
+    report: str | None,
+    truth: str | None,
+    mass_kg: float | None,
+    after_s: float,
+    estimator: str | None,
+    initial_mass: float | None,
+    overrides: tuple[str, ...],
+    channel: str | None,
+    bus: str | None,
+    speed: float | None,
+    workers: int | None,
+) -> int:
+    """Estimate mass and grade from recorded logs, as fast as they can be read."""
+    if bus is not None or speed is not None:
+        return _play(logs, bus, speed, channel)
+    if config_name is None:
+        raise click.UsageError("missing option -c CONFIG", click.get_current_context())
+    config = load(config_name, overrides, estimator, initial_mass)
+    from canest.fleet import Job
+
+    jobs = [
+        Job(Path(log), truth=_truth(log, truth), mass_kg=mass_kg, after_s=after_s, channel=channel)
+        for log in logs
+    ]
+    if len(jobs) == 1:
+        return _one(jobs[0], config, output, report, json_path)
+    if truth not in (None, "auto"):
+        raise click.UsageError(
+            "one truth cannot fit several logs: use --truth auto", click.get_current_context()
+        )
+    return _many(jobs, config, output, report, json_path, workers)
+
+
+def _one(job: Job, config: Config, output: str | None, report: str | None, json_path: str | None) -> int:
+    from dataclasses import replace
+
+    from canest.cli.progress import Bar
+    from canest.cli.summary import result_lines, write_json
+
+    if output is not None:
+        path = Path(output)
+        job = replace(job, output=path / f"{job.name}.csv" if path.is_dir() else path)
+    if report is not None:
+        job = replace(job, report=Path(report))
+    with Bar(job.name) as bar:
+        result = job.run(config, bar.update)
+    if json_path is not None:
+        write_json(result.summary, json_path)
+    if "-" not in (json_path, output) and output != "/dev/stdout":
+        print("\n".join(result_lines(result, [p for p in (job.output, job.report) if p is not None])))
+    return 0
+
+
+def _many(
+    jobs: list[Job],
+    config: Config,
+    output: str | None,
+    report: str | None,
+    json_path: str | None,
+    workers: int | None,
+) -> int:
+    import sys
+
+    from canest.cli.progress import Count
+    from canest.cli.summary import many_lines, write_json
+    from canest.fleet import pooled, run_jobs, with_outputs
+
+    jobs = with_outputs(jobs, Path(output) if output else None, Path(report) if report else None)
+    with Count("replay", len(jobs)) as count:
+        outcomes = run_jobs(jobs, config, workers, lambda outcome: count.step(outcome.job.name))
+    summary = pooled(outcomes)
+    if json_path is not None:
+        write_json(summary, json_path)
+    if json_path != "-":
+        print("\n".join(many_lines(summary)))
+    for outcome in outcomes:
+        if outcome.error:
+            print(f"error: {outcome.error}", file=sys.stderr)
+    return 1 if summary["failed"] else 0
+
+
+def _truth(log: str, truth: str | None) -> Path | None:
+    if truth == "auto":
+        from canest.fleet import truth_beside
+
+        return truth_beside(Path(log))
+    return Path(truth) if truth is not None else None
+
+
+def _play(logs: tuple[str, ...], bus: str | None, speed: float | None, channel: str | None) -> int:
+    context = click.get_current_context()
+    if bus is None:
+        raise click.UsageError("--speed needs a bus to play to: --to INTERFACE:CHANNEL", context)
+    if speed is not None and not 0 < speed < float("inf"):
+        raise click.UsageError(f"--speed must be above 0, found {speed:g}", context)
+    from canest.play import play
+
+    for log in logs:
+        told = play(log, bus, 1.0 if speed is None else speed, channel=channel)
+        print(told)
+    return 0

@@ -1,0 +1,132 @@
+"""Results as lines for a person, and as JSON for a program."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from canest.errors import OutputError
+
+if TYPE_CHECKING:
+    from canest.replay import ReplayResult
+
+_LABEL = 10
+
+
+def write_json(summary: dict[str, Any], path: str) -> None:
+    """Write JSON to a file, or to stdout for '-'. Errors: OutputError."""
+    text = json.dumps(summary, indent=2, allow_nan=False) + "\n"
+    if path == "-":
+        sys.stdout.write(text)
+        return
+    try:
+        Path(path).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"cannot write: {error.strerror or error}", where=path) from None
+
+
+def result_lines(result: ReplayResult, written: Sequence[Path]) -> list[str]:
+    """Return what one replay found, for a terminal."""
+    s = result.summary
+    lines = [result.log]
+    _put(lines, "frames", f"{s['frames']:,} ({s['skipped_lines']:,} lines skipped) in {s['wall_s']:.2f} s")
+    _put(lines, "samples", f"{s['samples']:,} at 50 Hz, {s['updated']:,} learned from{_share(s)}")
+    if s["gates"]:
+        from canest.verdict import gate_shares
+
+        _put(lines, "gates", gate_shares(s["gates"], s["samples"]))
+    _put(lines, "mass", _mass(s))
+    if "errors" in s:
+        _put(lines, "error", errors_text(s["errors"]))
+    if s.get("reason"):
+        _put(lines, "because", s["reason"])
+    for note in result.notes:
+        _put(lines, "note", note)
+    for path in written:
+        _put(lines, "written", str(path))
+    return lines
+
+
+def many_lines(summary: dict[str, Any]) -> list[str]:
+    """Return what a replay of many logs found: a row each, then the pool."""
+    header = [
+        "log",
+        "frames",
+        "open %",
+        "mass kg",
+        "std kg",
+        "status",
+        "mass RMS %",
+        "worst %",
+        "grade RMS deg",
+    ]
+    rows = [header]
+    for log in summary["logs"]:
+        name = Path(log["log"]).name
+        if "error" in log:
+            rows.append([name, "failed"])
+            continue
+        open_pct = 100 * log["updated"] / log["samples"] if log["samples"] else 0.0
+        errors = log.get("errors", {})
+        rows.append([
+            name, f"{log['frames']:,}", f"{open_pct:.0f}",
+            _figure(log["mass_kg"], 0), _figure(log["mass_std_kg"], 0), log["status"],
+            _figure(errors.get("mass_rms_pct"), 2), _figure(errors.get("mass_max_pct"), 2),
+            _figure(errors.get("grade_rms_deg"), 3),
+        ])  # fmt: skip
+    if "errors" not in summary:
+        rows = [row[:6] for row in rows]
+    lines = table(rows)
+    done = len(summary["logs"]) - summary["failed"]
+    lines.append(f"{done:,} logs, {summary['frames']:,} frames, {summary['failed']:,} failed")
+    if "errors" in summary:
+        lines.append("pooled: " + errors_text(summary["errors"]))
+    return lines
+
+
+def table(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return rows as aligned text: the first column to the left, the others to the right."""
+    widths = [max(len(row[i]) for row in rows if i < len(row)) for i in range(len(rows[0]))]
+    return [
+        "  ".join(
+            cell.ljust(widths[i]) if i == 0 else cell.rjust(widths[i]) for i, cell in enumerate(row)
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def errors_text(errors: dict[str, Any]) -> str:
+    """Return the errors of a summary as one line."""
+    parts = []
+    if errors["mass_rms_pct"] is not None:
+        parts.append(f"mass RMS {errors['mass_rms_pct']:.2f} %, worst {errors['mass_max_pct']:.2f} %")
+    if errors["grade_rms_deg"] is not None:
+        parts.append(f"grade RMS {errors['grade_rms_deg']:.3f} degrees")
+    if not parts:
+        return f"none counted: no estimate with known truth later than {errors['after_s']:g} s"
+    text = ", ".join(parts) + f", from {errors['after_s']:g} s on"
+    if errors["without_estimate"]:
+        text += f" ({errors['without_estimate']:,} samples had no estimate)"
+    return text
+
+
+def _mass(s: dict[str, Any]) -> str:
+    if s["mass_kg"] is None:
+        return "none"
+    std = f" +- {s['mass_std_kg']:,.0f}" if s["mass_std_kg"] is not None else ""
+    return f"{s['mass_kg']:,.0f}{std} kg at the end ({s['status']}, estimator {s['estimator']})"
+
+
+def _share(s: dict[str, Any]) -> str:
+    return f" ({100 * s['updated'] / s['samples']:.0f} %)" if s["samples"] else ""
+
+
+def _figure(value: float | None, decimals: int) -> str:
+    return "-" if value is None else f"{value:,.{decimals}f}"
+
+
+def _put(lines: list[str], label: str, text: str) -> None:
+    lines.append(f"  {label:<{_LABEL}}{text}")

@@ -1,0 +1,224 @@
+"""One log or thousands: jobs, run side by side on all cores; one bad log never stops the others."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from canest.errors import CanestError, LogError, OutputError, UsageError
+
+if TYPE_CHECKING:
+    from canest.config import Config
+    from canest.replay import Progress, ReplayResult
+    from canest.scoring import Score
+
+ARCHIVES = (".gz", ".xz", ".zst", ".bz2")
+TRUTH_SUFFIX = ".truth.csv"
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One log to replay, with what belongs to it."""
+
+    log: Path
+    output: Path | None = None
+    report: Path | None = None
+    truth: Path | None = None
+    mass_kg: float | None = None
+    after_s: float = 60.0
+    channel: str | None = None
+
+    @property
+    def name(self) -> str:
+        """The log's name without its suffixes: drive of drive.log.xz."""
+        return name_of(self.log)
+
+    def run(self, config: Config, progress: Progress | None = None) -> ReplayResult:
+        """Replay the log. Errors: CanestError."""
+        from canest.replay import replay
+
+        recorder = None
+        if self.report is not None:
+            from canest.report.recorder import Recorder
+
+            recorder = Recorder()
+        truth = None
+        if self.truth is not None:
+            from canest.logs.truth import read_truth
+
+            truth = read_truth(self.truth)
+        result = replay(
+            self.log,
+            config,
+            output=self.output,
+            truth=truth,
+            mass_kg=self.mass_kg,
+            after_s=self.after_s,
+            listener=recorder,
+            progress=progress,
+            channel=self.channel,
+        )
+        if recorder is not None and self.report is not None:
+            from canest.report.replay_page import write_replay_report
+
+            write_replay_report(self.report, result, config, recorder, result.score)
+        return result
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What became of a job: a result, or the one line that says why there is none."""
+
+    job: Job
+    result: ReplayResult | None = None
+    error: str = ""
+
+
+def name_of(log: Path) -> str:
+    """Return a log's name without the suffixes of archive and format."""
+    stem = Path(log.stem) if log.suffix.lower() in ARCHIVES else log
+    return stem.stem or log.name
+
+
+def truth_beside(log: Path) -> Path | None:
+    """Return NAME.truth.csv beside a log (plain or compressed), None when there is none."""
+    for suffix in ("", *ARCHIVES):
+        path = log.with_name(name_of(log) + TRUTH_SUFFIX + suffix)
+        if path.is_file():
+            return path
+    return None
+
+
+def with_outputs(jobs: Sequence[Job], directory: Path | None, reports: Path | None) -> list[Job]:
+    """Return the jobs with NAME.csv and NAME.html in the directories, which are made.
+
+    Errors: OutputError; UsageError when two logs would write the same file.
+    """
+    for folder in (directory, reports):
+        if folder is not None:
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise OutputError(f"cannot make the directory: {error.strerror}", where=str(folder)) from None
+    names = unique_names([job.log for job in jobs]) if directory or reports else [job.name for job in jobs]
+    return [
+        replace(
+            job,
+            output=directory / f"{name}.csv" if directory else None,
+            report=reports / f"{name}.html" if reports else None,
+        )
+        for job, name in zip(jobs, names, strict=True)
+    ]
+
+
+def unique_names(logs: Sequence[Path]) -> list[str]:
+    """Return one name per log; logs of one name get their folder's name in front.
+
+    Errors: UsageError when that does not tell them apart.
+    """
+    plain = [name_of(log) for log in logs]
+    names = [
+        f"{log.resolve().parent.name}-{name}" if plain.count(name) > 1 else name
+        for log, name in zip(logs, plain, strict=True)
+    ] if len(set(plain)) < len(plain) else plain  # fmt: skip
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise UsageError(
+            "two logs would write the same file", where="-o", found=twice, expected="different names"
+        )
+    return names
+
+
+def run_jobs(
+    jobs: Sequence[Job],
+    config: Config,
+    workers: int | None = None,
+    done: Callable[[Outcome], None] | None = None,
+) -> list[Outcome]:
+    """Run every job and return what became of each, in their order; `done` is told as each one ends."""
+    workers = min(workers or len(os.sched_getaffinity(0)), len(jobs))
+    outcomes: dict[Job, Outcome] = {}
+    for outcome in _serial(jobs, config) if workers <= 1 else _parallel(list(jobs), config, workers):
+        outcomes[outcome.job] = outcome
+        if done is not None:
+            done(outcome)
+    return [outcomes[job] for job in jobs]
+
+
+def _serial(jobs: Iterable[Job], config: Config) -> Iterator[Outcome]:
+    for job in jobs:
+        yield _attempt(job, config)
+
+
+def _parallel(jobs: list[Job], config: Config, workers: int) -> Iterator[Outcome]:
+    """Run in processes. Should one die (out of memory), the jobs it took along run again one by one."""
+    unfinished: list[Job] = []
+    with _pool(workers) as pool:
+        futures: dict[Future[Outcome], Job] = {pool.submit(_attempt, job, config): job for job in jobs}
+        for future in as_completed(futures):
+            try:
+                yield future.result()
+            except BrokenProcessPool:
+                unfinished.append(futures[future])
+    for job in unfinished:
+        with _pool(1) as pool:
+            try:
+                yield pool.submit(_attempt, job, config).result()
+            except BrokenProcessPool:
+                yield Outcome(job, error=f"{job.log}: the process that read it was killed (out of memory?)")
+
+
+def _pool(workers: int) -> ProcessPoolExecutor:
+    # forked from a clean server: a fork of this process would inherit its threads' locks
+    context = get_context("forkserver")
+    context.set_forkserver_preload(["canest.replay"])
+    return ProcessPoolExecutor(workers, mp_context=context)
+
+
+def _attempt(job: Job, config: Config) -> Outcome:
+    """Run a job; whatever goes wrong with this log stays with this log."""
+    try:
+        return Outcome(job, job.run(config))
+    except CanestError as error:
+        text = str(error)
+        return Outcome(job, error=text if str(job.log) in text else f"{job.log}: {text}")
+    except Exception as error:
+        return Outcome(
+            job, error=str(LogError(f"unexpected {type(error).__name__}: {error}", where=str(job.log)))
+        )
+
+
+def pooled(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """Return the summary of many logs: sums, pooled errors, and each log's own summary under `logs`."""
+    from canest.scoring import Score
+
+    results = [o.result for o in outcomes if o.result is not None]
+    summary: dict[str, Any] = {
+        key: sum(r.summary[key] for r in results) for key in ("frames", "skipped_lines", "samples", "updated")
+    }
+    gates: dict[str, int] = {}
+    for result in results:
+        for gate, count in result.summary["gates"].items():
+            gates[gate] = gates.get(gate, 0) + count
+    summary["gates"] = gates
+    summary["estimator"] = results[0].summary["estimator"] if results else None
+    summary["mass_kg"] = summary["mass_std_kg"] = None
+    summary["wall_s"] = round(sum(r.summary["wall_s"] for r in results), 4)
+    scores: list[Score] = [r.score for r in results if r.score is not None]
+    if scores:
+        total = Score(None, None, scores[0].after_s)
+        for score in scores:
+            total.merge(score)
+        summary["errors"] = total.errors()
+    summary["failed"] = sum(1 for o in outcomes if o.result is None)
+    summary["logs"] = [
+        {"log": str(o.job.log), **(o.result.summary if o.result is not None else {"error": o.error})}
+        for o in outcomes
+    ]
+    return summary

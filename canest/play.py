@@ -1,0 +1,69 @@
+"""Plays a recorded log onto a bus, in the log's own rhythm or a multiple of it."""
+
+from __future__ import annotations
+
+import time
+
+from canest.errors import BusError, LogError, UsageError
+from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
+from canest.logs.reader import open_log
+
+#: how long a full transmit buffer may hold up a frame before it is dropped
+SEND_TIMEOUT_S = 0.1
+#: frames this close are sent without sleeping between them
+_SHORT_S = 0.0005
+
+
+def play(log: str, bus: str, speed: float = 1.0, *, channel: str | None = None) -> str:
+    """Send every frame of a log onto ``bus`` ("interface:channel"), ``speed`` times real time.
+
+    A frame that the interface does not take in time is dropped and counted. Error frames are not sent.
+    Returns one sentence that says how many went out. Errors: UsageError, BusError, LogError.
+    """
+    interface, colon, name = bus.partition(":")
+    if not colon or not interface or not name:
+        raise UsageError("malformed --to", found=bus, expected="INTERFACE:CHANNEL, e.g. socketcan:vcan0")
+    reader = open_log(log, channel=channel)
+    if reader.kind != "frames":
+        raise LogError("holds decoded signals, no frames: it cannot be played onto a bus", where=log)
+    import can
+
+    try:
+        out = can.Bus(interface=interface, channel=name)
+    except Exception as error:  # each of python-can's interfaces has exceptions of its own
+        raise BusError(f"cannot be opened ({' '.join(str(error).split())})", where=bus) from None
+    sent = dropped = 0
+    begin = time.monotonic()
+    first_us: int | None = None
+    try:
+        for block in reader:
+            assert isinstance(block, FrameBlock)
+            for t_us, can_id, length, word in zip(
+                block.t_us.tolist(),
+                block.can_id.tolist(),
+                block.length.tolist(),
+                block.data.tolist(),
+                strict=True,
+            ):
+                if can_id & ERROR:
+                    continue
+                first_us = t_us if first_us is None else first_us
+                wait_s = begin + (t_us - first_us) * 1e-6 / speed - time.monotonic()
+                if wait_s > _SHORT_S:
+                    time.sleep(wait_s)
+                message = can.Message(
+                    arbitration_id=can_id & ID_MASK,
+                    is_extended_id=bool(can_id & EXTENDED),
+                    is_remote_frame=bool(can_id & REMOTE),
+                    dlc=length,
+                    data=None if can_id & REMOTE else word.to_bytes(8, "little")[:length],
+                )
+                try:
+                    out.send(message, timeout=SEND_TIMEOUT_S)
+                    sent += 1
+                except (can.CanError, ValueError):
+                    dropped += 1
+    finally:
+        out.shutdown()
+    lost = f", {dropped:,} dropped (the interface did not take them)" if dropped else ""
+    return f"{log}: {sent:,} frames sent to {bus} in {time.monotonic() - begin:.1f} s{lost}"

@@ -1,0 +1,183 @@
+"""A recorded log through the pipeline, streamed: memory does not grow with the log."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from canest import fast
+from canest.errors import LogError
+from canest.frames import FrameBlock
+from canest.logs.reader import open_log
+from canest.logs.writer import open_writer
+from canest.pipeline import Listener, Pipeline
+from canest.scoring import Score
+from canest.tables import TableMap
+from canest.vehicle.samples import STATUS_LABELS
+
+if TYPE_CHECKING:
+    from canest.config import Config
+    from canest.logs.base import LogReader
+    from canest.logs.truth import Truth
+    from canest.pipeline import Estimates
+
+Progress = Callable[[int, int], None]  #: bytes done, bytes in all (0: unknown)
+
+#: a 1,000 frames/s bus as candump text, and how much smaller archives of it are
+TEXT_BYTES_PER_S, ARCHIVE_RATIO = 50_000.0, 7.0
+_ARCHIVES = (".gz", ".xz", ".zst", ".bz2")
+#: importing numba costs about this much; interpreted kernels cost this much per second of log
+NUMBA_S, INTERPRETED_S_PER_S = 0.45, 0.45 / 2700
+
+
+@dataclass(slots=True)
+class ReplayResult:
+    """What a replay found.
+
+    summary: the content of summary.json. notes: what a user should know beside it, one sentence each.
+    """
+
+    log: str
+    summary: dict[str, Any]
+    score: Score | None = None
+    notes: list[str] = field(default_factory=list)
+
+
+def replay(
+    log: str | Path,
+    config: Config,
+    *,
+    output: str | Path | None = None,
+    truth: Truth | None = None,
+    mass_kg: float | None = None,
+    after_s: float = 60.0,
+    listener: Listener | None = None,
+    progress: Progress | None = None,
+    channel: str | None = None,
+) -> ReplayResult:
+    """Estimate from one log.
+
+    output: csv or parquet file for the estimates. truth, mass_kg, after_s: see `Score`.
+    listener: gets the model samples with their estimates. channel: this interface of the log only.
+    Errors: LogError, ConfigError, OutputError.
+    """
+    begin = time.perf_counter()
+    fast.enable(compiling_pays(Path(log), config))
+    run = LogRun(log, config, listener=listener, channel=channel)
+    score = Score(truth, mass_kg, after_s) if truth is not None or mass_kg is not None else None
+    last: Estimates | None = None
+    with open_writer(output) if output is not None else nullcontext() as writer:
+        for estimates in run.estimates(progress):
+            if writer is not None:
+                writer.write(estimates)
+            if score is not None:
+                score.add(estimates)
+            last = estimates
+    summary = _summary(run, last)
+    if score is not None:
+        summary["errors"] = score.errors()
+    summary["wall_s"] = round(time.perf_counter() - begin, 4)
+    return ReplayResult(str(log), summary, score, _notes(run))
+
+
+class LogRun:
+    """One pass of one log through one pipeline.
+
+    Errors: LogError for what is no log, or is of a kind that the config has no signals for.
+    """
+
+    def __init__(
+        self, log: str | Path, config: Config, *, listener: Listener | None = None, channel: str | None = None
+    ) -> None:
+        self.config = config
+        self.pipeline = Pipeline(config, listener=listener)
+        self.table_map = TableMap(config)
+        self.reader: LogReader = open_log(
+            log,
+            channel=channel,
+            time_column=config.sampling.time_column,
+            columns=self.table_map.columns,
+        )
+        mapped = len(self.table_map.roles) if self.reader.kind == "table" else self.frame_roles
+        if not mapped:
+            kinds = (
+                ("DBC signals", "decoded table")
+                if self.reader.kind == "table"
+                else ("table columns", "frames")
+            )
+            raise LogError(f"the config maps only {kinds[0]}, and this log holds {kinds[1]}", where=str(log))
+
+    @property
+    def frame_roles(self) -> int:
+        """How many roles come from frames."""
+        return len(self.config.signals) - len(self.table_map.roles)
+
+    def estimates(self, progress: Progress | None = None) -> Iterator[Estimates]:
+        """Yield the estimates, in blocks (none of them empty)."""
+        for block in self.reader:
+            if isinstance(block, FrameBlock):
+                estimates = self.pipeline.push(block)
+            else:
+                estimates = self.pipeline.push_samples(self.table_map.samples(block), block.t_us)
+            if progress is not None:
+                progress(self.reader.bytes_done, self.reader.bytes_total)
+            if len(estimates):
+                yield estimates
+        estimates = self.pipeline.finish()
+        if len(estimates):
+            yield estimates
+
+
+def compiling_pays(log: Path, config: Config) -> bool:
+    """Return whether a log is so long that compiled kernels win back what importing numba costs."""
+    try:
+        size = log.stat().st_size
+    except OSError:
+        return False
+    packed = ARCHIVE_RATIO if log.suffix.lower() in _ARCHIVES else 1.0
+    return fast.available() and size * packed / TEXT_BYTES_PER_S * INTERPRETED_S_PER_S > NUMBA_S
+
+
+def _summary(run: LogRun, last: Estimates | None) -> dict[str, Any]:
+    pipeline = run.pipeline
+    status = STATUS_LABELS[int(last.status[-1])] if last is not None else STATUS_LABELS[0]
+    summary: dict[str, Any] = {
+        "frames": run.reader.frames,
+        "skipped_lines": run.reader.skipped_lines,
+        "samples": pipeline.samples,
+        "updated": pipeline.updated,
+        "gates": pipeline.gate_counts,
+        "estimator": run.config.estimator.name,
+        "mass_kg": _number(last.mass_kg[-1]) if last is not None else None,
+        "mass_std_kg": _number(last.mass_std_kg[-1]) if last is not None else None,
+        "status": status,
+    }
+    if status == STATUS_LABELS[0]:
+        from canest.verdict import why_unestimated
+
+        summary["reason"] = why_unestimated(run)
+    return summary
+
+
+def _notes(run: LogRun) -> list[str]:
+    reader, notes = run.reader, []
+    for number, text, reason in reader.skipped[:3]:
+        notes.append(f"line {number} skipped: {reason}: {text!r}")
+    if reader.skipped_lines > 3:
+        notes.append(f"{reader.skipped_lines - 3:,} more lines skipped")
+    if reader.truncated:
+        notes.append(f"the log ends before it should: {reader.truncated_reason}")
+    mended = {name: n for name, n in run.pipeline.clock.counters.items() if n}
+    if mended:
+        notes.append(
+            "time stamps: " + ", ".join(f"{n:,} {name.replace('_', ' ')}" for name, n in mended.items())
+        )
+    return notes
+
+
+def _number(value: float) -> float | None:
+    return None if value != value else round(float(value), 3)  # noqa: PLR0124 - NaN

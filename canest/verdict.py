@@ -1,0 +1,111 @@
+"""Says in one sentence why there is no estimate."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canest.roles import ROLES
+from canest.vehicle.model import LongitudinalModel
+from canest.vehicle.samples import RATE_HZ
+
+if TYPE_CHECKING:
+    from canest.config import Config
+    from canest.decode.counters import Counters
+    from canest.replay import LogRun
+
+
+def why_unestimated(run: LogRun) -> str:
+    """Return the reason: a signal that nothing works without, else the gates, else too little data."""
+    if not run.reader.frames:
+        return "the log is empty: it holds no frames"
+    if run.reader.kind == "table":
+        lacking = _lacking_column(run)
+    else:
+        lacking = why_no_signal(run.config, run.pipeline.decoder.counters, run.reader.frames)
+    if lacking:
+        return lacking
+    return why_not_learning(run)
+
+
+def why_no_signal(config: Config, counters: Counters, frames: int) -> str:
+    """Return which needed signal never had a value in the log's frames, '' when all had."""
+    model = LongitudinalModel(config)
+    for role in model.required_roles():
+        if not _valid(counters, role):
+            return f"{describe(config, role)} {_absence(config, counters, role, frames)}"
+    if not any(_valid(counters, role) for role in model.speed_roles):
+        told = [f"{describe(config, r)} {_absence(config, counters, r, frames)}" for r in model.speed_roles]
+        return "no speed: " + "; ".join(told)
+    return ""
+
+
+def why_not_learning(run: LogRun) -> str:
+    """Return what kept an estimator with all its signals from an estimate."""
+    pipeline = run.pipeline
+    missing = pipeline.estimator.missing()
+    if missing:
+        return f"estimator {run.config.estimator.name} cannot work here: {missing}"
+    shares = gate_shares(pipeline.gate_counts, pipeline.samples)
+    if not pipeline.samples:
+        return "the log is too short for a single 50 Hz sample of the needed signals"
+    if not pipeline.updated:
+        return f"every sample was refused by a gate: {shares}"
+    return (
+        f"only {pipeline.updated / RATE_HZ:.1f} s of {pipeline.samples / RATE_HZ:.1f} s could be learned from"
+        + (f" (gates: {shares})" if shares else "")
+    )
+
+
+def gate_shares(gates: dict[str, int], samples: int) -> str:
+    """Return the gates by how much they refused, largest first."""
+    ordered = sorted(gates.items(), key=lambda item: -item[1])
+    return ", ".join(f"{name} {100 * count / max(samples, 1):.0f} %" for name, count in ordered)
+
+
+def describe(config: Config, role: str) -> str:
+    """Return a role as a person would ask for it: what it is, and where the config expects it."""
+    source = config.signals[role]
+    text = ROLES[role].text if role in ROLES else "signal of an effect"
+    if source.column is not None:
+        return f"{role} ({text}; column {source.column})"
+    origin = f"{source.message}.{source.signal}"
+    if source.source is not None:
+        origin += f" from 0x{source.source:02X}"
+    return f"{role} ({text}; {origin})"
+
+
+def _valid(counters: Counters, role: str) -> int:
+    return sum(c.valid for c in counters.of_role(role).values())
+
+
+def _absence(config: Config, counters: Counters, role: str, frames: int) -> str:
+    seen = counters.of_role(role).values()
+    silent, wrong = sum(c.not_available for c in seen), sum(c.error_value for c in seen)
+    if silent and not wrong:
+        return f"said not available in all {silent:,} frames"
+    if silent or wrong:
+        return f"never had a value: {silent:,} frames not available, {wrong:,} in the error range"
+    return f"was never seen in {frames:,} frames"
+
+
+def _lacking_column(run: LogRun) -> str:
+    model = LongitudinalModel(run.config)
+    held = set(getattr(run.reader, "columns", ()))
+    bad: dict[str, int] = getattr(run.reader, "bad_cells", {})
+
+    def dead(role: str) -> str:
+        if role not in run.table_map.roles:
+            return f"{describe(run.config, role)} is no column, and the log is a table"
+        column = run.table_map.roles[role][0]
+        if column not in held:
+            return f"{describe(run.config, role)} is not in the table, which has {', '.join(sorted(held))}"
+        if bad.get(column, 0) >= run.reader.frames:
+            return f"{describe(run.config, role)} holds no number in any of {run.reader.frames:,} rows"
+        return ""
+
+    for role in model.required_roles():
+        reason = dead(role)
+        if reason:
+            return reason
+    speeds = [dead(role) for role in model.speed_roles]
+    return "" if "" in speeds else "no speed: " + "; ".join(speeds)
