@@ -92,9 +92,9 @@ class LongitudinalModel:
         c.notes["traction_N"] = traction
         self._speed(c)
         self._run("road", c)
-        rotating = (
-            c.wheel_inertia_kgm2 + c.crank_inertia_kgm2 * c.ratio * c.ratio * c.efficiency
-        ) / c.radius_m**2
+        # torque measured at the wheels has already accelerated everything before them
+        before = 0.0 if at_wheels else c.crank_inertia_kgm2 * c.ratio * c.ratio * c.efficiency
+        rotating = (c.wheel_inertia_kgm2 + before) / c.radius_m**2
         air = c.speed_mps + c.wind_mps
         aero = 0.5 * c.density_kgpm3 * c.drag_area_m2 * air * np.abs(air)
         force = traction - rotating * c.accel_mps2 - aero + c.extra_N
