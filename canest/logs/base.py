@@ -5,6 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 
+import numpy as np
+
 from canest.errors import LogError
 from canest.frames import FrameBlock
 from canest.logs.blocks import TableBlock
@@ -15,6 +17,19 @@ from canest.logs.compression import Source
 BLOCK_FRAMES = 1 << 17
 #: text parsed at once: fits the second-level cache together with what is made of it
 _TEXT_BYTES = 1 << 19
+
+#: glibc's largest adaptive limit is 32 MB
+_HEAP_BYTES = 1 << 24
+
+
+def _keep_heap() -> None:
+    """Let the C library keep the memory of freed columns instead of handing it back each time.
+
+    glibc takes blocks above a limit (128 kB at first) from the kernel, page by page and zeroed, which costs
+    as much as parsing. The limit adapts to the largest such block ever freed: free one (never touched, so it
+    costs no memory). Elsewhere this does nothing.
+    """
+    np.empty(_HEAP_BYTES, np.uint8)
 
 
 class LogReader(ABC):
@@ -66,6 +81,7 @@ class LogReader(ABC):
         """The first unreadable lines: (number, text, reason)."""
 
     def __iter__(self) -> Iterator[FrameBlock | TableBlock]:
+        _keep_heap()
         with self._source:
             yield from self._blocks()
             self.truncated_reason = self.truncated_reason or self._source.damage

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.frames import FrameBlock, IntColumn
+from canest import fast
+from canest.frames import BoolColumn, FrameBlock, IntColumn
 from canest.logs.layout import Layout, Rows
 from canest.logs.lines import Line, is_ignorable, parse_line
 
@@ -92,11 +93,7 @@ class CandumpParser:
                 layouts.append(layout)
             layout = layouts[tried]
             tried += 1
-            if len(pending) * (width + 1) == starts[-1] + width + 1:  # all lines there are: no need to copy
-                rows = Rows(chars, len(pending), width + 1)
-            else:
-                rows = Rows.gather(chars, starts[pending], width)
-            frames, fits = layout.parse(rows)
+            frames, fits = _parse_rows(layout, chars, starts[pending], width)
             if fits.all():
                 done, pending = pending, pending[:0]
             else:
@@ -172,13 +169,26 @@ class CandumpParser:
         return block if keep.all() else block[np.flatnonzero(keep)]
 
 
+def _parse_rows(
+    layout: Layout, chars: NDArray[np.uint8], starts: IntColumn, width: int
+) -> tuple[FrameBlock, BoolColumn]:
+    if fast.enabled():
+        from canest.logs import compiled
+
+        return compiled.parse(layout, chars, starts)
+    if starts[-1] - starts[0] == (len(starts) - 1) * (width + 1):  # back to back already: no need to copy
+        return layout.parse(Rows(chars[starts[0] :], len(starts), width + 1))
+    return layout.parse(Rows.gather(chars, starts, width))
+
+
 def _lines(text: bytes, chars: NDArray[np.uint8], end: int) -> tuple[IntColumn, IntColumn]:
     """Return where each line of ``text[:end]`` starts, and its width (capped above the longest allowed)."""
-    count = text.count(b"\n", 0, end)
+    newline = chars[:end] == NEWLINE
     stride = text.find(b"\n", 0, end) + 1
-    if stride and count * stride == end and bool((chars[stride - 1 : end : stride] == NEWLINE).all()):
-        return np.arange(0, end, stride), np.full(count, min(stride - 1, LINE_CHARS_MAX + 1))
-    ends = np.flatnonzero(chars[:end] == NEWLINE)
+    if stride and np.count_nonzero(newline) * stride == end and bool(newline[stride - 1 :: stride].all()):
+        starts = np.arange(0, end, stride)
+        return starts, np.full(len(starts), min(stride - 1, LINE_CHARS_MAX + 1))
+    ends = np.flatnonzero(newline)
     starts = np.empty_like(ends)
     starts[:1] = 0
     starts[1:] = ends[:-1] + 1

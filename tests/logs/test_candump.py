@@ -7,13 +7,14 @@ from pathlib import Path
 import can
 import numpy as np
 import pytest
-from logs.helpers_logs import DATA, FRAMES, assert_same, log_form, one_by_one, read_all, screen_form
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from canest import fast
 from canest.errors import LogError
 from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.logs.candump import CandumpParser
+from logs.helpers_logs import DATA, FRAMES, assert_same, log_form, one_by_one, read_all, screen_form
 
 
 def parse(text: str | bytes, **options: object) -> tuple[FrameBlock, CandumpParser]:
@@ -43,27 +44,29 @@ def test_random_bytes_never_raise_and_every_line_is_accounted_for(noise, between
     assert parser.frames + parser.skipped_lines + parser.ignored_lines == parser.lines == text.count(b"\n")
 
 
-@given(st.integers(0, 2**32), st.integers(1, 12))
-@settings(max_examples=60, deadline=None)
-def test_layouts_claim_only_what_the_tolerant_parser_reads_the_same_way(seed, damages):
-    rng = random.Random(seed)
+def damaged_log(rng: random.Random, damages: int) -> bytes:
     forms = rng.choice([(log_form,), (screen_form,), (log_form, screen_form)])
     lines = [
         rng.choice(forms)(
             1_700_000_000_000_000 + 997 * i,
-            rng.choice([0x18FEEE31 | EXTENDED, 0x123, 0x20000004 | ERROR]),
+            rng.choice([0x18FEEE31 | EXTENDED, 0x123, 4 | ERROR]),
             rng.randbytes(rng.choice([0, 3, 8, 8, 8, 8])),
             rng.choice(["can0", "can0", "can1", "vcan0"]),
         )
         for i in range(150)
     ]
     text = bytearray("\n".join(lines).encode() + b"\n")
-    for _ in range(damages * 8):
-        text[rng.randrange(len(text) - 1)] = rng.choice(
-            b"0123456789abcdefgABCDEFG@`:/#(). \nR\x80\xff\x00\x19"
-        )
-    block, parser = parse(bytes(text))
-    expected, skipped = one_by_one(bytes(text))
+    for _ in range(damages):
+        text[rng.randrange(len(text) - 1)] = rng.choice(b"0123456789abcdefgABCDEFG@`:/#(). \nR\x80\xff\0\x19")
+    return bytes(text)
+
+
+@given(st.integers(0, 2**32), st.integers(0, 100))
+@settings(max_examples=60, deadline=None)
+def test_layouts_claim_only_what_the_tolerant_parser_reads_the_same_way(seed, damages):
+    text = damaged_log(random.Random(seed), damages)
+    block, parser = parse(text)
+    expected, skipped = one_by_one(text)
     assert_same(block, expected)
     assert parser.skipped_lines == skipped
 
@@ -292,3 +295,41 @@ def test_a_log_of_nothing_but_garbage_is_one_clear_error(tmp_path):
     path.write_bytes(random.Random(1).randbytes(100_000))
     with pytest.raises(LogError, match=r"noise\.log: nothing to read in \d+ lines; line 1"):
         read_all(path)
+
+
+@pytest.fixture(scope="module")
+def compiled():
+    if not fast.available():
+        pytest.skip("numba is not installed (extra: fast)")
+    fast.enable()
+    yield
+    fast.enable(False)
+
+
+@pytest.mark.usefixtures("compiled")
+class TestCompiled:
+    """The same source lines as above, through numba: equal to the definition, and so to numpy's way."""
+
+    @given(seed=st.integers(0, 2**32))
+    @settings(max_examples=60, deadline=None)
+    def test_compiled_layouts_equal_the_tolerant_parser_on_damaged_logs(self, seed):
+        text = damaged_log(random.Random(seed), 30)
+        block, parser = parse(text)
+        expected, skipped = one_by_one(text)
+        assert_same(block, expected)
+        assert parser.skipped_lines == skipped
+
+    @pytest.mark.parametrize("line", ODD_BUT_GOOD)
+    def test_compiled_reads_what_options_and_other_tools_write(self, line):
+        block, parser = parse((line + "\n") * 60)
+        assert parser.skipped == []
+        assert_same(block, FrameBlock.from_frames([ODD_BUT_GOOD[line]] * 60))
+
+    @pytest.mark.parametrize("name", ["kenworth/normal", "ip332/bike"])
+    def test_compiled_equals_numpy_on_real_logs(self, name):
+        path = DATA / f"{name}.log.xz"
+        compiled_block, _ = read_all(path)
+        fast.enable(False)
+        block, _ = read_all(path)
+        fast.enable()
+        assert_same(compiled_block, block)
