@@ -21,6 +21,7 @@ if [ -e /guest/systemd ]; then
   cd /root || poweroff -f
   echo c0ffee00c0ffee00c0ffee00c0ffee00 > etc/machine-id
   : > etc/fstab
+  rm -f .dockerenv  # where the host is a container, the guest is none
   rm -rf etc/systemd/system usr/lib/systemd/system/*.target.wants
   mkdir -p etc/systemd/system usr/lib/systemd/system/sockets.target.wants
   ln -s ../systemd-journald.socket ../systemd-journald-dev-log.socket usr/lib/systemd/system/sockets.target.wants/
@@ -34,6 +35,6 @@ Type=exec
 ExecStart=/.guest/start
 UNIT
   cd /
-  exec switch_root /root /lib/systemd/systemd systemd.unit=guest.service
+  exec switch_root /root /lib/systemd/systemd
 fi
 exec switch_root /root /.guest/start

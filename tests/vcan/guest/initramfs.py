@@ -1,7 +1,7 @@
 """The guest's kernel, and the initramfs that carries the modules and the first program to run.
 
-The kernel is Debian's ``linux-image-amd64``, fetched once with apt and kept in the user's cache; only the boot
-image and the few modules below are unpacked from it.
+The kernel is Debian's ``linux-image-amd64``, fetched once with apt and kept in the user's cache: only the
+boot image and the few modules below are unpacked from it.
 """
 
 from __future__ import annotations
@@ -124,16 +124,17 @@ def _loading_order(modules: dict[str, bytes]) -> list[str]:
 
 
 def build(kernel_home: Path, busybox: Path, files: dict[str, str]) -> bytes:
-    """An initramfs (cpio "newc") of busybox, the modules and ``files`` (path in the guest: text, executable)."""
+    """An initramfs (cpio "newc"): busybox, the modules, and ``files`` (path: text), all executable."""
     entries: list[tuple[str, int, bytes]] = [
         (name, stat.S_IFDIR | 0o755, b"")
         for name in ("bin", "modules", "guest", "proc", "sys", "dev", "lower", "upper", "root")
     ]
-    entries.append(("bin/busybox", stat.S_IFREG | 0o755, busybox.read_bytes()))
-    for module in sorted((kernel_home / "modules").iterdir()):
-        entries.append((f"modules/{module.name}", stat.S_IFREG | 0o644, module.read_bytes()))
-    for name, text in files.items():
-        entries.append((name, stat.S_IFREG | 0o755, text.encode()))
+    contents = {"bin/busybox": busybox.read_bytes()}
+    contents |= {
+        f"modules/{module.name}": module.read_bytes() for module in (kernel_home / "modules").iterdir()
+    }
+    contents |= {name: text.encode() for name, text in files.items()}
+    entries += [(name, stat.S_IFREG | 0o755, data) for name, data in contents.items()]
     entries.append(("TRAILER!!!", 0, b""))
     return b"".join(_cpio_entry(inode, *entry) for inode, entry in enumerate(entries, 1))
 

@@ -1,9 +1,8 @@
-"""Boot a guest, run one command in it, bring back its exit status, output and files; never leave QEMU behind."""
+"""Boot a guest, run one command in it, bring back exit status, output and files; never leave QEMU behind."""
 
 from __future__ import annotations
 
 import contextlib
-import os
 import shlex
 import shutil
 import subprocess
@@ -31,7 +30,12 @@ TOOLS = {
 }
 #: Mounted afresh by the guest, so what lies there on the host is not seen.
 _HIDDEN = ("/run/", "/dev/", "/proc/", "/sys/")
+_KERNEL_OPTIONS = (
+    "console=ttyS0 quiet panic=-1 mitigations=off systemd.show_status=0 systemd.unit=guest.service"
+)
 _HERE = Path(__file__).parent
+#: A boot takes 5 to 15 s, more where others use the processor too.
+BOOT_TIMEOUT_S = 120.0
 _POLL_S = 0.1
 
 
@@ -41,7 +45,7 @@ class GuestError(RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class GuestResult:
-    """What the command left: its exit ``status``, its ``output`` (stdout and stderr), seconds since the boot."""
+    """What the command left: exit ``status``, ``output`` (stdout and stderr), seconds since the boot."""
 
     status: int
     output: str
@@ -133,10 +137,19 @@ class Guest:
     def _qemu_command(self, kernel_home: Path, scratch: Path) -> list[str]:
         return [
             "qemu-system-x86_64",
-            *("-accel", "tcg,thread=multi", "-cpu", "max", "-smp", str(self._cpus), "-m", f"{self._memory_mb}M"),
+            *(
+                "-accel",
+                "tcg,thread=multi",
+                "-cpu",
+                "max",
+                "-smp",
+                str(self._cpus),
+                "-m",
+                f"{self._memory_mb}M",
+            ),
             *("-nodefaults", "-no-reboot", "-display", "none", "-serial", "stdio"),
             *("-kernel", str(kernel_home / "vmlinuz"), "-initrd", str(scratch / "initrd")),
-            *("-append", "console=ttyS0 quiet panic=-1 mitigations=off systemd.show_status=0"),
+            *("-append", _KERNEL_OPTIONS),
             *("-virtfs", "local,path=/,mount_tag=host,security_model=none,readonly=on,multidevs=remap"),
             *("-virtfs", f"local,path={self.out},mount_tag=out,security_model=none"),
         ]
@@ -156,12 +169,15 @@ class Guest:
         return _text(self.out / "output")
 
     def follow(self, timeout_s: float) -> Iterator[None]:
-        """Yield every tenth of a second until the machine is off; past ``timeout_s`` from the boot, kill it."""
+        """Yield every tenth of a second until the machine is off; ``timeout_s`` from the boot, kill it."""
         while self.running:
-            if self.age_s > timeout_s:
+            started = (self.out / "output").exists()
+            limit_s = timeout_s if started else min(timeout_s, BOOT_TIMEOUT_S)
+            if self.age_s > limit_s:
                 self._qemu.kill()
                 self._qemu.wait()
-                raise GuestError(f"guest not done after {timeout_s:.0f} s\n{self.last_words()}")
+                what = "done" if started else "booted"
+                raise GuestError(f"guest not {what} after {limit_s:.0f} s\n{self.last_words()}")
             yield
             time.sleep(_POLL_S)
 
@@ -180,14 +196,17 @@ class Guest:
 
     def last_words(self, characters: int = 3000) -> str:
         """The ends of the command's output and of the console, for a person who must find out why."""
-        return f"--- output\n{self.output()[-characters:]}\n--- console\n{_text(self.console_path)[-characters:]}"
+        console = _text(self.console_path)[-characters:]
+        return f"--- output\n{self.output()[-characters:]}\n--- console\n{console}"
 
 
 def _text(path: Path) -> str:
     return path.read_text(errors="replace") if path.exists() else ""
 
 
-def run(command: Sequence[str], *, timeout_s: float = 300, init: Init = "shell", cwd: Path | None = None) -> GuestResult:
+def run(
+    command: Sequence[str], *, timeout_s: float = 300, init: Init = "shell", cwd: Path | None = None
+) -> GuestResult:
     """Boot, run ``command``, return its result."""
     with Guest(command, init=init, cwd=cwd) as guest:
         return guest.wait(timeout_s)
