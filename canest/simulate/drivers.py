@@ -48,6 +48,7 @@ class Mixed(_Driver):
     """Ordinary driving: speed targets that change with the traffic, sometimes a firm throttle."""
 
     kind: Literal["mixed"]
+    firmness_1ps: float = Field(0.25, gt=0, le=2)
     speeds_mps: tuple[float, float] = (10.0, 24.0)
     hold_s: tuple[float, float] = (15.0, 45.0)
 

@@ -142,7 +142,7 @@ def move(
         if retarder < 1.0 and want_retarder == 0.0:
             retarder = 0.0
         if c.brakes > 0.0:
-            braking = short > 0.0 if braking else short > m * 0.12 and error < -0.4
+            braking = short > 0.0 if braking else short > m * 0.2 and error < -0.8
             holding = foot < 0.0 and wanted < 0.05 and v < 0.6
             want_brake = 0.0
             if holding:
