@@ -75,7 +75,7 @@ class Transport:
             self._drop(key, "size")
             return None
         if number != expected:
-            self._drop(key, "duplicate" if number == expected - 1 else "sequence")
+            self._drop(key, "duplicate" if 0 < number == expected - 1 else "sequence")
             return None
         session.chunks.append((word >> 8).to_bytes(PACKET_BYTES, "little"))
         session.last_us = t_us
