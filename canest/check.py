@@ -1,0 +1,296 @@
+"""The doctor: does this config fit this log or bus, and if not, which signal stops the estimator?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from canest.decode.signal_map import decoder_for
+from canest.frames import ERROR, EXTENDED, FloatColumn, FrameBlock, IntColumn
+from canest.logs.blocks import TableBlock
+from canest.pipeline import Pipeline
+from canest.plausible import Plausibility
+from canest.roles import ROLES
+from canest.tables import TableMap
+from canest.vehicle.model import LongitudinalModel
+from canest.vehicle.samples import STATUS_LABELS
+
+if TYPE_CHECKING:
+    from canest.config import Config
+    from canest.config.schema import Source
+    from canest.decode.counters import SenderCounters
+
+OK, SILENT, ABSENT, ELSEWHERE = "ok", "no value", "not found", "elsewhere"
+#: a signal of which more than this share has no value deserves a word
+MOSTLY = 0.5
+
+Samples = dict[str, tuple[IntColumn, FloatColumn]]
+
+
+@dataclass(slots=True)
+class Sender:
+    """One address (None: a table column, or an 11-bit identifier) that sends a role's message."""
+
+    address: int | None
+    rate_hz: float | None
+    frames: int
+    valid: int
+    not_available: int
+    error_value: int
+    wrong_length: int
+
+
+@dataclass(slots=True)
+class Finding:
+    """What the log or bus has of one role.
+
+    need: "needed", "speed" (one of these is needed) or "optional". low, high: range of its values in the
+    role's unit. verdict: ok, no value, not found, elsewhere (another address has it).
+    """
+
+    role: str
+    text: str
+    need: str
+    expected: str
+    source: int | None
+    unit: str
+    senders: list[Sender] = field(default_factory=list)
+    low: float | None = None
+    high: float | None = None
+    values: int = 0
+    verdict: str = ABSENT
+    hint: str = ""
+
+
+@dataclass(slots=True)
+class Report:
+    """The doctor's findings. stops: what keeps the estimator from working, '' when nothing does."""
+
+    roles: list[Finding]
+    frames: int
+    duration_s: float
+    samples: int
+    updated: int
+    gates: dict[str, int]
+    status: str
+    stops: str
+    hints: list[str]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return everything as JSON types."""
+        return asdict(self)
+
+
+class Doctor:
+    """Watches a stream; `report` says what it saw. Errors: ConfigError."""
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self.pipeline = Pipeline(config)
+        self._tables = TableMap(config)
+        self._listening = decoder_for(config)
+        anyone = {role: s.model_copy(update={"source": None}) for role, s in config.signals.items()}
+        self._survey = decoder_for(config.model_copy(update={"signals": anyone}))
+        self._ranges: dict[str, tuple[float, float, int]] = {}
+        self._rows = self._bad_frames = self._standard_frames = self.frames = 0
+        self._missing_cells: dict[str, int] = {}
+        self._table_columns: set[str] = set()
+        self._addresses: set[int] = set()
+        self._span_us: tuple[int, int] | None = None
+        self._status = STATUS_LABELS[0]
+        self.plausibility = Plausibility(config)
+
+    def push(self, block: FrameBlock | TableBlock) -> None:
+        """Take the next block of a log or bus."""
+        if not len(block):
+            return
+        first, last = int(block.t_us.min()), int(block.t_us.max())
+        known = self._span_us or (first, last)
+        self._span_us = min(first, known[0]), max(last, known[1])
+        self.frames += len(block)
+        if isinstance(block, FrameBlock):
+            samples = self._frames(block)
+            estimates = self.pipeline.push(block)
+        else:
+            samples = self._tables.samples(block)
+            self._rows += len(block)
+            self._table_columns |= set(block.columns)
+            estimates = self.pipeline.push_samples(samples, block.t_us)
+        self._note(samples)
+        if len(estimates):
+            self._status = STATUS_LABELS[int(estimates.status[-1])]
+
+    def report(self) -> Report:
+        """Return what was found in all blocks so far."""
+        estimates = self.pipeline.finish()
+        if len(estimates):
+            self._status = STATUS_LABELS[int(estimates.status[-1])]
+        model = LongitudinalModel(self.config)
+        needed, speeds = set(model.required_roles()), set(model.speed_roles)
+        findings = []
+        for role, source in self.config.signals.items():
+            need = "needed" if role in needed else "speed" if role in speeds else "optional"
+            findings.append(self._finding(role, source, need))
+        order = {"needed": 0, "speed": 1, "optional": 2}
+        findings.sort(key=lambda finding: order[finding.need])
+        span = self._span_us or (0, 0)
+        return Report(
+            roles=findings,
+            frames=self.frames,
+            duration_s=(span[1] - span[0]) * 1e-6,
+            samples=self.pipeline.samples,
+            updated=self.pipeline.updated,
+            gates=self.pipeline.gate_counts,
+            status=self._status,
+            stops=self._stops(findings),
+            hints=self._hints(findings),
+        )
+
+    def _frames(self, block: FrameBlock) -> Samples:
+        self._bad_frames += int(np.count_nonzero(block.can_id & np.uint32(ERROR)))
+        extended = (block.can_id & np.uint32(EXTENDED)) != 0
+        self._standard_frames += int(np.count_nonzero(~extended))
+        self._addresses.update(np.unique(block.can_id[extended] & np.uint32(0xFF)).tolist())
+        self._survey.push(block)
+        return self._listening.push(block).samples
+
+    def _note(self, samples: Samples) -> None:
+        for role, (_, values) in samples.items():
+            valid = values[np.isfinite(values)]
+            self._missing_cells[role] = self._missing_cells.get(role, 0) + len(values) - len(valid)
+            if len(valid):
+                low, high, count = self._ranges.get(role, (np.inf, -np.inf, 0))
+                self._ranges[role] = (
+                    min(low, float(valid.min())),
+                    max(high, float(valid.max())),
+                    count + len(valid),
+                )
+        self.plausibility.push(samples)
+
+    def _finding(self, role: str, source: Source, need: str) -> Finding:
+        known = ROLES.get(role)
+        finding = Finding(
+            role=role,
+            text=known.text if known else "signal of an effect",
+            need=need,
+            expected=source.column or f"{source.message}.{source.signal}",
+            source=source.source,
+            unit=known.unit if known else "",
+        )
+        if source.column is None:
+            finding.senders = self._senders(role)
+        elif source.column in self._table_columns:
+            bad = self._missing_cells.get(role, 0)
+            finding.senders = [Sender(None, self._row_rate(), self._rows, self._rows - bad, bad, 0, 0)]
+        low, high, count = self._ranges.get(role, (None, None, 0))
+        finding.low, finding.high, finding.values = low, high, count
+        finding.verdict, finding.hint = _judge(finding, source)
+        return finding
+
+    def _senders(self, role: str) -> list[Sender]:
+        found: list[tuple[int | None, SenderCounters]] = [
+            (address, counters)
+            for (_, address), counters in self._survey.counters.senders.items()
+            if role in counters.roles and counters.frames
+        ]
+        return [
+            Sender(
+                address,
+                counters.rate_Hz,
+                counters.frames,
+                counters.roles[role].valid,
+                counters.roles[role].not_available,
+                counters.roles[role].error_value,
+                counters.wrong_length,
+            )
+            for address, counters in sorted(found, key=lambda item: -1 if item[0] is None else item[0])
+        ]
+
+    def _row_rate(self) -> float | None:
+        span = self._span_us or (0, 0)
+        return (self._rows - 1) * 1e6 / (span[1] - span[0]) if span[1] > span[0] else None
+
+    def _stops(self, findings: list[Finding]) -> str:
+        if not self.frames:
+            return "nothing was received: the log is empty, or the bus is silent"
+        for finding in findings:
+            if finding.need == "needed" and not finding.values:
+                return f"{finding.role} ({finding.text}) {_complaint(finding)}"
+        speeds = [f for f in findings if f.need == "speed"]
+        if not any(f.values for f in speeds):
+            return "no speed: " + "; ".join(f"{f.role} {_complaint(f)}" for f in speeds)
+        missing = self.pipeline.estimator.missing()
+        if missing:
+            return f"estimator {self.config.estimator.name} cannot work here: {missing}"
+        if self.pipeline.samples and not self.pipeline.updated:
+            from canest.verdict import gate_shares
+
+            shares = gate_shares(self.pipeline.gate_counts, self.pipeline.samples)
+            return f"every sample was refused by a gate: {shares}"
+        return ""
+
+    def _hints(self, findings: list[Finding]) -> list[str]:
+        hints = [f"signals.{f.role}: {f.hint}" for f in findings if f.hint]
+        if self.frames and not any(f.senders for f in findings):
+            if self._standard_frames > self.frames / 2:
+                hints.append("the bus speaks 11-bit identifiers: no J1939, a DBC of its own is needed")
+            elif self._addresses:
+                seen = ", ".join(f"0x{a:02X}" for a in sorted(self._addresses)[:12])
+                hints.append(f"none of the config's messages is there; the bus has addresses {seen}")
+        if self._bad_frames:
+            hints.append(f"{self._bad_frames:,} error frames: check bit rate, termination and wiring")
+        return hints + self.plausibility.hints()
+
+
+def check_blocks(config: Config, blocks: Iterable[FrameBlock | TableBlock]) -> Report:
+    """Return the doctor's findings on a whole stream."""
+    doctor = Doctor(config)
+    for block in blocks:
+        doctor.push(block)
+    return doctor.report()
+
+
+def _judge(finding: Finding, source: Source) -> tuple[str, str]:
+    """Return the verdict on a role, and what to do about it ('' when nothing)."""
+    mine = [s for s in finding.senders if source.source in (None, s.address)]
+    others = [s for s in finding.senders if s not in mine and s.valid]
+    if finding.values:
+        bad = sum(s.not_available + s.error_value for s in mine)
+        if bad > MOSTLY * (bad + finding.values):
+            return OK, f"only {finding.values:,} of {bad + finding.values:,} samples hold a value"
+        with_values = [s for s in mine if s.valid]
+        if source.source is None and len(with_values) > 1:
+            shown = ", ".join(_address(s.address) for s in with_values)
+            return OK, f"several addresses send it ({shown}): name one with source:"
+        return OK, ""
+    if others:
+        best = max(others, key=lambda s: s.valid)
+        where = _address(best.address)
+        return ELSEWHERE, f"{where} sends it with {best.valid:,} values: try source: {where}"
+    if mine:
+        if all(s.wrong_length >= s.frames for s in mine):
+            return SILENT, "every frame has another length than the DBC says"
+        return SILENT, ""
+    if finding.senders:
+        shown = ", ".join(_address(s.address) for s in finding.senders)
+        return ABSENT, f"sent by {shown} only, and without a value"
+    return ABSENT, ""
+
+
+def _complaint(finding: Finding) -> str:
+    expected = finding.expected + (f" from {_address(finding.source)}" if finding.source is not None else "")
+    if finding.verdict == SILENT:
+        bad = sum(s.not_available for s in finding.senders if finding.source in (None, s.address))
+        if bad:
+            return f"said not available in all {bad:,} frames of {expected}"
+        return f"never had a valid value in {expected}"
+    if finding.verdict == ELSEWHERE:
+        return f"is not sent as {expected}, but {finding.hint}"
+    return f"was not found as {expected}" + (f" ({finding.hint})" if finding.hint else "")
+
+
+def _address(address: int | None) -> str:
+    return "the table" if address is None else f"0x{address:02X}"

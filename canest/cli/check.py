@@ -1,0 +1,191 @@
+"""`canest check`: the doctor."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from canest.cli.options import config_option, load, override_options
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rich.table import Table
+
+    from canest.check import Finding, Report
+    from canest.config import Config
+    from canest.frames import FrameBlock
+
+EPILOG = """\b
+Examples:
+  canest check -c my-truck.yaml               is the config right, does every DBC signal exist?
+  canest check -c my-truck.yaml drive.log     and does this log have the signals?
+  canest check -c my-truck.yaml --live        and does the bus of the config have them, now?
+  canest check -c class8 drive.log --json -   for a program
+
+Nothing is ever sent. With --strict the exit code is 1 when something stops the estimator.
+"""
+
+#: columns of a table that goes to a file or a pipe
+_FILE_WIDTH = 180
+
+
+@click.command(epilog=EPILOG)
+@click.argument("log", required=False, metavar="[LOG]")
+@config_option()
+@click.option("--live", is_flag=True, help="Listen to the bus that the config names.")
+@click.option(
+    "--seconds", type=click.FloatRange(0.1), default=10.0, show_default=True, help="How long to listen."
+)
+@click.option("--json", "json_path", metavar="PATH", help="Write the findings as JSON ('-': to stdout).")
+@click.option("--strict", is_flag=True, help="Exit with 1 when something stops the estimator.")
+@click.option("--channel", metavar="NAME", help="Use this interface of the log only.")
+@override_options
+def command(
+    log: str | None,
+    config_name: str,
+    live: bool,
+    seconds: float,
+    json_path: str | None,
+    strict: bool,
+    channel: str | None,
+    overrides: tuple[str, ...],
+    estimator: str | None,
+    initial_mass: float | None,
+) -> int:
+    """Say whether a config fits a log or a bus: every signal, found or not, from where, how often."""
+    if log is not None and live:
+        raise click.UsageError("give a LOG or --live, not both", click.get_current_context())
+    config = load(config_name, overrides, estimator, initial_mass)
+    from canest.check import Doctor
+
+    doctor = Doctor(config)
+    if log is None and not live:
+        if json_path is not None:
+            from canest.cli.summary import write_json
+
+            write_json({"config": config_name, "verdict": "ok", "signals": len(config.signals)}, json_path)
+        if json_path != "-":
+            print(_config_line(config_name, config))
+        return 0
+    if log is not None:
+        from canest.cli.progress import Bar
+        from canest.logs.reader import open_log
+        from canest.tables import TableMap
+
+        reader = open_log(
+            log,
+            channel=channel,
+            time_column=config.sampling.time_column,
+            columns=TableMap(config).columns,
+        )
+        with Bar(Path(log).name) as bar:
+            for block in reader:
+                doctor.push(block)
+                bar.update(reader.bytes_done, reader.bytes_total)
+    else:
+        for frames in _listen(config, seconds):
+            doctor.push(frames)
+    report = doctor.report()
+    if json_path is not None:
+        from canest.cli.summary import write_json
+
+        write_json({"config": config_name, "verdict": "ok", **report.to_json()}, json_path)
+    if json_path != "-":
+        where = log or f"{config.bus.interface}:{config.bus.channel}"
+        _show(report, f"{_config_line(config_name, config)}\n{where}: {_heard(report)}")
+    return 1 if strict and report.stops else 0
+
+
+def _config_line(name: str, config: Config) -> str:
+    return (
+        f"{name}: config is right: {len(config.signals)} signals all in {', '.join(config.dbc) or 'tables'}, "
+        f"estimator {config.estimator.name}, {len(config.effects)} effects"
+    )
+
+
+def _heard(report: Report) -> str:
+    rate = report.frames / report.duration_s if report.duration_s > 0 else 0.0
+    return f"{report.frames:,} frames in {report.duration_s:,.1f} s ({rate:,.0f}/s)"
+
+
+def _listen(config: Config, seconds: float) -> Iterator[FrameBlock]:
+    """Yield what the bus carries; nothing is sent."""
+    import time
+
+    from canest.cli.progress import Share
+    from canest.frames import EXTENDED
+    from canest.live.link import open_link
+
+    everything = [(0, 0), (EXTENDED, EXTENDED)]
+    receiver, _ = open_link(config.bus, everything, transmit=False)
+    begin = time.monotonic()
+    try:
+        with Share(f"listening on {config.bus.channel}") as share:
+            while (passed := time.monotonic() - begin) < seconds:
+                time.sleep(0.02)
+                yield receiver.drain().frames
+                share.update(passed / seconds)
+    finally:
+        receiver.close()
+
+
+def _show(report: Report, title: str) -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else _FILE_WIDTH)
+    console.print(title, soft_wrap=True)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for name in ("role", "need", "expected as", "verdict"):
+        table.add_column(name, no_wrap=name != "expected as", overflow="fold")
+    for name in ("from", "rate Hz", "values", "n/a", "error"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("range", no_wrap=True)
+    for finding in report.roles:
+        _add(table, finding)
+    console.print(table)
+    if report.samples:
+        share = 100 * report.updated / report.samples
+        from canest.verdict import gate_shares
+
+        shares = gate_shares(report.gates, report.samples)
+        console.print(
+            f"{report.samples:,} samples at 50 Hz, {share:.0f} % open"
+            + (f"; closed: {shares}" if shares else "")
+        )
+    for hint in report.hints:
+        console.print(f"[yellow]hint[/]  {escape(hint)}", soft_wrap=True)
+    if report.stops:
+        console.print(f"[bold red]stops[/] {escape(report.stops)}", soft_wrap=True)
+    else:
+        console.print(
+            f"[bold green]ready[/] nothing stops the estimator (at the end: {report.status})", soft_wrap=True
+        )
+
+
+def _add(table: Table, finding: Finding) -> None:
+    colour = {"ok": "green", "optional": "dim"}.get(finding.verdict, "")
+    if finding.verdict != "ok":
+        colour = "yellow" if finding.need == "optional" else "red"
+    expected = finding.expected + (f" @0x{finding.source:02X}" if finding.source is not None else "")
+    unit = f" {finding.unit}" if finding.unit else ""
+    span = "" if finding.low is None else f"{finding.low:.4g} .. {finding.high:.4g}{unit}"
+    mine = [s for s in finding.senders if finding.source in (None, s.address)]
+    others = [s for s in finding.senders if s not in mine]
+    rows = mine or [None]
+    for index, sender in enumerate([*rows, *others]):
+        head = (finding.role, finding.need, expected, f"[{colour}]{finding.verdict}[/]")
+        cells = head if index == 0 else ("", "", "", "[dim]also[/]")
+        if sender is None:
+            table.add_row(*cells, "-", "", "", "", "", span)
+            continue
+        address = "table" if sender.address is None else f"0x{sender.address:02X}"
+        rate = "" if sender.rate_hz is None else f"{sender.rate_hz:.1f}"
+        figures = [f"{n:,}" if n else "" for n in (sender.valid, sender.not_available, sender.error_value)]
+        table.add_row(*cells, address, rate, *figures, span if index == 0 else "")
