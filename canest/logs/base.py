@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from types import TracebackType
 
 import numpy as np
 
@@ -92,6 +93,18 @@ class LogReader(ABC):
                 where=str(self.path),
                 found=text,
             )
+
+    def close(self) -> None:
+        """Close the file (iterating to the end does)."""
+        self._source.close()
+
+    def __enter__(self) -> LogReader:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
 
     @abstractmethod
     def _blocks(self) -> Iterator[FrameBlock | TableBlock]: ...

@@ -74,26 +74,37 @@ class PythonCanReader(LogReader):
             yield from self._text_messages()
             return
         if not self._source.archive:
-            yield from self._binary_messages(self.path)
+            with self.path.open("rb") as file:
+                yield from self._binary_messages(file)
             return
         with tempfile.NamedTemporaryFile(suffix=self._suffix) as unpacked:
             unpacked.write(self._head)
             while piece := self._source.read(_TEXT_BYTES):
                 unpacked.write(piece)
-            unpacked.flush()
-            yield from self._binary_messages(Path(unpacked.name))
+            unpacked.seek(0)
+            yield from self._binary_messages(unpacked)
 
-    def _binary_messages(self, path: Path) -> Iterator[Any]:
+    def _binary_messages(self, file: Any) -> Iterator[Any]:
         import can
 
+        make: Any
+        if self._suffix == ".blf":
+            make, source = can.BLFReader, file
+        else:  # these two want a name
+            make, source = (can.MF4Reader if self._suffix == ".mf4" else can.SqliteReader), file.name
         try:
-            with self._reader(can.LogReader, str(path)) as reader:
+            with self._reader(make, source) as reader:
                 yield from reader
+                declared = getattr(reader, "file_size", 0)
         except LogError:
             raise
         except Exception as error:  # whatever a damaged file makes of python-can
             self._skip(self._frames + 1, "", _reason(error))
             self.truncated_reason = f"damaged after {self._frames} frames: {_reason(error)}"
+            return
+        actual = Path(file.name).stat().st_size
+        if actual < declared:  # python-can ends quietly here
+            self.truncated_reason = f"holds {actual} of the {declared} bytes its header announces"
 
     def _text_messages(self) -> Iterator[Any]:
         """Iterate with a fresh reader behind every line that ends one; the header is read again each time."""

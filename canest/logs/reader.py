@@ -88,7 +88,7 @@ def _text_format(head: bytes, suffix: str) -> str:
     """Return the suffix under which python-can knows a text log, "table", or ''."""
     lines = [line.strip() for line in head.removeprefix(b"\xef\xbb\xbf").split(b"\n")[:20]]
     first = next((line for line in lines if line), b"")
-    if b"\0" in head or not first:
+    if b"\0" in first or not first:
         return ""
     if first.lower().startswith((b"date ", b"base hex", b"base dec")) or suffix == ".asc":
         return ".asc"

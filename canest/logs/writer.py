@@ -48,6 +48,9 @@ class EstimateWriter(ABC):
     def _finish(self) -> None:  # noqa: B027 - only formats that hold something back need it
         """Write what is held back."""
 
+    def _abandon(self) -> None:  # noqa: B027 - as above
+        """Let go of what cannot be finished."""
+
     def __enter__(self) -> EstimateWriter:
         return self
 
@@ -55,11 +58,13 @@ class EstimateWriter(ABC):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if kind is not None:
+            self._abandon()
             self._out.discard()
             return
         try:
             self._finish()
         except BaseException:
+            self._abandon()
             self._out.discard()
             raise
         self._out.commit()
@@ -153,6 +158,10 @@ class ParquetEstimateWriter(EstimateWriter):
         with self._out.errors():
             self._writer.write_table(self._pa.Table.from_batches(self._held, self._schema))
         self._held, self._rows = [], 0
+
+    def _abandon(self) -> None:
+        with suppress(OSError):
+            self._writer.close()
 
     def _finish(self) -> None:
         self._flush()

@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+import importlib.util
+import warnings
+
+import can
+import pytest
+
+from canest.errors import LogError
+from canest.frames import EXTENDED, REMOTE, FrameBlock
+from canest.logs import open_log
+from logs.helpers_logs import assert_same, read_all
+
+FRAMES = [
+    (1_000_000 + 10_000 * i, (0x18FEEE31 | EXTENDED) if i % 3 else 0x123, bytes([i % 256, 2, 3][: i % 4]))
+    for i in range(200)
+]
+
+
+def write(path, frames=FRAMES, remote=False):
+    with can.Logger(str(path)) as logger:
+        for t_us, can_id, payload in frames:
+            logger.on_message_received(
+                can.Message(
+                    timestamp=t_us / 1e6,
+                    arbitration_id=can_id & 0x1FFFFFFF,
+                    is_extended_id=bool(can_id & EXTENDED),
+                    data=payload,
+                    channel=0,
+                )
+            )
+        if remote:
+            logger.on_message_received(
+                can.Message(timestamp=9.0, arbitration_id=5, is_remote_frame=True, dlc=4, channel=0)
+            )
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".asc", ".blf", ".trc", ".csv", ".db"])
+def test_what_python_can_writes_is_read(tmp_path, suffix):
+    block, reader = read_all(write(tmp_path / f"drive{suffix}"))
+    expected = FrameBlock.from_frames(FRAMES)
+    offset = int(block.t_us[0]) - int(expected.t_us[0])  # some formats count from their first frame
+    assert_same(
+        block, FrameBlock(expected.t_us + offset, expected.can_id, expected.length, expected.data)
+    ) if suffix != ".trc" else assert_same(
+        block, FrameBlock(block.t_us, expected.can_id, expected.length, expected.data)
+    )
+    assert (reader.frames, reader.skipped_lines) == (200, 0)
+
+
+@pytest.mark.parametrize("suffix", [".asc", ".blf"])
+def test_remote_frames_are_marked(tmp_path, suffix):
+    block, _ = read_all(write(tmp_path / f"drive{suffix}", remote=True))
+    assert int(block.can_id[-1]) == 5 | EXTENDED | REMOTE
+    assert not block.data[-1]
+
+
+@pytest.mark.parametrize("suffix", [".asc", ".csv"])
+def test_a_damaged_line_is_counted_and_the_rest_is_read(tmp_path, suffix):
+    path = write(tmp_path / f"drive{suffix}")
+    lines = path.read_text().splitlines(keepends=True)
+    damaged = {".asc": "   1.5 1  xyz    Rx   d 8 zz\n", ".csv": "1.5,0xzz,1,0,0,1,AA==\n"}[suffix]
+    lines[50] = damaged
+    lines[120] = damaged
+    path.write_text("".join(lines))
+    block, reader = read_all(path)
+    assert len(block) == 198
+    assert reader.skipped_lines == 2
+    assert [number for number, _, _ in reader.skipped] == [51, 121]
+
+
+def test_a_truncated_blf_gives_what_it_holds(tmp_path):
+    frames = [
+        (i * 1000, 0x18FEEE31 | EXTENDED, (i * 2654435761).to_bytes(8, "little")) for i in range(20_000)
+    ]
+    path = write(tmp_path / "drive.blf", frames)
+    path.write_bytes(path.read_bytes()[:-5000])
+    block, reader = read_all(path)
+    assert 1000 < len(block) < 20_000
+    assert reader.truncated
+
+
+def test_wanted_and_channel_apply_here_too(tmp_path):
+    path = write(tmp_path / "drive.asc")
+    block, reader = read_all(path, wanted=lambda can_id: can_id == 0x123)
+    assert reader.frames == 200
+    assert set(block.can_id.tolist()) == {0x123}
+    assert len(read_all(path, channel="7")[0]) == 0
+
+
+@pytest.mark.skipif(importlib.util.find_spec("asammdf") is not None, reason="asammdf is installed")
+def test_mf4_without_its_package_names_the_extra(tmp_path):
+    path = tmp_path / "drive.mf4"
+    path.write_bytes(b"MDF     4.10    " + bytes(100))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with pytest.raises(LogError, match=r"pip install canest\[formats\]"):
+            list(open_log(path))

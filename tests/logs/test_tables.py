@@ -1,0 +1,156 @@
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from canest.errors import LogError
+from canest.logs import LogReader, TableBlock, open_log
+from canest.logs.truth import read_truth
+
+
+def read(path: Path, **options) -> tuple[TableBlock, LogReader]:
+    reader = open_log(path, **options)
+    blocks = list(reader)
+    assert reader.kind == "table"
+    columns = {name: np.concatenate([b.columns[name] for b in blocks]) for name in blocks[0].columns}
+    return TableBlock(np.concatenate([b.t_us for b in blocks]), columns), reader
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+def test_csv_columns_come_as_numbers_with_exact_stamps(tmp_path):
+    path = write(tmp_path / "a.csv", "t_s,v_kmh,name\n1700000000.020,1.5,7\n1700000000.040,-2e3,8\n")
+    block, reader = read(path)
+    assert block.t_us.tolist() == [1_700_000_000_020_000, 1_700_000_000_040_000]
+    assert block.columns["v_kmh"].tolist() == [1.5, -2000.0]
+    assert (reader.frames, reader.skipped_lines, reader.bad_cells) == (2, 0, {})
+
+
+def test_cells_without_a_number_become_nan_and_are_counted(tmp_path):
+    path = write(tmp_path / "a.csv", "t_s,v,w\n0.1,,1\n0.2,nan,2\n0.3,n/a,3\n0.4,inf,4\n0.5,5,5\n")
+    block, reader = read(path)
+    np.testing.assert_array_equal(block.columns["v"], [np.nan] * 4 + [5.0])
+    assert block.columns["w"].tolist() == [1, 2, 3, 4, 5]
+    assert reader.bad_cells == {"v": 4}
+
+
+def test_rows_without_time_or_of_wrong_length_are_counted_with_their_line(tmp_path):
+    path = write(tmp_path / "a.csv", "t_s,v\n0.1,1\n,2\n0.3\n0.4,4,4\nlater,5\n1e300,6\n0.7,7\n\n")
+    block, reader = read(path)
+    assert block.t_us.tolist() == [100_000, 700_000]
+    assert sorted(number for number, _, _ in reader.skipped) == [3, 4, 5, 6, 7]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t_s;v\n0,1;1,5\n0,2;2,5\n",
+        "t_s\tv\n0.1\t1.5\n0.2\t2.5\n",
+        '"t_s","v"\n"0.1","1.5"\n"0.2","2.5"\n',
+        "\ufefft_s,v\r\n0.1,1.5\r\n0.2,2.5\r\n",
+        "\n t_s , v \n0.1, 1.5\n0.2, 2.5",
+    ],
+)
+def test_the_dialects_of_csv(tmp_path, text):
+    block, reader = read(write(tmp_path / "a.csv", text))
+    assert block.t_us.tolist() == [100_000, 200_000]
+    assert block.columns["v"].tolist() == [1.5, 2.5]
+    assert reader.skipped_lines == 0 and reader.bad_cells == {}
+
+
+def test_only_the_wanted_columns_and_another_time_column(tmp_path):
+    path = write(tmp_path / "a.csv", "clock,v,comment\n1,10,hello\n2,20,world\n")
+    block, reader = read(path, time_column="clock", columns=["v", "w"])
+    assert list(block.columns) == ["v"]
+    assert reader.bad_cells == {}
+
+
+@pytest.mark.parametrize("block_frames", [1, 7, 1000])
+def test_block_size_changes_nothing(tmp_path, block_frames):
+    text = "t_s,v\n" + "".join(f"{i / 10},{i if i % 13 else ''}\n" for i in range(100))
+    path = tmp_path / "a.csv.gz"
+    path.write_bytes(gzip.compress(text.encode()))
+    block, reader = read(path, block_frames=block_frames)
+    assert block.t_us.tolist() == [i * 100_000 for i in range(100)]
+    assert reader.bad_cells == {"v": 8}
+
+
+@given(st.binary(max_size=500))
+@settings(max_examples=60, deadline=None)
+def test_random_bytes_below_a_header_never_escape(tmp_path_factory, noise):
+    path = tmp_path_factory.mktemp("noise") / "a.csv"
+    path.write_bytes(b"t_s,v\n0.1,1\n" + noise)
+    reader = open_log(path)
+    assert sum(len(block) for block in reader) == reader.frames >= 1
+
+
+def test_no_time_column_names_what_there_is(tmp_path):
+    with pytest.raises(LogError, match=r"a\.csv: the table has no time column 't_s', found 'time, v'"):
+        list(open_log(write(tmp_path / "a.csv", "time,v\n1,2\n")))
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_parquet_equals_csv(tmp_path, packed):
+    table = pa.table(
+        {
+            "t_s": [0.1, 0.2, None],
+            "v": [1.5, None, 3.0],
+            "gear": pa.array([1, 2, 3], pa.int8()),
+            "s": list("abc"),
+        }
+    )
+    path = tmp_path / "a.parquet"
+    pq.write_table(table, path)
+    if packed:
+        path.with_suffix(".parquet.gz").write_bytes(gzip.compress(path.read_bytes()))
+        path = path.with_suffix(".parquet.gz")
+    block, reader = read(path)
+    assert block.t_us.tolist() == [100_000, 200_000]
+    np.testing.assert_array_equal(block.columns["v"], [1.5, np.nan])
+    assert block.columns["gear"].tolist() == [1.0, 2.0]
+    assert reader.bad_cells == {"v": 1, "s": 2} and reader.skipped_lines == 1
+
+
+def test_truncated_parquet_is_one_line(tmp_path):
+    path = tmp_path / "a.parquet"
+    pq.write_table(pa.table({"t_s": np.arange(1000.0)}), path)
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(LogError, match="no readable parquet file"):
+        list(open_log(path))
+
+
+class TestTruth:
+    def test_either_column_may_be_missing_and_others_are_ignored(self, tmp_path):
+        truth = read_truth(write(tmp_path / "t.csv", "t_s,shift,grade\n0.0,1,0.01\n0.1,x,0.02\n"))
+        assert truth.t_us.tolist() == [0, 100_000]
+        assert truth.mass_kg is None
+        assert truth.grade is not None and truth.grade.tolist() == [0.01, 0.02]
+
+    def test_stamps_always_increase(self, tmp_path):
+        truth = read_truth(write(tmp_path / "t.csv", "t_s,mass_kg\n0,1\n2,2\n1,3\n2,4\n3,5\n"))
+        assert truth.t_us.tolist() == [0, 2_000_000, 3_000_000]
+        assert truth.mass_kg is not None and truth.mass_kg.tolist() == [1, 2, 5]
+
+    @pytest.mark.parametrize(
+        ("text", "message"),
+        [
+            ("t_s,speed\n0,1\n", "neither grade nor mass_kg"),
+            ("time,grade\n0,1\n", "no time column"),
+            ("t_s,grade\n", "no truth"),
+            ("", "no truth"),
+            ("(1.000000) can0 123#11\n", "no truth"),
+        ],
+    )
+    def test_anything_else_is_one_line(self, tmp_path, text, message):
+        with pytest.raises(LogError, match=rf"t\.csv.*{message}"):
+            read_truth(write(tmp_path / "t.csv", text))

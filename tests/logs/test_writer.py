@@ -1,0 +1,186 @@
+from __future__ import annotations
+
+import csv
+import itertools
+import lzma
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from canest.errors import OutputError
+from canest.frames import FrameBlock
+from canest.gates import LABELS
+from canest.logs.candump import CandumpParser
+from canest.logs.writer import CandumpWriter, candump_text, open_writer
+from canest.pipeline import Estimates
+from logs.helpers_logs import DATA, FRAMES, assert_same, log_form
+
+STATUS = ["unestimated", "converging", "valid"]
+
+
+def estimates(rows: int, seed: int = 0) -> Estimates:
+    rng = np.random.default_rng(seed)
+    result = Estimates(
+        1_700_000_000_020_000 + 20_000 * np.arange(rows),
+        rng.uniform(7000, 44_000, rows),
+        rng.uniform(0, 9000, rows),
+        rng.normal(0, 0.05, rows),
+        rng.uniform(0, 0.1, rows),
+        rng.integers(0, 3, rows).astype(np.uint8),
+        rng.integers(0, 14, rows).astype(np.uint8),
+    )
+    result.mass_kg[: rows // 10] = np.nan
+    result.grade_std[: rows // 20] = np.nan
+    return result
+
+
+def oracle(e: Estimates, row: int) -> list[str]:
+    """The line as Python's own formatting writes it."""
+
+    def text(value: float, decimals: int) -> str:
+        return "" if np.isnan(value) else f"{value:.{decimals}f}"
+
+    return [
+        f"{e.t_us[row] // 10**6}.{e.t_us[row] % 10**6 // 1000:03d}",
+        text(e.mass_kg[row], 1),
+        text(e.mass_std_kg[row], 1),
+        text(e.grade[row], 6),
+        text(e.grade_std[row], 6),
+        STATUS[e.status[row]],
+        LABELS[int(e.gate[row])],
+    ]
+
+
+def test_csv_equals_plain_formatting(tmp_path):
+    e = estimates(20_000)
+    with open_writer(tmp_path / "est.csv") as writer:
+        writer.write(e)
+    rows = list(csv.reader((tmp_path / "est.csv").read_text().splitlines()))
+    assert ",".join(rows[0]) == "t_s,mass_kg,mass_std_kg,grade,grade_std,status,gate"
+    assert [rows[1 + i] for i in range(len(e))] == [oracle(e, i) for i in range(len(e))]
+
+
+@pytest.mark.parametrize(
+    ("t_us", "text"),
+    [
+        (0, "0.000"),
+        (20_000, "0.020"),
+        (1, "0.000001"),
+        (999_999, "0.999999"),
+        (1_700_000_000_000_100, "1700000000.000100"),
+        (-20_000, "-0.020"),
+        (9_999_999_999_999_999, "9999999999.999999"),
+    ],
+)
+def test_stamps_are_exact(tmp_path, t_us, text):
+    e = estimates(1)
+    e.t_us[0] = t_us
+    with open_writer(tmp_path / "est.csv") as writer:
+        writer.write(e)
+    assert (tmp_path / "est.csv").read_text().splitlines()[1].split(",")[0] == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0.000000"),
+        (-1e-9, "0.000000"),
+        (-0.03, "-0.030000"),
+        (12.5, "12.500000"),
+        (np.inf, ""),
+        (1e300, ""),
+    ],
+)
+def test_numbers_at_the_edges(tmp_path, value, text):
+    e = estimates(3)
+    e.grade[1] = value
+    with open_writer(tmp_path / "est.csv") as writer:
+        writer.write(e)
+    assert (tmp_path / "est.csv").read_text().splitlines()[2].split(",")[3] == text
+
+
+@pytest.mark.parametrize("name", ["est.csv", "est.parquet"])
+@given(cuts=st.lists(st.integers(0, 300), max_size=5))
+@settings(max_examples=15, deadline=None)
+def test_however_the_rows_are_cut_the_file_is_the_same(tmp_path_factory, name, cuts):
+    e = estimates(300)
+    folder = tmp_path_factory.mktemp("cut")
+    bounds = [0, *sorted(cuts), 300]
+    with open_writer(folder / name) as writer:
+        for first, last in itertools.pairwise(bounds):
+            writer.write(Estimates(*(getattr(e, n)[first:last] for n in Estimates.__slots__)))
+    with open_writer(folder / ("whole_" + name)) as writer:
+        writer.write(e)
+    if name.endswith(".csv"):
+        assert (folder / name).read_bytes() == (folder / ("whole_" + name)).read_bytes()
+    else:
+        assert pq.read_table(folder / name).equals(pq.read_table(folder / ("whole_" + name)))
+
+
+def test_parquet_has_the_same_columns(tmp_path):
+    e = estimates(1000)
+    with open_writer(tmp_path / "est.parquet") as writer:
+        writer.write(e)
+    table = pq.read_table(tmp_path / "est.parquet").to_pydict()
+    assert list(table) == ["t_s", "mass_kg", "mass_std_kg", "grade", "grade_std", "status", "gate"]
+    assert table["mass_kg"][:100] == [None] * 100
+    assert table["mass_kg"][100:] == e.mass_kg[100:].tolist()
+    assert table["gate"] == [LABELS[int(code)] for code in e.gate]
+    np.testing.assert_array_equal(np.rint(np.array(table["t_s"]) * 1e6), e.t_us)
+
+
+def test_nothing_stands_under_the_name_before_it_is_complete(tmp_path):
+    path = tmp_path / "est.csv"
+    path.write_text("of yesterday")
+    with open_writer(path) as writer:
+        writer.write(estimates(10))
+        assert path.read_text() == "of yesterday"
+    assert path.read_text().startswith("t_s,")
+    assert [p.name for p in tmp_path.iterdir()] == ["est.csv"]
+
+
+@pytest.mark.parametrize("name", ["est.csv", "est.parquet"])
+def test_an_exception_leaves_no_file(tmp_path, name):
+    with pytest.raises(KeyboardInterrupt), open_writer(tmp_path / name) as writer:
+        writer.write(estimates(10))
+        raise KeyboardInterrupt
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["est.csv", "est.parquet"])
+def test_a_folder_that_is_not_there_is_one_line(tmp_path, name):
+    with pytest.raises(OutputError, match=rf"{name}: cannot write: No such file"):
+        open_writer(tmp_path / "none" / name)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_is_one_line():
+    with pytest.raises(OutputError, match="No space left"), open_writer("/dev/full") as writer:
+        writer.write(estimates(10_000))
+
+
+@given(FRAMES)
+@settings(max_examples=60, deadline=None)
+def test_frames_written_as_candump_are_the_definition_and_read_back(frames):
+    block = FrameBlock.from_frames(frames)
+    text = candump_text(block)
+    assert text.decode() == "".join(log_form(*frame) + "\n" for frame in frames)
+    assert_same(CandumpParser().parse(text), block)
+
+
+def test_a_real_log_is_written_back_byte_for_byte(tmp_path):
+    text = lzma.decompress((DATA / "ip332" / "bike.log.xz").read_bytes())
+    channel = text.split(b" ", 2)[1].decode()
+    with CandumpWriter(tmp_path / "back.log", channel) as writer:
+        writer.write(CandumpParser().parse(text))
+    assert (tmp_path / "back.log").read_bytes() == text
+
+
+def test_remote_frames_survive(tmp_path):
+    parser = CandumpParser()
+    text = b"(0000000001.000000) can0 18FEEE31#R8\n(0000000001.000000) can0 123#R0\n"
+    assert candump_text(parser.parse(text)) == text
