@@ -5,6 +5,7 @@ Usage: python benchmarks/decode.py [LOG.xz]   (default: the bundled Kenworth log
 
 from __future__ import annotations
 
+import itertools
 import statistics
 import sys
 import time
@@ -63,7 +64,7 @@ def main() -> None:
         print(f"blocks of {size:>7}: {best_ns_per_frame(long, size):6.1f} ns/frame")
     live = one[: min(len(one), 40_000)]
     edges = np.searchsorted(live.t_us, np.arange(live.t_us[0], live.t_us[-1], 20_000))
-    pieces = [live[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    pieces = [live[a:b] for a, b in itertools.pairwise(edges)]
     for name, short in (("frame by frame", 10**9), ("in columns", 0)):
         decoder.SHORT_BLOCK = short
         fresh = Decoder(ROLES, [shipped_database()])
@@ -80,9 +81,8 @@ def main() -> None:
         decoder.SHORT_BLOCK = 10**9
         scalar = best_ns_per_frame(live, size, 3)
         decoder.SHORT_BLOCK = 0
-        print(
-            f"blocks of {size:>4}: frame by frame {scalar:6.0f}, columns {best_ns_per_frame(live, size, 3):6.0f} ns/frame"
-        )
+        columns = best_ns_per_frame(live, size, 3)
+        print(f"blocks of {size:>4}: frame by frame {scalar:6.0f}, columns {columns:6.0f} ns/frame")
 
 
 if __name__ == "__main__":

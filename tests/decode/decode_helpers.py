@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import lzma
 import re
 from collections.abc import Iterable, Mapping
@@ -58,15 +59,12 @@ def push_cut(decoder: Decoder, block: FrameBlock, cuts: Iterable[int]):
     edges = [0, *sorted(cuts), len(block)]
     parts: dict[str, list] = {}
     end_us = None
-    for start, end in zip(edges, edges[1:], strict=False):
+    for start, end in itertools.pairwise(edges):
         result = decoder.push(block[start:end])
         end_us = result.end_us if result.end_us is not None else end_us
         for role, columns in result.samples.items():
             parts.setdefault(role, []).append(columns)
-    joined = {
-        r: (np.concatenate([c[0] for c in p]), np.concatenate([c[1] for c in p])) for r, p in parts.items()
-    }
-    return joined, end_us
+    return {r: tuple(np.concatenate(c) for c in zip(*p, strict=True)) for r, p in parts.items()}, end_us
 
 
 def assert_same_samples(one: Mapping, other: Mapping) -> None:

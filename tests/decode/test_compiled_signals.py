@@ -1,4 +1,4 @@
-"""Compiled signals against cantools on random payloads, against Python integers for Motorola and odd widths."""
+"""Compiled signals equal cantools on random payloads: every shipped signal, and every odd form of field."""
 
 from __future__ import annotations
 
@@ -158,8 +158,8 @@ def test_values_end_and_indicators_begin_where_the_rule_says(
         word = raw << c.field.shift
         value = c.one(word)
         _, (column,), bad, _ = c.columns(np.array([word], np.uint64))
-        assert (value == value) == (raw <= highest), raw
-        assert (column == column) == (raw <= highest), raw
+        assert (not np.isnan(value)) == (raw <= highest), raw
+        assert (not np.isnan(column)) == (raw <= highest), raw
         assert (bad is None) == (raw <= highest), raw
     if first_absent is not None:
         assert c.first_not_available == first_absent
@@ -208,7 +208,7 @@ def test_conversion_to_the_unit_of_the_role():
 
 
 def test_unknown_rule_and_impossible_signals_are_refused():
-    with pytest.raises(ConfigError, match="unknown validity rule.*j1938.*j1939"):
+    with pytest.raises(ConfigError, match=r"unknown validity rule.*j1938.*j1939"):
         compiled("EEC1", "EngSpeed", "j1938")
     with pytest.raises(ConfigError, match="ascii"):
         compiled("CCVS1", "BrakeSwitch", "ascii")

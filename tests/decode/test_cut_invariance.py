@@ -1,4 +1,4 @@
-"""However a stream is cut, and whichever path decodes it, samples and counters are the same to the last bit."""
+"""However a stream is cut, and whichever path decodes it, samples and counters are the same to the bit."""
 
 from __future__ import annotations
 
@@ -122,7 +122,13 @@ def test_real_log_in_live_blocks_equals_the_log_at_once():
     block = block_of_log("kenworth/normal.log.xz")
     at_once = Decoder(WANTS, DATABASES)
     expected, end = push_cut(at_once, block, [])
-    assert set(expected) >= {"engine_torque_pct", "engine_speed", "vehicle_speed", "brake_switch", "reference_torque"}
+    assert set(expected) >= {
+        "engine_torque_pct",
+        "engine_speed",
+        "vehicle_speed",
+        "brake_switch",
+        "reference_torque",
+    }
     live = Decoder(WANTS, DATABASES)
     samples, live_end = push_cut(live, block, range(13, len(block), 13))
     assert_same_samples(expected, samples)

@@ -44,7 +44,7 @@ def test_damaged_file_is_one_line_with_its_name(tmp_path, content):
 def test_file_cut_in_mid_line(tmp_path):
     path = tmp_path / "cut.dbc"
     path.write_text("BO_ 2566844926 CCVS1: 8 X\n SG_ Speed : 8|16@1+ (0.0")
-    with pytest.raises(ConfigError, match="no such signal in CCVS1.*found 'Speed'.*cut short"):
+    with pytest.raises(ConfigError, match=r"no such signal in CCVS1.*found 'Speed'.*cut short"):
         find_signal([load(path)], "CCVS1", "Speed")
 
 
@@ -54,7 +54,7 @@ def test_missing_message_and_signal_name_what_is_near():
         ConfigError, match=r"signals\.gear: no such message, found 'ETC22'.*did you mean ETC2"
     ):
         find_signal(databases, "ETC22", "TransCurrentGear", "signals.gear")
-    with pytest.raises(ConfigError, match="no such signal in ETC2.*did you mean TransCurrentGear"):
+    with pytest.raises(ConfigError, match=r"no such signal in ETC2.*did you mean TransCurrentGear"):
         find_signal(databases, "ETC2", "TransCurentGear", "signals.gear")
     with pytest.raises(ConfigError, match="one of AGW"):
         find_signal(databases, "zzzzzzzz", "x")

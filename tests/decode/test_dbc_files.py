@@ -1,4 +1,4 @@
-"""The shipped DBC files: they load clean, keep their contracts, and place every bit by hand-computed frames."""
+"""The shipped DBC files load clean, keep their contracts, and place their bits by hand-computed frames."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_every_j1939_signal_names_its_spn_and_its_range_ends_below_the_indicator
 
 
 def test_fields_of_a_message_do_not_overlap():
-    """cantools' strict mode refuses overlaps on loading; here with our own bit sets, per multiplexor value."""
+    """cantools' strict mode refuses overlaps on loading; here with our own bit sets, per branch."""
     for name in NAMES:
         for message in shipped_database(name).messages:
             branches = {i for s in message.signals for i in s.multiplexer_ids or ()} or {None}

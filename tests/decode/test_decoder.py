@@ -54,7 +54,10 @@ def test_configured_address_is_heard_and_others_are_counted():
 
 def test_two_roles_share_a_message_from_two_addresses():
     d = decoder((*SPEED, 0x00), ("brake_switch", "CCVS1", "BrakeSwitch", 0x31))
-    frames = [(1, ccvs(0x00), bytes.fromhex("FF341700FF6800CF")), (2, ccvs(0x31), bytes.fromhex("F3FFFFD3CCFFFFF0"))]
+    frames = [
+        (1, ccvs(0x00), bytes.fromhex("FF341700FF6800CF")),
+        (2, ccvs(0x31), bytes.fromhex("F3FFFFD3CCFFFFF0")),
+    ]
     result = push(d, frames)
     assert numbers(result, "vehicle_speed") == [0x1734 / 256]
     assert numbers(result, "brake_switch") == [1]
@@ -157,7 +160,10 @@ def test_owner_is_replaced_after_five_seconds_without_a_number():
 
 def test_owner_is_replaced_after_the_clock_was_set_back():
     d = decoder(SPEED)
-    assert numbers(push(d, [(10**12, ccvs(9), speed(30)), (0, ccvs(7), speed(70))]), "vehicle_speed") == [30, 70]
+    assert numbers(push(d, [(10**12, ccvs(9), speed(30)), (0, ccvs(7), speed(70))]), "vehicle_speed") == [
+        30,
+        70,
+    ]
 
 
 def test_ownership_lasts_over_blocks():
@@ -185,7 +191,9 @@ BO_ 292 Long: 64 X
 
 
 def test_message_that_is_not_j1939_is_matched_by_its_exact_identifier():
-    d = Decoder(wants(("vehicle_speed", "Own", "Speed", None, "full")), [cantools.database.load_string(OWN, "dbc")])
+    d = Decoder(
+        wants(("vehicle_speed", "Own", "Speed", None, "full")), [cantools.database.load_string(OWN, "dbc")]
+    )
     payload = bytes.fromhex("FFFE0000")
     frames = [(1, 291, payload), (2, 291 | EXTENDED, payload), (3, 292, payload), (4, 291, payload + b"\0")]
     result = push(d, [*frames, (5, 291 | REMOTE, b"")])
@@ -203,8 +211,12 @@ def test_signal_that_no_frame_can_carry_is_refused():
 
 
 def test_long_group_in_a_single_frame_gives_what_is_inside():
-    d = decoder(("reference_torque", "EC1", "EngReferenceTorque", 0), ("engine_speed", "EC1", "EngSpeedPoint1", 0))
-    result = push(d, [(1, EXTENDED | 0x18FEE300, bytes([0x40, 0x1F, 0, 0])), (2, EXTENDED | 0x18FEE300, b"\0" * 20)])
+    d = decoder(
+        ("reference_torque", "EC1", "EngReferenceTorque", 0), ("engine_speed", "EC1", "EngSpeedPoint1", 0)
+    )
+    result = push(
+        d, [(1, EXTENDED | 0x18FEE300, bytes([0x40, 0x1F, 0, 0])), (2, EXTENDED | 0x18FEE300, b"\0" * 20)]
+    )
     assert numbers(result, "engine_speed") == [1000]
     assert numbers(result, "reference_torque") == []
     assert d.counters.senders[0xFEE3, 0].wrong_length == 1  # twenty bytes are no frame of classic CAN

@@ -1,4 +1,4 @@
-"""The bundled real logs, decoded: every sample equals cantools where it is a number, and the known facts hold."""
+"""The bundled real logs: every sample equals cantools where it is a number, and the known facts hold."""
 
 from __future__ import annotations
 
@@ -91,7 +91,10 @@ def test_kenworth_drive():
 
 
 def test_kenworth_gear_letters_agree_with_the_gear_number():
-    entries = ("gear", "ETC2", "TransCurrentGear", 3), ("selected_gear", "ETC2", "TransCurrentRange", 3, "ascii")
+    entries = (
+        ("gear", "ETC2", "TransCurrentGear", 3),
+        ("selected_gear", "ETC2", "TransCurrentRange", 3, "ascii"),
+    )
     samples = decoder(*entries).push(block_of_log("kenworth/normal.log.xz")).samples
     assert np.array_equal(samples["gear"][1], samples["selected_gear"][1])
 

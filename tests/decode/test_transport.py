@@ -1,4 +1,4 @@
-"""Multi-packet groups: what arrives whole is delivered, anything else is dropped and counted, never guessed."""
+"""Multi-packet groups: what arrives whole is delivered, anything else is dropped and counted."""
 
 from __future__ import annotations
 
@@ -21,11 +21,17 @@ class Bus:
         self.now_us = 1_000_000
         self.frames: list[tuple[int, int, bytes]] = []
 
-    def send(self, pgn: int, source: int, payload: bytes, destination: int = ANY, gap_us: int = 50 * MS) -> None:
+    def send(
+        self, pgn: int, source: int, payload: bytes, destination: int = ANY, gap_us: int = 50 * MS
+    ) -> None:
         self.now_us += gap_us
-        self.frames.append((self.now_us, 0x1C000000 | pgn << 8 | destination << 8 | source | EXTENDED, payload))
+        self.frames.append(
+            (self.now_us, 0x1C000000 | pgn << 8 | destination << 8 | source | EXTENDED, payload)
+        )
 
-    def manage(self, control: int, *rest: int, pgn: int = EC1, source: int = 0, destination: int = ANY) -> None:
+    def manage(
+        self, control: int, *rest: int, pgn: int = EC1, source: int = 0, destination: int = ANY
+    ) -> None:
         head = bytes([control, *rest, *([0xFF] * (4 - len(rest)))])
         self.send(0xEC00, source, head + pgn.to_bytes(3, "little"), destination)
 
@@ -228,7 +234,9 @@ def test_noise_never_raises_and_memory_is_bounded():
             control = rng.choice([16, 17, 19, 32, 32, 255, rng.randrange(256)])
             size = rng.randrange(9, 1786)
             head = bytes([control]) + size.to_bytes(2, "little") + bytes([-(-size // 7), 255, 0xE3, 0xFE, 0])
-            transport.manage(t_us, source, destination, rng.choice([8, 8, 8, 3]), int.from_bytes(head, "little"))
+            transport.manage(
+                t_us, source, destination, rng.choice([8, 8, 8, 3]), int.from_bytes(head, "little")
+            )
         else:
             transport.packet(t_us, source, destination, 8, rng.getrandbits(64))
         assert len(transport._sessions) <= MAX_SESSIONS
