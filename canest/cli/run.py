@@ -1,0 +1,61 @@
+"""`canest run`: the daemon."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from canest.cli.options import config_option, load, override_options
+
+if TYPE_CHECKING:
+    from canest.config import Config
+
+EPILOG = """\b
+Examples:
+  canest run -c vcan                                     the demonstration truck on vcan0
+  canest run -c my-truck.yaml --listen-only              never sends anything
+  canest run -c my-truck.yaml --set bus.channel=can1
+  canest run -c my-truck.yaml --record seen.log --log-estimates est.csv
+
+\b
+Signals: SIGTERM ends within a second (what was learned is saved), SIGHUP reads the config again,
+SIGUSR1 writes all counters to the log. See also: canest status, canest monitor, canest install-service.
+"""
+
+
+@click.command(epilog=EPILOG)
+@config_option()
+@override_options
+@click.option("--listen-only", is_flag=True, help="Send nothing at all, not even an address claim.")
+@click.option("--record", metavar="LOG", help="Write the received frames as a candump log.")
+@click.option("--log-estimates", metavar="CSV", help="Write every estimate (50 Hz) as est.csv.")
+def command(
+    config_name: str,
+    overrides: tuple[str, ...],
+    estimator: str | None,
+    initial_mass: float | None,
+    listen_only: bool,
+    record: str | None,
+    log_estimates: str | None,
+) -> None:
+    """Estimate mass and grade live on a CAN bus and broadcast them there."""
+    changes = list(overrides)
+    if listen_only:
+        changes.append("broadcast.listen_only=true")
+    if record is not None:
+        changes.append(f"service.record={_quoted(record)}")
+    if log_estimates is not None:
+        changes.append(f"service.log_estimates={_quoted(log_estimates)}")
+
+    from canest.live.daemon import Daemon
+
+    def read_config() -> Config:
+        return load(config_name, tuple(changes), estimator, initial_mass)
+
+    Daemon(read_config(), config_name=config_name, reload=read_config).run()
+
+
+def _quoted(text: str) -> str:
+    """Return a YAML string, whatever the text looks like."""
+    return "'" + text.replace("'", "''") + "'"

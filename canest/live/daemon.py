@@ -1,0 +1,371 @@
+"""The daemon: a thin loop around the pure pipeline.
+
+Every 20 ms: drain the bus, push, advance event time, speak. Once a second: look after everything else.
+Nothing in the loop waits for the bus, the disk or a reader of its output.
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from canest.config.schema import Config
+from canest.errors import CanestError
+from canest.frames import FrameBlock
+from canest.live import metrics
+from canest.live.estimate_frame import Estimate
+from canest.live.files import Background, write_atomically
+from canest.live.journal import Journal
+from canest.live.link import Receiver, may_transmit, open_link
+from canest.live.memory import Memory, state_dir
+from canest.live.node import Node
+from canest.live.notify import Notifier
+from canest.live.rates import Rates
+from canest.live.record import Ring, TextLog, candump_renderer, render_estimates
+from canest.live.schedule import Schedule
+from canest.live.snapshot import one_line, snapshot
+from canest.live.status_socket import StatusServer, socket_path
+from canest.live.watch import BusWatch
+from canest.logs.writer import HEADER
+from canest.pipeline import Estimates, Pipeline
+from canest.vehicle.samples import EstimateBlock, ModelBlock
+
+CHORES_S = 1.0
+METRICS_S = 10.0
+FRESH_US = 200_000  #: an estimate older than this is no estimate of now
+CLOSE_S = 0.7  #: SIGTERM has to be over within a second, whatever the disk does
+#: errors inside the estimation are survived by starting the pipeline anew; this many in a row are not
+MOST_FAILURES_IN_A_ROW = 5
+
+
+class Daemon:
+    """One bus, one vehicle, until it is stopped.
+
+    config_name: where the config came from; reload: reads it again (SIGHUP).
+    Errors: BusError, ConfigError when it cannot begin; later nothing short of a defect in canest ends it.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        *,
+        config_name: str = "config",
+        reload: Callable[[], Config] | None = None,
+        journal: Journal | None = None,
+        notifier: Notifier | None = None,
+    ) -> None:
+        self.config, self.config_name, self._reload_config = config, config_name, reload
+        self.journal = journal or Journal()
+        self.notifier = notifier or Notifier()
+        self.pid = os.getpid()
+        self.schedule, self.rates = Schedule(), Rates()
+        self.started_us = time.monotonic_ns() // 1000
+        self.background = Background()
+        self.late_frames = self.failures = self.reloads = 0
+        self._failures_in_a_row = 0
+        self._stop = threading.Event()
+        self._wants_reload = self._wants_snapshot = False
+        self._latest: tuple[Estimate, int] | None = None
+        self._standing = False
+        self._reached_us = -(1 << 62)
+        self._metrics_at_s = self._save_at_s = self._chores_at_s = 0.0
+        self._served: dict[str, Any] = {}
+        self._told: dict[str, object] = {}
+        self.pipeline = Pipeline(config, listener=self._listen)
+        self.memory = Memory(config, self.background, self.journal)
+        self.memory.restore(self.pipeline)
+        self.receiver, self.node = self._join(config)
+        self._opened = self.receiver.opened
+        self._open_files()
+
+    # -- life ---------------------------------------------------------------------------------------
+
+    def run(self, *, handle_signals: bool = True) -> None:
+        """Work until `stop` (or SIGTERM, SIGINT)."""
+        if handle_signals:
+            self._install_signals()
+        self._status_server = self._open_status()
+        if self.config.service.metrics_port is not None:
+            metrics.serve(self.config.service.metrics_port, self._served)
+        self.journal.notice(
+            "started",
+            config=self.config_name,
+            bus=f"{self.config.bus.interface}:{self.config.bus.channel}",
+            estimator=self.config.estimator.name,
+            broadcast=self.node.silence(self.started_us) or "on",
+        )
+        self.notifier.ready()
+        gc.collect()
+        gc.freeze()  # what is here now lives as long as we do: later collections need not look at it
+        try:
+            while not self._stop.is_set():
+                self._tick(self.schedule.wait())
+        finally:
+            self._end()
+
+    def stop(self) -> None:
+        """End the loop at its next tick (from any thread or signal handler)."""
+        self._stop.set()
+
+    def estimate(self, now_us: int) -> Estimate:
+        """Return the newest estimate, "not available" when it is not of now."""
+        if self._latest is None or now_us - self._latest[1] > FRESH_US:
+            return Estimate()
+        return self._latest[0]
+
+    # -- the loop -----------------------------------------------------------------------------------
+
+    def _tick(self, now_ns: int) -> None:
+        begin_ns = time.thread_time_ns()
+        now_us, now_s = now_ns // 1000, now_ns * 1e-9
+        drained = self.receiver.drain()
+        if self.receiver.opened != self._opened:
+            self._opened = self.receiver.opened
+            self.node.restart(now_us)
+        frames = drained.frames
+        self.node.observe(frames, now_us)
+        self._record(frames, now_s)
+        try:
+            self._estimate(frames, drained.reached_us, now_us, now_s)
+            self._failures_in_a_row = 0
+        except Exception as error:  # a defect of ours; the vehicle drives on, and so do we
+            self._survive(error)
+        self.node.speak(now_us)
+        self.rates.count(len(frames), time.thread_time_ns() - begin_ns)
+        self.notifier.alive(now_s)
+        if now_s >= self._chores_at_s:
+            self._chores_at_s = now_s + CHORES_S
+            self._chores(now_us, now_s)
+
+    def _estimate(self, frames: FrameBlock, reached_us: int | None, now_us: int, now_s: float) -> None:
+        estimates = self.pipeline.push(frames) if len(frames) else None
+        if len(frames) and frames.t_us[0] < self._reached_us:
+            self._count_late(frames)
+        self._note(estimates, now_us, now_s)
+        if reached_us is not None:
+            self._reached_us = reached_us
+            self._note(self.pipeline.advance_to(reached_us), now_us, now_s)
+
+    def _note(self, estimates: Estimates | None, now_us: int, now_s: float) -> None:
+        if estimates is None or not len(estimates):
+            return
+        last = Estimate(
+            float(estimates.mass_kg[-1]),
+            float(estimates.mass_std_kg[-1]),
+            float(estimates.grade[-1]),
+            float(estimates.grade_std[-1]),
+            int(estimates.status[-1]),
+            int(estimates.gate[-1]),
+        )
+        self._latest = last, now_us
+        self.node.take(last, now_us)
+        self.memory.note(last.mass_kg, last.mass_std_kg, last.status, self._standing)
+        if self._estimate_log is not None:
+            self._estimate_log.add(estimates, now_s)
+
+    def _listen(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
+        self._standing = bool(samples.stopped[-1])
+
+    def _count_late(self, frames: FrameBlock) -> None:
+        """Count frames stamped before a tick that had been finished without them."""
+        behind_us = self._reached_us - frames.t_us
+        back_us = self.config.sampling.max_backward_s * 1e6  # beyond it the clock was set, nothing is late
+        self.late_frames += int(((behind_us > 0) & (behind_us <= back_us)).sum())
+
+    def _survive(self, error: Exception) -> None:
+        self.failures += 1
+        self._failures_in_a_row += 1
+        if self._failures_in_a_row >= MOST_FAILURES_IN_A_ROW:
+            raise error
+        trace = error.__traceback__
+        while trace is not None and trace.tb_next is not None:
+            trace = trace.tb_next
+        where = f"{trace.tb_frame.f_code.co_filename}:{trace.tb_lineno}" if trace else "?"
+        self.journal.error("estimation-failed", error=f"{type(error).__name__}: {error}", where=where)
+        self.pipeline = Pipeline(self.config, listener=self._listen)
+        learned = self.memory.learned
+        if learned is not None:
+            self.pipeline.restore(
+                learned.mass_kg,
+                math.hypot(learned.mass_std_kg, self.config.service.restore_std * learned.mass_kg),
+            )
+
+    def _record(self, frames: FrameBlock, now_s: float) -> None:
+        for log in (self._frame_log, self._ring):
+            if log is not None:
+                log.add(frames, now_s)
+
+    # -- once a second ------------------------------------------------------------------------------
+
+    def _chores(self, now_us: int, now_s: float) -> None:
+        self.rates.close(now_s)
+        if self._status_server is not None:
+            self._status_server.poll(lambda: snapshot(self, now_us))
+        self._tell_changes(now_us)
+        self.notifier.status(one_line(self, now_us))
+        if now_s >= self._save_at_s:
+            if self._save_at_s:
+                self.memory.save()
+            self._save_at_s = now_s + self.config.service.save_every_s
+        if now_s >= self._metrics_at_s:
+            self._metrics_at_s = now_s + METRICS_S
+            self._write_metrics(now_us)
+        if self._wants_snapshot:
+            self._wants_snapshot = False
+            self.journal.notice("counters", **_flat(snapshot(self, now_us)))
+        if self._wants_reload:
+            self._wants_reload = False
+            self._reload(now_us)
+
+    def _tell_changes(self, now_us: int) -> None:
+        """Log what has changed since the last look."""
+        self._changed("bus", self.receiver.state, self.receiver.state != "up")
+        silence = self.node.silence(now_us)
+        self._changed("broadcast", silence or f"on from address {self.node.address:#04x}", "used" in silence)
+        status = self.estimate(now_us).status
+        self._changed("status", ("unestimated", "converging", "valid", "not available")[status], False)
+        others = self.pipeline.decoder.counters.other_senders
+        self._changed("other-senders", len(others), bool(others), quiet=not others)
+        masses = ", ".join(f"{a:#04x}" for a in sorted(self.node.watch.other_masses))
+        self._changed("masses-sent-by-others", masses, False, quiet=not masses)
+        for kind in ("state", "metrics", "record", "ring", "estimates"):
+            failure = self.background.failures.get(kind, "")
+            self._changed(f"writing-{kind}", failure or "works", bool(failure), quiet=not failure)
+
+    def _changed(self, what: str, value: object, bad: bool, *, quiet: bool = False) -> None:
+        """Log a value when it is another one than before; ``quiet``: not when it is the first one."""
+        if self._told.get(what) == value or (quiet and what not in self._told):
+            return
+        self._told[what] = value
+        (self.journal.warning if bad else self.journal.notice)(what, now=value)
+
+    def _write_metrics(self, now_us: int) -> None:
+        service = self.config.service
+        if service.metrics_file is None and service.metrics_port is None:
+            return
+        content = snapshot(self, now_us)
+        self._served.update(content)
+        if service.metrics_file is not None:
+            path, data = Path(service.metrics_file), metrics.text(content).encode()
+            self.background.submit(
+                "metrics", lambda: write_atomically(path, data, durable=False), newest_only=True
+            )
+
+    # -- beginning, reload, end ---------------------------------------------------------------------
+
+    def _join(self, config: Config) -> tuple[Receiver, Node]:
+        watch = BusWatch(config.broadcast.pgn)
+        filters = sorted({*self.pipeline.decoder.can_filters(), *watch.filters()})
+        receiver, transmitter = open_link(
+            config.bus, filters, transmit=may_transmit(config.bus, config.broadcast)
+        )
+        node = Node(config, watch)
+        if transmitter is not None:
+            node.attach(config, transmitter, time.monotonic_ns() // 1000)
+        return receiver, node
+
+    def _open_files(self) -> None:
+        service, channel = self.config.service, self.config.bus.channel
+        self._frame_log: TextLog[FrameBlock] | None = None
+        self._estimate_log: TextLog[Estimates] | None = None
+        self._ring: Ring | None = None
+        if service.record is not None:
+            self._frame_log = TextLog(
+                Path(service.record), candump_renderer(channel), self.background, kind="record"
+            )
+        if service.log_estimates is not None:
+            self._estimate_log = TextLog(
+                Path(service.log_estimates),
+                render_estimates,
+                self.background,
+                kind="estimates",
+                header=HEADER,
+            )
+        folder = service.residual_dir
+        if folder is None and "STATE_DIRECTORY" in os.environ:
+            folder = str(state_dir(self.config) / "recorded")
+        if folder is not None:
+            self._ring = Ring(Path(folder), channel, int(service.residual_max_mb * 1e6), self.background)
+
+    def _close_files(self) -> None:
+        for log in (self._frame_log, self._estimate_log):
+            if log is not None:
+                log.flush()
+        if self._ring is not None:
+            self._ring.close()
+
+    def _open_status(self) -> StatusServer | None:
+        path = socket_path(self.config)
+        try:
+            return StatusServer(path)
+        except OSError as error:
+            self.journal.warning("no-status-socket", path=path, error=error.strerror or error)
+            return None
+
+    def _reload(self, now_us: int) -> None:
+        """Take a changed config over without stopping; a broken one changes nothing."""
+        if self._reload_config is None:
+            return
+        self.notifier.reloading()
+        try:
+            config = self._reload_config()
+            pipeline = Pipeline(config, listener=self._listen)
+        except CanestError as error:
+            self.journal.error("reload-refused", error=error)
+            self.notifier.ready()
+            return
+        self.memory.save()
+        self.config, self.pipeline = config, pipeline
+        self.memory = Memory(config, self.background, self.journal)
+        self.background.flush(CLOSE_S)
+        self.memory.restore(pipeline)
+        self.receiver.close()
+        self.receiver, self.node = self._join(config)
+        self._opened = self.receiver.opened
+        self._close_files()
+        self._open_files()
+        self.reloads += 1
+        self.journal.notice("reloaded", config=self.config_name)
+        self.notifier.ready()
+
+    def _install_signals(self) -> None:
+        def on_signal(number: int, frame: FrameType | None) -> None:
+            if number == signal.SIGHUP:
+                self._wants_reload = True
+            elif number == signal.SIGUSR1:
+                self._wants_snapshot = True
+            else:
+                self.stop()
+
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGUSR1):
+            signal.signal(number, on_signal)
+
+    def _end(self) -> None:
+        self.notifier.stopping()
+        self.memory.save()
+        self._close_files()
+        if not self.background.close(CLOSE_S):
+            self.journal.error("disk-hangs", lost="what was still to be written")
+        self.receiver.close()
+        if self._status_server is not None:
+            self._status_server.close()
+        self.journal.notice("stopped", frames=self.pipeline.decoder.counters.frames)
+
+
+def _flat(value: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return nested dictionaries as one level of dotted keys."""
+    flat: dict[str, Any] = {}
+    for key, inner in value.items():
+        if isinstance(inner, dict):
+            flat |= _flat(inner, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = inner
+    return flat

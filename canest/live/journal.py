@@ -1,0 +1,88 @@
+"""Log lines for a person on call: one event a line, key=value, rate-limited, in journald's stderr form.
+
+Under systemd every line starts with its priority, ``<4>``, which journald takes off again; elsewhere the
+line starts with the time of day and a word.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Mapping
+from typing import TextIO
+
+ERROR, WARNING, NOTICE, INFO = 3, 4, 5, 6  #: syslog priorities
+_WORDS = {ERROR: "error", WARNING: "warning", NOTICE: "notice", INFO: "info"}
+
+BURST = 5  #: lines of one event at once
+REFILL_S = 30.0  #: then one more per this time
+_EVENTS_REMEMBERED = 256
+
+
+class Journal:
+    """Writes events; an event that repeats is held back and its number told with the next line."""
+
+    def __init__(
+        self,
+        stream: TextIO | None = None,
+        environment: Mapping[str, str] = os.environ,
+        clock_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._stream = sys.stderr if stream is None else stream
+        self._journald = "JOURNAL_STREAM" in environment
+        self._clock_s = clock_s
+        #: event -> (tokens, when counted, lines held back since)
+        self._buckets: dict[str, tuple[float, float, int]] = {}
+
+    def error(self, event: str, **fields: object) -> None:
+        """Something does not work and somebody has to see to it."""
+        self._log(ERROR, event, fields)
+
+    def warning(self, event: str, **fields: object) -> None:
+        """Something went wrong and was dealt with."""
+        self._log(WARNING, event, fields)
+
+    def notice(self, event: str, **fields: object) -> None:
+        """A change worth knowing."""
+        self._log(NOTICE, event, fields)
+
+    def info(self, event: str, **fields: object) -> None:
+        """For the record."""
+        self._log(INFO, event, fields)
+
+    def _log(self, priority: int, event: str, fields: dict[str, object]) -> None:
+        held_back = self._admit(event)
+        if held_back is None:
+            return
+        if held_back:
+            fields = fields | {"held_back": held_back}
+        text = " ".join([event, *(f"{key}={_value(value)}" for key, value in fields.items())])
+        if self._journald:
+            line = f"<{priority}>{text}\n"
+        else:
+            line = f"{time.strftime('%H:%M:%S')} {_WORDS[priority]}: {text}\n"
+        try:
+            self._stream.write(line)
+            self._stream.flush()
+        except (OSError, ValueError):  # a closed or full stderr must not end the estimation
+            return
+
+    def _admit(self, event: str) -> int | None:
+        """Return how many lines of this event were held back before this one, None to hold it back too."""
+        now_s = self._clock_s()
+        tokens, counted_s, held_back = self._buckets.get(event, (float(BURST), now_s, 0))
+        tokens = min(float(BURST), tokens + (now_s - counted_s) / REFILL_S)
+        if len(self._buckets) >= _EVENTS_REMEMBERED and event not in self._buckets:
+            self._buckets.clear()
+        if tokens < 1:
+            self._buckets[event] = tokens, now_s, held_back + 1
+            return None
+        self._buckets[event] = tokens - 1, now_s, 0
+        return held_back
+
+
+def _value(value: object) -> str:
+    text = f"{value:.6g}" if isinstance(value, float) else str(value)
+    text = "".join(c if c.isprintable() else " " for c in text)
+    return f'"{text}"' if " " in text or not text else text

@@ -1,0 +1,77 @@
+"""What the daemon knows of a bus, whatever interface it is."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+from canest.config.schema import Broadcast, Bus
+from canest.live.kernel_drain import Drained
+
+Filters = Sequence[tuple[int, int]]  #: (id, mask) with flags, as in Linux' struct can_filter
+
+REOPEN_S = 0.5  #: longest wait between attempts to open an interface that is not there
+
+#: python-can interfaces that end inside this machine or its network, never at a vehicle
+_VIRTUAL_INTERFACES = frozenset({"virtual", "udp_multicast"})
+
+
+class Receiver(Protocol):
+    """The receiving half of a bus. It has no way to send: a listen-only daemon holds nothing else.
+
+    state: "up", "down", "absent", "error-passive" or "bus-off". opened: how often the interface has been
+    opened (a change means: another bus may be behind it). counters: what happened, by name.
+    """
+
+    state: str
+    opened: int
+    counters: Counter[str]
+
+    def drain(self) -> Drained:
+        """Return what has arrived. Never blocks, never raises: an interface that is gone is reopened."""
+
+    def close(self) -> None:
+        """Let the interface go."""
+
+
+class Transmitter(Protocol):
+    """The sending half of a bus."""
+
+    counters: Counter[str]
+
+    def send(self, can_id: int, payload: bytes) -> bool:
+        """Send one frame if the interface takes it at once; False when it was dropped (and counted)."""
+
+
+def is_virtual(bus: Bus) -> bool:
+    """Return True where no physical bus can be behind an interface."""
+    if bus.interface in _VIRTUAL_INTERFACES:
+        return True
+    if bus.interface != "socketcan" or not bus.channel.startswith(("vcan", "vxcan")):
+        return False
+    return not Path("/sys/class/net", bus.channel, "device").exists()
+
+
+def may_transmit(bus: Bus, broadcast: Broadcast) -> bool:
+    """Return whether anything may be sent: never when listen-only, on a physical bus only when asked."""
+    if broadcast.listen_only:
+        return False
+    return is_virtual(bus) if broadcast.enabled is None else broadcast.enabled
+
+
+def open_link(bus: Bus, filters: Filters, *, transmit: bool) -> tuple[Receiver, Transmitter | None]:
+    """Open a bus: its receiver and, only when ``transmit``, its transmitter.
+
+    An interface that is absent is waited for. Errors: BusError when it can never be opened here.
+    """
+    if bus.interface == "socketcan":
+        from canest.live.socketcan import SocketCanReceiver, SocketCanTransmitter
+
+        receiver = SocketCanReceiver(bus.channel, filters)
+        return receiver, SocketCanTransmitter(receiver) if transmit else None
+    from canest.live.pythoncan import PythonCanReceiver, PythonCanTransmitter
+
+    other = PythonCanReceiver(bus, filters)
+    return other, PythonCanTransmitter(other) if transmit else None

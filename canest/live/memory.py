@@ -1,0 +1,86 @@
+"""The daemon's memory of the vehicle: restored at the start, saved while it runs."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from canest.config.schema import Config
+from canest.live import state
+from canest.live.files import Background
+from canest.live.journal import Journal
+from canest.pipeline import Pipeline
+from canest.vehicle.samples import Status
+
+
+def state_dir(config: Config, environment: Mapping[str, str] = os.environ) -> Path:
+    """Return where learned state lives: the config's, systemd's, or the user's directory."""
+    if config.service.state_dir is not None:
+        return Path(config.service.state_dir).expanduser()
+    given = environment.get("STATE_DIRECTORY", "").split(":")[0]
+    return Path(given) if given else Path("~/.local/state/canest").expanduser()
+
+
+def file_name(config: Config) -> str:
+    """Return the name of the state file: one per bus, since a daemon may be moved to another vehicle."""
+    return f"learned-{re.sub(r'[^A-Za-z0-9_.-]', '_', config.bus.channel)}.json"
+
+
+class Memory:
+    """Keeps the last valid mass and brings it to the disk; tolerates a disk that does not take it."""
+
+    def __init__(
+        self,
+        config: Config,
+        background: Background,
+        journal: Journal,
+        clock_s: Callable[[], float] = time.time,
+    ) -> None:
+        self._config, self._background, self._journal, self._clock_s = config, background, journal, clock_s
+        self.path = state_dir(config) / file_name(config)
+        self.learned: state.Learned | None = None
+        self._fingerprint = state.fingerprint(config)
+        self._key = state.vehicle_key(config)
+
+    def restore(self, pipeline: Pipeline) -> None:
+        """Give the pipeline what an earlier life of the daemon learned of this vehicle."""
+        if self._config.service.learn == "off":
+            return
+        now_s = self._clock_s()
+        restored = state.load(self.path, self._config, now_s)
+        if restored.message:
+            self._journal.warning("state-not-used", why=restored.message)
+        if restored.learned is not None:
+            learned = restored.learned
+            std_kg = state.widened_std_kg(learned, self._config, now_s)
+            pipeline.restore(learned.mass_kg, std_kg)
+            self._journal.notice(
+                "mass-restored",
+                mass_kg=round(learned.mass_kg),
+                std_kg=round(std_kg),
+                saved_std_kg=round(learned.mass_std_kg),
+                age_s=round(now_s - learned.saved_s),
+            )
+            self.learned = learned
+
+    def note(self, mass_kg: float, mass_std_kg: float, status: int, standing: bool) -> None:
+        """Remember the newest estimate if it is one to be trusted."""
+        if (
+            status == Status.VALID
+            and math.isfinite(mass_kg)
+            and math.isfinite(mass_std_kg)
+            and mass_std_kg > 0
+        ):
+            self.learned = state.Learned(
+                self._key, self._fingerprint, float(mass_kg), float(mass_std_kg), self._clock_s(), standing
+            )
+
+    def save(self) -> None:
+        """Queue the state file for writing."""
+        learned = self.learned
+        if self._config.service.learn == "on+save" and learned is not None:
+            self._background.submit("state", lambda: state.save(self.path, learned), newest_only=True)

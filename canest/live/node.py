@@ -1,0 +1,90 @@
+"""The daemon as a node of the bus: what it notices there, and, unless it only listens, what it says."""
+
+from __future__ import annotations
+
+from canest.config.schema import Config
+from canest.frames import FrameBlock
+from canest.live.broadcast import Broadcaster
+from canest.live.citizen import Citizen
+from canest.live.estimate_frame import Estimate
+from canest.live.link import Filters, Transmitter
+from canest.live.watch import BusWatch
+
+LISTENING_ONLY = "listening only (broadcast.listen_only)"
+NOT_ENABLED = "broadcast is off (a physical bus needs broadcast.enabled: true)"
+
+
+class Node:
+    """Times are microseconds of a monotonic clock.
+
+    Without a transmitter there is nothing that could send: neither estimates nor a claim.
+    """
+
+    def __init__(self, config: Config, watch: BusWatch) -> None:
+        self.watch = watch
+        self.citizen: Citizen | None = None
+        self.broadcaster: Broadcaster | None = None
+        self._transmitter: Transmitter | None = None
+        self._mute = LISTENING_ONLY if config.broadcast.listen_only else NOT_ENABLED
+
+    def attach(self, config: Config, transmitter: Transmitter, now_us: int) -> None:
+        """Become a node that speaks."""
+        self._transmitter = transmitter
+        self.broadcaster = Broadcaster(config.broadcast)
+        self.citizen = Citizen(config.broadcast, self.broadcaster.groups)
+        self.citizen.start(now_us)
+
+    @staticmethod
+    def filters(config: Config) -> Filters:
+        """Return the kernel filters for what a node has to hear."""
+        return BusWatch(config.broadcast.pgn).filters()
+
+    def restart(self, now_us: int) -> None:
+        """The interface was opened anew: another bus may be behind it."""
+        if self.citizen is not None:
+            self.citizen.start(now_us)
+
+    def observe(self, frames: FrameBlock, now_us: int) -> None:
+        """Take the frames that arrived."""
+        self.watch.observe(frames, now_us)
+        if self.citizen is not None:
+            self.citizen.observe(self.watch, now_us)
+
+    def take(self, estimate: Estimate, now_us: int) -> None:
+        """Take the newest estimate."""
+        if self.broadcaster is not None:
+            self.broadcaster.take(estimate, now_us)
+
+    def speak(self, now_us: int) -> None:
+        """Send what is due."""
+        citizen, broadcaster, transmitter = self.citizen, self.broadcaster, self._transmitter
+        if citizen is None or broadcaster is None or transmitter is None:
+            return
+        for can_id, payload in citizen.poll(now_us):
+            if not transmitter.send(can_id, payload):
+                citizen.claim.not_sent(now_us)
+        address = citizen.address_to_speak_from(now_us)
+        if address is None:
+            return
+        for can_id, payload in broadcaster.frames(now_us, address, citizen.requested):
+            transmitter.send(can_id, payload)
+        citizen.requested.clear()
+
+    def silence(self, now_us: int) -> str:
+        """Return in plain words why nothing is broadcast ('' when something is)."""
+        return self._mute if self.citizen is None else self.citizen.silence(now_us)
+
+    @property
+    def address(self) -> int | None:
+        """Return the address we own."""
+        return None if self.citizen is None else self.citizen.claim.address
+
+    def counters(self) -> dict[str, int]:
+        """Return everything counted here."""
+        counted = dict(self.watch.counters)
+        if self.citizen is not None:
+            counted |= self.citizen.counters
+            counted |= self.citizen.claim.counters
+        if self._transmitter is not None:
+            counted |= self._transmitter.counters
+        return counted

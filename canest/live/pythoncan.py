@@ -1,0 +1,170 @@
+"""Every other interface python-can has (udp_multicast, virtual, slcan, pcan, ...), behind the same halves.
+
+No thread is started: a reader thread that dies of an unplugged adapter leaves a daemon that looks healthy
+and hears nothing. Here the loop itself reads, and whatever goes wrong leads to a new attempt to open.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, deque
+
+import can
+
+from canest.config.schema import Bus
+from canest.errors import BusError
+from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
+from canest.live.kernel_drain import Drained
+from canest.live.link import REOPEN_S, Filters
+
+GUARD_US = 20_000  #: drivers hand a frame over this long after its stamp at the latest
+_IDS_REMEMBERED = 4096  #: a bus has some hundreds of identifiers, noise has millions
+_MAX_FRAMES = 4096  #: per drain, so that a flood cannot keep a tick from ending
+#: interfaces that hand our own frames back to us although asked not to (python-can 4.6)
+_ECHOING = frozenset({"udp_multicast"})
+_OURS_US = 1_000_000  #: stamps this close to the system's clock come from it
+
+
+class PythonCanReceiver:
+    """Receives from any python-can interface; see `canest.live.link.Receiver`.
+
+    Errors: BusError when python-can does not know the interface or lacks its driver; an interface that is
+    merely not there now is waited for.
+    """
+
+    def __init__(self, bus: Bus, filters: Filters) -> None:
+        self._config = bus
+        # python-can's own filters make recv(0) say "nothing there" for every frame they refuse
+        self._filters = [(i & m, m) for i, m in filters]
+        self._wanted: dict[int, bool] = {}
+        self.state = "absent"
+        self.opened = 0
+        self.counters: Counter[str] = Counter()
+        self._bus: can.BusABC | None = None
+        self._stamps_are_ours = False
+        #: frames sent whose echo is to be dropped when it comes
+        self._echoes: deque[tuple[int, bytes]] | None = (
+            deque(maxlen=64) if bus.interface in _ECHOING else None
+        )
+        self._retry_at_s = 0.0
+        try:
+            self._open()
+        except (can.CanInterfaceNotImplementedError, ImportError) as error:
+            raise BusError(
+                f"cannot be used ({error})", where=f"bus.interface {bus.interface}", expected="its driver"
+            ) from error
+
+    def drain(self) -> Drained:
+        """Return what has arrived; see `canest.live.link.Receiver`."""
+        before_us = time.time_ns() // 1000
+        rows: list[tuple[int, int, bytes]] = []
+        emptied = False
+        try:
+            if self._bus is None:
+                self._reopen()
+            bus = self._bus
+            for _ in range(_MAX_FRAMES):
+                message = bus.recv(0) if bus is not None else None
+                if message is None:
+                    emptied = True
+                    break
+                row = _row(message)
+                if not self._is_wanted(row[1]):
+                    continue
+                if self._echoes and row[1:] in self._echoes:
+                    self._echoes.remove(row[1:])
+                else:
+                    rows.append(row)
+        except Exception as error:  # drivers raise anything; none of it may end the loop
+            self._failed(error)
+        if rows:
+            # a device's own clock says nothing about when its stamps have been reached
+            self._stamps_are_ours = abs(rows[-1][0] - before_us) < _OURS_US
+        reached_us = before_us - GUARD_US if emptied and self._stamps_are_ours else None
+        return Drained(FrameBlock.from_frames(rows), reached_us)
+
+    def close(self) -> None:
+        """Let the interface go."""
+        bus, self._bus, self.state = self._bus, None, "absent"
+        if bus is not None:
+            try:
+                bus.shutdown()
+            except Exception:  # closing a device that is gone
+                self.counters["close_failed"] += 1
+
+    def _is_wanted(self, can_id: int) -> bool:
+        wanted = self._wanted.get(can_id)
+        if wanted is None:
+            wanted = bool(can_id & ERROR) or any(can_id & mask == value for value, mask in self._filters)
+            if len(self._wanted) >= _IDS_REMEMBERED:
+                self._wanted.clear()
+            self._wanted[can_id] = wanted
+        return wanted
+
+    def _open(self) -> None:
+        options = dict(self._config.options)
+        if self._config.bitrate is not None:
+            options.setdefault("bitrate", self._config.bitrate)
+        try:
+            self._bus = can.Bus(
+                interface=self._config.interface,
+                channel=self._config.channel,
+                **options,
+            )
+        except (can.CanInterfaceNotImplementedError, ImportError):
+            raise
+        except Exception:  # drivers raise anything when a device is not there
+            self.counters["open_failed"] += 1
+            self._retry_at_s = time.monotonic() + REOPEN_S
+            return
+        self.opened += 1
+        self.state = "up"
+
+    def _reopen(self) -> None:
+        if time.monotonic() >= self._retry_at_s:
+            self._open()
+
+    def _failed(self, error: Exception) -> None:
+        self.counters[f"receive_{type(error).__name__}"] += 1
+        self.counters["interface_lost"] += 1
+        self.close()
+        self._retry_at_s = time.monotonic() + REOPEN_S
+
+
+class PythonCanTransmitter:
+    """Sends through the receiver's bus."""
+
+    def __init__(self, receiver: PythonCanReceiver) -> None:
+        self._receiver = receiver
+        self.counters: Counter[str] = Counter()
+
+    def send(self, can_id: int, payload: bytes) -> bool:
+        """Send one frame if the interface takes it at once; see `canest.live.link.Transmitter`."""
+        bus = self._receiver._bus  # two halves of one bus
+        if bus is None:
+            self.counters["dropped_interface_absent"] += 1
+            return False
+        message = can.Message(
+            arbitration_id=can_id & ID_MASK, is_extended_id=bool(can_id & EXTENDED), data=payload
+        )
+        try:
+            bus.send(message, timeout=0)
+        except Exception:  # full queues and dead devices, in every driver's own words
+            self.counters["dropped_send_failed"] += 1
+            return False
+        self.counters["sent"] += 1
+        if self._receiver._echoes is not None:
+            self._receiver._echoes.append((can_id, payload))
+        return True
+
+
+def _row(message: can.Message) -> tuple[int, int, bytes]:
+    can_id = message.arbitration_id & ID_MASK
+    if message.is_extended_id:
+        can_id |= EXTENDED
+    if message.is_remote_frame:
+        can_id |= REMOTE
+    if message.is_error_frame:
+        can_id = can_id & ~EXTENDED | ERROR
+    payload = b"" if message.is_remote_frame else bytes(message.data)
+    return round(message.timestamp * 1e6), can_id, payload

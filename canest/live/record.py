@@ -1,0 +1,169 @@
+"""Writes what was received as candump logs: one file on demand, or a bounded ring of compressed segments.
+
+The frames are written as they came, with the stamps the estimator saw, so that a replay of the file gives
+the same estimates to the last bit.
+"""
+
+from __future__ import annotations
+
+import errno
+import gzip
+import re
+import time
+from collections.abc import Callable, Sized
+from pathlib import Path
+from typing import BinaryIO, Generic, TypeVar
+
+from canest.frames import FrameBlock
+from canest.live.files import Background
+from canest.logs.writer import candump_text, estimates_csv
+from canest.pipeline import Estimates
+
+Block = TypeVar("Block", bound=Sized)
+
+WRITE_EVERY_S = 1.0
+_SEGMENT_SHARE = 40  #: the ring is bounded by this many segments of equal size
+_SEGMENT_S = 900.0  #: and each is closed after this long, so that a crash costs little
+_SEGMENT_NAME = re.compile(r"\d{8}T\d{6}Z-[\w.-]+\.log\.gz")
+
+
+class _Spool(Generic[Block]):
+    """Collects blocks and hands them, rendered as text, to the writing thread once a second."""
+
+    def __init__(self, kind: str, render: Callable[[list[Block]], bytes], background: Background) -> None:
+        self._kind, self._render, self._background = kind, render, background
+        self._blocks: list[Block] = []
+        self._write_at_s = 0.0
+
+    def add(self, block: Block, now_s: float) -> None:
+        """Take the next block; ``now_s``: monotonic time."""
+        if len(block):
+            self._blocks.append(block)
+        if now_s >= self._write_at_s:
+            self._write_at_s = now_s + WRITE_EVERY_S
+            self.flush()
+
+    def flush(self) -> None:
+        """Queue what has been collected. A queue that is full (the disk hangs) loses it, and counts."""
+        blocks, self._blocks = self._blocks, []
+        if blocks and not self._background.submit(self._kind, lambda: self._write(self._render(blocks))):
+            self._background.counters[f"{self._kind}_rows_lost"] += sum(map(len, blocks))
+
+    def _write(self, text: bytes) -> None:
+        raise NotImplementedError
+
+
+def candump_renderer(channel: str) -> Callable[[list[FrameBlock]], bytes]:
+    """Return what turns frames into candump's log form under a channel's name."""
+    name = re.sub(r"[^\w.-]", "_", channel)
+    return lambda blocks: candump_text(FrameBlock.concatenate(blocks), name)
+
+
+def render_estimates(blocks: list[Estimates]) -> bytes:
+    """Return rows of est.csv."""
+    return estimates_csv(Estimates.concatenate(blocks), slice(None))
+
+
+class TextLog(_Spool[Block]):
+    """One growing text file (a candump log, est.csv). ``header`` is its first line when it is new."""
+
+    def __init__(
+        self,
+        path: Path,
+        render: Callable[[list[Block]], bytes],
+        background: Background,
+        *,
+        kind: str,
+        header: bytes = b"",
+    ) -> None:
+        super().__init__(kind, render, background)
+        self._path, self._header = path, header
+        self._file: BinaryIO | None = None
+
+    def _write(self, text: bytes) -> None:
+        if self._file is None:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = self._path.open("ab", buffering=0)
+            if self._header and self._file.tell() == 0:
+                text = self._header + text
+        # an unbuffered write may be cut short by a full disk: take back what makes no whole line
+        begin = self._file.tell()
+        try:
+            complete = self._file.write(text) == len(text)
+        except OSError:
+            self._take_back(begin)
+            raise
+        if not complete:
+            self._take_back(begin)
+            raise OSError(errno.ENOSPC, "no space left on device")
+
+    def _take_back(self, begin: int) -> None:
+        assert self._file is not None
+        self._file.truncate(begin)
+        self._file.seek(begin)
+
+
+class Ring(_Spool[FrameBlock]):
+    """Compressed segments in one folder, together never larger than ``max_bytes``: what the vehicle saw.
+
+    Named by time and channel, readable by every command that reads logs; the oldest go first.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        channel: str,
+        max_bytes: int,
+        background: Background,
+        clock_s: Callable[[], float] = time.time,
+    ) -> None:
+        super().__init__("ring", candump_renderer(channel), background)
+        self._folder, self._max_bytes, self._clock_s = folder, max_bytes, clock_s
+        self._channel = re.sub(r"[^\w.-]", "_", channel)
+        self._file: gzip.GzipFile | None = None
+        self._path = folder
+        self._begun_s = 0.0
+
+    def close(self) -> None:
+        """Queue the end of the present segment."""
+        self.flush()
+        self._background.submit("ring", self._end_segment)
+
+    def _write(self, text: bytes) -> None:
+        if self._file is None:
+            self._begin_segment()
+        assert self._file is not None
+        try:
+            self._file.write(text)
+            self._file.flush()  # a sync flush: what is on the disk so far can be read after a crash
+            size = self._path.stat().st_size
+        except OSError:
+            self._file = None
+            raise
+        age_s = self._clock_s() - self._begun_s
+        if size > self._max_bytes // _SEGMENT_SHARE or not 0 <= age_s <= _SEGMENT_S:
+            self._end_segment()
+
+    def _begin_segment(self) -> None:
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._drop_oldest()
+        self._begun_s = self._clock_s()
+        stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(self._begun_s))
+        self._path = self._folder / f"{stamp}-{self._channel}.log.gz"
+        self._file = gzip.open(self._path, "ab", compresslevel=1)  # noqa: SIM115 - lives for a quarter of an hour
+
+    def _end_segment(self) -> None:
+        file, self._file = self._file, None
+        if file is not None:
+            file.close()
+
+    def _drop_oldest(self) -> None:
+        segments = sorted(p for p in self._folder.iterdir() if _SEGMENT_NAME.fullmatch(p.name))
+        sizes = [p.stat().st_size for p in segments]
+        limit = self._max_bytes - self._max_bytes // _SEGMENT_SHARE
+        excess = sum(sizes) - limit
+        for path, size in zip(segments, sizes, strict=True):
+            if excess <= 0:
+                break
+            path.unlink()
+            excess -= size

@@ -1,0 +1,46 @@
+"""The 20 ms beat: an absolute schedule on the monotonic clock, whatever the calendar does meanwhile."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from canest.vehicle.samples import STEP_US
+
+STEP_NS = STEP_US * 1000
+#: bounds of the lateness histogram, milliseconds; the last bin takes the rest
+LATE_BOUNDS_MS = (0.1, 0.5, 1.0, 5.0, 20.0)
+
+
+class Schedule:
+    """Waits for the next beat; beats that were missed (a long tick, SIGSTOP) are skipped and counted."""
+
+    def __init__(
+        self, clock_ns: Callable[[], int] = time.monotonic_ns, sleep: Callable[[float], None] = time.sleep
+    ) -> None:
+        self._clock_ns, self._sleep = clock_ns, sleep
+        self._next_ns = clock_ns() + STEP_NS
+        self.ticks = 0
+        self.missed = 0
+        #: how many ticks began later than planned by up to each of `LATE_BOUNDS_MS` (last: more)
+        self.late = [0] * (len(LATE_BOUNDS_MS) + 1)
+
+    def wait(self) -> int:
+        """Sleep until the next beat; return the monotonic time (ns) at which it really begins."""
+        delay_ns = self._next_ns - self._clock_ns()
+        if delay_ns > 0:
+            self._sleep(delay_ns * 1e-9)
+        now_ns = self._clock_ns()
+        late_ns = now_ns - self._next_ns
+        late_ms = late_ns * 1e-6
+        self.late[next((i for i, b in enumerate(LATE_BOUNDS_MS) if late_ms <= b), -1)] += 1
+        missed = max(0, late_ns) // STEP_NS
+        self.missed += missed
+        self.ticks += 1
+        self._next_ns += (missed + 1) * STEP_NS
+        return now_ns
+
+    def share_within(self, bound_ms: float) -> float:
+        """Return the share of ticks that began within one of `LATE_BOUNDS_MS` of their time."""
+        within = sum(n for n, b in zip(self.late, LATE_BOUNDS_MS, strict=False) if b <= bound_ms)
+        return within / self.ticks if self.ticks else 1.0

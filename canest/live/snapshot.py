@@ -1,0 +1,151 @@
+"""All that a person on call needs, as one JSON-ready dictionary: for status, metrics and the log."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from canest.gates import LABELS
+from canest.vehicle.samples import STATUS_LABELS
+from canest.verdict import why_no_signal
+
+if TYPE_CHECKING:
+    from canest.live.daemon import Daemon
+
+NOT_AVAILABLE = "not available"
+#: most senders listed: noise from every address must not make a snapshot long
+MOST_SENDERS, MOST_OTHERS = 100, 20
+
+
+def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
+    """Return the daemon's condition at ``now_us`` (microseconds of the monotonic clock)."""
+    pipeline, counters = daemon.pipeline, daemon.pipeline.decoder.counters
+    node, receiver = daemon.node, daemon.receiver
+    estimate = daemon.estimate(now_us)
+    result: dict[str, Any] = {
+        "vehicle": daemon.config.vehicle.name,
+        "config": daemon.config_name,
+        "pid": daemon.pid,
+        "uptime_s": round((now_us - daemon.started_us) * 1e-6, 1),
+        "bus": {
+            "interface": daemon.config.bus.interface,
+            "channel": daemon.config.bus.channel,
+            "state": receiver.state,
+            "frames_per_s": round(daemon.rates.frames_per_s, 1),
+            "frames": counters.frames,
+            "wanted": counters.wanted,
+            "opened": receiver.opened,
+            "late_frames": daemon.late_frames,
+            **receiver.counters,
+        },
+        "estimate": {
+            "mass_kg": _number(estimate.mass_kg, 1),
+            "mass_std_kg": _number(estimate.mass_std_kg, 1),
+            "grade": _number(estimate.grade, 6),
+            "grade_std": _number(estimate.grade_std, 6),
+            "status": STATUS_LABELS.get(estimate.status, NOT_AVAILABLE),
+            "gate": LABELS.get(estimate.gate, NOT_AVAILABLE),
+        },
+        "why_not_valid": why_not_valid(daemon, now_us),
+        "samples": pipeline.samples,
+        "updated": pipeline.updated,
+        "gates": pipeline.gate_counts,
+        "clock": dict(pipeline.clock.counters),
+        "broadcast": {
+            "address": node.address,
+            "silent_because": node.silence(now_us),
+            "other_users_of_our_group": sorted(a for a in node.watch.group_users if a != node.address),
+            **node.counters(),
+        },
+        "senders": _senders(daemon),
+        "other_senders": {_sender_name(key): frames for key, frames in _busiest(counters.other_senders)},
+        "other_senders_count": len(counters.other_senders),
+        "transport": dict(counters.transport),
+        "masses_of_others_kg": {f"0x{a:02X}": m.mass_kg for a, m in sorted(node.watch.other_masses.items())},
+        "ticks": {
+            "count": daemon.schedule.ticks,
+            "missed": daemon.schedule.missed,
+            "within_half_ms": round(daemon.schedule.share_within(0.5), 5),
+            "cpu_us_mean": round(daemon.rates.cpu_us_per_tick, 1),
+            "cpu_us_max": round(daemon.rates.cpu_us_max, 1),
+        },
+        "files": {
+            **daemon.background.counters,
+            **{f"{k}_error": v for k, v in daemon.background.failures.items()},
+        },
+        "failures": daemon.failures,
+        "reloads": daemon.reloads,
+    }
+    learned = daemon.memory.learned
+    if learned is not None:
+        result["learned"] = {"mass_kg": round(learned.mass_kg, 1), "saved_s": round(learned.saved_s, 1)}
+    return result
+
+
+def why_not_valid(daemon: Daemon, now_us: int) -> str:
+    """Return one sentence on what the estimate lacks ('' when it is valid)."""
+    estimate, pipeline = daemon.estimate(now_us), daemon.pipeline
+    status = STATUS_LABELS.get(estimate.status, NOT_AVAILABLE)
+    if status == "valid":
+        return ""
+    if daemon.receiver.state not in ("up", "error-passive"):
+        return f"the bus {daemon.config.bus.channel} is {daemon.receiver.state}"
+    counters = pipeline.decoder.counters
+    if not counters.frames:
+        return f"nothing has been heard on {daemon.config.bus.channel} yet"
+    if status == NOT_AVAILABLE:
+        return f"no wanted frame for more than {daemon.config.sampling.hold_s:g} s: the bus is quiet"
+    missing = pipeline.estimator.missing() or why_no_signal(daemon.config, counters, counters.frames)
+    if missing:
+        return missing
+    gate = LABELS.get(estimate.gate, "")
+    learned_s = pipeline.updated * 0.02
+    text = f"learned from {learned_s:.1f} s of driving so far"
+    return f"{text}; now held back by the gate {gate}" if gate else text
+
+
+def one_line(daemon: Daemon, now_us: int) -> str:
+    """Return the line that ``systemctl status`` shows."""
+    estimate = daemon.estimate(now_us)
+    bus = f"{daemon.config.bus.channel} {daemon.receiver.state}, {daemon.rates.frames_per_s:.0f} frames/s"
+    status = STATUS_LABELS.get(estimate.status, NOT_AVAILABLE)
+    if math.isnan(estimate.mass_kg):
+        return f"{status}: {why_not_valid(daemon, now_us)} ({bus})"
+    # whole hundreds and tenths: a line that changes at every look would only fill the journal
+    mass = f"mass {estimate.mass_kg / 1000:.1f} t +- {estimate.mass_std_kg / 1000:.1f}"
+    gate = LABELS.get(estimate.gate, "")
+    return f"{status}: {mass}, grade {100 * estimate.grade:.1f} %{f', gate {gate}' if gate else ''} ({bus})"
+
+
+def _senders(daemon: Daemon) -> dict[str, dict[str, Any]]:
+    senders: dict[str, dict[str, Any]] = {}
+    for key, counted in sorted(daemon.pipeline.decoder.counters.senders.items(), key=_by_id):
+        if counted.used and len(senders) < MOST_SENDERS:
+            senders[_sender_name(key)] = {
+                "frames": counted.frames,
+                "rate_hz": None if counted.rate_Hz is None else round(counted.rate_Hz, 1),
+                "not_available": counted.not_available,
+                "error_values": counted.error_value,
+                "wrong_length": counted.wrong_length,
+                "transport_errors": counted.transport_errors,
+            }
+    return senders
+
+
+def _busiest(senders: dict[tuple[int, int | None], int]) -> list[tuple[tuple[int, int | None], int]]:
+    busiest = sorted(senders.items(), key=lambda item: -item[1])[:MOST_OTHERS]
+    return sorted(busiest, key=_by_id)
+
+
+def _by_id(item: tuple[tuple[int, int | None], Any]) -> tuple[int, int]:
+    (group, source), _ = item
+    return group, -1 if source is None else source
+
+
+def _sender_name(key: tuple[int, int | None]) -> str:
+    group, source = key
+    return f"0x{group & 0x1FFF_FFFF:X}" if source is None else f"PGN {group} from 0x{source:02X}"
+
+
+def _number(value: float, digits: int) -> float | None:
+    return round(float(value), digits) if math.isfinite(value) else None

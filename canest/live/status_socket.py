@@ -1,0 +1,78 @@
+"""A local socket on which the daemon tells how it is: connect, read one JSON object, done."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import socket
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from canest.config.schema import Config
+from canest.live.memory import state_dir
+
+ANSWER_S = 2.0  #: a daemon that works answers within a tick
+_SYSTEM_FOLDERS = ("/run/canest", "/run")
+
+
+def socket_path(config: Config, environment: Mapping[str, str] = os.environ) -> Path:
+    """Return where the daemon of this config listens: systemd's runtime directory, else the state's."""
+    given = environment.get("RUNTIME_DIRECTORY", "").split(":")[0]
+    folder = Path(given) if given else state_dir(config, environment)
+    return folder / f"status-{re.sub(r'[^A-Za-z0-9_.-]', '_', config.bus.channel)}.sock"
+
+
+class StatusServer:
+    """Answers whoever connects. `poll` costs one system call when nobody does."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.unlink(missing_ok=True)  # left behind by a daemon that was killed
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._socket.setblocking(False)
+        self._socket.bind(str(path))
+        path.chmod(0o666)  # to look is allowed to everybody who reaches the directory
+        self._socket.listen(4)
+
+    def poll(self, content: Callable[[], dict[str, Any]]) -> None:
+        """Answer one client, if there is one."""
+        try:
+            client, _ = self._socket.accept()
+        except OSError:
+            return
+        with client, contextlib.suppress(OSError):  # a client that left, or does not read
+            client.setblocking(False)
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 18)
+            client.send(json.dumps(content()).encode())
+
+    def close(self) -> None:
+        """Stop answering and take the socket's name away."""
+        self._socket.close()
+        self._path.unlink(missing_ok=True)
+
+
+def ask(path: Path) -> dict[str, Any]:
+    """Return a running daemon's snapshot. Errors: OSError, ValueError when nobody answers properly."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
+        client.settimeout(ANSWER_S)
+        client.connect(str(path))
+        parts = []
+        while part := client.recv(1 << 16):
+            parts.append(part)
+    answer = json.loads(b"".join(parts))
+    if not isinstance(answer, dict):
+        raise ValueError("the answer is not an object")  # noqa: TRY004 - a bad answer, not a wrong argument
+    return answer
+
+
+def find_sockets(environment: Mapping[str, str] = os.environ) -> Iterator[Path]:
+    """Yield the sockets of daemons on this machine, wherever they usually are."""
+    folders = [Path(f) for f in _SYSTEM_FOLDERS]
+    folders += sorted(p for p in Path("/run/canest").glob("*") if p.is_dir())
+    folders.append(Path(environment.get("HOME", "~")).expanduser() / ".local/state/canest")
+    for folder in folders:
+        yield from sorted(folder.glob("status-*.sock"))

@@ -1,0 +1,105 @@
+"""What the daemon notices on the bus besides the signals: claims, requests, masses that others send."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+from canest.decode import j1939
+from canest.frames import ERROR, EXTENDED, REMOTE, FrameBlock
+from canest.live.address_claim import CLAIM_PGN, REQUEST_PGN
+from canest.live.link import Filters
+
+CVW_PGN = 65136  #: Combination Vehicle Weight
+_CVW_STEP_KG = 10.0  #: SPN 1760, bytes 3-4
+_CVW_LARGEST = 0xFAFF
+_IDS_REMEMBERED = 4096  #: a bus has some hundreds of identifiers, noise has millions
+_NO_PGN = -1
+
+
+@dataclass(slots=True)
+class OtherMass:
+    """The gross combination mass that another ECU last sent (SPN 1760)."""
+
+    mass_kg: float
+    t_us: int
+    frames: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """Somebody (``source``) asks ``destination`` (255: everybody) for a parameter group."""
+
+    source: int
+    destination: int
+    pgn: int
+
+
+class BusWatch:
+    """Reads the frames that concern a node rather than the estimate.
+
+    own_pgn: the group we broadcast in; its other users are noted. `claims` and `requests` hold what came
+    with the last `observe`.
+    """
+
+    def __init__(self, own_pgn: int) -> None:
+        self._own_pgn = own_pgn
+        self._kinds: dict[int, int] = {}
+        self.claims: list[tuple[int, int]] = []
+        self.requests: list[Request] = []
+        self.other_masses: dict[int, OtherMass] = {}
+        #: source address -> monotonic time (us) of its last frame in our group
+        self.group_users: dict[int, int] = {}
+        self.counters: Counter[str] = Counter()
+
+    def filters(self) -> Filters:
+        """Return the kernel filters for what is watched."""
+        return [j1939.kernel_filter(p) for p in sorted(self._watched)]
+
+    @property
+    def _watched(self) -> set[int]:
+        return {CLAIM_PGN, REQUEST_PGN, CVW_PGN, self._own_pgn}
+
+    def observe(self, frames: FrameBlock, now_us: int) -> None:
+        """Take the next frames; ``now_us`` is the time of a monotonic clock."""
+        self.claims, self.requests = [], []
+        kinds = self._kinds
+        for row, can_id in enumerate(frames.can_id.tolist()):
+            pgn = kinds.get(can_id)
+            if pgn is None:
+                pgn = self._resolve(can_id)
+            if pgn != _NO_PGN:
+                length, word = int(frames.length[row]), int(frames.data[row])
+                self._note(pgn, can_id, length, word, int(frames.t_us[row]), now_us)
+
+    def _resolve(self, can_id: int) -> int:
+        pgn = j1939.pgn_of(can_id)
+        if not can_id & EXTENDED or can_id & (REMOTE | ERROR) or pgn not in self._watched:
+            pgn = _NO_PGN
+        if len(self._kinds) >= _IDS_REMEMBERED:
+            self._kinds.clear()
+        self._kinds[can_id] = pgn
+        return pgn
+
+    def _note(self, pgn: int, can_id: int, length: int, word: int, t_us: int, now_us: int) -> None:
+        source = j1939.source_of(can_id)
+        if pgn == self._own_pgn:
+            self.group_users[source] = now_us
+        elif pgn == REQUEST_PGN:
+            if length >= 3:
+                self.requests.append(Request(source, j1939.destination_of(can_id), word & j1939.PGN_MASK))
+        elif length != 8:
+            self.counters["wrong_length"] += 1
+        elif pgn == CLAIM_PGN:
+            self.counters["claims_heard"] += 1
+            self.claims.append((source, word))
+        else:
+            self._note_mass(source, word >> 16 & 0xFFFF, t_us)
+
+    def _note_mass(self, source: int, raw: int, t_us: int) -> None:
+        # some senders say 0 kg while they stand: no estimate, not a weight
+        if not 0 < raw <= _CVW_LARGEST:
+            return
+        known = self.other_masses.setdefault(source, OtherMass(0.0, 0))
+        known.mass_kg, known.t_us = raw * _CVW_STEP_KG, t_us
+        known.frames += 1
