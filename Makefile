@@ -1,0 +1,15 @@
+# Shortcuts; each line is the command itself. PYTHON is the environment that `pip install -e '.[dev]'` went into.
+PYTHON ?= .venv/bin/python
+CMD ?= bash -c 'ip -details link show vcan0'
+
+.PHONY: demo test lint vcan guest
+demo:            # a bundled drive, live view, no hardware
+	$(PYTHON) -m canest demo
+test:            # all of it: tests, linters, types, the guest machine
+	$(PYTHON) -m pytest -n 2 --dist loadgroup
+lint:
+	$(PYTHON) -m pytest tests/test_quality.py
+vcan:            # what needs a real SocketCAN bus
+	$(PYTHON) -m pytest tests/vcan
+guest:           # any command beside a real vcan0: make guest CMD="candump -n 1 vcan0"
+	PYTHONPATH=tests/vcan $(PYTHON) -m guest $(GUEST_OPTIONS) -- $(CMD)

@@ -1,0 +1,25 @@
+"""The linters are part of the tests: what does not pass them does not pass."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+CHECKS = {
+    "ruff check": ["ruff", "check", "--no-cache", "."],
+    "ruff format": ["ruff", "format", "--no-cache", "--check", "."],
+    "mypy --strict": ["mypy", "--strict"],
+    # The guest harness is a package of its own, run by hand too.
+    "mypy --strict guest": ["mypy", "--strict", "tests/vcan/guest"],
+}
+
+
+@pytest.mark.parametrize("check", CHECKS)
+def test_source_passes(check: str) -> None:
+    command = [sys.executable, "-m", *CHECKS[check]]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, f"{' '.join(command[2:])}\n{done.stdout}{done.stderr}"
