@@ -17,7 +17,16 @@ from canest import fast
 from canest.estimators.chunked import ChunkedEstimator
 from canest.estimators.columns import Container, give, room, state_in, state_out, take
 from canest.estimators.options import Options, parse
-from canest.estimators.regression import grade_of, grade_std_of, secant, theta2_of, theta2_range, usable
+from canest.estimators.regression import (
+    FORCE_LIMIT_N,
+    SPEED_LIMIT_MPS,
+    grade_of,
+    grade_std_of,
+    secant,
+    theta2_of,
+    theta2_range,
+    usable,
+)
 from canest.estimators.status import StatusTracker
 from canest.estimators.two_parameter import P_LIMIT, SQRT12, VARIANCE_ALPHA, Box, prior_mass_kg
 from canest.frames import FloatColumn, IntColumn
@@ -63,7 +72,7 @@ class Rows:
         self.mu: FloatColumn = block.mu[at]
         self.speed: FloatColumn = block.speed_mps[at]
         self.force: FloatColumn = block.force_N[at]
-        self.aero: FloatColumn = np.nan_to_num(block.aero_N[at], posinf=0.0, neginf=0.0)
+        self.aero: FloatColumn = np.where(np.abs(block.aero_N[at]) < FORCE_LIMIT_N, block.aero_N[at], 0.0)
         self.phi2: FloatColumn = -GRAVITY_MPS2 * secant(self.mu)
         self.fresh: FloatColumn = fresh[at].astype(np.float64)
 
@@ -91,7 +100,17 @@ class EkfCore:
         part = slice(begin, end)
         out, state = room(end - begin, 4), state_in(self.state)
         columns = give(rows.speed[part], rows.force[part], rows.aero[part], rows.phi2[part], rows.fresh[part])
-        ekf_steps(*columns, STEP_S, *self._noise, *self._bounds, *self._top, VARIANCE_ALPHA, state, *out)
+        ekf_steps(
+            *columns,
+            STEP_S,
+            *self._noise,
+            SPEED_LIMIT_MPS,
+            *self._bounds,
+            *self._top,
+            VARIANCE_ALPHA,
+            state,
+            *out,
+        )
         self.state = state_out(state)
         return np.stack([take(c) for c in out])
 
@@ -181,6 +200,7 @@ def ekf_steps(
     q2: float,
     q3: float,
     noise: float,
+    top_speed: float,
     low1: float,
     high1: float,
     low2: float,
@@ -232,6 +252,10 @@ def ekf_steps(
             e = y - v
             d = e * g
             v += c * d
+            if v < -top_speed:
+                v = -top_speed
+            elif v > top_speed:
+                v = top_speed
             a += u2 * d
             b += u3 * d
             if a < low1:

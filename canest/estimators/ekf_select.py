@@ -24,6 +24,8 @@ class EkfSelectOptions(EkfOptions):
             "every_s": 5.0,
             "filters": 5,
             "variation": 0.01,
+            #: the paper has no such condition
+            "narrowed": 1e6,
         },
     }
 
@@ -34,7 +36,7 @@ class EkfSelectOptions(EkfOptions):
     #: coefficient of variation of their masses below which they agree (eq. 18)
     variation: float = Field(0.01, gt=0.0, lt=1.0)
     #: an ensemble whose filters have not narrowed 1/m to this share of its start has agreed on nothing yet
-    narrowed: float = Field(0.25, gt=0.0, lt=1.0)
+    narrowed: float = Field(0.5, gt=0.0)
 
 
 class EkfSelect(EkfBase):
@@ -44,7 +46,7 @@ class EkfSelect(EkfBase):
     ensemble that has seen no excitation agrees trivially (all copies of one start value), so agreement
     counts only after every filter has narrowed the variance of 1/m well below its start. Until the
     first agreement the mass is the mean of the filters; afterwards it is the mean at the last agreement.
-    The standard deviation joins the filters' own and their spread. The grade is the mean of the filters'.
+    The standard deviation joins that of the oldest filter, which knows most, and the spread of all.
     """
 
     names = ("ekf-select",)
@@ -103,7 +105,7 @@ class EkfSelect(EkfBase):
         variation = np.sqrt(mass_spread / max(1, count - 1)) / mass_mean
         narrow = runs[:, 2].max(axis=0) < (self.options.narrowed**2) * self._variance[0]
         agreed = (count >= self.options.filters) & narrow & (variation < self.options.variation)
-        theta1, var1 = mean[0], mean[2] + spread[0]
+        theta1, var1 = mean[0], runs[0, 2] + spread[0]
         # the value at the last agreement, carried forward
         index = np.maximum.accumulate(np.where(agreed, np.arange(1, end - begin + 1), 0))
         before = self._selected
@@ -113,7 +115,7 @@ class EkfSelect(EkfBase):
         var1 = np.where(np.isnan(chosen), np.maximum(var1, self._variance[0] / 4.0), chosen_var)
         if not np.isnan(chosen[-1]):
             self._selected = (float(chosen[-1]), float(chosen_var[-1]))
-        return np.stack((theta1, mean[1], var1, mean[3] + spread[1]))
+        return np.stack((theta1, mean[1], var1, runs[0, 3] + spread[1]))
 
 
 def _mean(columns: FloatColumn) -> FloatColumn:

@@ -1,0 +1,95 @@
+"""The extended Kalman filter against a Kalman filter written as matrices, and the mass selection."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from canest.estimators.base import create
+from canest.vehicle.samples import STEP_S, Status
+
+from .synthetic import FACTS, drive, with_columns
+
+G = 9.80665 * np.sqrt(1 + 0.006**2)
+
+
+def kalman(block, theta, variance, q, r):
+    """Textbook linear Kalman filter, Joseph form, x = [v, 1/m, s]."""
+    x = np.array([block.speed_mps[0], *theta])
+    p = np.diag([r, *variance])
+    h = np.array([[1.0, 0.0, 0.0]])
+    for k in range(1, len(block)):
+        f = np.array([[1.0, STEP_S * block.force_N[k], -STEP_S * G], [0, 1, 0], [0, 0, 1]])
+        x = f @ x
+        p = f @ p @ f.T + np.diag(q)
+        s = h @ p @ h.T + r
+        gain = p @ h.T / s
+        x = x + (gain * (block.speed_mps[k] - x[0])).ravel()
+        joseph = np.eye(3) - gain @ h
+        p = joseph @ p @ joseph.T + r * gain @ gain.T
+    return x, p
+
+
+def test_without_drag_the_filter_is_a_kalman_filter():
+    d = drive(20.0, grade=0.02)
+    block = with_columns(d.block, aero_N=np.zeros(len(d.block)))
+    q, r, variance = (1e-5, 1e-14, 2e-7), 1e-3, (1e-11, 1e-2)
+    facts = replace(FACTS, initial_mass_kg=18_000.0)
+    method = create("ekf", facts, {"q": q, "r": r, "p0": variance})
+    method.update(block)
+    theta = (1 / 18_000.0, 0.006 / np.sqrt(1 + 0.006**2))
+    x, p = kalman(block, theta, variance, q, r)
+    state = np.array(method._core.state)
+    np.testing.assert_allclose(state[:3], x, rtol=1e-9)
+    np.testing.assert_allclose(state[6:9], [p[1, 1], p[1, 2], p[2, 2]], rtol=1e-8)
+
+
+def test_drag_enters_the_jacobian_at_the_filters_own_speed():
+    d = drive(20.0, grade=0.0)
+    v = d.block.speed_mps
+    block = with_columns(d.block, aero_N=4.0 * v * v)
+    facts = replace(FACTS, initial_mass_kg=d.mass_kg, initial_grade=0.0)
+    r = create("ekf", facts, {}).update(block)
+    assert r.mass_kg[-1] == pytest.approx(d.mass_kg, rel=1e-3)
+
+
+def test_uphill_is_positive():
+    """Eq. 5b of the 2014 paper prints phi_2 without its minus sign; with it a climb would read as a descent."""
+    r = create("ekf", FACTS, {}).update(drive(60.0, grade=0.04, pulse_s=2.0).block)
+    assert r.grade[-1] == pytest.approx(0.04, abs=2e-3)
+
+
+def test_paper_tuning_at_30_hz_follows_a_grade_step():
+    facts = replace(FACTS, mass_min_kg=1_500.0, mass_max_kg=4_000.0, initial_mass_kg=2_309.0)
+    d = drive(60.0, mass_kg=2_309.0, grade=lambda t: np.where(t > 30, 0.118, 0.0), pulse_s=2.0)
+    r = create("ekf", facts, {"preset": "2014"}).update(d.block)
+    assert r.grade[-1] == pytest.approx(0.118, abs=0.01)
+    assert r.mass_kg[-1] == pytest.approx(2_309.0, rel=0.1)
+
+
+def test_a_gate_restarts_the_filter_at_the_measured_speed():
+    d = drive(60.0, gaps=True, pulse_s=2.0)
+    jump = np.where(np.arange(len(d.block)) > 640, 5.0, 0.0)
+    block = with_columns(d.block, speed_mps=d.block.speed_mps + jump)
+    with_jump = create("ekf", FACTS, {}).update(block)
+    assert with_jump.mass_kg[-1] == pytest.approx(d.mass_kg, rel=0.02)
+
+
+def test_selection_agrees_on_the_truth_after_excitation():
+    d = drive(180.0, grade=0.01, noise_mps2=0.0, pulse_s=3.0)
+    facts = replace(FACTS, initial_mass_kg=12_000.0)
+    method = create("ekf-select", facts, {})
+    r = method.update(d.block)
+    assert r.mass_kg[-1] == pytest.approx(d.mass_kg, rel=0.04)
+    assert r.status[-1] == Status.VALID
+
+
+def test_selection_does_not_trust_copies_of_one_guess():
+    """Filters that have seen a constant force only agree because they started from each other."""
+    d = drive(60.0, pulse_s=1000.0)
+    facts = replace(FACTS, initial_mass_kg=12_000.0)
+    method = create("ekf-select", facts, {})
+    r = method.update(d.block)
+    assert not (r.status == Status.VALID).any()
