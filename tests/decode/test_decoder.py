@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from unittest import mock
 
 import cantools
 import numpy as np
@@ -15,15 +14,10 @@ from canest.decode import decoder as decoder_module
 from canest.errors import ConfigError
 from canest.frames import ERROR, EXTENDED, REMOTE, FrameBlock
 
+pytestmark = pytest.mark.usefixtures("both_paths")
+
 SPEED = ("vehicle_speed", "CCVS1", "WheelBasedVehicleSpeed")
 ABSENT = b"\xff" * 8
-
-
-@pytest.fixture(params=["frame by frame", "in columns"], autouse=True)
-def path(request):
-    """Run every test on both paths."""
-    with mock.patch.object(decoder_module, "SHORT_BLOCK", 10**9 if request.param == "frame by frame" else 0):
-        yield
 
 
 def speed(kmh: float) -> bytes:
@@ -158,6 +152,13 @@ def test_owner_is_replaced_after_five_seconds_without_a_number():
     assert numbers(push(d, frames), "vehicle_speed") == [30, None, 71]
 
 
+def test_owner_that_sends_no_number_any_more_is_replaced_in_a_later_block():
+    d = decoder(SPEED)
+    s = 1_000_000
+    push(d, [(0, ccvs(9), speed(30)), (4 * s, ccvs(9), ABSENT)])
+    assert numbers(push(d, [(5 * s + 1, ccvs(7), speed(70))]), "vehicle_speed") == [70]
+
+
 def test_owner_is_replaced_after_the_clock_was_set_back():
     d = decoder(SPEED)
     assert numbers(push(d, [(10**12, ccvs(9), speed(30)), (0, ccvs(7), speed(70))]), "vehicle_speed") == [
@@ -215,11 +216,11 @@ def test_long_group_in_a_single_frame_gives_what_is_inside():
         ("reference_torque", "EC1", "EngReferenceTorque", 0), ("engine_speed", "EC1", "EngSpeedPoint1", 0)
     )
     result = push(
-        d, [(1, EXTENDED | 0x18FEE300, bytes([0x40, 0x1F, 0, 0])), (2, EXTENDED | 0x18FEE300, b"\0" * 20)]
+        d, [(1, EXTENDED | 0x18FEE300, bytes([0x40, 0x1F, 0, 0])), (2, EXTENDED | 0x18FEE300, b"\0" * 40)]
     )
     assert numbers(result, "engine_speed") == [1000]
     assert numbers(result, "reference_torque") == []
-    assert d.counters.senders[0xFEE3, 0].wrong_length == 1  # twenty bytes are no frame of classic CAN
+    assert d.counters.senders[0xFEE3, 0].wrong_length == 1  # forty bytes are no frame of classic CAN
 
 
 def test_weights_of_two_controllers_stay_apart():

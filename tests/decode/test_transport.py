@@ -10,6 +10,8 @@ from decode_helpers import decoder
 from canest.decode.transport import MAX_SESSIONS, Transport
 from canest.frames import EXTENDED, FrameBlock
 
+pytestmark = pytest.mark.usefixtures("both_paths")
+
 EC1, ANY = 0xFEE3, 0xFF
 MS = 1000
 
