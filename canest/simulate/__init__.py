@@ -5,8 +5,9 @@ No equation is shared with `canest.vehicle`: an error there must show against a 
 
 from __future__ import annotations
 
+from canest.simulate.reading import load_scenario, shipped_scenarios
 from canest.simulate.run import SimulatedDrive, simulate, simulate_to_directory
-from canest.simulate.scenario import Scenario, load_scenario, shipped_scenarios
+from canest.simulate.scenario import Scenario
 
 __all__ = [
     "Scenario",

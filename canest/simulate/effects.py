@@ -77,10 +77,12 @@ class DrivelineLoss(Strict):
 
 
 class WheelRadius(Strict):
-    """True over declared rolling radius of the driven wheels."""
+    """True over declared rolling radius."""
 
     effect: Literal["wheel_radius"]
     factor: float = Field(gt=0)
+    #: which axles' reported speed is wrong: an undriven axle may roll on tyres that are as declared
+    axles: Literal["driven", "all"] = "driven"
 
 
 class RotatingInertia(Strict):
@@ -169,6 +171,7 @@ class Hidden:
         self.delay_s = 0.0
         self.kept = [1.0] * gears
         self.radius_factor = 1.0
+        self.undriven_factor = 1.0
         self.inertia_kgm2 = 0.0
         self.drag_N = 0.0
         self.retarder_Nm = {"pedal_up": 0.0, "brake": 0.0}
@@ -205,6 +208,7 @@ class Hidden:
                 ]
             case WheelRadius():
                 self.radius_factor *= effect.factor
+                self.undriven_factor *= effect.factor if effect.axles == "all" else 1.0
             case RotatingInertia():
                 self.inertia_kgm2 += effect.inertia_kgm2
             case BrakeDrag():

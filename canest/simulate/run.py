@@ -19,8 +19,9 @@ from canest.simulate.drivers import PLAN_S, plan
 from canest.simulate.effects import Hidden, combine, small_errors
 from canest.simulate.known import known_config
 from canest.simulate.motion import move
+from canest.simulate.reading import load_scenario
 from canest.simulate.roads import lay
-from canest.simulate.scenario import Scenario, load_scenario
+from canest.simulate.scenario import Scenario
 from canest.simulate.signals import Signals
 
 TRUTH_HZ = 10
@@ -87,7 +88,7 @@ def simulate(
     hidden = combine(effects, len(spec.vehicle.gear_ratios), damping)
     records = _drive(spec, hidden, rng)
     tell(0.6)
-    signals = Signals(records, spec, hidden.delay_s, rng["sensors"])
+    signals = Signals(records, spec, hidden, rng["sensors"])
     if spec.vehicle.layout == "car":
         from canest.simulate.bus_car import car_frames as frames_of
     else:

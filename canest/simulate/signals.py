@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from canest.frames import FloatColumn
 from canest.simulate.constants import COLUMNS, LAUNCH, NEUTRAL, RAMP_IN, RAMP_OUT, RECORD_S, STANDING
+from canest.simulate.effects import Hidden
 from canest.simulate.roads import START_ELEVATION_M
 from canest.simulate.scenario import Scenario
 
@@ -23,7 +24,7 @@ class Signals:
     """A drive's records (5 ms rows of `motion.COLUMNS`) and the sensors that look at them."""
 
     def __init__(
-        self, records: FloatColumn, scenario: Scenario, delay_s: float, rng: np.random.Generator
+        self, records: FloatColumn, scenario: Scenario, hidden: Hidden, rng: np.random.Generator
     ) -> None:
         table = records.reshape(-1, len(COLUMNS))
         self.table: dict[str, FloatColumn] = {name: table[:, k] for k, name in enumerate(COLUMNS)}
@@ -32,7 +33,8 @@ class Signals:
         self.rng = rng
         self.vehicle = scenario.vehicle
         self.sensors = scenario.sensors
-        self.torque_delay_s = scenario.sensors.torque_delay_s + delay_s
+        self.torque_delay_s = scenario.sensors.torque_delay_s + hidden.delay_s
+        self.undriven_factor = hidden.undriven_factor
         bias = scenario.sensors.accelerometer_bias_mps2
         self.bias = float(rng.uniform(-BIAS_MPS2, BIAS_MPS2)) if bias is None else bias
         slope = self.table["grade"] / np.sqrt(1 + self.table["grade"] ** 2)
@@ -93,8 +95,8 @@ class Signals:
         return self.at("wheel_radps", t - CCVS_DELAY_S) * self.vehicle.wheel_radius_m * 3.6
 
     def axle_speed_kmh(self, t: FloatColumn) -> FloatColumn:
-        """Speed of an undriven axle: it rolls true over ground."""
-        kmh = self.at("speed_mps", t) * 3.6
+        """Speed of an undriven axle: it does not slip."""
+        kmh = self.at("speed_mps", t) * 3.6 / self.undriven_factor
         return np.where(
             kmh < 0.05, 0.0, np.maximum(0, kmh + self.noise(len(t), self.sensors.wheel_noise_kmh))
         )

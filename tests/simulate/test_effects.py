@@ -112,6 +112,15 @@ def test_smaller_tyres_turn_faster_than_the_ground_says_and_push_harder():
     assert wheels == pytest.approx(crank * RATIO * EFFICIENCY, rel=0.02)
 
 
+@pytest.mark.parametrize(("axles", "expected"), [("driven", 1.0), ("all", 1 / 0.97)])
+def test_an_undriven_axle_has_tyres_of_its_own(axles: str, expected: float):
+    drive = steady(effects=[{"effect": "wheel_radius", "factor": 0.97, "axles": axles}])
+    ebc2 = drive.frames[(drive.frames.can_id & 0x1FFFFFFF) == 0x18FEBF0B]
+    front_mps = (ebc2.data & np.uint64(0xFFFF)) / 256 / 3.6
+    truth = np.interp((ebc2.t_us - 1.7e15) / 1e6, drive.history["t_s"], drive.history["speed_mps"])
+    assert front_mps[5:] / truth[5:] == pytest.approx(expected, rel=2e-3)
+
+
 def test_slip_lets_the_driven_wheels_run_ahead_under_traction():
     history = steady(effects=[{"effect": "wheel_slip", "slip_per_mps2": 0.02}]).history
     traction = history["wheel_torque_Nm"] / RADIUS_M / MASS_KG

@@ -43,6 +43,10 @@ def test_a_dozen_and_more_ship():
         (("preset: class8", "preset: class9"), 2, "class9"),
         (("kind: pulses", "kind: rally"), 4, "driver"),
         (("mass_kg: 20000", "mass_kg: 20000\nundeclared:\n  - {effect: headwind, wind: 5}"), 5, "wind"),
+        (("mass_kg: 20000", "mass_kg: 20000\nundeclared:\n  - {effect: sidewind}"), 5, "headwind"),
+        (("mass_kg: 20000", "mass_kg: 20000\nmass_kg: 30000"), 4, "twice"),
+        (("mass_kg: 20000\n", ""), 1, "missing"),
+        (("duration_s: 20", "duration_s: .inf"), 1, "finite"),
         (("mass_kg: 20000", "mass_kg: [{t_s: 5, mass_kg: 9000}]"), 3, "mass_kg"),
     ],
 )
