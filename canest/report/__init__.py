@@ -1,0 +1,1 @@
+"""Self-contained HTML reports: one file, opens without network (extra `report`: plotly's script, jinja2)."""

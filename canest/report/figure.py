@@ -1,0 +1,164 @@
+"""Small builder of plotly figures as plain JSON: rows above each other with one time axis."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+INK, MUTED, GRID = "#1c2733", "#64748b", "#e6eaf0"
+BLUE, ORANGE, GREEN, RED, VIOLET = "#1d4ed8", "#d97706", "#0f766e", "#dc2626", "#7c3aed"
+FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif"
+#: curves told apart by colour-blind readers too (Okabe and Ito 2008, darkened where too light)
+SERIES = (
+    "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9", "#7c3aed", "#8c510a",
+    "#475569", "#dc2626", "#65a30d", "#0e7490", "#be185d", "#4338ca", "#a16207",
+)  # fmt: skip
+
+Column = NDArray[Any]
+
+
+def numbers(values: Column, digits: int) -> list[float | None]:
+    """Return JSON numbers rounded to ``digits`` decimals, null for NaN."""
+    rounded = np.round(np.asarray(values, np.float64), digits)
+    return [None if v != v else v for v in rounded.tolist()]  # noqa: PLR0124 - NaN
+
+
+class Rows:
+    """Axes above each other that share the time axis.
+
+    titles, weights: one per row, from the top; weights are relative heights.
+    """
+
+    GAP = 0.028
+
+    def __init__(self, titles: Sequence[str], weights: Sequence[float], x_title: str) -> None:
+        self.traces: list[dict[str, Any]] = []
+        self.layout: dict[str, Any] = {
+            "margin": {"l": 74, "r": 40, "t": 16, "b": 48},
+            "modebar": {"orientation": "v", "color": "#cbd5e1", "activecolor": MUTED},
+            "paper_bgcolor": "#fff",
+            "plot_bgcolor": "#fff",
+            "font": {"family": FONT, "size": 12, "color": INK},
+            "hovermode": "x unified",
+            "hoverlabel": {"namelength": -1, "font": {"size": 11}},
+            "legend": {"orientation": "h", "y": 1.015, "yanchor": "bottom", "x": 0, "font": {"size": 11}},
+            "dragmode": "zoom",
+            "height": 60 + int(170 * sum(weights)),
+        }
+        total = sum(weights)
+        top = 1.0
+        room = 1.0 - self.GAP * (len(weights) - 1)
+        for index, (title, weight) in enumerate(zip(titles, weights, strict=True), 1):
+            bottom = top - room * weight / total
+            key = str(index) if index > 1 else ""
+            last = index == len(titles)
+            self.layout[f"yaxis{key}"] = {
+                "domain": [max(bottom, 0.0), top],
+                "anchor": f"x{key}",
+                "title": {"text": title, "font": {"size": 12}, "standoff": 8},
+                "gridcolor": GRID,
+                "zeroline": False,
+                "automargin": False,
+                "ticks": "outside",
+                "tickcolor": "#fff",
+                "exponentformat": "none",
+                "separatethousands": True,
+            }
+            self.layout[f"xaxis{key}"] = {
+                "anchor": f"y{key}",
+                "gridcolor": GRID,
+                "zeroline": False,
+                "showticklabels": last,
+                **({"title": {"text": x_title, "standoff": 8}} if last else {}),
+                **({} if index == 1 else {"matches": "x"}),
+            }
+            top = bottom - self.GAP
+        self.rows = len(titles)
+
+    def axis(self, row: int) -> dict[str, Any]:
+        """Return the y axis of a row (from 1) for adjustment."""
+        axis: dict[str, Any] = self.layout[f"yaxis{row if row > 1 else ''}"]
+        return axis
+
+    def line(
+        self,
+        row: int,
+        x: list[float | None],
+        y: list[float | None],
+        name: str,
+        colour: str,
+        *,
+        width: float = 1.6,
+        dash: str = "solid",
+        shape: str = "linear",
+        hover: str = "%{y}",
+        legend: bool = True,
+        group: str | None = None,
+    ) -> None:
+        """Draw a curve."""
+        self.traces.append({
+            "type": "scatter", "mode": "lines", "x": x, "y": y, "name": name, "connectgaps": False,
+            "line": {"color": colour, "width": width, "dash": dash, "shape": shape},
+            "hovertemplate": hover, "showlegend": legend, "legendgroup": group or name, **self._at(row),
+        })  # fmt: skip
+
+    def band(
+        self,
+        row: int,
+        x: list[float | None],
+        low: list[float | None],
+        high: list[float | None],
+        colour: str,
+        group: str,
+    ) -> None:
+        """Shade between two curves (no hover, no legend of its own)."""
+        common = {
+            "type": "scatter", "mode": "lines", "x": x, "hoverinfo": "skip", "showlegend": False,
+            "legendgroup": group, "line": {"width": 0, "color": colour}, **self._at(row),
+        }  # fmt: skip
+        self.traces.append({**common, "y": low})
+        self.traces.append({**common, "y": high, "fill": "tonexty", "fillcolor": _pale(colour, 0.18)})
+
+    def spans(self, spans: Sequence[tuple[float, float]], name: str, colour: str) -> None:
+        """Shade stretches of time over all rows."""
+        x: list[float | None] = []
+        y: list[float | None] = []
+        for first, end in spans:
+            x += [first, first, end, end, None]
+            y += [0, 1, 1, 0, None]
+        for row in range(1, self.rows + 1):
+            under = self._under(row)
+            self.traces.insert(0, {
+                "type": "scatter", "mode": "lines", "x": x, "y": y, **self._at(row), "yaxis": under,
+                "fill": "toself", "fillcolor": _pale(colour, 0.20), "line": {"width": 0}, "name": name,
+                "hoverinfo": "skip", "legendgroup": name, "showlegend": row == 1,
+            })  # fmt: skip
+
+    def _under(self, row: int) -> str:
+        """Return the axis 0..1 that lies over a row for shading."""
+        number = 50 + row
+        self.layout.setdefault(f"yaxis{number}", {
+            "overlaying": self._at(row)["yaxis"], "anchor": self._at(row)["xaxis"], "range": [0, 1],
+            "visible": False, "fixedrange": True,
+        })  # fmt: skip
+        return f"y{number}"
+
+    def _at(self, row: int) -> dict[str, str]:
+        key = str(row) if row > 1 else ""
+        return {"xaxis": f"x{key}", "yaxis": f"y{key}"}
+
+    def to_json(self) -> str:
+        """Return the figure as JSON that may stand inside a script element."""
+        text = json.dumps(
+            {"data": self.traces, "layout": self.layout}, separators=(",", ":"), allow_nan=False
+        )
+        return text.replace("</", "<\\/")
+
+
+def _pale(colour: str, opacity: float) -> str:
+    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    return f"rgba({red},{green},{blue},{opacity})"

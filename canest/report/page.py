@@ -1,0 +1,77 @@
+"""Puts figures, cards and tables into one HTML file that needs no network."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from canest import __version__
+from canest.errors import OutputError
+
+
+@dataclass(slots=True)
+class Card:
+    """One figure that a reader looks for first. tone: "", "good", "warn" or "bad"."""
+
+    label: str
+    value: str
+    note: str = ""
+    tone: str = ""
+
+
+@dataclass(slots=True)
+class Table:
+    """Rows of text. left: columns of words (the others are figures). marked: index of a row to stress."""
+
+    header: list[str]
+    rows: list[list[str]]
+    marked: int | None = None
+    left: tuple[int, ...] = (0,)
+
+
+@dataclass(slots=True)
+class Section:
+    """A heading with what stands below it; every part may be missing."""
+
+    title: str
+    text: str = ""
+    figure: str = ""
+    table: Table | None = None
+    bars: list[tuple[str, float, str]] = field(default_factory=list)  #: (label, share 0..1, colour)
+
+
+@dataclass(slots=True)
+class Page:
+    """A whole report: one sentence first, then cards, then sections."""
+
+    title: str
+    headline: str
+    facts: list[tuple[str, str]] = field(default_factory=list)
+    cards: list[Card] = field(default_factory=list)
+    sections: list[Section] = field(default_factory=list)
+
+    def write(self, path: str | Path) -> None:
+        """Write the file. Errors: OutputError (cannot write, extra `report` not installed)."""
+        html = self.render(str(path))
+        try:
+            Path(path).write_text(html, encoding="utf-8")
+        except OSError as error:
+            raise OutputError(f"cannot write: {error.strerror or error}", where=str(path)) from None
+
+    def render(self, where: str = "report") -> str:
+        """Return the HTML. Errors: OutputError when the extra `report` is not installed."""
+        try:
+            import jinja2
+
+            script = files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8")
+        except ImportError:
+            raise OutputError(
+                "cannot write a report", where=where, expected="plotly and jinja2: pip install canest[report]"
+            ) from None
+        source = files("canest.report").joinpath("page.html.j2").read_text(encoding="utf-8")
+        environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
+        template = environment.from_string(source)
+        values: dict[str, Any] = {"page": self, "version": __version__, "script": script}
+        return template.render(values)

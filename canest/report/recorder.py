@@ -1,0 +1,178 @@
+"""Keeps what a report draws while a log streams by; memory is bounded however long the log is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from canest.frames import FloatColumn, IntColumn
+from canest.vehicle.samples import GRAVITY_MPS2, STEP_US, EstimateBlock, ModelBlock
+
+#: points per curve at most; then every other one goes. One hour at 5 Hz fits.
+POINTS_MAX = 20_000
+FIRST_STRIDE = 10
+#: shorter closures are one stroke wide on any screen, but thousands of them would make the page slow
+EDGES_MAX = 20_000
+
+COLUMNS = (
+    "speed_mps", "accel_mps2", "force_N", "traction_N", "aero_N", "mu", "force_per_torque_1pm",
+    "mass_kg", "mass_std_kg", "grade", "grade_std", "status", "gate",
+)  # fmt: skip
+
+
+class Recorder:
+    """A pipeline's listener: every tick that is a multiple of the stride, and every change of the gate.
+
+    first_us, last_us: stamps of the first and the last sample.
+    """
+
+    def __init__(self) -> None:
+        self.first_us: int | None = None
+        self.last_us = 0
+        self._stride = FIRST_STRIDE
+        self._held: list[dict[str, FloatColumn]] = []
+        self._stamps: list[IntColumn] = []
+        self._points = 0
+        self._edges: list[tuple[int, int]] = []
+        self._gate = -1
+        self._residuals = Whiteness()
+
+    def __call__(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
+        """Take the next samples and their estimates."""
+        if not len(samples):
+            return
+        if self.first_us is None:
+            self.first_us = int(samples.t_us[0])
+        self._note_gates(samples)
+        self._residuals.push(samples, estimates)
+        self.last_us = int(samples.t_us[-1])
+        keep = np.flatnonzero(samples.t_us // STEP_US % self._stride == 0)
+        if not len(keep):
+            return
+        held = {}
+        for name in COLUMNS:
+            block = samples if hasattr(samples, name) else estimates
+            held[name] = np.asarray(getattr(block, name)[keep], np.float64)
+        self._stamps.append(samples.t_us[keep])
+        self._held.append(held)
+        self._points += len(keep)
+        if self._points > POINTS_MAX:
+            self._thin()
+
+    def columns(self) -> tuple[IntColumn, dict[str, FloatColumn]]:
+        """Return the stamps (n,) and the columns of `COLUMNS`, each (n,)."""
+        if not self._stamps:
+            return np.empty(0, np.int64), {name: np.empty(0) for name in COLUMNS}
+        return np.concatenate(self._stamps), {
+            name: np.concatenate([held[name] for held in self._held]) for name in COLUMNS
+        }
+
+    def closures(self) -> list[tuple[int, int, int]]:
+        """Return every stretch with a closed gate: (first stamp, end stamp, gate code)."""
+        ends = [stamp for stamp, _ in self._edges[1:]] + [self.last_us + STEP_US]
+        return [(stamp, end, code) for (stamp, code), end in zip(self._edges, ends, strict=True) if code > 0]
+
+    @property
+    def whiteness(self) -> Whiteness:
+        """Return the residual's statistics over all open samples."""
+        return self._residuals
+
+    def _note_gates(self, samples: ModelBlock) -> None:
+        gate = samples.gate.astype(np.int64)
+        before = np.empty(len(gate), np.int64)
+        before[0], before[1:] = self._gate, gate[:-1]
+        if self.last_us and samples.t_us[0] - self.last_us != STEP_US:
+            # nothing is known of the time in between
+            self._edges.append((self.last_us + STEP_US, 0))
+            before[0] = 0
+        for at in np.flatnonzero(gate != before).tolist():
+            self._edges.append((int(samples.t_us[at]), int(gate[at])))
+        self._gate = int(gate[-1])
+        if len(self._edges) > EDGES_MAX:
+            self._edges = _without_shortest(self._edges)
+
+    def _thin(self) -> None:
+        self._stride *= 2
+        stamps, columns = self.columns()
+        keep = stamps // STEP_US % self._stride == 0
+        self._stamps = [stamps[keep]]
+        self._held = [{name: column[keep] for name, column in columns.items()}]
+        self._points = int(np.count_nonzero(keep))
+
+
+def _without_shortest(edges: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Drop the shorter half of the stretches; their time goes to the stretch before."""
+    spans = np.diff([stamp for stamp, _ in edges])
+    limit = np.median(spans)
+    keep = [True, *(spans[1:] > limit).tolist(), True]
+    return [edge for edge, kept in zip(edges, keep, strict=True) if kept]
+
+
+class Whiteness:
+    """Force residual m (a + g sin + g mu cos) - F with the estimate of the sample: its size and colour.
+
+    White residuals mean that the model explains what can be explained; runs of one sign mean that it lacks
+    something (or that the estimator lags).
+    """
+
+    #: residuals one second apart: the Butterworth's own correlation has died away
+    LAG_US = 1_000_000
+
+    def __init__(self) -> None:
+        self.count = self.runs = self.positive = 0
+        self.square_N2 = self.lagged_N2 = 0.0
+        self._last: tuple[int, float] | None = None
+
+    def push(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
+        """Take open samples, one per second."""
+        at = (samples.gate == 0) & (samples.t_us % self.LAG_US == 0) & np.isfinite(estimates.mass_kg)
+        if not at.any():
+            return
+        r = residual_N(
+            estimates.mass_kg[at],
+            samples.accel_mps2[at],
+            estimates.grade[at],
+            samples.mu[at],
+            samples.force_N[at],
+        )
+        for stamp, value in zip(samples.t_us[at].tolist(), r.tolist(), strict=True):
+            if value != value:  # noqa: PLR0124 - NaN
+                continue
+            self.count += 1
+            self.positive += value > 0
+            self.square_N2 += value * value
+            before = self._last
+            if before is not None and stamp - before[0] == self.LAG_US:
+                self.lagged_N2 += value * before[1]
+                self.runs += (value > 0) != (before[1] > 0)
+            else:
+                self.runs += 1
+            self._last = stamp, value
+
+    @property
+    def rms_N(self) -> float:
+        """Root mean square of the residual, N."""
+        return float((self.square_N2 / self.count) ** 0.5) if self.count else float("nan")
+
+    @property
+    def correlation(self) -> float:
+        """Correlation of residuals one second apart; 0 is white."""
+        return self.lagged_N2 / self.square_N2 if self.square_N2 > 0 else float("nan")
+
+    @property
+    def runs_z(self) -> float:
+        """Wald-Wolfowitz runs test: standard normal when signs are random, below -2: too few changes."""
+        n, up = self.count, self.positive
+        down = n - up
+        if up < 2 or down < 2:
+            return float("nan")
+        mean = 2.0 * up * down / n + 1
+        variance = (mean - 1) * (mean - 2) / (n - 1)
+        return float((self.runs - mean) / variance**0.5) if variance > 0 else float("nan")
+
+
+def residual_N(
+    mass_kg: FloatColumn, accel_mps2: FloatColumn, grade: FloatColumn, mu: FloatColumn, force_N: FloatColumn
+) -> FloatColumn:
+    """Return m (a + g sin(beta) + g mu cos(beta)) - F, all columns (n,)."""
+    cos = 1.0 / np.sqrt(1.0 + grade * grade)
+    return mass_kg * (accel_mps2 + GRAVITY_MPS2 * cos * (grade + mu)) - force_N

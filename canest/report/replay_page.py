@@ -1,0 +1,240 @@
+"""The report of one replay."""
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canest.frames import FloatColumn, IntColumn
+from canest.report import figure as look
+from canest.report.figure import Rows, numbers
+from canest.report.gates import OPEN_COLOUR, spans_of
+from canest.report.gates import look as gate_look
+from canest.report.page import Card, Page, Section, Table
+from canest.report.recorder import Recorder, residual_N
+
+if TYPE_CHECKING:
+    from canest.config import Config
+    from canest.replay import ReplayResult
+    from canest.scoring import Score
+
+#: stamps after this are seconds since 1970, not since the start of a recording
+EPOCH_US = 10**15 // 2
+_TONES = {"valid": "good", "converging": "warn", "unestimated": "bad"}
+
+
+def write_replay_report(
+    path: str | Path, result: ReplayResult, config: Config, recorder: Recorder, score: Score | None
+) -> None:
+    """Write the report of one log. Errors: OutputError."""
+    replay_page(result, config, recorder, score).write(path)
+
+
+def replay_page(result: ReplayResult, config: Config, recorder: Recorder, score: Score | None) -> Page:
+    """Return the page of one log."""
+    s = result.summary
+    page = Page(
+        title=f"{Path(result.log).name} · {config.vehicle.name} · estimator {s['estimator']}",
+        headline=_headline(s),
+        facts=_facts(s, recorder),
+        cards=_cards(s, recorder),
+    )
+    stamps, columns = recorder.columns()
+    if len(stamps):
+        page.sections.append(_drive(stamps, columns, config, recorder, score))
+    page.sections.append(_gates(s))
+    if recorder.whiteness.count:
+        page.sections.append(_residual(recorder))
+    if result.notes:
+        page.sections.append(Section("Notes", text=" · ".join(result.notes)))
+    return page
+
+
+def _headline(s: dict[str, Any]) -> str:
+    if s["mass_kg"] is None:
+        return "No estimate" + (f": {s['reason']}" if s.get("reason") else "")
+    std = f" ± {s['mass_std_kg']:,.0f}" if s["mass_std_kg"] is not None else ""
+    text = f"{s['mass_kg']:,.0f}{std} kg at the end, {s['status']}"
+    errors = s.get("errors")
+    if errors and errors["mass_rms_pct"] is not None:
+        text += f"; mass within {errors['mass_rms_pct']:.1f} % RMS of the truth"
+    return text
+
+
+def _facts(s: dict[str, Any], recorder: Recorder) -> list[tuple[str, str]]:
+    facts = []
+    if recorder.first_us is not None:
+        facts.append(("duration", _clock((recorder.last_us - recorder.first_us) * 1e-6)))
+        if recorder.first_us > EPOCH_US:
+            start = datetime.fromtimestamp(recorder.first_us * 1e-6, UTC)
+            facts.insert(0, ("starts", start.strftime("%Y-%m-%d %H:%M:%S UTC")))
+    facts.append(("frames", f"{s['frames']:,}"))
+    facts.append(("lines skipped", f"{s['skipped_lines']:,}"))
+    facts.append(("samples at 50 Hz", f"{s['samples']:,}"))
+    return facts
+
+
+def _cards(s: dict[str, Any], recorder: Recorder) -> list[Card]:
+    cards = []
+    if s["mass_kg"] is not None:
+        std = f"± {s['mass_std_kg']:,.0f} kg (1 σ)" if s["mass_std_kg"] is not None else ""
+        cards.append(Card("Mass at the end", f"{s['mass_kg']:,.0f} kg", std))
+    cards.append(Card("Status at the end", s["status"], s["estimator"], _TONES.get(s["status"], "")))
+    if s["samples"]:
+        share = 100 * s["updated"] / s["samples"]
+        cards.append(Card("Learned from", f"{share:.0f} %", f"{s['updated'] / 50:,.0f} s with open gates"))
+    errors = s.get("errors")
+    if errors:
+        after = f"from {errors['after_s']:g} s on"
+        if errors["mass_rms_pct"] is not None:
+            worst = f"worst {errors['mass_max_pct']:.2f} %, {after}"
+            cards.append(Card("Mass error RMS", f"{errors['mass_rms_pct']:.2f} %", worst))
+        if errors["grade_rms_deg"] is not None:
+            cards.append(Card("Grade error RMS", f"{errors['grade_rms_deg']:.3f}°", after))
+    if recorder.whiteness.count:
+        cards.append(Card("Force residual RMS", f"{recorder.whiteness.rms_N:,.0f} N", "open samples, 1 Hz"))
+    return cards
+
+
+def _drive(
+    stamps: IntColumn,
+    columns: dict[str, FloatColumn],
+    config: Config,
+    recorder: Recorder,
+    score: Score | None,
+) -> Section:
+    origin = recorder.first_us or 0
+    t = (stamps - origin) * 1e-6
+    stamps, t, columns = _with_gaps(stamps, t, columns)
+    x = numbers(t, 2)
+    rows = Rows(
+        ["mass, t", "grade, %", "speed, km/h", "gear", "force, kN", "residual, kN"],
+        [1.5, 1.3, 0.9, 0.45, 0.9, 0.8],
+        "seconds since the start",
+    )
+    mass_true, grade_true = score.truth_at(stamps) if score is not None else (None, None)
+    _estimate(rows, 1, x, columns["mass_kg"] / 1e3, columns["mass_std_kg"] / 1e3, "mass", look.BLUE, 3, "t")
+    if mass_true is not None and np.isfinite(mass_true).any():
+        rows.line(1, x, numbers(mass_true / 1e3, 3), "true mass", look.INK, dash="dash", hover="%{y:.2f} t")
+    _fit_mass_axis(rows, columns, config)
+    _estimate(rows, 2, x, columns["grade"] * 1e2, columns["grade_std"] * 1e2, "grade", look.GREEN, 3, "%")
+    if grade_true is not None and np.isfinite(grade_true).any():
+        rows.line(2, x, numbers(grade_true * 1e2, 3), "true grade", look.INK, dash="dash", hover="%{y:.2f} %")
+    rows.line(3, x, numbers(columns["speed_mps"] * 3.6, 2), "speed", look.ORANGE, hover="%{y:.1f} km/h")
+    gear = _gear(columns["force_per_torque_1pm"], config)
+    rows.line(4, x, numbers(gear, 0), "gear", look.MUTED, shape="hv", width=1.3)
+    rows.line(5, x, numbers(columns["traction_N"] / 1e3, 2), "traction", look.VIOLET, width=1.2,
+              hover="%{y:.1f} kN")  # fmt: skip
+    rows.line(5, x, numbers(columns["force_N"] / 1e3, 2), "net force", look.BLUE, width=1.2,
+              hover="%{y:.1f} kN")  # fmt: skip
+    residual = residual_N(
+        columns["mass_kg"], columns["accel_mps2"], columns["grade"], columns["mu"], columns["force_N"]
+    )
+    residual = np.where(columns["gate"] == 0, residual, np.nan)
+    rows.line(6, x, numbers(residual / 1e3, 3), "residual", look.RED, width=1.0, hover="%{y:.2f} kN")
+    size = np.abs(residual[np.isfinite(residual)]) / 1e3
+    if len(size):
+        limit = 1.4 * float(np.percentile(size, 99.5))
+        rows.axis(6)["range"] = [-limit, limit]
+    spans = spans_of(recorder.closures(), origin)
+    for gate in sorted(spans, key=lambda name: sum(end - first for first, end in spans[name])):
+        rows.spans(spans[gate], f"gate: {gate}", gate_look(gate)[0])
+    return Section(
+        "The drive",
+        text="Bands are two standard deviations. Shaded: a gate is closed, the estimator keeps what it "
+        "knows. The residual is m (a + g sin β + g μ cos β) - F with the estimate of the moment, where open.",
+        figure=rows.to_json(),
+    )
+
+
+def _with_gaps(
+    stamps: IntColumn, t: NDArray[Any], columns: dict[str, FloatColumn]
+) -> tuple[IntColumn, FloatColumn, dict[str, FloatColumn]]:
+    """Break curves where the log has a gap (more than five points are missing)."""
+    if len(t) < 3:
+        return stamps, t, columns
+    steps = np.diff(stamps)
+    breaks = np.flatnonzero((steps > 5 * np.median(steps)) | (steps < 0)) + 1
+    if not len(breaks):
+        return stamps, t, columns
+    broken = {name: np.insert(column, breaks, np.nan) for name, column in columns.items()}
+    return np.insert(stamps, breaks, stamps[breaks - 1]), np.insert(t, breaks, t[breaks - 1]), broken
+
+
+def _estimate(
+    rows: Rows,
+    row: int,
+    x: list[float | None],
+    value: FloatColumn,
+    std: FloatColumn,
+    name: str,
+    colour: str,
+    digits: int,
+    unit: str,
+) -> None:
+    rows.band(row, x, numbers(value - 2 * std, digits), numbers(value + 2 * std, digits), colour, name)
+    rows.line(row, x, numbers(value, digits), name, colour, hover="%{y:.2f} " + unit)
+
+
+def _fit_mass_axis(rows: Rows, columns: dict[str, FloatColumn], config: Config) -> None:
+    """Show the estimate, not the whole prior: its 1st to 99th percentile with room for the band."""
+    mass = columns["mass_kg"][np.isfinite(columns["mass_kg"])] / 1e3
+    if not len(mass):
+        return
+    low, high = np.percentile(mass, (1, 99))
+    room = max(0.35 * (high - low), 0.06 * high)
+    v = config.vehicle
+    rows.axis(1)["range"] = [
+        max(low - room, 0.9e-3 * v.mass_min_kg),
+        min(high + room, 1.1e-3 * v.mass_max_kg),
+    ]
+
+
+def _gear(per_torque_1pm: FloatColumn, config: Config) -> FloatColumn:
+    """Return the gear whose ratio is nearest to the force per crank torque, NaN in neutral."""
+    v = config.vehicle
+    if not v.gear_ratios:
+        return np.full(len(per_torque_1pm), np.nan)
+    gears = np.array(sorted(v.gear_ratios), np.float64)
+    ratios = np.array([v.gear_ratios[int(g)] for g in gears]) * v.final_drive / v.wheel_radius_m
+    engaged = per_torque_1pm > 0
+    known = np.where(engaged, per_torque_1pm, 1.0)
+    nearest = np.abs(np.log(known)[:, None] - np.log(ratios * v.driveline_efficiency)).argmin(1)
+    return np.where(engaged, gears[nearest], np.nan)
+
+
+def _gates(s: dict[str, Any]) -> Section:
+    samples = max(s["samples"], 1)
+    bars = [("open: the estimator learns", s["updated"] / samples, OPEN_COLOUR)]
+    for gate, count in sorted(s["gates"].items(), key=lambda item: -item[1]):
+        colour, meaning = gate_look(gate)
+        bars.append((f"{gate}: {meaning}", count / samples, colour))
+    return Section("Gates", text="Share of all samples, by the gate that refused them.", bars=bars)
+
+
+def _residual(recorder: Recorder) -> Section:
+    w = recorder.whiteness
+    rows = [
+        ["force residual RMS", f"{w.rms_N:,.0f} N", "what the model with its estimate leaves unexplained"],
+        ["correlation over one second", _or_dash(w.correlation, "+.2f"), "0 when nothing systematic is left"],
+        ["runs test (z)", _or_dash(w.runs_z, "+.1f"), "within ±2 when signs change at random"],
+        ["seconds counted", f"{w.count:,}", "open samples on whole seconds"],
+    ]
+    text = "A correlated residual points at something the model lacks: canest diagnose looks for it."
+    table = Table(["", "value", "meaning"], rows, left=(0, 2))
+    return Section("What is left over", text=text, table=table)
+
+
+def _or_dash(value: float, form: str) -> str:
+    return "-" if math.isnan(value) else format(value, form)
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d} h" if hours else f"{minutes}:{rest:02d} min"
