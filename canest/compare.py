@@ -1,0 +1,187 @@
+"""Every estimator on one log, side by side: one decoding, one model, many estimators."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from canest import fast
+from canest.estimators.base import REGISTRY, Estimator, create
+from canest.frames import FloatColumn, FrameBlock
+from canest.grid.grid import GridBlock
+from canest.intake import Intake, grid_for
+from canest.logs.reader import open_log
+from canest.pipeline import Estimates, facts_of
+from canest.scoring import Score
+from canest.tables import TableMap
+from canest.vehicle.regression import Regression
+from canest.vehicle.samples import RATE_HZ, ModelBlock, Status
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from canest.config import Config
+    from canest.logs.truth import Truth
+
+Progress = Callable[[int, int], None]  #: bytes done, bytes in all (0: unknown)
+
+#: "within 5 %" counts from the first moment at which the error stays below for this long (or to the end)
+WITHIN_PCT, WITHIN_HOLD_S = 5.0, 10.0
+#: samples of the untimed first run, in which kernels are compiled or loaded
+WARM_UP_SAMPLES = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What came out.
+
+    table: {"estimators": {NAME: {mass_end_pct, mass_rms_pct, mass_max_pct, grade_rms_deg, to_5pct_s,
+    ns_per_sample, note}}, "default": NAME, "compiled": bool}; None where a number does not apply.
+    estimates: NAME -> its estimates, one row per 50 Hz sample. true_mass_kg, true_grade: (n,), NaN where
+    unknown. speed_mps: (n,), filtered.
+    """
+
+    table: dict[str, Any]
+    estimates: dict[str, Estimates]
+    true_mass_kg: FloatColumn
+    true_grade: FloatColumn
+    speed_mps: FloatColumn
+
+
+@dataclass(slots=True)
+class _Entry:
+    """One estimator under comparison."""
+
+    estimator: Estimator
+    parts: list[Estimates] = field(default_factory=list)
+    seconds: float = 0.0
+    warm: bool = False
+
+
+def compare(
+    config: Config,
+    log: str | Path,
+    *,
+    truth: Truth | None = None,
+    mass_kg: float | None = None,
+    names: Sequence[str] | None = None,
+    after_s: float = 60.0,
+    channel: str | None = None,
+    compiled: bool | None = None,
+    progress: Progress | None = None,
+) -> Comparison:
+    """Run the estimators ``names`` (all by default) on one log.
+
+    The options of the config belong to its own estimator; the others run with their defaults. compiled:
+    None decides by the length of the log. Errors: LogError, ConfigError (an unknown name).
+    """
+    from canest.replay import compiling_pays
+
+    fast.enable(compiling_pays(Path(log), config) if compiled is None else compiled)
+    facts, chosen = facts_of(config), config.estimator
+    entries = {
+        name: _Entry(create(name, facts, chosen.options if name == chosen.name else {}))
+        for name in (names or REGISTRY)
+    }
+    blocks: list[ModelBlock] = []
+    for plain, excited in _samples(config, log, channel, progress):
+        blocks.append(plain)
+        for entry in entries.values():
+            _run(entry, excited if entry.estimator.wants_excitation_gate else plain)
+    estimates = {name: Estimates.concatenate(entry.parts) for name, entry in entries.items()}
+    score = Score(truth, mass_kg, after_s)
+    times = np.concatenate([b.t_us for b in blocks]) if blocks else np.empty(0, np.int64)
+    true_mass, true_grade = score.truth_at(times)
+    table = {
+        "estimators": {
+            name: _row(entry, estimates[name], true_mass, Score(truth, mass_kg, after_s))
+            for name, entry in entries.items()
+        },
+        "default": chosen.name,
+        "compiled": fast.enabled(),
+    }
+    speed = np.concatenate([b.speed_mps for b in blocks]) if blocks else np.empty(0)
+    return Comparison(table, estimates, true_mass, true_grade, speed)
+
+
+def _samples(
+    config: Config, log: str | Path, channel: str | None, progress: Progress | None
+) -> Iterator[tuple[ModelBlock, ModelBlock]]:
+    """Yield the model samples of a log, without and with the low-excitation gate."""
+    intake, grid, tables = Intake(config), grid_for(config), TableMap(config)
+    plain, excited = Regression(config, excitation_gate=False), Regression(config, excitation_gate=True)
+
+    def both(ticks: GridBlock) -> tuple[ModelBlock, ModelBlock]:
+        return plain.process(ticks), excited.process(ticks)
+
+    reader = open_log(log, channel=channel, time_column=config.sampling.time_column, columns=tables.columns)
+    for block in reader:
+        if isinstance(block, FrameBlock):
+            feeds = intake.frames(block)
+        else:
+            feeds = intake.table(tables.samples(block), block.t_us)
+        for feed in feeds:
+            for ticks in grid.take(feed):
+                yield both(ticks)
+        if progress is not None:
+            progress(reader.bytes_done, reader.bytes_total)
+    if intake.clock.last_us is not None:
+        ticks_left = grid.ticks_until(intake.clock.last_us, inclusive=True)
+        if ticks_left is not None:
+            yield both(ticks_left)
+
+
+def _run(entry: _Entry, block: ModelBlock) -> None:
+    """Give one estimator the next samples, with a stopwatch."""
+    if not entry.warm:
+        entry.warm = True
+        first = type(entry.estimator)(entry.estimator.name, entry.estimator.facts)
+        first.update(block[:WARM_UP_SAMPLES])
+    begin = time.perf_counter()
+    e = entry.estimator.update(block)
+    entry.seconds += time.perf_counter() - begin
+    entry.parts.append(
+        Estimates(block.t_us, e.mass_kg, e.mass_std_kg, e.grade, e.grade_std, e.status, block.gate)
+    )
+
+
+def _row(entry: _Entry, estimates: Estimates, true_mass_kg: FloatColumn, score: Score) -> dict[str, Any]:
+    """Return one estimator's line of the table."""
+    n = len(estimates)
+    row: dict[str, Any] = dict.fromkeys(
+        ("mass_end_pct", "mass_rms_pct", "mass_max_pct", "grade_rms_deg", "to_5pct_s", "ns_per_sample")
+    )
+    note = entry.estimator.missing()
+    if note or not n:
+        return {**row, "note": note or "no samples in this log"}
+    score.add(estimates)
+    errors = score.errors()
+    row["grade_rms_deg"] = errors["grade_rms_deg"]
+    row["ns_per_sample"] = entry.seconds / n * 1e9
+    if not entry.estimator.estimates_mass:
+        return {**row, "note": f"keeps the mass it is given ({estimates.mass_kg[-1]:,.0f} kg)"}
+    row["mass_rms_pct"], row["mass_max_pct"] = errors["mass_rms_pct"], errors["mass_max_pct"]
+    error_pct = 100.0 * (estimates.mass_kg / true_mass_kg - 1.0)
+    if np.isfinite(error_pct[-1]):
+        row["mass_end_pct"] = float(error_pct[-1])
+    row["to_5pct_s"] = _time_to(error_pct)
+    if not (estimates.status != Status.UNESTIMATED).any():
+        note = "never learned from this log"
+    return {**row, "note": note}
+
+
+def _time_to(error_pct: FloatColumn) -> float | None:
+    """Return the seconds to the first sample from which the error stays small for the hold time."""
+    with np.errstate(invalid="ignore"):
+        outside = np.flatnonzero(~(np.abs(error_pct) <= WITHIN_PCT))
+    n, hold = len(error_pct), round(WITHIN_HOLD_S * RATE_HZ)
+    edges = np.concatenate(([-1], outside, [n]))
+    lengths = np.diff(edges) - 1
+    # a shorter stay counts when the log ends inside it
+    enough = np.flatnonzero((lengths >= hold) | ((edges[1:] == n) & (lengths > 0)))
+    return float(edges[enough[0]] + 1) / RATE_HZ if len(enough) else None
