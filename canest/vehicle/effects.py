@@ -224,7 +224,7 @@ class TorqueDelay(Effect):
     name: ClassVar[str] = "torque_delay"
     stage: ClassVar[Stage] = "sampling"
     text: ClassVar[str] = "torque reported this much later than it acts"
-    parameters: ClassVar[dict[str, Parameter]] = {"delay_s": Parameter("s", 0.0, 0.0, 1.0, 0.02)}
+    parameters: ClassVar[dict[str, Parameter]] = {"delay_s": Parameter("s", 0.0, 0.0, 1.0, 0.04)}
     delay_s: float = 0.0
 
 

@@ -9,6 +9,7 @@ from canest.filters import Filter
 from canest.frames import BoolColumn, FloatColumn
 from canest.gates import Gate
 from canest.grid.grid import GridBlock
+from canest.vehicle.columns import Columns
 from canest.vehicle.gating import Excitation, Gating
 from canest.vehicle.model import LongitudinalModel
 from canest.vehicle.samples import STEP_S, ModelBlock
@@ -51,11 +52,13 @@ class Regression:
         self._held = {n: _Held() for n in names}
         self._last_filtered_mps = np.nan
         self._was_open = False
+        #: the model's working columns of the last block (for reports and the diagnosis)
+        self.last_columns: Columns
 
     def process(self, grid: GridBlock) -> ModelBlock:
         """Turn a block of ticks into model samples."""
         raw = self.model.process(grid)
-        c = raw.columns
+        self.last_columns = c = raw.columns
         speed, started = self._filtered("speed", raw.speed_mps, raw.usable, grid)
         force, _ = self._filtered("force", raw.force_N, raw.usable, grid)
         traction, _ = self._filtered("traction", raw.traction_N, raw.usable, grid)

@@ -1,0 +1,160 @@
+"""Every effect of the vocabulary as something to try: one parameter each, shapes (gear, signal, tau) fixed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from canest.diagnose.problem import Problem
+from canest.vehicle.effects import EFFECTS, Effect, Parameter, effect_from_config
+
+#: share of the open samples that a gear needs before its own loss can be told
+MIN_GEAR_SHARE = 0.04
+#: effects that scale all traction, as an unknown mass does
+SCALE_EFFECTS = ("torque_gain", "driveline_loss", "wheel_radius")
+#: warm-up times tried, s; the best is refined afterwards
+WARMUP_TAUS_S = (120.0, 300.0, 600.0, 1200.0)
+#: of effects that a drive cannot tell apart, the commonest is named first
+PLAUSIBILITY = (
+    "torque_delay",
+    "headwind",
+    "torque_gain",
+    "rolling_resistance",
+    "switched_load",
+    "driveline_loss",
+    "wheel_radius",
+    "torque_offset",
+    "drag_area",
+    "rotating_inertia",
+    "retarder_unreported",
+    "cornering_drag",
+    "rolling_warmup",
+    "brake_drag",
+    "wheel_slip",
+    "rolling_resistance_speed",
+    "payload_change",
+)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect with its shape fixed; `make(deviation)` builds it at neutral + deviation."""
+
+    label: str
+    effect: str
+    parameter: str
+    shape: tuple[tuple[str, object], ...] = ()
+
+    @property
+    def info(self) -> Parameter:
+        """Unit, neutral value, bounds and step of the fitted parameter."""
+        return EFFECTS[self.effect].parameters[self.parameter]
+
+    def make(self, deviation: float) -> Effect:
+        """Build the effect; the deviation is clipped to the parameter's bounds."""
+        info = self.info
+        value = float(np.clip(info.neutral + deviation, info.low, info.high))
+        return effect_from_config({"effect": self.effect, self.parameter: value} | dict(self.shape))
+
+    def reshaped(self, **shape: object) -> Candidate:
+        """Return the same candidate with another shape."""
+        return replace(self, shape=tuple((dict(self.shape) | shape).items()))
+
+    @property
+    def rank(self) -> int:
+        """Place in the order of plausibility."""
+        return PLAUSIBILITY.index(self.effect) if self.effect in PLAUSIBILITY else len(PLAUSIBILITY)
+
+
+def candidates_for(
+    problem: Problem, switches: Sequence[str] = (), *, mass_kg: float | None = None
+) -> list[Candidate]:
+    """Return everything worth trying on these drives.
+
+    switches: roles that may switch a load. Effects whose signals the signal map lacks are left out.
+    """
+    roles = set(problem.parts[0].drive.config.signals)
+    plain = {
+        "headwind": "wind_mps",
+        "drag_area": "cda_delta_m2",
+        "rolling_resistance": "crr_delta",
+        "rolling_resistance_speed": "crr_per_mps",
+        "torque_gain": "gain",
+        "torque_offset": "torque_Nm",
+        "torque_delay": "delay_s",
+        "driveline_loss": "loss",
+        "wheel_radius": "factor",
+        "rotating_inertia": "inertia_kgm2",
+        "brake_drag": "force_N",
+    }
+    if not problem.mass_known:
+        # a common factor on all traction and a free mass are one thing: no drive tells them apart
+        for name in SCALE_EFFECTS:
+            del plain[name]
+    found = [Candidate(name, name, parameter) for name, parameter in plain.items()]
+    found += [
+        Candidate(f"rolling_warmup tau {tau:g} s", "rolling_warmup", "crr_cold", (("tau_s", tau),))
+        for tau in WARMUP_TAUS_S
+    ]
+    shape = (("mass_kg", mass_kg or float(problem.parts[0].mass_w.mean())),)
+    found.append(Candidate("wheel_slip", "wheel_slip", "slip_per_mps2", shape))
+    if "yaw_rate" in roles:
+        found.append(Candidate("cornering_drag", "cornering_drag", "coefficient_s2pm"))
+    if "accelerator" in roles:
+        found.append(
+            Candidate(
+                "retarder_unreported pedal up", "retarder_unreported", "torque_Nm", (("cause", "pedal_up"),)
+            )
+        )
+    found += [
+        Candidate(f"driveline_loss gear {gear}", "driveline_loss", "loss", (("gear", gear),))
+        for gear in _gears(problem)
+    ]
+    for role in switches:
+        for exponent in (0.0, 3.0):
+            form = "constant power" if exponent == 0 else "cubic in engine speed"
+            found.append(
+                Candidate(
+                    f"switched_load {role} {form}",
+                    "switched_load",
+                    "power_kW",
+                    (("signal", role), ("exponent", exponent), ("threshold", _threshold(problem, role))),
+                )
+            )
+    return found
+
+
+def _gears(problem: Problem) -> list[int]:
+    gears = np.concatenate([p.run.gear[p.windows.index >= 0] for p in problem.parts])
+    numbers, counts = np.unique(gears[gears > 0], return_counts=True)
+    if len(numbers) < 2:
+        return []
+    return [int(g) for g, c in zip(numbers, counts, strict=True) if c >= MIN_GEAR_SHARE * len(gears)]
+
+
+def _threshold(problem: Problem, role: str) -> float:
+    """Return the level halfway between a switching signal's off and on."""
+    values = np.concatenate([p.run.signals[role] for p in problem.parts])
+    values = values[np.isfinite(values)]
+    low, high = np.percentile(values, [2, 98]) if len(values) else (0.0, 1.0)
+    return float(0.5 * (low + high))
+
+
+def switching_roles(problem: Problem, roles: Sequence[str]) -> list[str]:
+    """Return the roles among these that are both off and on for a while during the drives."""
+    found = []
+    for role in roles:
+        values = np.concatenate(
+            [p.run.signals.get(role, np.full(len(p.run.open), np.nan)) for p in problem.parts]
+        )
+        inside = np.concatenate([p.windows.index >= 0 for p in problem.parts])
+        known = values[inside & np.isfinite(values)]
+        if len(known) < 0.5 * inside.sum():
+            continue
+        low, high = np.percentile(known, [2, 98])
+        share = float((known > 0.5 * (low + high)).mean()) if high > low else 0.0
+        if 0.03 < share < 0.97:
+            found.append(role)
+    return found

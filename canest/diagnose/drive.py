@@ -1,0 +1,136 @@
+"""A drive decoded once and kept, so that the model can be run on it again with any effects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from canest.config.schema import Config
+from canest.errors import LogError
+from canest.filters import Filter
+from canest.frames import BoolColumn, FloatColumn
+from canest.grid.grid import Feed, GridBlock
+from canest.intake import Intake, grid_for
+from canest.logs.blocks import TableBlock
+from canest.logs.reader import open_log
+from canest.tables import TableMap
+from canest.vehicle.effects import Effect
+from canest.vehicle.regression import Regression
+from canest.vehicle.samples import ModelBlock
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Run:
+    """The model's output for a whole drive, and the raw signals behind it (roles held on the ticks)."""
+
+    samples: ModelBlock
+    torque_Nm: FloatColumn
+    engine_radps: FloatColumn
+    gear: FloatColumn
+    signals: dict[str, FloatColumn]
+
+    @property
+    def t_s(self) -> FloatColumn:
+        """Ticks in seconds of the log's clock."""
+        return self.samples.t_us.astype(np.float64) * 1e-6
+
+    @property
+    def open(self) -> BoolColumn:
+        """Where the gates are open."""
+        return self.samples.gate == 0
+
+
+class Drive:
+    """One log's decoded samples with the config they were decoded by."""
+
+    def __init__(self, name: str, config: Config, feeds: Sequence[Feed]) -> None:
+        self.name, self.config, self._feeds = name, config, feeds
+        self._grids: dict[tuple[float, ...], list[GridBlock]] = {}
+
+    @staticmethod
+    def load(path: Path, config: Config, progress: Progress | None = None) -> Drive:
+        """Read and decode a log (frames or table). Errors: LogError when it holds nothing wanted."""
+        intake = Intake(config)
+        table = TableMap(config)
+        feeds: list[Feed] = []
+        reader = open_log(path, time_column=config.sampling.time_column, columns=table.columns or None)
+        for block in reader:
+            if isinstance(block, TableBlock):
+                feeds.extend(intake.table(table.samples(block), block.t_us))
+            else:
+                feeds.extend(intake.frames(block))
+            if progress is not None:
+                progress(reader.bytes_done, reader.bytes_total)
+        if not feeds:
+            raise LogError("holds no frame that the config's signal map wants", where=str(path))
+        return Drive(path.name.split(".")[0], config, feeds)
+
+    @staticmethod
+    def with_effects(config: Config, effects: Sequence[Effect]) -> Config:
+        """Return the config with these effects in place of its own."""
+        entries = tuple(e.to_config() for e in effects)
+        return config.model_copy(update={"effects": entries})
+
+    def run(self, effects: Sequence[Effect], *, config: Config | None = None) -> Run:
+        """Run the model with exactly these effects (the config's own are not added)."""
+        changed = self.with_effects(config or self.config, effects)
+        regression = Regression(changed)
+        parts: list[ModelBlock] = []
+        raws: list[dict[str, Any]] = []
+        for ticks in self._ticks(changed, effects):
+            parts.append(regression.process(ticks))
+            raw = regression.last_columns
+            raws.append(
+                {
+                    "torque_Nm": raw.torque_Nm,
+                    "engine_radps": raw.engine_radps,
+                    "gear": raw.gear,
+                    "signals": raw.signals,
+                }
+            )
+        if not parts:
+            raise LogError("is too short: not one 20 ms tick", where=self.name)
+        columns = {k: np.concatenate([r[k] for r in raws]) for k in ("torque_Nm", "engine_radps", "gear")}
+        signals = {role: np.concatenate([r["signals"][role] for r in raws]) for role in raws[0]["signals"]}
+        return Run(ModelBlock.concatenate(parts), signals=signals, **columns)
+
+    def filtered(self, column: FloatColumn, run: Run) -> FloatColumn:
+        """Pass a column of the run's ticks through the model's Butterworth (for a reference such as truth)."""
+        start = np.zeros(len(column), np.bool_)
+        start[0] = True
+        start[1:] = np.diff(run.samples.t_us) != 20_000
+        return Filter(self.config.filter.order, self.config.filter.cutoff_hz).apply(column, start)
+
+    def _ticks(self, config: Config, effects: Sequence[Effect]) -> list[GridBlock]:
+        """Return the grid blocks, made anew only when an effect changes the sampling."""
+        key = tuple(float(getattr(e, "delay_s", 0.0)) for e in effects if e.stage == "sampling")
+        if key not in self._grids:
+            grid = grid_for(config)
+            blocks = [b for feed in self._feeds for b in grid.take(feed)]
+            self._grids = {k: v for k, v in self._grids.items() if not k} | {key: _joined(blocks)}
+        return self._grids[key]
+
+
+def _joined(blocks: list[GridBlock]) -> list[GridBlock]:
+    """Join runs of ticks that follow each other: one long block computes faster than many."""
+    joined: list[list[GridBlock]] = []
+    for block in blocks:
+        if block.continues and joined:
+            joined[-1].append(block)
+        else:
+            joined.append([block])
+    return [
+        GridBlock(
+            np.concatenate([b.t_us for b in run]),
+            {r: np.concatenate([b.values[r] for b in run]) for r in run[0].values},
+            {r: np.concatenate([b.stale[r] for b in run]) for r in run[0].stale},
+            run[0].continues,
+        )
+        for run in joined
+    ]

@@ -1,0 +1,296 @@
+"""Forward selection by what an effect removes on windows that were not used to fit it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from canest.diagnose.candidates import Candidate
+from canest.diagnose.fit import Matrix, chunk_sums, held_out, solve
+from canest.diagnose.problem import Problem
+from canest.frames import FloatColumn
+from canest.vehicle.effects import Effect
+
+#: an effect must be this many of its own (chunk-robust) standard deviations away from neutral
+MIN_SIGMAS = 4.0
+#: and remove this share of what is left of the held-out variance
+MIN_SHARE = 0.03
+#: and matter: its force, as share of the weight (a slope of 0.015 % at 1.5e-4)
+MIN_WEIGHT_SHARE = 1.5e-4
+#: an alternative is equivalent while the held-out difference is below this many standard errors
+EQUIVALENT_SIGMAS = 2.0
+#: or while its regressor is the chosen one's mirror image up to this correlation
+EQUIVALENT_CORRELATION = 0.998
+MAX_EFFECTS = 5
+GAUSS_NEWTON_STEPS = 4
+
+
+@dataclass
+class Chosen:
+    """A selected candidate with its fitted deviation from neutral and standard deviation.
+
+    explained: share of the first residual's held-out variance that comes back without it. needed: share
+    of what is then left that it removes. equivalent: candidates that would do as well in its place.
+    """
+
+    candidate: Candidate
+    deviation: float
+    std: float = 0.0
+    explained: float = 0.0
+    needed: float = 0.0
+    equivalent: list[Candidate] = field(default_factory=list)
+
+    def sigmas(self) -> float:
+        """Return how many standard deviations it is from neutral; 0 at a bound, where nothing is fitted."""
+        info = self.candidate.info
+        value = info.neutral + self.deviation
+        inside = info.low < value < info.high
+        return abs(self.deviation) / max(self.std, 1e-30) if inside else 0.0
+
+    def effect(self) -> Effect:
+        """Build the effect at its fitted value."""
+        return self.candidate.make(self.deviation)
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What one candidate alone would do: deviation, std, share of held-out variance removed."""
+
+    candidate: Candidate
+    deviation: float
+    std: float
+    explained: float
+
+
+class Search:
+    """Carries the selection and the regressors at the present linearisation."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        base: Sequence[Effect],
+        candidates: Sequence[Candidate],
+        tick: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self.problem, self.base, self.candidates = problem, list(base), list(candidates)
+        self.chosen: list[Chosen] = []
+        self._tick = tick
+        self.first_residual_N = problem.residual_N(self.base)
+        self._first = problem.whiten(self.first_residual_N)
+        self._columns = {c.label: self._regressor(c, [], self.first_residual_N) for c in self.candidates}
+        self.residual_N = self.first_residual_N
+
+    # -- regressors -----------------------------------------------------------------------------------
+
+    def effects(self) -> list[Effect]:
+        """Return base and chosen effects."""
+        return [*self.base, *(c.effect() for c in self.chosen)]
+
+    def _regressor(self, c: Candidate, with_: Sequence[Effect], residual_N: FloatColumn) -> FloatColumn:
+        """Return the whitened change of the residual per unit of a candidate's parameter."""
+        self._tick(c.label)
+        step = c.info.step
+        return self.problem.whiten(
+            (self.problem.residual_N([*self.base, *with_, c.make(step)]) - residual_N) / step
+        )
+
+    def _matrix(self, columns: Sequence[FloatColumn]) -> Matrix:
+        return np.column_stack([*columns, self.problem.nuisance])
+
+    # -- selection ------------------------------------------------------------------------------------
+
+    def alone(self) -> list[Tried]:
+        """Return what each candidate would do alone, best first."""
+        chunk, total = self.problem.chunk, self._held_out_sum(self._first, [])
+        tried = []
+        for c in self.candidates:
+            column = self._columns[c.label]
+            if not column.any():
+                continue
+            fit = solve(self._first, self._matrix([column]), chunk)
+            left = self._held_out_sum(self._first, [column])
+            tried.append(
+                Tried(c, float(fit.values[0]), float(np.sqrt(fit.covariance[0, 0])), 1.0 - left / total)
+            )
+        return sorted(tried, key=lambda t: -t.explained)
+
+    def run(self) -> None:
+        """Select until nothing more is significant, out of sample, and large enough to matter.
+
+        The reporting delay is always in the fit: every engine controller has some, and what is left of
+        it would pass for slip or inertia. It stays only when it is significant.
+        """
+        self.chosen = [Chosen(c, 0.0) for c in self.candidates if c.effect == "torque_delay"]
+        self.refit()
+        while len(self.chosen) < MAX_EFFECTS:
+            best = self._best_addition()
+            if best is None:
+                break
+            self.chosen.append(Chosen(best, 0.0))
+            self.refit()
+        self._prune()
+
+    def _best_addition(self) -> Candidate | None:
+        residual, columns = self._now()
+        chunk = self.problem.chunk
+        before = held_out(residual, self._matrix(columns), chunk) ** 2
+        total = before.sum()
+        options: list[tuple[float, Candidate, FloatColumn]] = []
+        for c in self.candidates:
+            if self._excluded(c):
+                continue
+            column = self._columns[c.label]
+            if not column.any():
+                continue
+            matrix = self._matrix([*columns, column])
+            left = held_out(residual, matrix, chunk) ** 2
+            share = 1.0 - left.sum() / total
+            if share < MIN_SHARE:
+                continue
+            fit = solve(residual, matrix, chunk)
+            at = len(columns)
+            value, std = fit.values[at], np.sqrt(fit.covariance[at, at])
+            if abs(value) < MIN_SIGMAS * std or not self._matters(column * value):
+                continue
+            options.append((float(share), c, left))
+        if not options:
+            return None
+        options.sort(key=lambda o: -o[0])
+        return self._most_plausible(options)
+
+    def _most_plausible(self, options: list[tuple[float, Candidate, FloatColumn]]) -> Candidate:
+        """Return, of the options as good as the best one, the commonest."""
+        _, best, best_left = options[0]
+        for _, c, left in options[1:]:
+            if c.rank < best.rank and self._as_good(left, best_left):
+                best, best_left = c, left
+        return best
+
+    def _as_good(self, left: FloatColumn, best_left: FloatColumn) -> bool:
+        worse = chunk_sums(left - best_left, self.problem.chunk)
+        standard_error = np.sqrt(len(worse)) * worse.std(ddof=1) if len(worse) > 1 else np.inf
+        return bool(
+            worse.sum() <= EQUIVALENT_SIGMAS * standard_error and worse.sum() < 0.05 * best_left.sum()
+        )
+
+    def _matters(self, change: FloatColumn) -> bool:
+        """Return whether an effect's contribution is large enough to notice, at its largest tenth."""
+        noise_N = 0.004 * self.problem.weight_N / 9.81
+        return bool(np.sqrt(np.mean(change**2)) * noise_N > MIN_WEIGHT_SHARE * self.problem.weight_N)
+
+    def _excluded(self, c: Candidate) -> bool:
+        """Return whether a candidate would say again what is chosen already."""
+        for chosen in self.chosen:
+            mine, theirs = dict(c.shape), dict(chosen.candidate.shape)
+            if chosen.candidate.effect != c.effect:
+                continue
+            several = (c.effect == "driveline_loss" and "gear" in mine and "gear" in theirs) or (
+                c.effect == "switched_load" and mine["signal"] != theirs["signal"]
+            )
+            if c.label == chosen.candidate.label or not several:
+                return True
+        return False
+
+    # -- refinement -----------------------------------------------------------------------------------
+
+    def _now(self) -> tuple[FloatColumn, list[FloatColumn]]:
+        """Return the residual at the present values and the chosen effects' regressors there."""
+        return self.problem.whiten(self.residual_N), [self._local(c) for c in self.chosen]
+
+    def _local(self, chosen: Chosen) -> FloatColumn:
+        others = [c.effect() for c in self.chosen if c is not chosen]
+        step = chosen.candidate.info.step
+        moved = [*self.base, *others, chosen.candidate.make(chosen.deviation + step)]
+        return self.problem.whiten((self.problem.residual_N(moved) - self.residual_N) / step)
+
+    def refit(self) -> None:
+        """Gauss-Newton on all chosen parameters together (a delay or a wind is not linear)."""
+        for _ in range(GAUSS_NEWTON_STEPS):
+            self.residual_N = self.problem.residual_N(self.effects())
+            residual, columns = self._now()
+            fit = solve(residual, self._matrix(columns), self.problem.chunk)
+            small = True
+            for i, chosen in enumerate(self.chosen):
+                change = float(fit.values[i])
+                info = chosen.candidate.info
+                bounded = np.clip(info.neutral + chosen.deviation + change, info.low, info.high)
+                chosen.deviation = float(bounded - info.neutral)
+                chosen.std = float(np.sqrt(fit.covariance[i, i]))
+                small &= abs(change) < 0.05 * chosen.std
+            if small:
+                break
+        self.residual_N = self.problem.residual_N(self.effects())
+
+    def _prune(self) -> None:
+        """Drop what a later choice has made superfluous, then rank the rest by what they explain."""
+        while self.chosen:
+            self._weigh()
+            weakest = min(self.chosen, key=Chosen.sigmas)
+            if weakest.sigmas() >= MIN_SIGMAS:
+                weakest = min(self.chosen, key=lambda c: c.needed)
+                if weakest.needed >= MIN_SHARE:
+                    break
+            self.chosen.remove(weakest)
+            self.refit()
+        self.chosen.sort(key=lambda c: -c.explained)
+
+    def _weigh(self) -> None:
+        """Set what each choice explains, how much the others miss without it, and its equivalents."""
+        residual, columns = self._now()
+        total = self._held_out_sum(self._first, [])
+        full = self._held_out_sum(residual, columns)
+        for i, chosen in enumerate(self.chosen):
+            others = [c for j, c in enumerate(columns) if j != i]
+            rest = [c.effect() for c in self.chosen if c is not chosen]
+            without = self.problem.whiten(self.problem.residual_N([*self.base, *rest]))
+            missed = self._held_out_sum(without, others)
+            chosen.explained = float((missed - full) / total)
+            chosen.needed = float(1.0 - full / missed) if missed > 0 else 0.0
+            chosen.equivalent = self._equivalents(i, without, others, residual, columns)
+
+    def _equivalents(
+        self,
+        at: int,
+        without: FloatColumn,
+        others: list[FloatColumn],
+        residual: FloatColumn,
+        columns: list[FloatColumn],
+    ) -> list[Candidate]:
+        """Return the candidates that do as well in the place of the chosen one."""
+        chunk = self.problem.chunk
+        best_left = held_out(residual, self._matrix(columns), chunk) ** 2
+        mine = self._rest(columns[at], others)
+        found = []
+        for c in self.candidates:
+            column = self._columns[c.label]
+            if c.label == self.chosen[at].candidate.label or not column.any():
+                continue
+            left = held_out(without, self._matrix([*others, column]), chunk) ** 2
+            theirs = self._rest(column, others)
+            alike = abs(mine @ theirs) > EQUIVALENT_CORRELATION * np.sqrt((mine @ mine) * (theirs @ theirs))
+            if alike or self._as_good(left, best_left):
+                found.append(c)
+        return sorted(found, key=lambda c: c.rank)
+
+    def _rest(self, column: FloatColumn, others: list[FloatColumn]) -> FloatColumn:
+        """Return what of a column the others (and the nuisances) cannot say."""
+        matrix = self._matrix(others)
+        if not matrix.shape[1]:
+            return column
+        p, *_ = np.linalg.lstsq(matrix, column, rcond=1e-8)
+        return np.asarray(column - matrix @ p)
+
+    def _held_out_sum(self, residual: FloatColumn, columns: list[FloatColumn]) -> float:
+        return float((held_out(residual, self._matrix(columns), self.problem.chunk) ** 2).sum())
+
+    def held_out_rms(self, *, after: bool) -> tuple[float, float]:
+        """Return the held-out residual's RMS (whitened units) and its standard error by chunk bootstrap."""
+        residual, columns = self._now() if after else (self._first, [])
+        left = held_out(residual, self._matrix(columns), self.problem.chunk) ** 2
+        sums = chunk_sums(left, self.problem.chunk)
+        counts = chunk_sums(np.ones(len(left)), self.problem.chunk)
+        draw = np.random.default_rng(0).integers(0, len(sums), (400, len(sums)))
+        resampled = np.sqrt(sums[draw].sum(axis=1) / counts[draw].sum(axis=1))
+        return float(np.sqrt(left.mean())), float(resampled.std())
