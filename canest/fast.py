@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable
+from types import FunctionType
 from typing import Any, TypeVar
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -52,7 +53,14 @@ class Kernel:
         if self._compiled is None:
             import numba
 
-            self._compiled = numba.njit(cache=True, error_model="numpy")(self.interpreted)
+            # kernels that this one calls: numba must meet them compiled
+            scope: Any = getattr(self.interpreted, "__globals__", {})
+            for name, value in list(scope.items()):
+                if isinstance(value, Kernel) and name in self.interpreted.__code__.co_names:
+                    scope = {**scope, name: value.compiled}
+            function = FunctionType(self.interpreted.__code__, scope, self.__name__)
+            function.__module__ = self.interpreted.__module__
+            self._compiled = numba.njit(cache=True, error_model="numpy")(function)
         return self._compiled
 
     def __call__(self, *args: Any) -> Any:

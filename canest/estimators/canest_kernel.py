@@ -1,0 +1,339 @@
+"""The filter of `canest`: one Kalman filter over momentum, height and the accelerometer, window by window.
+
+Newton's law divided by the mass is linear in the inverse mass u = 1/M, so the filter is exact and forgets
+its start value; mass never enters a linearisation:
+
+    dq/dt = u F - g mu - g theta - c omega         F known forces, c = 2 F_aero / v, omega = u x wind
+    q = (1 + u J) v                                J mass of what rotates, in this gear
+    v measured = v + delta T + sigma v T           delta = u x delay left, sigma = u x slip, T traction
+    undriven speed = v measured - sigma v T - lag dv/dt - scale v
+    accelerometer - dv/dt = g theta + bias + p dv/dt
+    dtheta/ds = kappa,  dkappa/ds = -kappa / L + noise      grade lives in distance, not in time
+    dh/ds = theta,  altitude = h
+
+Integrated over a window the first line is a momentum balance, free of the colour that filters give to
+accelerations. The rotating mass J stays on the left: a measured acceleration in the force would carry
+noise that looks like force which moves nothing, and so like mass (errors in variables).
+
+States that a closed gate must not move are only considered (Schmidt): their covariance widens what else is
+learned, their values stay as they are to the last bit.
+
+Plain scalar Python on lists, or the same source compiled on arrays (`canest.fast`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from canest import fast
+from canest.estimators.canest_windows import WINDOW_S
+from canest.vehicle.samples import GRAVITY_MPS2
+
+Container = Any  #: list interpreted, array compiled
+
+# states; those below FREE are the driveline's, which closed gates freeze
+Q, U, DELAY, SLIP, LAG, SCALE, WIND = range(7)
+GRADE, CURVATURE, BIAS, PITCH, HEIGHT = range(7, 12)
+FREE = GRADE
+STATES = 12
+
+# carried beside the states
+(
+    FRESH,  # 1 where the momentum balance must start anew
+    STANDING_S,
+    HAS_HEIGHT,
+    LEARNED,
+    SPEED_VAR,
+    SENSED_VAR,
+    UNDRIVEN_VAR,
+    BIASED,  # running mean of the normalised innovation
+    COUNT,
+    NIS_SUM,
+    POSITIVE,
+    RUNS,
+    SIGN,
+) = range(13)
+MEMORY = 13
+
+# one window's outputs
+OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED = range(6)
+OUTPUTS = 6
+
+_G = GRAVITY_MPS2
+#: distance over which vertical curves last, m
+_CURVE_M = 100.0
+#: distance over which the wind along the road changes, m
+_WIND_M = 5000.0
+#: drift of a GPS altitude beyond its noise, m2 per m; and the std of one reading, m
+_HEIGHT_DRIFT, _HEIGHT_STD_M = 0.004, 2.5
+#: force that the model lacks: share of the traction, correlated over this time (torque holes, oscillation)
+_FORCE_SHARE, _FORCE_S = 0.02, 0.2
+#: a retarder's force is known to this share, for as long as it brakes
+_RETARDER_SHARE, _RETARDER_WINDOWS = 0.1, 25.0
+#: mass changes little by little (fuel, snow): relative variance per metre, (1 % in 10 km)^2
+_MASS_DRIFT = 1e-8
+#: a vehicle that stands this long may have been loaded
+_LOADING_S = 30.0
+#: innovations beyond this many squared stds count as outliers and weigh less (Huber)
+_OUTLIER = 9.0
+#: memory of the noise levels and of the innovations' sign, in windows
+_NOISE_MEMORY, _SIGN_MEMORY = 300.0, 15.0
+#: innovations this one-signed for seconds: the load has changed where nobody saw it
+_ONE_SIGNED, _CLIP = 1.5, 5.0
+
+
+@fast.kernel
+def correct(
+    x: Container,
+    P: Container,
+    active: Container,
+    w: Container,
+    first: int,
+    z: float,
+    r: float,
+    i0: int,
+    h0: float,
+    i1: int,
+    h1: float,
+    i2: int,
+    h2: float,
+    i3: int,
+    h3: float,
+) -> tuple[float, float]:
+    """Measure z = h0 x[i0] + ... + h3 x[i3] + noise of variance r; move only the states from `first` on.
+
+    Kalman update in the symmetric form P -= w w', w = P h / sqrt(s); for states before `first` the gain is
+    zero and their block of P stays (Schmidt-Kalman). Returns the innovation and its variance.
+    """
+    p0, p1, p2, p3 = P[i0], P[i1], P[i2], P[i3]
+    for i in active:
+        w[i] = h0 * p0[i] + h1 * p1[i] + h2 * p2[i] + h3 * p3[i]
+    s = max(r + h0 * w[i0] + h1 * w[i1] + h2 * w[i2] + h3 * w[i3], r)
+    e = z - h0 * x[i0] - h1 * x[i1] - h2 * x[i2] - h3 * x[i3]
+    weight = max(s, e * e / _OUTLIER)
+    root = 1.0 / math.sqrt(weight)
+    for i in active:
+        w[i] *= root
+    gain = e * root
+    for i in active:
+        wi = w[i]
+        row = P[i]
+        if i >= first:
+            x[i] += gain * wi
+            for j in active:
+                row[j] -= wi * w[j]
+        else:
+            for j in active:
+                if j >= first:
+                    row[j] -= wi * w[j]
+    return e, s
+
+
+@fast.kernel
+def widen(P: Container, active: Container, i: int, variance: float) -> None:
+    """Forget state i: only its variance is left."""
+    for j in active:
+        P[i][j] = 0.0
+        P[j][i] = 0.0
+    P[i][i] = variance
+
+
+@fast.kernel
+def travel(
+    x: Container, P: Container, active: Container, ds: float, curvature_var: float, wind_var: float
+) -> None:
+    """Move `ds` metres along the road: height, grade, curvature, wind."""
+    keep = math.exp(-ds / _CURVE_M)
+    calm = math.exp(-ds / _WIND_M)
+    x[HEIGHT] += ds * x[GRADE]
+    x[GRADE] += ds * x[CURVATURE]
+    x[CURVATURE] *= keep
+    x[WIND] *= calm
+    for i in active:
+        row = P[i]
+        row[HEIGHT] += ds * row[GRADE]
+        row[GRADE] += ds * row[CURVATURE]
+        row[CURVATURE] *= keep
+        row[WIND] *= calm
+    height, grade, curve, wind = P[HEIGHT], P[GRADE], P[CURVATURE], P[WIND]
+    for j in active:
+        height[j] += ds * grade[j]
+        grade[j] += ds * curve[j]
+        curve[j] *= keep
+        wind[j] *= calm
+    q = curvature_var * (1.0 - keep * keep)
+    curve[CURVATURE] += q
+    cross = 0.5 * q * ds
+    grade[CURVATURE] += cross
+    curve[GRADE] += cross
+    grade[GRADE] += q * ds * ds / 3.0
+    wind[WIND] += wind_var * (1.0 - calm * calm)
+    height[HEIGHT] += _HEIGHT_DRIFT * ds
+    P[U][U] += _MASS_DRIFT * ds * x[U] * x[U]
+
+
+@fast.kernel
+def push(
+    x: Container, P: Container, active: Container, force: float, roll: float, drag: float, noise: float
+) -> None:
+    """Add a window's momentum per mass: dq = dt (u F - g mu - g theta - c omega) + noise."""
+    fu = WINDOW_S * force
+    fg = -WINDOW_S * _G
+    fw = -WINDOW_S * drag
+    x[Q] += fu * x[U] + fg * x[GRADE] + fw * x[WIND] - WINDOW_S * roll
+    for i in active:
+        row = P[i]
+        row[Q] += fu * row[U] + fg * row[GRADE] + fw * row[WIND]
+    momentum, inverse, grade, wind = P[Q], P[U], P[GRADE], P[WIND]
+    for j in active:
+        momentum[j] += fu * inverse[j] + fg * grade[j] + fw * wind[j]
+    momentum[Q] += noise
+
+
+@fast.kernel
+def start(
+    x: Container, P: Container, active: Container, z: float, r: float, t: float, rotating: float
+) -> None:
+    """Begin a momentum balance at the measured speed z = q - u J z + delta t + sigma z t + noise r."""
+    hd, hs, hu = -t, -z * t, rotating * z
+    x[Q] = z + hd * x[DELAY] + hs * x[SLIP] + hu * x[U]
+    delay, slip, inverse = P[DELAY], P[SLIP], P[U]
+    for j in active:
+        P[Q][j] = hd * delay[j] + hs * slip[j] + hu * inverse[j]
+    for j in active:
+        P[j][Q] = P[Q][j]
+    P[Q][Q] = r + hd * P[Q][DELAY] + hs * P[Q][SLIP] + hu * P[Q][U]
+
+
+@fast.kernel
+def reopen(P: Container, active: Container, prior: Container) -> None:
+    """The load may have changed: any mass again; what hangs on mass or load is known less."""
+    widen(P, active, U, prior[U] * prior[U])
+    for i in (DELAY, SLIP, BIAS, PITCH):
+        P[i][i] += 0.25 * prior[i] * prior[i]
+
+
+@fast.kernel
+def level(variance: float, e: float, s: float, floor: float) -> float:
+    """Follow a noise level: the innovation's square less what the states explain of it."""
+    surplus = min(e * e, _OUTLIER * s) - s
+    return max(floor * floor, variance + surplus / _NOISE_MEMORY)
+
+
+@fast.kernel
+def tally(memory: Container, e: float, s: float) -> None:
+    """Count the normalised innovation squared, its signs and runs (Wald and Wolfowitz 1940)."""
+    memory[COUNT] += 1.0
+    memory[NIS_SUM] += e * e / s
+    sign = 1.0 if e > 0.0 else -1.0
+    if sign > 0.0:
+        memory[POSITIVE] += 1.0
+    if sign != memory[SIGN]:
+        memory[RUNS] += 1.0
+    memory[SIGN] = sign
+    z = min(max(e / math.sqrt(s), -_CLIP), _CLIP)
+    memory[BIASED] += (z - memory[BIASED]) / _SIGN_MEMORY
+
+
+@fast.kernel
+def run(
+    n: int,
+    windows: Container,
+    x: Container,
+    P: Container,
+    memory: Container,
+    active: Container,
+    prior: Container,
+    floors: Container,
+    torque_std: float,
+    w: Container,
+    out: Container,
+) -> None:
+    """Filter n windows, the rows of `canest_windows.COLUMNS`; out[k] holds what is known after window k.
+
+    w is scratch space of STATES numbers.
+    """
+    gap_s, distance, speed, force, traction = windows[0], windows[1], windows[2], windows[3], windows[4]
+    roll, accel, accel_end, slip_rate, drag = windows[5], windows[6], windows[7], windows[8], windows[9]
+    gear, rotating, undriven, sensed = windows[10], windows[11], windows[12], windows[13]
+    altitude, open_, retarding, stopped = windows[14], windows[15], windows[16], windows[17]
+    curvature_var = prior[CURVATURE] * prior[CURVATURE]
+    wind_var = prior[WIND] * prior[WIND]
+    for k in range(n):
+        v = speed[k]
+        t = traction[k]
+        ds = distance[k]
+        a = accel[k]
+        standing = memory[STANDING_S] + gap_s[k] + stopped[k] * WINDOW_S
+        if gap_s[k] > 0.0:
+            memory[FRESH] = 1.0
+            ds += gap_s[k] * max(v, 0.0)
+        if ds > 0.0:
+            travel(x, P, active, ds, curvature_var, wind_var)
+        if memory[STANDING_S] < _LOADING_S <= standing or abs(memory[BIASED]) > _ONE_SIGNED:
+            reopen(P, active, prior)
+            memory[BIASED] = 0.0
+            memory[FRESH] = 1.0
+        memory[STANDING_S] = standing * stopped[k]
+        if open_[k] > 0.0:
+            first = 0
+            if memory[FRESH] > 0.0:
+                start(x, P, active, v, memory[SPEED_VAR], t, rotating[k])
+                memory[FRESH] = 0.0
+            else:
+                unknown = max(x[U], prior[U] * 0.1) * (torque_std * gear[k] + _FORCE_SHARE * abs(t))
+                push(x, P, active, force[k], roll[k], drag[k], unknown * unknown * _FORCE_S * WINDOW_S)
+                # the regressor of u must not carry the noise of the speed that it meets (errors in variables)
+                expected = (x[Q] + t * x[DELAY] + v * t * x[SLIP]) / (1.0 + x[U] * rotating[k])
+                turning = -rotating[k] * expected
+                e, s = correct(
+                    x, P, active, w, 0, v, memory[SPEED_VAR], Q, 1.0, DELAY, t, SLIP, v * t, U, turning
+                )
+                memory[SPEED_VAR] = level(memory[SPEED_VAR], e, s, floors[0])
+                memory[LEARNED] = 1.0
+                tally(memory, e, s)
+            if undriven[k] == undriven[k]:
+                e, s = correct(
+                    x, P, active, w, 0, v - undriven[k], memory[UNDRIVEN_VAR],
+                    SLIP, v * t, LAG, accel_end[k], SCALE, v, Q, 0.0,
+                )  # fmt: skip
+                memory[UNDRIVEN_VAR] = level(memory[UNDRIVEN_VAR], e, s, floors[2])
+        else:
+            first = FREE
+            memory[FRESH] = 1.0
+            if retarding[k] > 0.0:
+                unknown = _RETARDER_SHARE * x[U] * force[k]
+                r = 2.0 * memory[SPEED_VAR] / (WINDOW_S * WINDOW_S) + _RETARDER_WINDOWS * unknown * unknown
+                net = force[k] - rotating[k] * a
+                correct(x, P, active, w, FREE, -a - roll[k], r, GRADE, _G, U, -net, WIND, drag[k], Q, 0.0)
+        if sensed[k] == sensed[k] and stopped[k] == 0.0:
+            slip = slip_rate[k]
+            r = memory[SENSED_VAR]
+            motion = a
+            if first == 0:
+                motion = (x[U] * force[k] - roll[k] - _G * x[GRADE]) / (1.0 + x[U] * rotating[k])
+            else:
+                r += slip * slip * (x[SLIP] * x[SLIP] + P[SLIP][SLIP])
+            e, s = correct(
+                x, P, active, w, first, sensed[k] - a, r, GRADE, _G, BIAS, 1.0, PITCH, motion, SLIP, -slip
+            )
+            if first == 0:
+                memory[SENSED_VAR] = level(memory[SENSED_VAR], e, s, floors[1])
+        if altitude[k] == altitude[k]:
+            if memory[HAS_HEIGHT] > 0.0:
+                correct(
+                    x, P, active, w, first, altitude[k], _HEIGHT_STD_M * _HEIGHT_STD_M,
+                    HEIGHT, 1.0, Q, 0.0, Q, 0.0, Q, 0.0,
+                )  # fmt: skip
+            else:
+                widen(P, active, HEIGHT, _HEIGHT_STD_M * _HEIGHT_STD_M)
+                x[HEIGHT] = altitude[k]
+                memory[HAS_HEIGHT] = 1.0
+        row = out[k]
+        row[OUT_U] = x[U]
+        row[OUT_U_VAR] = P[U][U]
+        row[OUT_GRADE] = x[GRADE]
+        row[OUT_CURVATURE] = x[CURVATURE]
+        row[OUT_GRADE_VAR] = P[GRADE][GRADE]
+        row[OUT_LEARNED] = memory[LEARNED]

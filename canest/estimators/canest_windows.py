@@ -1,0 +1,184 @@
+"""Cuts the 50 Hz samples into windows of 0.2 s and balances momentum over each.
+
+A window ends on the ticks whose number is one less than a multiple of `TICKS`, whatever the cut of the
+blocks; sums run tick by tick in one order, so the bits do not depend on the cut either.
+
+Reported torque acts earlier than it is reported. Everything but traction is therefore taken `SHIFT` ticks
+back (a typical delay); what remains of the delay is a state of the filter.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canest.frames import FloatColumn
+from canest.gates import Gate
+from canest.vehicle.samples import GRAVITY_MPS2, STEP_S, STEP_US, ModelBlock
+
+TICKS = 10  #: samples per window; 0.2 s, about the correlation time of speeds filtered at 2 Hz
+WINDOW_S = TICKS * STEP_S
+SHIFT = 3  #: ticks that torque is typically late
+
+#: columns of a window, in the kernel's order
+COLUMNS = (
+    "gap_s",  # time missing before this window
+    "distance_m",
+    "speed_mps",  # at the end
+    "force_N",  # mean, rotating inertia not subtracted
+    "traction_N",  # at the end
+    "roll_mps2",  # mean g mu
+    "accel_mps2",  # mean
+    "accel_end_mps2",
+    "slip_rate",  # mean rate of speed x traction, N m/s2
+    "drag_N_per_mps",  # aerodynamic force per m/s of wind, mean
+    "gear_1pm",  # force per crank torque
+    "rotating_kg",
+    "undriven_mps",  # at the end, NaN without
+    "sensed_mps2",  # mean of the accelerometer, NaN without
+    "altitude_m",  # only when a new value came, else NaN
+    "open",
+    "retarding",  # 1 where nothing but a retarder of known force closes the gate
+    "stopped",
+)
+
+(
+    _SPEED,
+    _FORCE,
+    _TRACTION,
+    _MU,
+    _ACCEL,
+    _AERO,
+    _GEAR,
+    _ROTATING,
+    _UNDRIVEN,
+    _SENSED,
+    _ALTITUDE,
+    _GATE,
+    _STOPPED,
+    _TICK,
+) = range(14)
+_COLUMNS = 14
+#: columns as they are SHIFT ticks back
+_LATE = (_SPEED, _MU, _ACCEL, _AERO, _UNDRIVEN, _SENSED)
+
+
+class Windows:
+    """Carries the samples of the unfinished window and what the next one needs of the past."""
+
+    def __init__(self) -> None:
+        self._kept: NDArray[np.float64] = np.empty((_COLUMNS, 0))
+        self._altitude_m = np.nan
+        self._last_end: int | None = None
+
+    def push(self, block: ModelBlock) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Take samples (n,); return the finished windows (len(COLUMNS), w) and each sample's window.
+
+        The second is int64 (n,): how many windows of this call had ended at or before the sample.
+        """
+        rows = np.concatenate([self._kept, _rows(block)], axis=1)
+        ticks = rows[_TICK].astype(np.int64)
+        past = rows.shape[1] - len(block)
+        ends = self._ends(ticks, past)
+        if len(ends):
+            windows = self._windows(rows, ticks, ends)
+            self._last_end = int(ticks[ends[-1]])
+        else:
+            windows = np.empty((len(COLUMNS), 0))
+        self._kept = rows[:, max(0, rows.shape[1] - TICKS - SHIFT) :].copy()
+        finished = np.searchsorted(ends, np.arange(past, rows.shape[1]), side="right")
+        return windows, finished
+
+    @staticmethod
+    def _ends(ticks: NDArray[np.int64], past: int) -> NDArray[np.int64]:
+        """Return the indices of samples that end a window without gaps (SHIFT samples before included)."""
+        candidates = past + np.flatnonzero((ticks[past:] + 1) % TICKS == 0)
+        candidates = candidates[candidates >= TICKS + SHIFT - 1]
+        reach = TICKS + SHIFT - 1
+        whole: NDArray[np.int64] = candidates[ticks[candidates] - ticks[candidates - reach] == reach]
+        return whole
+
+    def _windows(
+        self, rows: NDArray[np.float64], ticks: NDArray[np.int64], ends: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        def at(column: int, back: int) -> FloatColumn:
+            shift = SHIFT if column in _LATE else 0
+            value: FloatColumn = rows[column][ends - back - shift]
+            return value
+
+        def mean(column: int) -> FloatColumn:
+            total = at(column, TICKS - 1)
+            for back in range(TICKS - 2, -1, -1):
+                total = total + at(column, back)
+            return total / TICKS
+
+        speed, traction, rotating = at(_SPEED, 0), at(_TRACTION, 0), at(_ROTATING, 0)
+        before = np.empty(len(ends), np.int64)
+        before[0] = ticks[ends[0]] - TICKS if self._last_end is None else self._last_end
+        before[1:] = ticks[ends[:-1]]
+        mean_speed = mean(_SPEED)
+        first_product = at(_SPEED, TICKS - 1) * at(_TRACTION, TICKS - 1)
+        # traction is not shifted, the rest of the force is: force = (F - T)[k - SHIFT] + T[k]
+        rest = mean_of(rows[_FORCE] - rows[_TRACTION], ends - SHIFT)
+        closed = [rows[_GATE][ends - back] for back in range(TICKS)]
+        is_open = np.logical_and.reduce([c == Gate.OPEN for c in closed])
+        retarding = np.logical_and.reduce([(c == Gate.RETARDER) | (c == Gate.OPEN) for c in closed])
+        columns = [
+            (ticks[ends] - before - TICKS) * STEP_S,
+            np.maximum(mean_speed, 0.0) * WINDOW_S,
+            speed,
+            rest + mean(_TRACTION) + rotating * mean(_ACCEL),
+            traction,
+            GRAVITY_MPS2 * mean(_MU),
+            mean(_ACCEL),
+            at(_ACCEL, 0),
+            (speed * traction - first_product) / ((TICKS - 1) * STEP_S),
+            2.0 * mean(_AERO) / np.maximum(mean_speed, 1.0),
+            at(_GEAR, 0),
+            rotating,
+            at(_UNDRIVEN, 0),
+            mean(_SENSED),
+            self._new_altitudes(at(_ALTITUDE, 0)),
+            is_open,
+            retarding & ~is_open,
+            at(_STOPPED, 0),
+        ]
+        return np.stack([np.asarray(c, np.float64) for c in columns])
+
+    def _new_altitudes(self, altitude_m: FloatColumn) -> FloatColumn:
+        """Return altitudes where they differ from the one before, else NaN."""
+        before = np.concatenate(([self._altitude_m], altitude_m[:-1]))
+        self._altitude_m = float(altitude_m[-1])
+        return np.where(altitude_m != before, altitude_m, np.nan)
+
+
+def mean_of(column: FloatColumn, ends: NDArray[np.int64]) -> FloatColumn:
+    """Return the mean over the `TICKS` samples that end at each index, summed in order of time."""
+    total = column[ends - TICKS + 1]
+    for back in range(TICKS - 2, -1, -1):
+        total = total + column[ends - back]
+    return total / TICKS
+
+
+def _rows(block: ModelBlock) -> NDArray[np.float64]:
+    """Stack the needed columns; a sample with a number missing is closed as invalid."""
+    needed = [block.speed_mps, block.force_N, block.traction_N, block.mu, block.accel_mps2, block.aero_N]
+    rows = np.stack(
+        [
+            *needed,
+            block.force_per_torque_1pm,
+            block.rotating_mass_kg,
+            block.undriven_mps,
+            np.where(block.ax_ok, block.accelerometer_mps2, np.nan),
+            block.altitude_m,
+            block.gate,
+            block.stopped,
+            block.t_us // STEP_US,
+        ]
+    ).astype(np.float64)
+    broken = ~np.isfinite(rows[: _ROTATING + 1]).all(axis=0)
+    if broken.any():
+        rows[: _ROTATING + 1, broken] = 0.0
+        rows[_SENSED, broken] = np.nan
+        rows[_GATE, broken] = np.where(rows[_GATE, broken] == 0, Gate.INVALID, rows[_GATE, broken])
+    return rows
