@@ -1,15 +1,19 @@
 """Loads DBC files with cantools, and finds messages and signals in them or says what is near.
 
-cantools is imported at the first load: it costs 0.2 s, and much of canest needs no DBC.
+cantools is imported at the first load, and only its databases: much of canest needs no DBC, and a replay
+needs no bus.
 """
 
 from __future__ import annotations
 
 import difflib
+import importlib
+import sys
 from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 from canest.errors import ConfigError
 
@@ -25,12 +29,30 @@ def load(path: str | Path) -> Database:
     return _load(Path(path).resolve(), str(path))
 
 
+def _cantools_database() -> Any:
+    """Import cantools.database without cantools' bus tester.
+
+    The tester imports python-can with a reader for every log format that is installed: 0.15 s, and more
+    than a second and 100 MB where asammdf brings pandas. Its place is held while cantools is imported, and
+    given back, so that whoever wants the tester can import it later.
+    """
+    tester = "cantools.tester"
+    if "cantools" in sys.modules:
+        return importlib.import_module("cantools.database")
+    sys.modules[tester] = ModuleType(tester)
+    try:
+        database = importlib.import_module("cantools.database")
+    finally:
+        del sys.modules[tester]
+    vars(sys.modules["cantools"]).pop("tester", None)
+    return database
+
+
 @cache
 def _load(path: Path, where: str) -> Database:
-    import cantools.database
-
+    cantools_database = _cantools_database()
     try:
-        database = cantools.database.load_file(path)
+        loaded = cantools_database.load_file(path)
     except OSError as error:
         raise ConfigError("cannot read database", where=where, found=error.strerror or str(error)) from error
     except Exception as error:  # a damaged file meets any exception of cantools' parsers
@@ -38,8 +60,9 @@ def _load(path: Path, where: str) -> Database:
         raise ConfigError(
             "not a readable database", where=where, found=reason[0], expected="a DBC file"
         ) from error
-    if not isinstance(database, cantools.database.Database) or not database.messages:
+    if not isinstance(loaded, cantools_database.Database) or not loaded.messages:
         raise ConfigError("database without CAN messages", where=where, expected="a DBC file with messages")
+    database: Database = loaded
     return database
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import pytest
 from decode_helpers import shipped_database, wants
 
@@ -14,6 +17,15 @@ from canest.resources import shipped
 def test_loaded_once_per_process():
     path = shipped("dbc") / "canest.dbc"
     assert load(path) is load(str(path))
+
+
+def test_loading_imports_no_bus_and_leaves_cantools_whole():
+    code = (
+        "import sys; from canest.decode.database import load; from canest.resources import shipped; "
+        "load(shipped('dbc') / 'canest.dbc'); assert 'can' not in sys.modules; "
+        "import cantools.tester; cantools.tester.Tester"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_missing_file(tmp_path):
