@@ -82,6 +82,13 @@ class Pipeline:
         """Take already decoded samples (tables) with the stamps of all their rows, in order."""
         return self._take(self.intake.table(samples, t_us))
 
+    def take_ticks(self, blocks: Iterable[GridBlock]) -> Estimates:
+        """Take ticks that somebody else has made (the diagnosis runs one drive many times)."""
+        done: list[Estimates] = []
+        for ticks in blocks:
+            self._emit(ticks, done)
+        return Estimates.concatenate(done)
+
     def advance_to(self, t_us: int) -> Estimates:
         """Event time has certainly reached ``t_us``: emit ticks before it, though the bus may be quiet.
 

@@ -17,6 +17,7 @@ from canest.grid.grid import Feed, GridBlock
 from canest.intake import Intake, grid_for
 from canest.logs.blocks import TableBlock
 from canest.logs.reader import open_log
+from canest.pipeline import Estimates, Pipeline
 from canest.tables import TableMap
 from canest.vehicle.effects import Effect
 from canest.vehicle.regression import Regression
@@ -99,6 +100,12 @@ class Drive:
         columns = {k: np.concatenate([r[k] for r in raws]) for k in ("torque_Nm", "engine_radps", "gear")}
         signals = {role: np.concatenate([r["signals"][role] for r in raws]) for role in raws[0]["signals"]}
         return Run(ModelBlock.concatenate(parts), signals=signals, **columns)
+
+    def estimate(self, effects: Sequence[Effect]) -> Estimates:
+        """Run the config's estimator over the drive with exactly these effects."""
+        changed = self.with_effects(self.config, effects)
+        pipeline = Pipeline(changed)
+        return pipeline.take_ticks(self._ticks(changed, effects))
 
     def filtered(self, column: FloatColumn, run: Run) -> FloatColumn:
         """Pass a column of the run's ticks through the model's Butterworth (for a reference such as truth)."""

@@ -75,7 +75,10 @@ class Problem:
         self.chunk: IntColumn = np.unique(np.concatenate(chunks), return_inverse=True)[1]
         self.drive: IntColumn = np.repeat(np.arange(len(self.parts)), [p.windows.count for p in self.parts])
         self.mass_known = all(p.reference.mass_kg is not None for p in self.parts)
-        self.nuisance_names, self.nuisance = self._nuisance()
+        self.nuisance_N = self._nuisance()
+        self.nuisance = np.column_stack(
+            [self.whiten(c) for c in self.nuisance_N.T] or [np.zeros((self.rows, 0))]
+        )
         weights = [p.mass_kg.mean() * GRAVITY_MPS2 for p in self.parts]
         self.weight_N = float(np.mean(weights))
 
@@ -97,19 +100,15 @@ class Problem:
             start += n
         return np.concatenate(out)
 
-    def _nuisance(self) -> tuple[list[str], Matrix]:
-        """Return what is always free: an unknown mass of each drive."""
-        names, columns = [], []
-        start = 0
+    def _nuisance(self) -> Matrix:
+        """Return what is always free, in N per kg: an unknown mass of each drive (n, drives)."""
+        columns = []
         for i, part in enumerate(self.parts):
-            n = part.windows.count
             if part.reference.mass_kg is None:
                 column = np.zeros(self.rows)
-                column[start : start + n] = -part.windows.mean(part.specific)
-                names.append(f"mass of drive {i + 1}")
-                columns.append(self.whiten(column))
-            start += n
-        return names, np.column_stack(columns) if columns else np.zeros((self.rows, 0))
+                column[self.drive == i] = -part.windows.mean(part.specific)
+                columns.append(column)
+        return np.column_stack(columns) if columns else np.zeros((self.rows, 0))
 
 
 def _innovations(x_N: FloatColumn, part: _Part) -> FloatColumn:

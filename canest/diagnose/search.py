@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from canest.diagnose.candidates import Candidate
 from canest.diagnose.fit import Matrix, chunk_sums, held_out, solve
@@ -284,6 +285,41 @@ class Search:
 
     def _held_out_sum(self, residual: FloatColumn, columns: list[FloatColumn]) -> float:
         return float((held_out(residual, self._matrix(columns), self.problem.chunk) ** 2).sum())
+
+    def local_matrix(self) -> Matrix:
+        """Return the chosen effects' regressors at their values, and the nuisances."""
+        return self._matrix(self._now()[1])
+
+    def fitted_on(self, rows: NDArray[np.bool_]) -> tuple[list[Effect], FloatColumn]:
+        """Fit the chosen effects on these rows only.
+
+        Returns base and refitted effects, and the force (n,) in N that a free mass takes out of the residual.
+        """
+        problem, mine = self.problem, [Chosen(c.candidate, c.deviation) for c in self.chosen]
+        chunk = np.unique(problem.chunk[rows], return_inverse=True)[1]
+        values = np.zeros(problem.nuisance.shape[1])
+        for _ in range(GAUSS_NEWTON_STEPS if mine else 1):
+            here = [*self.base, *(c.effect() for c in mine)]
+            residual_N = problem.residual_N(here)
+            columns = []
+            for c in mine:
+                others = [o.effect() for o in mine if o is not c]
+                moved = [*self.base, *others, c.candidate.make(c.deviation + c.candidate.info.step)]
+                columns.append(
+                    problem.whiten((problem.residual_N(moved) - residual_N) / c.candidate.info.step)
+                )
+            matrix = self._matrix(columns)
+            if not matrix.shape[1]:
+                break
+            fit = solve(problem.whiten(residual_N)[rows], matrix[rows], chunk)
+            for c, change in zip(mine, fit.values[: len(mine)].tolist(), strict=True):
+                info = c.candidate.info
+                c.deviation = float(
+                    np.clip(c.deviation + change, info.low - info.neutral, info.high - info.neutral)
+                )
+            values = fit.values[len(mine) :]
+        taken = -problem.nuisance_N @ values if len(values) else np.zeros(problem.rows)
+        return [*self.base, *(c.effect() for c in mine)], taken
 
     def held_out_rms(self, *, after: bool) -> tuple[float, float]:
         """Return the held-out residual's RMS (whitened units) and its standard error by chunk bootstrap."""

@@ -1,0 +1,148 @@
+"""Every signal on the bus that the model does not use, ranked by how much of the remainder it explains.
+
+The answer is often there: a fan speed, a power take-off, a steering angle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from canest.config.schema import Config, Source
+from canest.decode.database import load
+from canest.decode.decoder import Decoder
+from canest.decode.groups import Want
+from canest.decode.j1939 import pgn_of
+from canest.diagnose.fit import held_out
+from canest.diagnose.problem import Problem
+from canest.diagnose.search import Search
+from canest.frames import FloatColumn, IntColumn
+from canest.logs.blocks import TableBlock
+from canest.logs.reader import open_log
+from canest.resources import find
+
+#: a signal must have spoken this often, and on this share of the windows
+MIN_SAMPLES, MIN_COVERAGE = 20, 0.8
+_STALE_S = 10.0
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One unused signal: where it is, and the share of the held-out remainder that it explains."""
+
+    name: str
+    source: Source
+    explained: float
+    switches: bool
+
+
+def rank_bus_signals(paths: list[Path], config: Config, problem: Problem, search: Search) -> list[Ranked]:
+    """Decode whatever the DBCs know, rank it against the remainder; best first, at most twenty."""
+    used = {(s.message, s.signal, s.source) for s in config.signals.values()} | {
+        (None, s.column, None) for s in config.signals.values() if s.column
+    }
+    per_drive = [_signals(path, config) for path in paths[: len(problem.parts)]]
+    names = set.intersection(*(set(found) for found in per_drive)) if per_drive else set()
+    residual = problem.whiten(search.residual_N)
+    base = search.local_matrix()
+    left = held_out(residual, base, problem.chunk)
+    total = float((left**2).sum())
+    ranked = []
+    for name in sorted(names):
+        source = per_drive[0][name][0]
+        if (source.message, source.signal or source.column, source.source) in used:
+            continue
+        column = _windowed(problem, [found[name][1:] for found in per_drive])
+        if column is None:
+            continue
+        explained = 0.0
+        for shaped in _shapes(problem, column):
+            matrix = np.column_stack([base, problem.whiten(shaped)])
+            share = 1.0 - float((held_out(residual, matrix, problem.chunk) ** 2).sum()) / total
+            explained = max(explained, share)
+        if explained > 0.01:
+            ranked.append(Ranked(name, source, explained, _switches(column)))
+    return sorted(ranked, key=lambda r: -r.explained)[:20]
+
+
+def _shapes(problem: Problem, column: FloatColumn) -> list[FloatColumn]:
+    """Return the ways a signal may act: as a force, and as a torque at the crank."""
+    lever = np.concatenate(
+        [p.windows.mean(np.nan_to_num(p.run.samples.force_per_torque_1pm)) for p in problem.parts]
+    )
+    scaled = (column - column.mean()) / (column.std() or 1.0)
+    return [scaled * 100.0, scaled * lever * 10.0]
+
+
+def _switches(column: FloatColumn) -> bool:
+    """Return whether a signal is both off and on for a while."""
+    low, high = np.percentile(column, [2, 98])
+    share = float((column > 0.5 * (low + high)).mean()) if high > low else 0.0
+    middle = float(((column > low + 0.25 * (high - low)) & (column < high - 0.25 * (high - low))).mean())
+    return 0.03 < share < 0.97 and middle < 0.3
+
+
+def _windowed(problem: Problem, drives: list[tuple[IntColumn, FloatColumn]]) -> FloatColumn | None:
+    """Hold samples onto each window's middle; None for a signal that is constant or too rare."""
+    columns = []
+    for part, (t_us, value) in zip(problem.parts, drives, strict=True):
+        good = np.isfinite(value)
+        t_us, value = t_us[good], value[good]
+        if len(t_us) < MIN_SAMPLES:
+            return None
+        centre_us = part.run.samples.t_us[0] + (part.windows.t_s * 1e6).astype(np.int64)
+        at = np.searchsorted(t_us, centre_us, side="right") - 1
+        held = np.where(at >= 0, value[at], value[0])
+        fresh = (at >= 0) & (centre_us - t_us[np.maximum(at, 0)] < _STALE_S * 1e6)
+        if fresh.mean() < MIN_COVERAGE:
+            return None
+        columns.append(held)
+    column = np.concatenate(columns)
+    return column if np.ptp(column) > 0 else None
+
+
+def _signals(path: Path, config: Config) -> dict[str, tuple[Source, IntColumn, FloatColumn]]:
+    """Return every decodable signal of a log: name -> (source, stamps, values)."""
+    if not config.dbc:
+        return _columns(path, config)
+    databases = [load(find("dbc", name)) for name in config.dbc]
+    heard: set[int] = set()
+    for block in open_log(path):
+        if not isinstance(block, TableBlock):
+            heard.update(np.unique(block.can_id).tolist())
+    addresses: dict[int, set[int]] = {}
+    for can_id in heard:
+        addresses.setdefault(pgn_of(can_id), set()).add(can_id & 0xFF)
+    wants: dict[str, Want] = {}
+    sources: dict[str, Source] = {}
+    for database in databases:
+        for message in database.messages:
+            for address in sorted(addresses.get(pgn_of(message.frame_id | 0x8000_0000), ())):
+                for signal in message.signals:
+                    name = f"{message.name}.{signal.name} from {address:#04x}"
+                    wants[name] = Want(name, message.name, signal.name, address)
+                    sources[name] = Source(message=message.name, signal=signal.name, source=address)
+    decoder = Decoder(wants, databases)
+    pieces: dict[str, list[tuple[IntColumn, FloatColumn]]] = {}
+    for block in open_log(path):
+        if not isinstance(block, TableBlock):
+            for name, piece in decoder.push(block).samples.items():
+                pieces.setdefault(name, []).append(piece)
+    return {
+        name: (sources[name], np.concatenate([p[0] for p in ps]), np.concatenate([p[1] for p in ps]))
+        for name, ps in pieces.items()
+    }
+
+
+def _columns(path: Path, config: Config) -> dict[str, tuple[Source, IntColumn, FloatColumn]]:
+    blocks = [b for b in open_log(path, time_column=config.sampling.time_column) if isinstance(b, TableBlock)]
+    if not blocks:
+        return {}
+    t_us = np.concatenate([b.t_us for b in blocks])
+    return {
+        name: (Source(column=name), t_us, np.concatenate([b.columns[name] for b in blocks]))
+        for name in blocks[0].columns
+        if name != config.sampling.time_column
+    }

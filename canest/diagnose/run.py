@@ -1,0 +1,195 @@
+"""The whole diagnosis, from logs to files: residual, tracing, adding, before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from canest.config.schema import Config
+from canest.diagnose.bus import Ranked, rank_bus_signals
+from canest.diagnose.candidates import Candidate, candidates_for, switching_roles
+from canest.diagnose.drive import Drive
+from canest.diagnose.problem import Problem
+from canest.diagnose.reference import Reference, reference_for
+from canest.diagnose.score import Fold, Score, score, two_folds
+from canest.diagnose.search import Search, Tried
+from canest.diagnose.words import finding_of
+from canest.errors import UsageError
+from canest.frames import FloatColumn
+from canest.pipeline import Estimates
+from canest.vehicle.model import effects_of
+
+#: what is left may wander this much (share of weight) and still count as explained: a slope of 0.04 %
+SMALL_REMAINDER = 4e-4
+#: shares of the first residual's variance that make a verdict
+EXPLAINED_SHARE, PARTLY_SHARE = 0.8, 0.2
+#: roles of the signal map that may switch a load and that the model does not use otherwise
+SWITCH_ROLES = ("fan_speed", "pto_state")
+#: a bus signal must explain this much of the remainder to be tried as a switch
+TRY_SIGNAL_SHARE = 0.1
+
+Tell = Callable[[str, float], None]
+
+
+@dataclass
+class Diagnosis:
+    """Everything found, for the JSON, the revised config and the report."""
+
+    config: Config
+    problem: Problem
+    search: Search
+    tried: list[Tried]
+    before: Score
+    after: Score
+    residual_before_N: FloatColumn
+    residual_after_N: FloatColumn
+    estimates_before: list[Estimates]
+    estimates_after: list[Estimates]
+    verdict: str
+    finding: str
+    ranked: list[Ranked]
+    references: list[Reference]
+
+
+def diagnose(
+    paths: Sequence[Path],
+    config: Config,
+    *,
+    truths: Sequence[Path | None] | None = None,
+    mass_kg: float | None = None,
+    tell: Tell = lambda _text, _share: None,
+) -> Diagnosis:
+    """Diagnose one drive, or several of one vehicle together.
+
+    truths: a truth file per log, or None; mass_kg: known mass of all. tell: progress (text, share done).
+    Errors: LogError for logs with too little open driving, UsageError for no log.
+    """
+    if not paths:
+        raise UsageError("no log to diagnose")
+    tell("reading", 0.0)
+    problem, references = _problem(paths, config, truths, mass_kg, tell)
+    search, tried = _search(problem, config, SWITCH_ROLES, tell)
+    ranked: list[Ranked] = []
+    if _remainder_N(problem, search) > SMALL_REMAINDER * problem.weight_N:
+        tell("ranking every signal on the bus", 0.6)
+        ranked = rank_bus_signals(list(paths), config, problem, search)
+        extended = _with_switches(config, ranked)
+        if extended is not config:
+            again, references_again = _problem(paths, extended, truths, mass_kg, tell)
+            new = [r for r in extended.signals if r not in config.signals]
+            search_again, tried_again = _search(again, extended, [*SWITCH_ROLES, *new], tell)
+            if any(dict(c.candidate.shape).get("signal") in new for c in search_again.chosen):
+                problem, search, tried = again, search_again, tried_again
+                references, config = references_again, extended
+    tell("before and after", 0.8)
+    nothing = np.zeros(problem.rows)
+    whole = np.ones(problem.rows, np.bool_)
+    bare = Search.__new__(Search)
+    bare.__dict__.update(search.__dict__ | {"chosen": []})
+    before_folds = two_folds(problem, bare) if not problem.mass_known else [Fold(search.base, nothing, whole)]
+    before, left_before, shown_before = score(problem, before_folds)
+    after, left_after, shown_after = (
+        score(problem, two_folds(problem, search)) if search.chosen else (before, left_before, shown_before)
+    )
+    verdict = _verdict(problem, search, before, after)
+    hints = [r.name for r in ranked[:1]]
+    finding = finding_of(verdict, search.chosen, before.residual_rms_N, after.residual_rms_N, hints)
+    tell("done", 1.0)
+    return Diagnosis(
+        config, problem, search, tried, before, after, left_before, left_after, shown_before, shown_after,
+        verdict, finding, ranked, references,
+    )  # fmt: skip
+
+
+def _problem(
+    paths: Sequence[Path],
+    config: Config,
+    truths: Sequence[Path | None] | None,
+    mass_kg: float | None,
+    tell: Tell,
+) -> tuple[Problem, list[Reference]]:
+    base = effects_of(config)
+    drives = []
+    for i, path in enumerate(paths):
+        tell(f"reading {path.name}", 0.3 * i / len(paths))
+        drive = Drive.load(path, config)
+        run = drive.run(base)
+        truth = truths[i] if truths else None
+        drives.append((drive, reference_for(drive, run, truth=truth, mass_kg=mass_kg), run))
+    problem = Problem(drives)
+    return problem, [p.reference for p in problem.parts]
+
+
+def _search(
+    problem: Problem, config: Config, switches: Sequence[str], tell: Tell
+) -> tuple[Search, list[Tried]]:
+    present = switching_roles(problem, [r for r in switches if r in config.signals])
+    candidates: list[Candidate] = candidates_for(problem, present)
+    base = effects_of(config)
+    done = 0
+
+    def tick(label: str) -> None:
+        nonlocal done
+        done += 1
+        tell(f"trying {label}", 0.3 + 0.25 * min(1.0, done / len(candidates)))
+
+    search = Search(problem, base, candidates, tick)
+    tried = search.alone()
+    search.run()
+    return search, tried
+
+
+def _with_switches(config: Config, ranked: Sequence[Ranked]) -> Config:
+    """Return the config with the best-ranked switching signals in its map (unchanged when there is none)."""
+    new = {}
+    for r in ranked[:5]:
+        if r.switches and r.explained > TRY_SIGNAL_SHARE:
+            key = (r.source.signal or r.source.column or "signal").lower()
+            if key not in config.signals:
+                new[key] = r.source
+    if not new:
+        return config
+    return config.model_copy(update={"signals": config.signals | new})
+
+
+def _remainder_N(problem: Problem, search: Search) -> float:
+    """Return how much the remainder wanders from chunk to chunk, in N: noise averages out, a cause does not."""
+    left = search.residual_N + _mass_part(problem, search)
+    sums = np.bincount(problem.chunk, weights=left)
+    counts = np.maximum(np.bincount(problem.chunk), 1)
+    means = sums / counts
+    noise = left.var() / counts
+    return float(np.sqrt(max(np.mean(means**2 - noise), 0.0)))
+
+
+def _mass_part(problem: Problem, search: Search) -> FloatColumn:
+    if problem.mass_known:
+        return np.zeros(problem.rows)
+    _, taken = search.fitted_on(np.ones(problem.rows, np.bool_))
+    return -taken
+
+
+def _verdict(problem: Problem, search: Search, before: Score, after: Score) -> str:
+    remainder = _remainder_N(problem, search)
+    small = remainder < SMALL_REMAINDER * problem.weight_N
+    if not search.chosen:
+        return "nothing-to-explain" if small else "unexplained"
+    explained = 1.0 - (after.residual_rms_N / max(before.residual_rms_N, 1e-9)) ** 2
+    if small or explained >= EXPLAINED_SHARE:
+        return "explained"
+    return "partly" if explained >= PARTLY_SHARE else "unexplained"
+
+
+def revised(diagnosis: Diagnosis) -> Config:
+    """Return the config with the selected effects in its list, values rounded to what is known of them."""
+    base = list(diagnosis.config.effects)
+    added = []
+    for chosen in diagnosis.search.chosen:
+        entry = chosen.effect().to_config()
+        digits = max(0, 2 - int(np.floor(np.log10(max(chosen.std, 1e-12)))))
+        entry[chosen.candidate.parameter] = round(float(entry[chosen.candidate.parameter]), digits)
+        added.append(entry)
+    return diagnosis.config.model_copy(update={"effects": (*base, *added)})
