@@ -24,6 +24,11 @@ def _number_not_bool(value: Any) -> Any:
     return value
 
 
+def _word_of_switch(value: Any) -> Any:
+    """Return the word that was written: YAML reads a bare ``on`` or ``off`` as true or false."""
+    return {True: "on", False: "off"}[value] if isinstance(value, bool) else value
+
+
 Number = Annotated[float, BeforeValidator(_number_not_bool)]
 
 
@@ -266,7 +271,7 @@ class Broadcast(Section):
 class Service(Section):
     """The daemon's life."""
 
-    learn: Literal["off", "on", "on+save"] = "on+save"
+    learn: Annotated[Literal["off", "on", "on+save"], BeforeValidator(_word_of_switch)] = "on+save"
     #: None: $STATE_DIRECTORY of systemd, else ~/.local/state/canest
     state_dir: str | None = None
     save_every_s: Number = Field(60.0, ge=1)

@@ -1,0 +1,199 @@
+"""Plays the bundled drive to the daemon over a loopback bus, faster than real time."""
+
+from __future__ import annotations
+
+import io
+import os
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+import can
+import numpy as np
+
+from canest.config import load_config
+from canest.demo import DRIVE, TRUTH
+from canest.errors import CanestError
+from canest.frames import EXTENDED, ID_MASK, FrameBlock
+from canest.live.daemon import Daemon
+from canest.live.estimate_frame import Estimate, decode
+from canest.live.journal import Journal
+from canest.logs.reader import open_log
+from canest.logs.truth import read_truth
+from canest.pipeline import Estimates
+from canest.scoring import Score
+
+if TYPE_CHECKING:
+    from canest.config import Config
+    from canest.logs.truth import Truth
+
+#: errors are counted from here on: the first half minute is the launch from rest
+AFTER_S = 60.0
+#: event time handed over at once; the daemon's own beat is 20 ms of real time
+_STEP_S = 0.01
+#: how long the daemon may take to notice the last frames (after 0.2 s an estimate is no longer of now)
+_SETTLE_S = 0.1
+#: how long it may take to claim an address and make sure that nobody uses its group
+_CLAIM_S = 5.0
+
+
+@dataclass(slots=True)
+class Moment:
+    """What the bus says at one moment of the drive. `estimate` comes from the daemon's broadcast."""
+
+    event_s: float
+    duration_s: float
+    estimate: Estimate
+    broadcasts: int
+    true_mass_kg: float
+    true_grade: float
+
+
+class Session:
+    """The daemon on a virtual bus, and a player on the same bus; use as a context manager.
+
+    speed: how many times faster than the drive was.
+    """
+
+    def __init__(self, speed: float = 20.0, overrides: tuple[str, ...] = ()) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="canest-demo-")
+        folder = Path(self._folder.name)
+        self._estimates = folder / "est.csv"
+        channel = f"canest-demo-{os.getpid()}"
+        self.config: Config = load_config(
+            "class8",
+            [
+                "bus.interface=virtual",
+                f"bus.channel={channel}",
+                "broadcast.enabled=true",
+                "broadcast.rate_hz=50",
+                "service.learn=off",
+                f"service.state_dir='{folder}'",
+                f"service.log_estimates='{self._estimates}'",
+                *overrides,
+            ],
+        )
+        self.speed = speed
+        self.truth: Truth = read_truth(TRUTH)
+        self._score = Score(self.truth, None, AFTER_S)
+        self.frames = FrameBlock.concatenate([b for b in open_log(DRIVE) if isinstance(b, FrameBlock)])
+        self.journal = io.StringIO()
+        self.daemon = Daemon(self.config, config_name="class8", journal=Journal(self.journal))
+        # its frames keep the stamps of the drive, and the daemon's broadcast comes back on it
+        self._bus = can.Bus(interface="virtual", channel=channel, preserve_timestamps=True)
+        self._thread = threading.Thread(target=self._work, name="daemon", daemon=True)
+        self._failure: BaseException | None = None
+        self._estimate, self._broadcasts, self._sent = Estimate(), 0, 0
+
+    def __enter__(self) -> Session:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.daemon.stop()
+        self._thread.join(5.0)
+        self._bus.shutdown()
+        self._folder.cleanup()
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the drive."""
+        return float(self.frames.t_us[-1] - self.frames.t_us[0]) * 1e-6
+
+    def play(self, every_s: float) -> Iterator[Moment]:
+        """Play the drive; yield a `Moment` every ``every_s`` seconds of real time, and one at the end."""
+        self._wait_for_broadcast()
+        begin = time.monotonic()
+        due = 0.0
+        while self._sent < len(self.frames):
+            passed = time.monotonic() - begin
+            self._send_until(passed * self.speed)
+            self._hear()
+            if passed >= due:
+                due = passed + every_s
+                yield self.moment()
+            time.sleep(_STEP_S)
+            if self._failure is not None:
+                raise CanestError(f"the daemon ended: {self._failure}")
+        time.sleep(_SETTLE_S)
+        self._hear()
+        yield self.moment()
+
+    def moment(self) -> Moment:
+        """Return what is known now."""
+        at = max(self._sent - 1, 0)
+        t_us = self.frames.t_us[at : at + 1]
+        mass_kg, grade = self._score.truth_at(t_us)
+        return Moment(
+            float(t_us[0] - self.frames.t_us[0]) * 1e-6,
+            self.duration_s,
+            self._estimate,
+            self._broadcasts,
+            float(mass_kg[0]),
+            float(grade[0]),
+        )
+
+    def finish(self) -> tuple[Estimates, Score]:
+        """Stop the daemon; return every estimate it made, and their errors against the truth."""
+        self.daemon.stop()
+        self._thread.join(5.0)
+        estimates = _read_estimates(self._estimates)
+        self._score.add(estimates)
+        return estimates, self._score
+
+    def _wait_for_broadcast(self) -> None:
+        end = time.monotonic() + _CLAIM_S
+        while not self._broadcasts and self._failure is None and time.monotonic() < end:
+            time.sleep(_STEP_S)
+            self._hear()
+
+    def _work(self) -> None:
+        try:
+            self.daemon.run(handle_signals=False)
+        except BaseException as error:  # told by `play`
+            self._failure = error
+
+    def _send_until(self, event_s: float) -> None:
+        t_us = self.frames.t_us
+        end = int(np.searchsorted(t_us, t_us[0] + round(event_s * 1e6), side="right"))
+        part = self.frames[self._sent : end]
+        self._sent = end
+        for stamp, can_id, length, word in zip(
+            part.t_us.tolist(), part.can_id.tolist(), part.length.tolist(), part.data.tolist(), strict=True
+        ):
+            self._bus.send(
+                can.Message(
+                    timestamp=stamp * 1e-6,
+                    arbitration_id=can_id & ID_MASK,
+                    is_extended_id=bool(can_id & EXTENDED),
+                    data=word.to_bytes(8, "little")[:length],
+                )
+            )
+
+    def _hear(self) -> None:
+        while (message := self._bus.recv(0)) is not None:
+            if message.arbitration_id >> 8 & 0x1FFFF != self.config.broadcast.pgn:
+                continue
+            can_id = message.arbitration_id | EXTENDED
+            received = decode(bytes(message.data), can_id)
+            if received is not None and received.intact:
+                self._estimate = received.estimate
+                self._broadcasts += 1
+
+
+def _read_estimates(path: Path) -> Estimates:
+    """Return what the daemon wrote (t_s and numbers; status and gate are not needed here)."""
+    table = [line.split(",") for line in path.read_text(encoding="ascii").splitlines()[1:]]
+    t_us = np.array([round(float(row[0]) * 1e6) for row in table], np.int64)
+    mass, mass_std, grade, grade_std = (
+        np.array([float(row[column] or "nan") for row in table]) for column in range(1, 5)
+    )
+    nothing = np.zeros(len(table), np.uint8)
+    return Estimates(t_us, mass, mass_std, grade, grade_std, nothing, nothing)
