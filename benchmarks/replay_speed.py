@@ -2,10 +2,10 @@
 
 Usage: python benchmarks/replay_speed.py [--log DRIVE.log.xz] [--config class8] [--hours 1 10] [--keep DIR]
 
-One drive is repeated with shifted stamps. The cost per frame is the slope between a short and a long log (both
-above the 45 minutes from which numba is used), so start-up counts in the whole-process figure only. Peers run
-on a part of the same log, in this process. Costs and ratios are CPU time, which on an idle machine is the time
-on the clock and on a busy one still means something.
+One drive is repeated with shifted stamps. The cost per frame is the slope between a short and a long log, so
+start-up counts in the whole-process figure only (numba is used from 45 minutes of log on).
+Peers run on a part of the same log, in this process. Costs and ratios are CPU time: on an idle machine
+that is the time on the clock and on a busy one still means something.
 """
 
 from __future__ import annotations

@@ -87,11 +87,8 @@ class PythonCanReader(LogReader):
     def _binary_messages(self, file: Any) -> Iterator[Any]:
         import can
 
-        make: Any
-        if self._suffix == ".blf":
-            make, source = can.BLFReader, file
-        else:  # these two want a name
-            make, source = (can.MF4Reader if self._suffix == ".mf4" else can.SqliteReader), file.name
+        make: Any = {".blf": can.BLFReader, ".mf4": can.MF4Reader, ".db": can.SqliteReader}[self._suffix]
+        source = file.name if self._suffix == ".db" else file  # sqlite opens by name only
         try:
             with self._reader(make, source) as reader:
                 yield from reader

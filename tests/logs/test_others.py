@@ -11,6 +11,10 @@ from canest.frames import EXTENDED, REMOTE, FrameBlock
 from canest.logs import open_log
 from logs.helpers_logs import assert_same, read_all
 
+MF4 = pytest.param(
+    ".mf4",
+    marks=pytest.mark.skipif(importlib.util.find_spec("asammdf") is None, reason="asammdf (extra: formats)"),
+)
 FRAMES = [
     (1_000_000 + 10_000 * i, (0x18FEEE31 | EXTENDED) if i % 3 else 0x123, bytes([i % 256, 2, 3][: i % 4]))
     for i in range(200)
@@ -36,7 +40,7 @@ def write(path, frames=FRAMES, remote=False):
     return path
 
 
-@pytest.mark.parametrize("suffix", [".asc", ".blf", ".trc", ".csv", ".db"])
+@pytest.mark.parametrize("suffix", [".asc", ".blf", ".trc", ".csv", ".db", MF4])
 def test_what_python_can_writes_is_read(tmp_path, suffix):
     block, reader = read_all(write(tmp_path / f"drive{suffix}"))
     expected = FrameBlock.from_frames(FRAMES)
