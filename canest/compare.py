@@ -169,8 +169,9 @@ def _row(entry: _Entry, estimates: Estimates, true_mass_kg: FloatColumn, score: 
     error_pct = 100.0 * (estimates.mass_kg / true_mass_kg - 1.0)
     if np.isfinite(error_pct[-1]):
         row["mass_end_pct"] = float(error_pct[-1])
-    row["to_5pct_s"] = _time_to(error_pct)
-    if not (estimates.status != Status.UNESTIMATED).any():
+    estimated = estimates.status != Status.UNESTIMATED
+    row["to_5pct_s"] = _time_to(np.where(estimated, error_pct, np.nan))
+    if not estimated.any():
         note = "never learned from this log"
     return {**row, "note": note}
 

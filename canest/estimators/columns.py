@@ -20,9 +20,9 @@ def give(*columns: FloatColumn) -> list[Container]:
 
 
 def room(n: int, count: int) -> list[Container]:
-    """Return ``count`` containers of ``n`` zeros for a kernel to fill."""
+    """Return ``count`` containers of length ``n`` for a kernel to fill."""
     if fast.enabled():
-        return [np.zeros(n) for _ in range(count)]
+        return [np.empty(n) for _ in range(count)]
     return [[0.0] * n for _ in range(count)]
 
 

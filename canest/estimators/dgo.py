@@ -18,6 +18,7 @@ from canest import fast
 from canest.estimators.chunked import ChunkedEstimator
 from canest.estimators.columns import Container, give, room, state_in, state_out, take
 from canest.estimators.ekf import Rows
+from canest.estimators.hold import rows_until
 from canest.estimators.options import Options, parse
 from canest.estimators.regression import grade_of, grade_std_of, theta2_of, theta2_range
 from canest.estimators.two_parameter import SQRT12, VARIANCE_ALPHA, prior_mass_kg
@@ -83,7 +84,7 @@ class Dgo(ChunkedEstimator):
         numbers = np.concatenate(
             (self._held, np.stack((grade, np.minimum(std, self.options.grade_limit)))), axis=1
         )
-        count = np.searchsorted(rows.at, np.arange(n), side="right")
+        count = rows_until(rows.at, n)
         seen = self._seen | (count > 0)
         self._held, self._seen = numbers[:, -1:], self._seen or len(rows.at) > 0
         status = np.where(seen, Status.CONVERGING, Status.UNESTIMATED).astype(np.uint8)

@@ -16,6 +16,7 @@ from pydantic import Field, field_validator
 from canest import fast
 from canest.estimators.chunked import ChunkedEstimator
 from canest.estimators.columns import Container, give, room, state_in, state_out, take
+from canest.estimators.hold import rows_until
 from canest.estimators.options import Options, parse
 from canest.estimators.regression import (
     FORCE_LIMIT_N,
@@ -41,7 +42,7 @@ class EkfOptions(Options):
     }
 
     #: process noise variances of v, (m/s)^2, of 1/m, 1/kg^2, and of sin(beta + beta_mu)
-    q: tuple[float, float, float] = (1e-5, 1e-16, 2e-7)
+    q: tuple[float, float, float] = (1e-7, 1e-15, 2e-7)
     #: variance of the measured speed, (m/s)^2
     r: float = Field(1e-3, gt=0.0)
     #: rate that q and r belong to; at another rate the same noise densities hold
@@ -156,7 +157,7 @@ class EkfBase(ChunkedEstimator):
     def _hold(self, at: IntColumn, numbers: FloatColumn, n: int) -> EstimateBlock:
         """Return one estimate per sample: that of the last row at or before it."""
         all_numbers = np.concatenate((self._held, numbers), axis=1)
-        count = np.searchsorted(at, np.arange(n), side="right")
+        count = rows_until(at, n)
         mass, mass_std, grade, grade_std = all_numbers[:, count]
         learned = self._confirmed | (count > 0)
         self._held = all_numbers[:, -1:]

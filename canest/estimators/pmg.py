@@ -15,6 +15,7 @@ from pydantic import Field
 from canest import fast
 from canest.estimators.chunked import ChunkedEstimator
 from canest.estimators.columns import Container, give, room, state_in, state_out, take
+from canest.estimators.hold import rows_until
 from canest.estimators.kinematic import KinematicGrade, has_accelerometer
 from canest.estimators.options import Options, parse
 from canest.estimators.regression import usable
@@ -96,7 +97,7 @@ class Pmg(ChunkedEstimator):
         grade, grade_std = _hold(self._held_grade, *self._grades(block), n)
         at, masses = self._masses(block)
         mass, mass_std = _hold(self._held_mass, at, masses, n)
-        learned = self._confirmed | (np.searchsorted(at, np.arange(n), side="right") > 0)
+        learned = self._confirmed | (rows_until(at, n) > 0)
         if n:
             self._held_grade = np.array([[grade[-1]], [grade_std[-1]]])
             self._held_mass = np.array([[mass[-1]], [mass_std[-1]]])
@@ -129,7 +130,7 @@ class Pmg(ChunkedEstimator):
 def _hold(held: FloatColumn, at: IntColumn, numbers: FloatColumn, n: int) -> FloatColumn:
     """Return numbers (2, n), each sample having those of the last row at or before it."""
     joined = np.concatenate((held, numbers), axis=1)
-    return np.asarray(joined[:, np.searchsorted(at, np.arange(n), side="right")])
+    return np.asarray(joined[:, rows_until(at, n)])
 
 
 @fast.kernel

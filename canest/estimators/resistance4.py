@@ -15,11 +15,12 @@ from pydantic import Field
 
 from canest.errors import ConfigError
 from canest.estimators.chunked import ChunkedEstimator
+from canest.estimators.hold import rows_until
 from canest.estimators.kinematic import KinematicGrade, has_accelerometer
 from canest.estimators.multiple import MultipleForgetting
 from canest.estimators.options import Options, parse
 from canest.estimators.outliers import OutlierOptions, OutlierStage
-from canest.estimators.regression import usable
+from canest.estimators.regression import FORCE_LIMIT_N, usable
 from canest.estimators.status import StatusTracker
 from canest.estimators.two_parameter import P_LIMIT, SQRT12, prior_mass_kg
 from canest.frames import FloatColumn, IntColumn
@@ -37,7 +38,7 @@ class Resistance4Options(Options):
     """Forgetting of each parameter, and where the grade comes from when no slope sensor sends it."""
 
     #: lambda of m f_r0, m, m f_r1 and the relative drag area (2013, Alg. 7)
-    forgetting: tuple[float, float, float, float] = (0.9999, 0.9998, 0.9999, 0.99995)
+    forgetting: tuple[float, float, float, float] = (0.9999, 0.9995, 0.9999, 0.9999)
     #: distance-based outlier detection before learning (2013, section IV-B), or None
     outliers: OutlierOptions | None = None
     #: as in `pmg`
@@ -112,11 +113,11 @@ class Resistance4(ChunkedEstimator):
     def _update(self, block: ModelBlock) -> EstimateBlock:
         n, limit = len(block), self.options.grade_limit
         grade_at, grades, felt_at, felt, cosine = self._grades(block)
-        count = np.searchsorted(grade_at, np.arange(n), side="right")
+        count = rows_until(grade_at, n)
         grade, grade_std = np.concatenate((self._held_grade, grades), axis=1)[:, count]
         at, known = self._learn(block, felt_at, felt, cosine)
         numbers = np.concatenate((self._held_mass, known), axis=1)
-        rows = np.searchsorted(at, np.arange(n), side="right")
+        rows = rows_until(at, n)
         mass, mass_std = numbers[:, rows]
         learned = self._confirmed | (rows > 0)
         if n:
@@ -141,13 +142,14 @@ class Resistance4(ChunkedEstimator):
         measured = np.clip(np.where(sensor, block.slope, measured), -limit, limit)
         here = np.flatnonzero(~np.isnan(measured))
         self._seen = self._seen or len(here) > 0
-        direct = has_accelerometer(block) & ~sensor
-        cosine = 1.0 / np.sqrt(1.0 + measured * measured)
-        by_slope = block.accel_mps2 + GRAVITY_MPS2 * measured * cosine
-        by_sensor = block.accelerometer_mps2 - (GRAVITY_MPS2 * self._pitch) * block.accel_mps2
-        felt = np.where(direct, by_sensor, by_slope)
-        use = np.flatnonzero(usable(block) & ~np.isnan(measured) & (np.abs(block.aero_N) < 1e6))
-        return here, np.stack((measured[here], std[here])), use, felt[use], cosine[use]
+        use = np.flatnonzero(usable(block) & ~np.isnan(measured) & (np.abs(block.aero_N) < FORCE_LIMIT_N))
+        slope, accel = measured[use], block.accel_mps2[use]
+        cosine = 1.0 / np.sqrt(1.0 + slope * slope)
+        direct = (has_accelerometer(block) & ~sensor)[use]
+        sensed = np.where(direct, block.accelerometer_mps2[use], 0.0)
+        by_sensor = sensed - (GRAVITY_MPS2 * self._pitch) * accel
+        felt = np.where(direct, by_sensor, accel + GRAVITY_MPS2 * slope * cosine)
+        return here, np.stack((measured[here], std[here])), use, felt, cosine
 
     def _learn(
         self, block: ModelBlock, at: IntColumn, felt: FloatColumn, cosine: FloatColumn

@@ -47,9 +47,9 @@ class RlsVectorOptions(TwoParameterOptions):
     }
 
     #: lambda_1, of 1/M
-    forgetting_mass: float = Field(0.9999, gt=0.0, le=1.0)
+    forgetting_mass: float = Field(0.9998, gt=0.0, le=1.0)
     #: lambda_2, of sin(beta + beta_mu)
-    forgetting_grade: float = Field(0.99, gt=0.0, le=1.0)
+    forgetting_grade: float = Field(0.998, gt=0.0, le=1.0)
 
 
 class _MatrixRls(TwoParameter):

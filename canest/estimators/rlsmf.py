@@ -35,9 +35,9 @@ class RlsmfOptions(TwoParameterOptions):
     }
 
     #: lambda_1, of 1/M
-    forgetting_mass: float = Field(0.998, gt=0.0, le=1.0)
+    forgetting_mass: float = Field(0.999, gt=0.0, le=1.0)
     #: lambda_2, of sin(beta + beta_mu)
-    forgetting_grade: float = Field(0.98, gt=0.0, le=1.0)
+    forgetting_grade: float = Field(0.99, gt=0.0, le=1.0)
 
 
 class Rlsmf(TwoParameter):

@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import Field
 
 from canest.estimators.chunked import ChunkedEstimator
+from canest.estimators.hold import rows_until
 from canest.estimators.options import Options, parse
 from canest.estimators.outliers import OutlierOptions, OutlierStage
 from canest.estimators.regression import (
@@ -124,7 +125,7 @@ class TwoParameter(ChunkedEstimator):
             )
         numbers = np.concatenate((self._held, self._numbers(known, rows.mu)), axis=1)
         # the estimate of a sample is that of the last row at or before it (held through gates)
-        count = np.searchsorted(rows.at, np.arange(len(block)), side="right")
+        count = rows_until(rows.at, len(block))
         mass, mass_std, grade, grade_std = numbers[:, count]
         learned = ~np.isnan(mass) & (self._confirmed | (count > 0))
         self._held = numbers[:, -1:]

@@ -128,7 +128,7 @@ def test_observer_follows_a_grade_with_the_right_mass():
 
 
 def test_observer_error_decays_with_the_corrected_signs():
-    """Eq. 13 as printed adds k2 sgn(e): a constant error would grow. From a wrong grade the error must vanish."""
+    """Eq. 13 as printed adds k2 sgn(e), which feeds an error; from a wrong grade it must vanish."""
     facts = replace(FACTS, initial_mass_kg=21_250.0, initial_grade=-0.1)
     r = create("dgo", facts, {"k2": 0.2}).update(drive(20.0).block)
     assert abs(r.grade[-1]) < 1e-3
@@ -139,6 +139,6 @@ def test_observer_keeps_its_mass_and_says_so():
     r = method.update(drive(20.0).block)
     assert not method.estimates_mass
     assert (r.mass_kg == 30_000.0).all()
-    # a mass that is 40 % wrong shows in the grade, within what the standard deviation says is possible for one unknown
+    # a mass that is far off shows in the grade, within what the standard deviation admits
     wide = create("dgo", FACTS, {}).update(drive(60.0, mass_kg=15_000.0, pulse_s=2.0).block)
     assert np.mean(np.abs(wide.grade[500:])) < 3 * np.mean(wide.grade_std[500:])

@@ -56,7 +56,7 @@ def test_drag_enters_the_jacobian_at_the_filters_own_speed():
 
 
 def test_uphill_is_positive():
-    """Eq. 5b of the 2014 paper prints phi_2 without its minus sign; with it a climb would read as a descent."""
+    """2014, eq. 5b prints phi_2 without its minus sign: a climb would read as a descent."""
     r = create("ekf", FACTS, {}).update(drive(60.0, grade=0.04, pulse_s=2.0).block)
     assert r.grade[-1] == pytest.approx(0.04, abs=2e-3)
 
