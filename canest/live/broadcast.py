@@ -55,6 +55,10 @@ class Broadcaster:
             return Estimate()
         return self._estimate
 
+    def is_due(self, now_us: int) -> bool:
+        """Return True when `frames` has something to send now."""
+        return any(beat.is_on_time(now_us) for beat in self._beats.values())
+
     def frames(self, now_us: int, address: int, requested: set[int]) -> list[Frame]:
         """Return the frames due now, sent from ``address``; groups in ``requested`` are due at once."""
         estimate = self.current(now_us)
@@ -107,6 +111,9 @@ class _Beat:
         self._period_us = period_us
         self._next_us: int | None = None
         self._sent_us = 0
+
+    def is_on_time(self, now_us: int) -> bool:
+        return self._next_us is None or now_us >= self._next_us
 
     def due(self, now_us: int, requested: bool) -> bool:
         if self._next_us is None or now_us - self._next_us > 10 * self._period_us:

@@ -1,6 +1,7 @@
 """The daemon: a thin loop around the pure pipeline.
 
-Every 20 ms: drain the bus, push, advance event time, speak. Once a second: look after everything else.
+Every 20 ms: drain the bus, note what concerns us as a node, speak. Before every broadcast, and ten times
+a second: estimate. Once a second: look after everything else.
 Nothing in the loop waits for the bus, the disk or a reader of its output.
 """
 
@@ -13,7 +14,6 @@ import signal
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -25,7 +25,7 @@ from canest.live.estimate_frame import Estimate
 from canest.live.files import Background, write_atomically
 from canest.live.journal import Journal
 from canest.live.link import Receiver, may_transmit, open_link
-from canest.live.memory import Memory, state_dir
+from canest.live.memory import Memory, place
 from canest.live.node import Node
 from canest.live.notify import Notifier
 from canest.live.rates import Rates
@@ -40,6 +40,7 @@ from canest.vehicle.samples import EstimateBlock, ModelBlock
 
 CHORES_S = 1.0
 METRICS_S = 10.0
+LONGEST_WAIT_US = 100_000  #: estimates are at most this old when nobody is told more often
 FRESH_US = 200_000  #: an estimate older than this is no estimate of now
 CLOSE_S = 0.7  #: SIGTERM has to be over within a second, whatever the disk does
 #: errors inside the estimation are survived by starting the pipeline anew; this many in a row are not
@@ -76,6 +77,8 @@ class Daemon:
         self._latest: tuple[Estimate, int] | None = None
         self._standing = False
         self._reached_us = -(1 << 62)
+        self._waiting: list[FrameBlock] = []  #: received, not yet given to the pipeline
+        self._estimate_at_us = 0
         self._metrics_at_s = self._save_at_s = self._chores_at_s = 0.0
         self._served: dict[str, Any] = {}
         self._told: dict[str, object] = {}
@@ -131,13 +134,17 @@ class Daemon:
             self._opened = self.receiver.opened
             self.node.restart(now_us)
         frames = drained.frames
-        self.node.observe(frames, now_us)
-        self._record(frames, now_s)
-        try:
-            self._estimate(frames, drained.reached_us, now_us, now_s)
-            self._failures_in_a_row = 0
-        except Exception as error:  # a defect of ours; the vehicle drives on, and so do we
-            self._survive(error)
+        if len(frames):
+            self.node.observe(frames, now_us)
+            self._record(frames, now_s)
+            self._waiting.append(frames)
+        if now_us >= self._estimate_at_us or self.node.wants_estimate(now_us):
+            self._estimate_at_us = now_us + LONGEST_WAIT_US
+            try:
+                self._estimate(drained.reached_us, now_us, now_s)
+                self._failures_in_a_row = 0
+            except Exception as error:  # a defect of ours; the vehicle drives on, and so do we
+                self._survive(error)
         self.node.speak(now_us)
         self.rates.count(len(frames), time.thread_time_ns() - begin_ns)
         self.notifier.alive(now_s)
@@ -145,17 +152,24 @@ class Daemon:
             self._chores_at_s = now_s + CHORES_S
             self._chores(now_us, now_s)
 
-    def _estimate(self, frames: FrameBlock, reached_us: int | None, now_us: int, now_s: float) -> None:
-        estimates = self.pipeline.push(frames) if len(frames) else None
-        if len(frames) and frames.t_us[0] < self._reached_us:
-            self._count_late(frames)
-        self._note(estimates, now_us, now_s)
+    def _estimate(self, reached_us: int | None, now_us: int, now_s: float) -> None:
+        """Bring the estimates up to date with all that has arrived.
+
+        However the frames are cut into blocks, the numbers are the same; so this runs when somebody is
+        about to be told, and the estimates in between are made in one go.
+        """
+        waiting, self._waiting = self._waiting, []
+        if waiting:
+            frames = waiting[0] if len(waiting) == 1 else FrameBlock.concatenate(waiting)
+            if frames.t_us[0] < self._reached_us:
+                self._count_late(frames)
+            self._note(self.pipeline.push(frames), now_us, now_s)
         if reached_us is not None:
             self._reached_us = reached_us
             self._note(self.pipeline.advance_to(reached_us), now_us, now_s)
 
-    def _note(self, estimates: Estimates | None, now_us: int, now_s: float) -> None:
-        if estimates is None or not len(estimates):
+    def _note(self, estimates: Estimates, now_us: int, now_s: float) -> None:
+        if not len(estimates):
             return
         last = Estimate(
             float(estimates.mass_kg[-1]),
@@ -254,7 +268,7 @@ class Daemon:
         content = snapshot(self, now_us)
         self._served.update(content)
         if service.metrics_file is not None:
-            path, data = Path(service.metrics_file), metrics.text(content).encode()
+            path, data = place(service.metrics_file, "RUNTIME_DIRECTORY"), metrics.text(content).encode()
             self.background.submit(
                 "metrics", lambda: write_atomically(path, data, durable=False), newest_only=True
             )
@@ -279,11 +293,14 @@ class Daemon:
         self._ring: Ring | None = None
         if service.record is not None:
             self._frame_log = TextLog(
-                Path(service.record), candump_renderer(channel), self.background, kind="record"
+                place(service.record, "STATE_DIRECTORY"),
+                candump_renderer(channel),
+                self.background,
+                kind="record",
             )
         if service.log_estimates is not None:
             self._estimate_log = TextLog(
-                Path(service.log_estimates),
+                place(service.log_estimates, "STATE_DIRECTORY"),
                 render_estimates,
                 self.background,
                 kind="estimates",
@@ -291,9 +308,10 @@ class Daemon:
             )
         folder = service.residual_dir
         if folder is None and "STATE_DIRECTORY" in os.environ:
-            folder = str(state_dir(self.config) / "recorded")
+            folder = "recorded"  # a service keeps what it saw: `canest diagnose --recorded`
         if folder is not None:
-            self._ring = Ring(Path(folder), channel, int(service.residual_max_mb * 1e6), self.background)
+            limit = int(service.residual_max_mb * 1e6)
+            self._ring = Ring(place(folder, "STATE_DIRECTORY"), channel, limit, self.background)
 
     def _close_files(self) -> None:
         for log in (self._frame_log, self._estimate_log):
@@ -323,13 +341,15 @@ class Daemon:
             self.notifier.ready()
             return
         self.memory.save()
+        same_bus = self.config.bus, self.config.broadcast, self.config.signals, self.config.dbc
         self.config, self.pipeline = config, pipeline
         self.memory = Memory(config, self.background, self.journal)
         self.background.flush(CLOSE_S)
         self.memory.restore(pipeline)
-        self.receiver.close()
-        self.receiver, self.node = self._join(config)
-        self._opened = self.receiver.opened
+        if (config.bus, config.broadcast, config.signals, config.dbc) != same_bus:
+            self.receiver.close()
+            self.receiver, self.node = self._join(config)
+            self._opened = self.receiver.opened
         self._close_files()
         self._open_files()
         self.reloads += 1

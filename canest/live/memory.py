@@ -25,6 +25,12 @@ def state_dir(config: Config, environment: Mapping[str, str] = os.environ) -> Pa
     return Path(given) if given else Path("~/.local/state/canest").expanduser()
 
 
+def place(name: str, variable: str, environment: Mapping[str, str] = os.environ) -> Path:
+    """Return a path of the config: a relative one lies in systemd's ``variable``, if set."""
+    folder = environment.get(variable, "").split(":")[0]
+    return Path(folder) / Path(name).expanduser()
+
+
 def file_name(config: Config) -> str:
     """Return the name of the state file: one per bus, since a daemon may be moved to another vehicle."""
     return f"learned-{re.sub(r'[^A-Za-z0-9_.-]', '_', config.bus.channel)}.json"

@@ -55,6 +55,12 @@ class Node:
         if self.broadcaster is not None:
             self.broadcaster.take(estimate, now_us)
 
+    def wants_estimate(self, now_us: int) -> bool:
+        """Return True when the next `speak` is going to send an estimate."""
+        if self.citizen is None or self.broadcaster is None or self.citizen.claim.address is None:
+            return False
+        return bool(self.citizen.requested) or self.broadcaster.is_due(now_us)
+
     def speak(self, now_us: int) -> None:
         """Send what is due."""
         citizen, broadcaster, transmitter = self.citizen, self.broadcaster, self._transmitter

@@ -95,6 +95,18 @@ def load(path: Path, config: Config, now_s: float) -> Restored:
     return Restored(None, f"{path}: {why}; not used, set aside as {aside.name}")
 
 
+def peek(path: Path) -> Learned | None:
+    """Return what a state file holds, for a person to see; None when it is not there or not whole."""
+    try:
+        with path.open("rb") as file:
+            raw = dict(json.loads(file.read(_MAX_BYTES)))
+        learned = Learned(**{k: v for k, v in raw.items() if k not in ("version", "valid")})
+        _check_types(learned)
+    except (OSError, ValueError, TypeError, OverflowError, RecursionError):
+        return None
+    return learned
+
+
 def widened_std_kg(learned: Learned, config: Config, now_s: float) -> float:
     """Return the standard deviation to restart with: widened by age, by a stop and by another config."""
     age_s = max(0.0, now_s - learned.saved_s)
@@ -121,7 +133,7 @@ def _judge(content: bytes, config: Config, now_s: float) -> tuple[Learned | None
         valid = raw.pop("valid", None)
         learned = Learned(**raw)
         _check_types(learned)
-    except (ValueError, TypeError, RecursionError) as error:
+    except (ValueError, TypeError, OverflowError, RecursionError) as error:
         return None, "corrupt", f"is not a whole state file ({str(error)[:100]})"
     if valid is not True:
         return None, "invalid", "was not valid when it was saved"

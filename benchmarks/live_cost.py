@@ -1,0 +1,195 @@
+"""What the daemon costs while it runs: CPU, memory, punctuality, at 1,000 and 4,000 frames/s.
+
+    python benchmarks/live_cost.py [--seconds 20] [--rates 1000,4000] [--config kenworth]
+
+The whole daemon runs in real time in a process of its own; another process sends the frames of the bundled
+Kenworth drive, sped up to the rate. With SocketCAN in this kernel the bus is vcan0 (bring it up first) and
+the kernel filters the frames. Without it a UDP socket on the loopback STANDS IN for the CAN socket: the same
+drain (recvmmsg, kernel stamps) reads the same 16 bytes per frame, and the sender leaves out what the kernel's
+filters would; the row "unfiltered" sends everything. One line of JSON per row at the end.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing as mp
+import os
+import resource
+import socket
+import struct
+import sys
+import threading
+import time
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+ROOT = Path(__file__).resolve().parent.parent
+LOG = ROOT / "tests/data/kenworth/normal.log.xz"
+FRAME = struct.Struct("=IB3xQ")
+BATCH_S = 0.002
+
+
+def has_socketcan() -> bool:
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError:
+        return False
+    return True
+
+
+def load_frames() -> list[tuple[int, bytes]]:
+    from canest.logs.reader import open_log
+
+    packed = []
+    for block in open_log(LOG):
+        for can_id, length, data in zip(
+            block.can_id.tolist(), block.length.tolist(), block.data.tolist(), strict=True
+        ):
+            packed.append((can_id, FRAME.pack(can_id, length, data)))
+    return packed
+
+
+def send(port: int, rate: float, seconds: float, filters: list[tuple[int, int]] | None) -> None:
+    """Send the drive at ``rate`` frames/s (counted before filtering) for ``seconds``."""
+    frames = load_frames()
+    if has_socketcan():
+        out = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        out.bind(("vcan0",))
+        filters = None
+    else:
+        out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        out.connect(("127.0.0.1", port))
+    if filters is not None:
+        wanted = {i for i, _ in frames if any(i & m == f & m for f, m in filters)}
+        frames = [(i, p if i in wanted else b"") for i, p in frames]
+    begin, sent = time.monotonic(), 0
+    while (now := time.monotonic() - begin) < seconds:
+        due = int(now * rate)
+        for k in range(sent, due):
+            packet = frames[k % len(frames)][1]
+            if packet:
+                try:
+                    out.send(packet)
+                except OSError:  # the daemon has ended
+                    return
+        sent = due
+        time.sleep(BATCH_S)
+
+
+def daemon(config_name: str, seconds: float, port_to: object, result_to: object) -> None:
+    """Run the daemon in this process and report what it cost."""
+    from canest.config import load_config
+    from canest.live import daemon as module
+    from canest.live.journal import Journal
+    from canest.live.kernel_drain import ask_for_stamps
+    from canest.live.link import Filters, Receiver, Transmitter
+    from canest.live.socketcan import SocketCanReceiver, SocketCanTransmitter
+
+    class UdpStandIn(SocketCanReceiver):
+        def _open_socket(self) -> socket.socket:
+            sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
+            ask_for_stamps(sock)
+            sock.bind(("127.0.0.1", 0))
+            self.sink = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            return sock
+
+        def _index_of_interface(self) -> int:
+            return 1
+
+        def _is_up(self) -> bool:
+            return True
+
+    class UdpSender(SocketCanTransmitter):
+        def send(self, can_id: int, payload: bytes) -> bool:
+            frame = struct.pack("=IB3x8s", can_id, len(payload), payload)
+            self._receiver.sink.sendto(frame, ("127.0.0.1", 9))  # type: ignore[attr-defined]
+            self.counters["sent"] += 1
+            return True
+
+    def open_stand_in(bus: object, filters: Filters, *, transmit: bool) -> tuple[Receiver, Transmitter]:
+        receiver = UdpStandIn("stand-in", filters)
+        return receiver, UdpSender(receiver)
+
+    changes = ["service.learn='off'", "broadcast.enabled=true", "service.state_dir=/tmp/canest-live-cost"]
+    if has_socketcan():
+        changes += ["bus.interface=socketcan", "bus.channel=vcan0"]
+    else:
+        module.open_link = open_stand_in  # type: ignore[assignment]
+    config = load_config(config_name, changes)
+    with Path(os.devnull).open("w") as nowhere:
+        running = module.Daemon(config, journal=Journal(nowhere))
+    port = 0 if has_socketcan() else running.receiver._socket.getsockname()[1]
+    filters = sorted({*running.pipeline.decoder.can_filters(), *running.node.watch.filters()})
+    port_to.put((port, filters))
+    marks: dict[str, float] = {}
+
+    def measure() -> None:
+        time.sleep(2.0)  # warm caches, the claim, the first allocations
+        marks["cpu"], marks["wall"] = time.process_time(), time.monotonic()
+        marks["ticks"], marks["frames"] = running.schedule.ticks, running.pipeline.decoder.counters.frames
+        running.schedule.late = [0] * len(running.schedule.late)
+        time.sleep(seconds)
+        marks["cpu"], marks["wall"] = time.process_time() - marks["cpu"], time.monotonic() - marks["wall"]
+        marks["ticks"] = running.schedule.ticks - marks["ticks"]
+        marks["frames"] = running.pipeline.decoder.counters.frames - marks["frames"]
+        running.stop()
+
+    threading.Thread(target=measure, daemon=True).start()
+    running.run(handle_signals=False)
+    late = running.schedule.late
+    result_to.put(
+        {
+            "core_pct": round(100 * marks["cpu"] / marks["wall"], 2),
+            "us_per_tick": round(1e6 * marks["cpu"] / marks["ticks"], 1),
+            "frames_read_per_s": round(marks["frames"] / marks["wall"]),
+            "samples": running.pipeline.samples,
+            "within_half_ms_pct": round(100 * sum(late[:2]) / sum(late), 2),
+            "missed": running.schedule.missed,
+            "dropped": running.receiver.counters["dropped_by_kernel"],
+            "rss_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
+            "numba": "numba" in sys.modules,
+        }
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--rates", default="1000,4000")
+    parser.add_argument("--config", default="kenworth")
+    arguments = parser.parse_args()
+    context = mp.get_context("spawn")
+    way = "vcan0, kernel filters" if has_socketcan() else "UDP STAND-IN for the CAN socket"
+    rows = []
+    print(f"{way}; config {arguments.config}; {arguments.seconds:g} s each; load {os.getloadavg()[0]:.2f}")
+    for rate in [float(r) for r in arguments.rates.split(",")]:
+        for filtered in (True, False) if not has_socketcan() else (True,):
+            ports, results = context.Queue(), context.Queue()
+            worker = context.Process(
+                target=daemon, args=(arguments.config, arguments.seconds, ports, results)
+            )
+            worker.start()
+            port, filters = ports.get(timeout=60)
+            sender = context.Process(
+                target=send, args=(port, rate, arguments.seconds + 4, filters if filtered else None)
+            )
+            sender.start()
+            row = {"rate": rate, "filtered": filtered, "way": way}
+            row |= results.get(timeout=arguments.seconds + 60)
+            sender.join()
+            worker.join()
+            rows.append(row)
+            print(
+                f"{rate:6.0f} frames/s {'kernel-filtered' if filtered else 'unfiltered':15s} "
+                f"{row['core_pct']:5.2f} % of a core, {row['us_per_tick']:6.1f} us/tick, "
+                f"{row['rss_mb']:.0f} MB, {row['within_half_ms_pct']:.2f} % of ticks within 0.5 ms, "
+                f"{row['missed']} missed, {row['frames_read_per_s']} frames/s read"
+            )
+    print("\n".join(json.dumps(row) for row in rows))
+
+
+if __name__ == "__main__":
+    main()

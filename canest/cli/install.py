@@ -1,0 +1,41 @@
+"""`canest install-service`: prints or installs the systemd unit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from canest.cli.options import config_option, load
+
+EPILOG = """\b
+Examples:
+  canest install-service                                   print the unit
+  sudo canest install-service --install -c my-truck.yaml   as canest@my-truck
+  sudo canest install-service --install -c my-truck.yaml --name bus1
+"""
+
+
+@click.command(epilog=EPILOG)
+@click.option("--install", "write", is_flag=True, help="Write the unit to /etc/systemd/system.")
+@config_option(required=False)
+@click.option("--name", metavar="NAME", help="Name of the instance (default: the config's).")
+@click.option("--root", metavar="DIR", default="/", help="Install below this directory (for images).")
+def command(write: bool, config_name: str | None, name: str | None, root: str) -> None:
+    """Print the systemd unit, or install it together with a config."""
+    from canest.live.install import install, unit_text
+
+    if not write:
+        print(unit_text(), end="")
+        return
+    path = None
+    if config_name is not None:
+        from canest.resources import find
+
+        load(config_name)  # a config that is refused must not become a service
+        path = find("configs", config_name)
+    done = install(path, name, Path(root))
+    for written in done.written:
+        print(f"written  {written}")
+    for note in done.notes:
+        print(note)

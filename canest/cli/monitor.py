@@ -1,0 +1,69 @@
+"""`canest monitor`: a live terminal view from the broadcast alone."""
+
+from __future__ import annotations
+
+import time
+
+import click
+
+from canest.cli.options import config_option, load
+
+REFRESH_HZ = 5.0
+
+EPILOG = """\b
+Examples:
+  canest monitor                        on vcan0
+  canest monitor socketcan:can0
+  canest monitor -c my-truck.yaml       the bus and the group of this config
+
+Any machine on the bus can watch: nothing is needed but the broadcast, and nothing is sent.
+"""
+
+
+@click.command(epilog=EPILOG)
+@click.argument("bus", required=False, metavar="[INTERFACE:CHANNEL]")
+@config_option(required=False)
+@click.option("--pgn", type=str, metavar="PGN", help="Group of the broadcast (default 0xFF5A).")
+@click.option("--for", "seconds", type=float, metavar="S", help="Stop after this many seconds.")
+def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: float | None) -> None:
+    """Watch mass and grade live, from the broadcast alone."""
+    from rich.console import Console
+    from rich.live import Live
+
+    from canest.config.schema import Broadcast, Bus
+    from canest.decode import j1939
+    from canest.live.link import open_link
+    from canest.live.view import LiveView
+
+    config = load(config_name) if config_name is not None else None
+    section = config.bus if config is not None else Bus()
+    if bus is not None:
+        interface, colon, channel = bus.partition(":")
+        if not colon or not channel:
+            raise click.UsageError(f"found {bus!r}, expected INTERFACE:CHANNEL, e.g. socketcan:vcan0")
+        section = Bus(interface=interface, channel=channel)
+    group = config.broadcast.pgn if config is not None else Broadcast().pgn
+    if pgn is not None:
+        try:
+            group = Broadcast(pgn=int(pgn, 0)).pgn
+        except ValueError as error:
+            raise click.UsageError(
+                f"--pgn: found {pgn!r}, expected a proprietary-B group, e.g. 0xFF5A"
+            ) from error
+    receiver, _ = open_link(section, [j1939.kernel_filter(group)], transmit=False)
+    view = LiveView(group, f"canest on {section.interface}:{section.channel}")
+    end_s = time.monotonic() + seconds if seconds is not None else float("inf")
+    try:
+        with Live(view.render(time.monotonic()), console=Console(), auto_refresh=False) as live:
+            while (now_s := time.monotonic()) < end_s:
+                frames = receiver.drain().frames
+                for can_id, length, word in zip(
+                    frames.can_id.tolist(), frames.length.tolist(), frames.data.tolist(), strict=True
+                ):
+                    view.take(can_id, word.to_bytes(8, "little")[:length], now_s)
+                live.update(view.render(now_s), refresh=True)
+                time.sleep(1 / REFRESH_HZ)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        receiver.close()
