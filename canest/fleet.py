@@ -95,6 +95,13 @@ def truth_beside(log: Path) -> Path | None:
     return None
 
 
+def truth_file(log: Path, truth: str | None) -> Path | None:
+    """Return the truth of a log as --truth says: a file, 'auto' for the one beside it (if any), or none."""
+    if truth == "auto":
+        return truth_beside(log)
+    return Path(truth) if truth is not None else None
+
+
 def with_outputs(jobs: Sequence[Job], directory: Path | None, reports: Path | None) -> list[Job]:
     """Return the jobs with NAME.csv and NAME.html in the directories, which are made.
 

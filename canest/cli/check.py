@@ -170,22 +170,19 @@ def _show(report: Report, title: str) -> None:
 
 
 def _add(table: Table, finding: Finding) -> None:
-    colour = {"ok": "green", "optional": "dim"}.get(finding.verdict, "")
-    if finding.verdict != "ok":
-        colour = "yellow" if finding.need == "optional" else "red"
+    colour = "green" if finding.verdict == "ok" else "yellow" if finding.need == "optional" else "red"
     expected = finding.expected + (f" @0x{finding.source:02X}" if finding.source is not None else "")
     unit = f" {finding.unit}" if finding.unit else ""
     span = "" if finding.low is None else f"{finding.low:.4g} .. {finding.high:.4g}{unit}"
     mine = [s for s in finding.senders if finding.source in (None, s.address)]
     others = [s for s in finding.senders if s not in mine]
-    rows = mine or [None]
-    for index, sender in enumerate([*rows, *others]):
-        head = (finding.role, finding.need, expected, f"[{colour}]{finding.verdict}[/]")
-        cells = head if index == 0 else ("", "", "", "[dim]also[/]")
-        if sender is None:
-            table.add_row(*cells, "-", "", "", "", "", span)
-            continue
+    head = (finding.role, finding.need, expected, f"[{colour}]{finding.verdict}[/]")
+    if not mine:
+        table.add_row(*head, "-", "", "", "", "", span)
+    for index, sender in enumerate([*mine, *others]):
+        first = bool(mine) and index == 0
         address = "table" if sender.address is None else f"0x{sender.address:02X}"
         rate = "" if sender.rate_hz is None else f"{sender.rate_hz:.1f}"
         figures = [f"{n:,}" if n else "" for n in (sender.valid, sender.not_available, sender.error_value)]
-        table.add_row(*cells, address, rate, *figures, span if index == 0 else "")
+        cells = head if first else ("", "", "", "[dim]also[/]")
+        table.add_row(*cells, address, rate, *figures, span if first else "")

@@ -69,10 +69,10 @@ def command(
     if config_name is None:
         raise click.UsageError("missing option -c CONFIG", click.get_current_context())
     config = load(config_name, overrides, estimator, initial_mass)
-    from canest.fleet import Job
+    from canest.fleet import Job, truth_file
 
     jobs = [
-        Job(Path(log), truth=_truth(log, truth), mass_kg=mass_kg, after_s=after_s, channel=channel)
+        Job(Path(log), truth=truth_file(Path(log), truth), mass_kg=mass_kg, after_s=after_s, channel=channel)
         for log in logs
     ]
     if len(jobs) == 1:
@@ -130,14 +130,6 @@ def _many(
         if outcome.error:
             print(f"error: {outcome.error}", file=sys.stderr)
     return 1 if summary["failed"] else 0
-
-
-def _truth(log: str, truth: str | None) -> Path | None:
-    if truth == "auto":
-        from canest.fleet import truth_beside
-
-        return truth_beside(Path(log))
-    return Path(truth) if truth is not None else None
 
 
 def _play(logs: tuple[str, ...], bus: str | None, speed: float | None, channel: str | None) -> int:

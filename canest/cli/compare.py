@@ -1,0 +1,109 @@
+"""`canest compare`: every estimator on one log."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from canest.cli.options import config_option, load, override_options, truth_options
+
+if TYPE_CHECKING:
+    from canest.compare import Comparison
+
+EPILOG = """\b
+Examples:
+  canest compare drive.log -c class8 --truth drive.truth.csv
+  canest compare drive.log -c my.yaml --mass 21250 --initial-mass 9000
+  canest compare drive.log -c class8 --truth auto --only canest,rlsmf,ekf --report compare.html
+
+The log is decoded once; every estimator then gets the same samples. An estimator that needs a signal
+which the log lacks says so in its row.
+"""
+
+#: columns of a table that goes to a file or a pipe
+_FILE_WIDTH = 160
+
+
+@click.command(epilog=EPILOG)
+@click.argument("log", metavar="LOG")
+@config_option()
+@truth_options
+@override_options
+@click.option("--only", metavar="NAMES", help="Compare these only (comma between them).")
+@click.option("--json", "json_path", metavar="PATH", help="Write the table as JSON ('-': to stdout).")
+@click.option("--report", metavar="HTML", help="Write an HTML report with all curves over the truth.")
+@click.option("--channel", metavar="NAME", help="Use this interface of the log only.")
+@click.option("--compiled/--interpreted", default=None, help="Kernels by numba or not (default: by length).")
+def command(
+    log: str,
+    config_name: str,
+    truth: str | None,
+    mass_kg: float | None,
+    after_s: float,
+    overrides: tuple[str, ...],
+    estimator: str | None,
+    initial_mass: float | None,
+    only: str | None,
+    json_path: str | None,
+    report: str | None,
+    channel: str | None,
+    compiled: bool | None,
+) -> int:
+    """Run every estimator on one log and compare each with the truth."""
+    if truth is None and mass_kg is None:
+        raise click.UsageError("give the truth: --truth CSV, --truth auto or --mass KG")
+    config = load(config_name, overrides, estimator, initial_mass)
+    from canest.cli.progress import Bar
+    from canest.cli.summary import write_json
+    from canest.compare import compare
+    from canest.fleet import truth_file
+    from canest.logs.truth import read_truth
+
+    path = truth_file(Path(log), truth)
+    with Bar(Path(log).name) as bar:
+        result = compare(
+            config,
+            log,
+            truth=read_truth(path) if path is not None else None,
+            mass_kg=mass_kg,
+            names=[name.strip() for name in only.split(",")] if only is not None else None,
+            after_s=after_s,
+            channel=channel,
+            compiled=compiled,
+            progress=bar.update,
+        )
+    if json_path is not None:
+        write_json(result.table, json_path)
+    if json_path != "-":
+        _show(log, result)
+    if report is not None:
+        from canest.report.compare_page import write_compare_report
+
+        write_compare_report(report, log, config.vehicle.name, result)
+        if json_path != "-":
+            print(f"written {report}")
+    return 0
+
+
+def _show(log: str, result: Comparison) -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    from canest.report.compare_page import COLUMNS, cells, ranked
+
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else _FILE_WIDTH)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=log, title_justify="left")
+    table.add_column("estimator", no_wrap=True)
+    for _, title, _ in COLUMNS:
+        table.add_column(title, justify="right")
+    table.add_column("note")
+    estimators = result.table["estimators"]
+    for name in ranked(estimators):
+        style = "bold" if name == result.table["default"] else ""
+        table.add_row(name, *cells(estimators[name]), escape(estimators[name]["note"]), style=style)
+    console.print(table)

@@ -1,0 +1,126 @@
+"""The report of a comparison: every estimator over the truth, and the table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from canest.report import figure as look
+from canest.report.figure import Rows, numbers
+from canest.report.page import Card, Page, Section, Table
+from canest.vehicle.samples import STEP_US
+
+if TYPE_CHECKING:
+    from canest.compare import Comparison
+
+#: points per curve; there are two curves per estimator
+POINTS_MAX = 5_000
+FIRST_STRIDE = 10
+#: drawn at first: the default and this many more, best first; the others wait in the legend
+SHOWN_FIRST = 5
+
+COLUMNS: tuple[tuple[str, str, str], ...] = (
+    ("mass_end_pct", "mass at the end %", "+.2f"),
+    ("mass_rms_pct", "mass RMS %", ".2f"),
+    ("mass_max_pct", "worst %", ".2f"),
+    ("grade_rms_deg", "grade RMS °", ".3f"),
+    ("to_5pct_s", "to 5 %, s", ".1f"),
+    ("ns_per_sample", "ns/sample", ",.0f"),
+)
+
+
+def write_compare_report(path: str | Path, log: str, vehicle: str, result: Comparison) -> None:
+    """Write the report. Errors: OutputError."""
+    compare_page(log, vehicle, result).write(path)
+
+
+def ranked(estimators: dict[str, Any]) -> list[str]:
+    """Return the names, smallest mass error first, those without one last (by grade error)."""
+
+    def key(name: str) -> tuple[bool, float, bool, float]:
+        row = estimators[name]
+        mass, grade = row["mass_rms_pct"], row["grade_rms_deg"]
+        return mass is None, mass or 0.0, grade is None, grade or 0.0
+
+    return sorted(estimators, key=key)
+
+
+def cells(row: dict[str, Any]) -> list[str]:
+    """Return one estimator's figures as text, in the order of `COLUMNS`, '-' where there is none."""
+    return ["-" if row[key] is None else format(row[key], form) for key, _, form in COLUMNS]
+
+
+def compare_page(log: str, vehicle: str, result: Comparison) -> Page:
+    """Return the page."""
+    estimators, default = result.table["estimators"], result.table["default"]
+    order = ranked(estimators)
+    best = order[0]
+    page = Page(
+        title=f"{Path(log).name} · {vehicle} · {len(order)} estimators", headline="Estimators compared"
+    )
+    if estimators[best]["mass_rms_pct"] is not None:
+        page.headline = f"{best} is nearest: mass within {estimators[best]['mass_rms_pct']:.2f} % RMS"
+        page.cards = [
+            Card(name, f"{estimators[name]['mass_rms_pct']:.2f} %", _card_note(estimators[name]),
+                 "good" if name == default else "")
+            for name in order[:5] if estimators[name]["mass_rms_pct"] is not None
+        ]  # fmt: skip
+    rows = [[name, *cells(estimators[name]), estimators[name]["note"]] for name in order]
+    table = Table(
+        ["estimator", *(title for _, title, _ in COLUMNS), "note"], rows, order.index(default), (0, 7)
+    )
+    speed_note = "compiled" if result.table.get("compiled") else "interpreted"
+    text = (
+        f"Smallest mass error first; the config's own estimator is marked. Costs are of {speed_note} kernels."
+    )
+    page.sections.append(Section("Figures", text=text, table=table))
+    if len(result.true_mass_kg):
+        page.sections.append(_curves(result, order, default))
+    return page
+
+
+def _card_note(row: dict[str, Any]) -> str:
+    if row["grade_rms_deg"] is None:
+        return "mass RMS"
+    return f"mass RMS; grade {row['grade_rms_deg']:.3f}°"
+
+
+def _curves(result: Comparison, order: list[str], default: str) -> Section:
+    any_estimates = next(iter(result.estimates.values()))
+    t_us = any_estimates.t_us
+    stride = FIRST_STRIDE
+    while len(t_us) / stride > POINTS_MAX:
+        stride *= 2
+    keep = np.flatnonzero(t_us // STEP_US % stride == 0)
+    x = numbers((t_us[keep] - t_us[0]) * 1e-6, 2)
+    rows = Rows(["mass, t", "grade, %", "speed, km/h"], [2.2, 1.8, 0.8], "seconds since the start")
+    shown = {default, *order[:SHOWN_FIRST]}
+    for index, name in enumerate(order):
+        e, colour = result.estimates[name], look.SERIES[index % len(look.SERIES)]
+        width = 2.4 if name == default else 1.3
+        first = len(rows.traces)
+        rows.line(1, x, numbers(e.mass_kg[keep] / 1e3, 3), name, colour, width=width, hover="%{y:.2f} t")
+        rows.line(2, x, numbers(e.grade[keep] * 1e2, 3), name, colour, width=width, hover="%{y:.2f} %",
+                  legend=False)  # fmt: skip
+        if name not in shown:
+            for trace in rows.traces[first:]:
+                trace["visible"] = "legendonly"
+    true_mass, true_grade = result.true_mass_kg[keep], result.true_grade[keep]
+    if np.isfinite(true_mass).any():
+        rows.line(1, x, numbers(true_mass / 1e3, 3), "truth", look.INK, dash="dash", hover="%{y:.2f} t")
+        low, high = float(np.nanmin(true_mass)) / 1e3, float(np.nanmax(true_mass)) / 1e3
+        rows.axis(1)["range"] = [0.7 * low, 1.35 * high]
+    if np.isfinite(true_grade).any():
+        rows.line(2, x, numbers(true_grade * 1e2, 3), "truth", look.INK, dash="dash", hover="%{y:.2f} %",
+                  legend=False)  # fmt: skip
+        low, high = float(np.nanmin(true_grade)) * 100, float(np.nanmax(true_grade)) * 100
+        rows.axis(2)["range"] = [low - 2.0, high + 2.0]
+    rows.line(3, x, numbers(result.speed_mps[keep] * 3.6, 2), "speed", look.MUTED, hover="%{y:.1f} km/h",
+              legend=False)  # fmt: skip
+    return Section(
+        "Mass and grade over the drive",
+        text="The nearest few are drawn; click a name in the legend to add or remove an estimator.",
+        figure=rows.to_json(),
+    )
