@@ -73,6 +73,10 @@ _FORCE_SHARE, _FORCE_S = 0.02, 0.2
 _RETARDER_SHARE, _RETARDER_WINDOWS = 0.1, 25.0
 #: mass changes little by little (fuel, snow): relative variance per metre, (1 % in 10 km)^2
 _MASS_DRIFT = 1e-8
+#: the delay of reported torque changes from frame to frame by a part of its 20 ms cycle
+_JITTER_S = 0.004
+#: the remaining delay is trusted to, s; the inverse mass is taken for it at least this share of its prior std
+_DELAY_S, _LEAST_SHARE = 0.1, 0.1
 #: a vehicle that stands this long may have been loaded
 _LOADING_S = 30.0
 #: innovations beyond this many squared stds count as outliers and weigh less (Huber)
@@ -193,10 +197,17 @@ def push(
 
 @fast.kernel
 def start(
-    x: Container, P: Container, active: Container, z: float, r: float, t: float, rotating: float
+    x: Container,
+    P: Container,
+    active: Container,
+    z: float,
+    r: float,
+    t: float,
+    late: float,
+    rotating: float,
 ) -> None:
-    """Begin a momentum balance at the measured speed z = q - u J z + delta t + sigma z t + noise r."""
-    hd, hs, hu = -t, -z * t, rotating * z
+    """Begin a momentum balance at the measured speed z = q - u J z + delta T + sigma z T + noise r."""
+    hd, hs, hu = -late, -z * t, rotating * z
     x[Q] = z + hd * x[DELAY] + hs * x[SLIP] + hu * x[U]
     delay, slip, inverse = P[DELAY], P[SLIP], P[U]
     for j in active:
@@ -255,9 +266,10 @@ def run(
     w is scratch space of STATES numbers.
     """
     gap_s, distance, speed, force, traction = windows[0], windows[1], windows[2], windows[3], windows[4]
-    roll, accel, accel_end, slip_rate, drag = windows[5], windows[6], windows[7], windows[8], windows[9]
-    gear, rotating, undriven, sensed = windows[10], windows[11], windows[12], windows[13]
-    altitude, open_, retarding, stopped = windows[14], windows[15], windows[16], windows[17]
+    traction_rate, roll, accel, accel_end = windows[5], windows[6], windows[7], windows[8]
+    slip_rate, drag, gear, rotating = windows[9], windows[10], windows[11], windows[12]
+    undriven, sensed, altitude = windows[13], windows[14], windows[15]
+    open_, retarding, stopped = windows[16], windows[17], windows[18]
     curvature_var = prior[CURVATURE] * prior[CURVATURE]
     wind_var = prior[WIND] * prior[WIND]
     for k in range(n):
@@ -278,18 +290,21 @@ def run(
         memory[STANDING_S] = standing * stopped[k]
         if open_[k] > 0.0:
             first = 0
+            # the delay's lever is the traction halfway through it (second order in the delay)
+            delay = min(max(x[DELAY] / max(x[U], _LEAST_SHARE * prior[U]), -_DELAY_S), _DELAY_S)
+            late = t + 0.5 * delay * traction_rate[k]
+            jitter = max(x[U], _LEAST_SHARE * prior[U]) * traction_rate[k] * _JITTER_S
+            r = memory[SPEED_VAR] + jitter * jitter
             if memory[FRESH] > 0.0:
-                start(x, P, active, v, memory[SPEED_VAR], t, rotating[k])
+                start(x, P, active, v, r, t, late, rotating[k])
                 memory[FRESH] = 0.0
             else:
-                unknown = max(x[U], prior[U] * 0.1) * (torque_std * gear[k] + _FORCE_SHARE * abs(t))
+                unknown = max(x[U], _LEAST_SHARE * prior[U]) * (torque_std * gear[k] + _FORCE_SHARE * abs(t))
                 push(x, P, active, force[k], roll[k], drag[k], unknown * unknown * _FORCE_S * WINDOW_S)
                 # the regressor of u must not carry the noise of the speed that it meets (errors in variables)
-                expected = (x[Q] + t * x[DELAY] + v * t * x[SLIP]) / (1.0 + x[U] * rotating[k])
+                expected = (x[Q] + late * x[DELAY] + v * t * x[SLIP]) / (1.0 + x[U] * rotating[k])
                 turning = -rotating[k] * expected
-                e, s = correct(
-                    x, P, active, w, 0, v, memory[SPEED_VAR], Q, 1.0, DELAY, t, SLIP, v * t, U, turning
-                )
+                e, s = correct(x, P, active, w, 0, v, r, Q, 1.0, DELAY, late, SLIP, v * t, U, turning)
                 memory[SPEED_VAR] = level(memory[SPEED_VAR], e, s, floors[0])
                 memory[LEARNED] = 1.0
                 tally(memory, e, s)

@@ -18,7 +18,7 @@ from canest.vehicle.samples import GRAVITY_MPS2, STEP_S, STEP_US, ModelBlock
 
 TICKS = 10  #: samples per window; 0.2 s, about the correlation time of speeds filtered at 2 Hz
 WINDOW_S = TICKS * STEP_S
-SHIFT = 3  #: ticks that torque is typically late
+SHIFT = 4  #: ticks that torque is typically late
 
 #: columns of a window, in the kernel's order
 COLUMNS = (
@@ -27,6 +27,7 @@ COLUMNS = (
     "speed_mps",  # at the end
     "force_N",  # mean, rotating inertia not subtracted
     "traction_N",  # at the end
+    "traction_Nps",  # its rate there
     "roll_mps2",  # mean g mu
     "accel_mps2",  # mean
     "accel_end_mps2",
@@ -129,6 +130,7 @@ class Windows:
             speed,
             rest + mean(_TRACTION) + rotating * mean(_ACCEL),
             traction,
+            (traction - at(_TRACTION, 1)) / STEP_S,
             GRAVITY_MPS2 * mean(_MU),
             mean(_ACCEL),
             at(_ACCEL, 0),
