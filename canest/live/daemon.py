@@ -17,6 +17,8 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
+import numpy as np
+
 from canest.config.schema import Config
 from canest.errors import CanestError
 from canest.frames import FrameBlock
@@ -133,7 +135,7 @@ class Daemon:
         if self.receiver.opened != self._opened:
             self._opened = self.receiver.opened
             self.node.restart(now_us)
-        frames = drained.frames
+        frames = self._in_time(drained.frames)
         if len(frames):
             self.node.observe(frames, now_us)
             self._record(frames, now_s)
@@ -161,8 +163,6 @@ class Daemon:
         waiting, self._waiting = self._waiting, []
         if waiting:
             frames = waiting[0] if len(waiting) == 1 else FrameBlock.concatenate(waiting)
-            if frames.t_us[0] < self._reached_us:
-                self._count_late(frames)
             self._note(self.pipeline.push(frames), now_us, now_s)
         if reached_us is not None:
             self._reached_us = reached_us
@@ -188,11 +188,19 @@ class Daemon:
     def _listen(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
         self._standing = bool(samples.stopped[-1])
 
-    def _count_late(self, frames: FrameBlock) -> None:
-        """Count frames stamped before a tick that had been finished without them."""
+    def _in_time(self, frames: FrameBlock) -> FrameBlock:
+        """Stamp frames that come after ticks which should have had them (a busy machine) later; count them.
+
+        A recording then holds the order in which they were used, and its replay is equal to the bit.
+        """
         behind_us = self._reached_us - frames.t_us
         back_us = self.config.sampling.max_backward_s * 1e6  # beyond it the clock was set, nothing is late
-        self.late_frames += int(((behind_us > 0) & (behind_us <= back_us)).sum())
+        late = (behind_us > 0) & (behind_us <= back_us)
+        if not late.any():
+            return frames
+        self.late_frames += int(late.sum())
+        t_us = np.where(late, self._reached_us, frames.t_us)
+        return FrameBlock(t_us, frames.can_id, frames.length, frames.data)
 
     def _survive(self, error: Exception) -> None:
         self.failures += 1
