@@ -59,7 +59,7 @@ def command(
     from canest.cli.progress import Bar
     from canest.cli.summary import write_json
     from canest.compare import compare
-    from canest.fleet import truth_file
+    from canest.job import truth_file
     from canest.logs.truth import read_truth
 
     path = truth_file(Path(log), truth)

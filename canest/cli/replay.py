@@ -11,7 +11,7 @@ from canest.cli.options import config_option, load, override_options, truth_opti
 
 if TYPE_CHECKING:
     from canest.config import Config
-    from canest.fleet import Job
+    from canest.job import Job
 
 EPILOG = """\b
 Examples:
@@ -69,7 +69,7 @@ def command(
     if config_name is None:
         raise click.UsageError("missing option -c CONFIG", click.get_current_context())
     config = load(config_name, overrides, estimator, initial_mass)
-    from canest.fleet import Job, truth_file
+    from canest.job import Job, truth_file
 
     jobs = [
         Job(Path(log), truth=truth_file(Path(log), truth), mass_kg=mass_kg, after_s=after_s, channel=channel)
