@@ -261,7 +261,10 @@ def move(
             power = c.load_power
             if c.load_cubic > 0.0:
                 power = power * (we / c.load_at) ** 3
-            load = power / we
+            # below its working speed a load takes less, and nothing that would stall the engine
+            load = power / max(we, 1.5 * c.idle, 50.0)
+            if not electric:
+                load *= min(1.0, max(0.0, 2.0 * we / c.idle - 1.2))
         lost = c.torque_loss if we > 10.0 else 0.0
         taken = lost + load + retarder + hidden_retarder
         kc = c.stiffness / (ratio * ratio)
@@ -271,6 +274,7 @@ def move(
         fuel = dt / c.fuelling_s
         twisting = phase in (0, 1, 3)
         launching = phase == 4
+        drag_torque = 0.2 * highest
         v_before = v
 
         for _ in range(5):
@@ -280,7 +284,8 @@ def move(
                 tc = kc * theta + cc * (we - win)
             elif launching:
                 capacity = t_ind - friction - taken + 8.0 * c.engine_inertia * (we - 1.5 * c.idle)
-                tc = capacity if capacity > 0.0 and we > win else 0.0
+                # a slipping clutch pulls both ways: it speeds up an engine that has fallen behind
+                tc = min(max(0.0, capacity), ceiling - friction) if we > win else -drag_torque
             else:
                 tc = 0.0
             tw = tc * ratio * eta_drive if tc > 0.0 else tc * ratio / eta_drive
@@ -296,7 +301,7 @@ def move(
                 theta += (we - win) * dt
         if not electric and we < 0.5 * c.idle:
             we = 0.5 * c.idle
-        if launching and win > we - 1.0 and win > 0.9 * c.idle:
+        if launching and abs(win - we) < 2.0 and win > 0.9 * c.idle:
             phase = 0
             phase_s = 0.0
             since_shift = 0.0
