@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -70,7 +70,7 @@ def replay(
     run = LogRun(log, config, listener=listener, channel=channel)
     score = Score(truth, mass_kg, after_s) if truth is not None or mass_kg is not None else None
     last: Estimates | None = None
-    with open_writer(output) if output is not None else nullcontext() as writer:
+    with closing(run.reader), open_writer(output) if output is not None else nullcontext() as writer:
         for estimates in run.estimates(progress):
             if writer is not None:
                 writer.write(estimates)
@@ -104,6 +104,7 @@ class LogRun:
         )
         mapped = len(self.table_map.roles) if self.reader.kind == "table" else self.frame_roles
         if not mapped:
+            self.reader.close()
             kinds = (
                 ("DBC signals", "decoded table")
                 if self.reader.kind == "table"

@@ -1,0 +1,124 @@
+"""`canest check`: what is there, what is not, and what to do about it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from canest.resources import shipped
+
+DATA = Path(__file__).parents[1] / "data"
+KENWORTH = DATA / "kenworth" / "normal.log.xz"
+BIKE = DATA / "ip332" / "bike.log.xz"
+
+
+def report(canest, *arguments) -> dict:
+    done = canest("check", *arguments, "--json", "-")
+    assert done.code == 0, done.err
+    return json.loads(done.out)
+
+
+def role(found: dict, name: str) -> dict:
+    return next(r for r in found["roles"] if r["role"] == name)
+
+
+def test_kenworth_has_everything(canest):
+    found = report(canest, "-c", "kenworth", KENWORTH)
+    assert found["stops"] == ""
+    assert {r["verdict"] for r in found["roles"]} == {"ok"}
+    torque = role(found, "engine_torque_pct")
+    assert torque["senders"][0]["address"] == 0
+    assert 49 < torque["senders"][0]["rate_hz"] < 51
+    assert torque["values"] == 1499
+
+
+def test_two_senders_of_one_group_are_both_shown(canest):
+    senders = role(report(canest, "-c", "kenworth", KENWORTH), "brake_switch")["senders"]
+    assert {s["address"]: s["valid"] > 0 for s in senders} == {0x00: False, 0x31: True}
+    assert next(s for s in senders if s["address"] == 0)["not_available"] == 300
+
+
+def test_bike_says_what_stops_the_estimator(canest):
+    found = report(canest, "-c", "kenworth", BIKE)
+    assert "engine_torque_pct" in found["stops"]
+    assert "not available" in found["stops"]
+
+
+def test_signal_from_another_address_is_suggested(canest):
+    found = report(canest, "-c", "kenworth", BIKE)
+    assert role(found, "vehicle_speed")["verdict"] == "elsewhere"
+    assert any("0x0B" in hint and "vehicle_speed" in hint for hint in found["hints"])
+
+
+def test_strict_turns_the_verdict_into_an_exit_code(canest):
+    assert canest("check", "-c", "kenworth", BIKE, "--strict").code == 1
+    assert canest("check", "-c", "kenworth", KENWORTH, "--strict").code == 0
+
+
+def test_wrong_wheel_radius_shows_in_the_speeds(canest):
+    found = report(canest, "-c", "kenworth", KENWORTH, "--set", "vehicle.wheel_radius_m=0.45")
+    assert any("wheel_radius_m 0.50" in hint for hint in found["hints"])
+    assert not any("wheel_radius" in hint for hint in report(canest, "-c", "kenworth", KENWORTH)["hints"])
+
+
+def test_gear_outside_the_table_is_named(canest):
+    found = report(canest, "-c", "kenworth", KENWORTH, "--set", "vehicle.gear_ratios={1: 3.1, 2: 1.81}")
+    assert any("gears 3, 4" in hint for hint in found["hints"])
+
+
+def test_bus_of_eleven_bit_identifiers(canest, tmp_path):
+    path = tmp_path / "car.log"
+    path.write_text("".join(f"({i * 0.01:.6f}) can0 1A0#0011223344556677\n" for i in range(200)))
+    found = report(canest, "-c", "kenworth", path)
+    assert any("11-bit" in hint for hint in found["hints"])
+    assert found["stops"]
+
+
+def test_empty_log(canest, tmp_path):
+    path = tmp_path / "empty.log"
+    path.write_text("")
+    assert "nothing was received" in report(canest, "-c", "kenworth", path)["stops"]
+
+
+def test_table_columns(canest, tmp_path):
+    path = tmp_path / "trip.csv"
+    rows = "".join(f"{i / 10},{40 + i % 7},{30 + i % 11},20\n" for i in range(300))
+    path.write_text("t_s,motor_Nm,v_kmh,throttle_pct\n" + rows)
+    found = report(canest, "-c", "bmw-i3", path)
+    assert role(found, "engine_torque")["verdict"] == "ok"
+    assert role(found, "vehicle_speed")["high"] == 40 / 3.6
+    assert role(found, "altitude")["verdict"] == "not found"
+
+
+def test_a_person_reads_a_table(canest):
+    done = canest("check", "-c", shipped("configs") / "kenworth.yaml", KENWORTH)
+    assert "engine_torque_pct" in done.out
+    assert "ready" in done.out
+
+
+def test_live_bus(canest):
+    import threading
+    import time
+
+    import can
+
+    stop = threading.Event()
+
+    def sender() -> None:
+        with can.Bus(interface="virtual", channel="check-test") as bus:
+            while not stop.is_set():
+                bus.send(can.Message(arbitration_id=0x0CF00400, data=bytes(8), is_extended_id=True))
+                time.sleep(0.01)
+
+    thread = threading.Thread(target=sender)
+    thread.start()
+    try:
+        found = report(
+            canest, "-c", "class8", "--live", "--seconds", "0.5",
+            "--set", "bus.interface=virtual", "--set", "bus.channel=check-test",
+        )  # fmt: skip
+    finally:
+        stop.set()
+        thread.join()
+    assert role(found, "engine_speed")["verdict"] == "ok"
+    assert role(found, "vehicle_speed")["verdict"] == "not found"

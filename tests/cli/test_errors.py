@@ -1,0 +1,246 @@
+"""Every mistake is one plain line that names the place, and the right exit code."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from canest.resources import shipped
+
+DATA = Path(__file__).parents[1] / "data"
+KENWORTH = DATA / "kenworth" / "normal.log.xz"
+CLASS8 = shipped("configs") / "class8.yaml"
+
+
+def one_line(done) -> str:
+    assert "Traceback" not in done.err
+    lines = done.err.strip().splitlines()
+    assert len(lines) == 1, done.err
+    return lines[0]
+
+
+def changed_config(folder: Path, old: str, new: str) -> Path:
+    text = CLASS8.read_text()
+    assert old in text
+    path = folder / "truck.yaml"
+    path.write_text(text.replace(old, new))
+    return path
+
+
+class TestUsage:
+    def test_no_such_command_names_the_nearest(self, canest):
+        done = canest("reply", "x.log")
+        assert done.code == 2
+        assert "did you mean replay" in one_line(done)
+
+    def test_unknown_option(self, canest):
+        done = canest("replay", KENWORTH, "-c", "kenworth", "--wat")
+        assert done.code == 2
+        assert "--wat" in one_line(done)
+
+    def test_missing_config(self, canest):
+        done = canest("replay", KENWORTH)
+        assert done.code == 2
+        assert "-c CONFIG" in one_line(done)
+
+    def test_speed_without_a_bus(self, canest):
+        done = canest("replay", KENWORTH, "-c", "kenworth", "--speed", "2")
+        assert done.code == 2
+        assert "--to" in one_line(done)
+
+    def test_malformed_bus(self, canest):
+        done = canest("replay", KENWORTH, "--to", "vcan0")
+        assert done.code == 2
+        assert "INTERFACE:CHANNEL" in one_line(done)
+
+    def test_one_truth_for_several_logs(self, canest):
+        done = canest("replay", KENWORTH, KENWORTH, "-c", "kenworth", "--truth", "truth.csv")
+        assert done.code == 2
+        assert "--truth auto" in one_line(done)
+
+    def test_compare_without_truth(self, canest):
+        done = canest("compare", KENWORTH, "-c", "kenworth")
+        assert done.code == 2
+        assert "--truth" in one_line(done)
+
+    def test_unknown_estimator_lists_the_known(self, canest):
+        done = canest("replay", KENWORTH, "-c", "kenworth", "--estimator", "magic")
+        assert done.code == 2
+        assert "rlsmf" in one_line(done)
+
+
+class TestConfig:
+    def test_negative_mass_names_file_and_line(self, canest, tmp_path):
+        path = changed_config(tmp_path, "mass_min_kg: 7000", "mass_min_kg: -7000")
+        done = canest("check", "-c", path)
+        assert done.code == 2
+        line = next(i for i, text in enumerate(path.read_text().splitlines(), 1) if "-7000" in text)
+        assert f"{path}:{line}" in one_line(done)
+        assert "found -7000" in done.err
+
+    def test_unknown_key_lists_the_known(self, canest, tmp_path):
+        path = changed_config(tmp_path, "wheel_radius_m:", "wheel_diameter_m:")
+        done = canest("check", "-c", path)
+        assert done.code == 2
+        message = one_line(done)
+        assert f"{path}:" in message
+        assert "wheel_diameter_m" in message or "wheel_radius_m" in message
+
+    def test_signal_that_no_dbc_has(self, canest, tmp_path):
+        path = changed_config(tmp_path, "signal: EngSpeed,", "signal: EngineSped,")
+        done = canest("check", "-c", path)
+        assert done.code == 2
+        message = one_line(done)
+        assert "signals.engine_speed" in message
+        assert "EngineSped" in message
+        assert "EngSpeed" in message
+
+    def test_unit_of_another_dimension(self, canest, tmp_path):
+        path = changed_config(tmp_path, "signal: EngSpeed,", "signal: EngSpeed, unit: kg,")
+        done = canest("check", "-c", path)
+        assert done.code == 2
+        assert "kg" in one_line(done)
+
+    def test_cutoff_at_nyquist_is_refused_with_the_reason(self, canest):
+        done = canest("check", "-c", "class8", "--set", "filter.cutoff_hz=25")
+        assert done.code == 2
+        assert "half the 50 Hz" in one_line(done)
+
+    def test_override_is_named_as_the_culprit(self, canest):
+        done = canest("check", "-c", "class8", "--set", "vehicle.wheel_radius_m=55")
+        assert done.code == 2
+        assert "--set" in one_line(done)
+
+    def test_no_yaml(self, canest, tmp_path):
+        path = tmp_path / "broken.yaml"
+        path.write_text("vehicle: {\n")
+        done = canest("check", "-c", path)
+        assert done.code == 2
+        assert "broken.yaml" in one_line(done)
+
+    def test_no_such_config_lists_the_shipped(self, canest):
+        done = canest("check", "-c", "no-such-truck")
+        assert done.code == 2
+        assert "class8.yaml" in one_line(done)
+
+    def test_bare_on_and_off_are_words(self, canest):
+        for word in ("off", "on", "on+save"):
+            assert canest("check", "-c", "class8", "--set", f"service.learn={word}").code == 0
+
+    @pytest.mark.parametrize("name", sorted(p.stem for p in shipped("configs").glob("*.yaml")))
+    def test_shipped_configs_are_right(self, canest, name):
+        done = canest("check", "-c", name)
+        assert done.code == 0
+        assert "config is right" in done.out
+
+
+class TestLogs:
+    def test_no_such_log(self, canest, tmp_path):
+        done = canest("replay", tmp_path / "none.log", "-c", "kenworth")
+        assert done.code == 1
+        assert "none.log" in one_line(done)
+
+    def test_no_log_at_all(self, canest, tmp_path):
+        path = tmp_path / "picture.png"
+        path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 20)
+        done = canest("replay", path, "-c", "kenworth")
+        assert done.code == 1
+        assert "picture.png" in one_line(done)
+
+    def test_table_log_for_a_config_of_dbc_signals(self, canest, tmp_path):
+        path = tmp_path / "table.csv"
+        path.write_text("t_s,v\n0.0,1\n0.1,2\n")
+        done = canest("replay", path, "-c", "kenworth")
+        assert done.code == 1
+        assert "DBC signals" in one_line(done)
+
+    def test_output_that_cannot_be_written(self, canest, tmp_path):
+        done = canest("replay", KENWORTH, "-c", "kenworth", "-o", tmp_path / "none" / "est.csv")
+        assert done.code == 1
+        assert "est.csv" in one_line(done)
+
+    def test_full_disk(self, canest):
+        done = canest("replay", KENWORTH, "-c", "kenworth", "-o", "/dev/full")
+        assert done.code == 1
+        assert "/dev/full" in one_line(done)
+
+    def test_truth_of_another_shape(self, canest, tmp_path):
+        path = tmp_path / "truth.csv"
+        path.write_text("t_s,colour\n0,1\n")
+        done = canest("replay", KENWORTH, "-c", "kenworth", "--truth", path)
+        assert done.code == 1
+        assert "truth.csv" in one_line(done)
+
+
+class TestProcess:
+    """What only a process of its own shows."""
+
+    def run(self, *arguments: str, **options) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "canest", *arguments],
+            check=False,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            **options,
+        )
+
+    def test_debug_shows_the_traceback(self):
+        plain = self.run("check", "-c", "no-such-truck")
+        verbose = self.run("check", "-c", "no-such-truck", "--debug")
+        assert plain.returncode == verbose.returncode == 2
+        assert "Traceback" not in plain.stderr
+        assert "Traceback" in verbose.stderr
+
+    def test_reader_that_has_seen_enough(self):
+        read, write = os.pipe()
+        os.close(read)
+        process = subprocess.run(
+            [sys.executable, "-m", "canest", "replay", str(KENWORTH), "-c", "kenworth", "--json", "-"],
+            check=False,
+            stdout=write,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+        )
+        os.close(write)
+        assert process.stderr == ""
+        assert process.returncode == 1
+
+    def test_version(self):
+        from canest import __version__
+
+        done = self.run("--version")
+        assert done.returncode == 0
+        assert __version__ in done.stdout
+
+    def test_help_imports_nothing_heavy(self):
+        code = (
+            "import sys\n"
+            "from canest.cli.main import run\n"
+            "run(['replay', '--help'])\n"
+            "heavy = {'numpy', 'scipy', 'pydantic', 'cantools', 'can', 'rich', 'numba', 'yaml', 'plotly'}\n"
+            "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
+        )
+        process = subprocess.run(
+            [sys.executable, "-c", code], check=False, capture_output=True, text=True, timeout=60
+        )
+        assert process.returncode == 0, process.stderr
+        assert "Examples:" in process.stdout
+
+    def test_replay_imports_nothing_that_it_does_not_use(self):
+        code = (
+            "import sys\n"
+            "from canest.cli.main import run\n"
+            f"run(['replay', {str(KENWORTH)!r}, '-c', 'kenworth'])\n"
+            "heavy = {'scipy', 'can', 'rich', 'numba', 'plotly', 'pyarrow', 'multiprocessing'}\n"
+            "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
+        )
+        process = subprocess.run(
+            [sys.executable, "-c", code], check=False, capture_output=True, text=True, timeout=60
+        )
+        assert process.returncode == 0, process.stderr

@@ -1,0 +1,76 @@
+"""demo, compare, simulate: short runs of the real thing."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from canest.cli.main import COMMANDS
+from canest.demo import DRIVE, TRUTH
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_help_teaches_with_examples(canest, name):
+    done = canest(name, "--help")
+    assert done.code == 0, done.err
+    assert f"canest {name}" in done.out
+    assert "Examples:" in done.out
+
+
+def test_help_lists_every_command(canest):
+    done = canest("--help")
+    assert done.code == 0
+    for name in COMMANDS:
+        assert name in done.out
+
+
+def test_demo_settles_near_the_truth(canest):
+    done = canest("demo", "--speed", "60")
+    assert done.code == 0, done.err
+    assert "valid" in done.out
+    assert "at the end" in done.out
+    end = next(line for line in done.out.splitlines() if line.startswith("at the end"))
+    assert abs(float(end.rsplit(":", 1)[1].split("%")[0])) < 8
+
+
+def test_compare_on_the_bundled_drive(canest, tmp_path):
+    done = canest(
+        "compare", DRIVE, "-c", "class8", "--truth", TRUTH, "--only", "canest,rlsmf,dgo",
+        "--json", tmp_path / "c.json", "--interpreted",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    table = json.loads((tmp_path / "c.json").read_text())
+    assert set(table["estimators"]) == {"canest", "rlsmf", "dgo"}
+    assert table["default"] == "canest"
+    for row in table["estimators"].values():
+        assert set(row) == {
+            "mass_end_pct", "mass_rms_pct", "mass_max_pct", "grade_rms_deg", "to_5pct_s", "ns_per_sample",
+            "note",
+        }  # fmt: skip
+    assert table["estimators"]["dgo"]["mass_rms_pct"] is None
+    assert "canest" in done.out
+
+
+def test_simulate_lists_and_makes_drives(canest, tmp_path):
+    listing = canest("simulate", "--list")
+    assert "pulse-21t" in listing.out
+    scenario = tmp_path / "short.yaml"
+    scenario.write_text("duration_s: 20\nvehicle: class8\nmass_kg: 20000\ndriver: {kind: pulses}\n")
+    done = canest("simulate", scenario, "-o", tmp_path / "out", "--compress", "--seed", "3")
+    assert done.code == 0, done.err
+    made = sorted(p.name for p in (tmp_path / "out").iterdir())
+    assert made == ["short.log.xz", "short.truth.csv", "short.yaml"]
+    replayed = canest(
+        "replay", tmp_path / "out" / "short.log.xz", "-c", tmp_path / "out" / "short.yaml", "--json", "-"
+    )
+    assert replayed.code == 0, replayed.err
+    assert json.loads(replayed.out)["samples"] > 900
+
+
+def test_scenario_mistake_names_its_line(canest, tmp_path):
+    scenario = tmp_path / "wrong.yaml"
+    scenario.write_text("duration_s: 20\nvehicle: class8\nmass_kg: -5\ndriver: {kind: pulses}\n")
+    done = canest("simulate", scenario, "-o", tmp_path)
+    assert done.code == 2
+    assert "wrong.yaml" in done.err
