@@ -1,0 +1,223 @@
+"""`canest diagnose`: closes the loop on measured data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from canest.cli.options import config_option, load, override_options
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from canest.config import Config
+    from canest.diagnose.outcome import Entry
+    from canest.diagnose.run import Diagnosis
+
+EPILOG = """\b
+Examples:
+  canest diagnose drive.log -c my-truck.yaml --mass 21300 -o found/
+      the mass is known from a weighbridge; the grade from the bus' own sensors, if it has any
+  canest diagnose drive.log -c class8 --truth drive.truth.csv -o found/
+      mass or grade or both from a table with t_s, mass_kg, grade
+  canest diagnose week/*.log.xz -c my-truck.yaml --truth auto -o found/
+      many drives of one vehicle: fitted on some, judged on others
+  canest diagnose --recorded /var/lib/canest/residual -c my-truck.yaml -o found/
+      what the daemon kept of yesterday (service.residual_dir)
+  canest replay other.log -c found/revised.yaml
+      the better model on another drive: the proof
+
+\b
+Writes into DIR:
+  diagnosis.json   every effect tried, with value, standard deviation and share; before and after
+  revised.yaml     the config with what was found, for canest run and replay
+  report.html      the same to look at: residuals over time and against their cause
+
+The better the reference, the more can be told: with --mass and --truth single effects, with --mass
+alone most of them, from the bus alone only what a slope cannot imitate. The report says which it was.
+"""
+
+#: candidates shown on the terminal
+SHOWN = 6
+
+
+@click.command(epilog=EPILOG)
+@click.argument("logs", nargs=-1, metavar="LOG...")
+@config_option()
+@click.option("--truth", metavar="CSV", help="Table with t_s and mass_kg or grade or both; "
+              "'auto' takes NAME.truth.csv beside each log.")  # fmt: skip
+@click.option("--mass", "mass_kg", type=float, metavar="KG", help="The true mass, if constant.")
+@click.option("--recorded", metavar="DIR", help="Recording that `canest run` keeps (service.residual_dir); "
+              "its segments join the logs, oldest first.")  # fmt: skip
+@click.option("-o", "--output", required=True, metavar="DIR", help="Directory for the three files.")
+@override_options
+def command(
+    logs: tuple[str, ...],
+    config_name: str,
+    truth: str | None,
+    mass_kg: float | None,
+    recorded: str | None,
+    output: str,
+    overrides: tuple[str, ...],
+    estimator: str | None,
+    initial_mass: float | None,
+) -> int:
+    """Find what the vehicle model lacks in measured data, add it, and show the error before and after."""
+    context = click.get_current_context()
+    if not logs and recorded is None:
+        raise click.UsageError("nothing to diagnose: give a LOG or --recorded DIR", context)
+    if mass_kg is not None and not 0 < mass_kg < float("inf"):
+        raise click.UsageError(f"--mass must be above 0, found {mass_kg:g}", context)
+    config = load(config_name, overrides, estimator, initial_mass)
+    paths = [Path(log) for log in logs] + (_segments(Path(recorded)) if recorded is not None else [])
+    if truth not in (None, "auto") and len(paths) > 1:
+        raise click.UsageError("one truth cannot fit several logs: use --truth auto", context)
+    return _diagnose(paths, config, config_name, _truths(paths, truth), mass_kg, Path(output))
+
+
+def _diagnose(
+    paths: list[Path],
+    config: Config,
+    config_name: str,
+    truths: list[Path | None] | None,
+    mass_kg: float | None,
+    output: Path,
+) -> int:
+    from canest.cli.progress import Share
+    from canest.diagnose.files import write, write_empty
+    from canest.diagnose.problem import TooLittleDrivingError
+    from canest.diagnose.run import diagnose
+
+    class Stage(Share):
+        def tell(self, text: str, share: float) -> None:
+            self._text = text
+            self.update(share)
+
+    names = [str(p) for p in paths]
+    try:
+        with Stage("diagnose") as bar:
+            diagnosis = diagnose(paths, config, truths=truths, mass_kg=mass_kg, tell=bar.tell)
+            bar.tell("writing", 0.95)
+            written = write(diagnosis, config_name, names, output)
+    except TooLittleDrivingError as error:
+        written = write_empty(error, config, config_name, names, output)
+        print(f"{written.finding}\n\n{_files(written.paths)}")
+        return 0
+    _show(diagnosis, written.found)
+    print(_files(written.paths))
+    if diagnosis.search.chosen:
+        print(f"try it: canest replay ANOTHER.log -c {output / 'revised.yaml'}")
+    return 0
+
+
+def _segments(folder: Path) -> list[Path]:
+    """Return the recording's segments in the order of their names, which begin with the time."""
+    from canest.errors import LogError
+
+    if not folder.is_dir():
+        raise LogError("no such directory", where=str(folder), expected="what service.residual_dir names")
+    found = sorted(p for p in folder.iterdir() if p.is_file() and ".log" in p.suffixes)
+    if not found:
+        raise LogError("holds no recording", where=str(folder), expected="candump logs (*.log.gz)")
+    return found
+
+
+def _truths(paths: Sequence[Path], truth: str | None) -> list[Path | None] | None:
+    if truth is None:
+        return None
+    if truth != "auto":
+        return [Path(truth)]
+    from canest.errors import LogError
+    from canest.job import truth_beside
+
+    found = [truth_beside(path) for path in paths]
+    if not any(found):
+        raise LogError("no NAME.truth.csv beside the log", where=str(paths[0]))
+    return found
+
+
+def _show(diagnosis: Diagnosis, found: Sequence[Entry]) -> None:
+    """Print the finding, before and after, and the best candidates."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = 140
+    problem = diagnosis.problem
+    console.print(diagnosis.finding, markup=False, soft_wrap=not console.is_terminal)
+    drives = f"{len(problem.parts)} drives" if len(problem.parts) > 1 else "1 drive"
+    mass = "mass known" if problem.mass_known else "mass unknown"
+    console.print(f"[dim]verdict[/]    {diagnosis.verdict}")
+    console.print(f"[dim]from[/]       {problem.rows:,} s with open gates in {drives}")
+    console.print(f"[dim]reference[/]  {diagnosis.references[0].text}; {mass}\n")
+    table = Table(box=None, header_style="dim", pad_edge=False)
+    for name in ("", "before", "after"):
+        table.add_column(name, justify="left" if not name else "right")
+    for row in score_rows(diagnosis):
+        table.add_row(*row)
+    console.print(table)
+    console.print()
+    if not found:
+        return
+    table = Table(box=None, header_style="dim", pad_edge=False)
+    table.add_column("effect")
+    table.add_column("value", justify="right")
+    table.add_column("removes", justify="right")
+    table.add_column("this data cannot tell it from")
+    for entry in found[:SHOWN]:
+        marks = ("[bold]", "[/]") if entry.selected else ("[dim]", "[/]")
+        cells = (entry_name(entry), entry_value(entry), f"{100 * entry.explained:.1f} %",
+                 ", ".join(entry.equivalent))  # fmt: skip
+        table.add_row(*(f"{marks[0]}{cell}{marks[1]}" for cell in cells))
+    console.print(table)
+    left = len(found) - SHOWN
+    if left > 0:
+        console.print(f"[dim]and {left} more in diagnosis.json; bold: added to the model[/]")
+    console.print()
+
+
+def _files(paths: Sequence[Path]) -> str:
+    return "\n".join(f"written {path}" for path in paths)
+
+
+def score_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
+    """Return the before-and-after table as text."""
+    b, a = diagnosis.before, diagnosis.after
+    rows = [
+        (
+            "held-out residual RMS",
+            f"{b.residual_rms_N:,.0f} ± {b.residual_rms_N_std:,.0f} N",
+            f"{a.residual_rms_N:,.0f} ± {a.residual_rms_N_std:,.0f} N",
+        )
+    ]
+    forms = (
+        ("mass at the end", "mass_kg", "{:,.0f} kg"),
+        ("mean mass error", "mass_error_pct", "{:.2f} %"),
+        ("mass error RMS", "mass_rms_pct", "{:.2f} %"),
+        ("grade error RMS", "grade_rms_deg", "{:.3f} deg"),
+    )
+    for label, key, form in forms:
+        before, after = getattr(b, key), getattr(a, key)
+        if before is not None or after is not None:
+            rows.append((label, _said(before, form), _said(after, form)))
+    return rows
+
+
+def _said(value: float | None, form: str) -> str:
+    return "-" if value is None else form.format(value)
+
+
+def entry_name(entry: Entry) -> str:
+    """Return an effect's name with what makes it one of several (gear, signal)."""
+    shape = dict(entry.candidate.shape)
+    extra = [f"{k} {shape[k]}" for k in ("gear", "signal", "cause") if shape.get(k) is not None]
+    return entry.candidate.effect + (f" ({', '.join(extra)})" if extra else "")
+
+
+def entry_value(entry: Entry) -> str:
+    """Return value, standard deviation and unit of the fitted parameter."""
+    info = entry.candidate.info
+    return f"{info.neutral + entry.deviation:.4g} ± {entry.std:.2g} {info.unit}".strip()
