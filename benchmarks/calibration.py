@@ -223,7 +223,8 @@ def table(rows: list[dict[str, Any]]) -> Iterator[str]:
             yield _line(name, "yes" if accelerometer else "no", mine)
     for accelerometer in (False, True):
         mine = [r for r in rows if r["accelerometer"] == accelerometer]
-        yield _line("all", "yes" if accelerometer else "no", mine)
+        if mine:
+            yield _line("all", "yes" if accelerometer else "no", mine)
 
 
 def _line(name: str, accelerometer: str, rows: list[dict[str, Any]]) -> str:

@@ -18,10 +18,12 @@ from canest.estimators.columns import give, state_in, state_out
 from canest.estimators.options import Options, parse
 from canest.estimators.status import StatusTracker
 from canest.frames import FloatColumn
-from canest.vehicle.samples import STEP_S, EstimateBlock, ModelBlock, VehicleFacts
+from canest.vehicle.samples import STEP_S, EstimateBlock, ModelBlock, Status, VehicleFacts
 
 #: a mass is trusted once its std is below this share of it
-VALID_SHARE = 0.05
+VALID_SHARE = 0.04
+#: ... and while the vehicle has not stood long enough for its load to be changing
+UNLOADED_S = 10.0
 _SENSED, _UNDRIVEN, _ALTITUDE = (COLUMNS.index(c) for c in ("sensed_mps2", "undriven_mps", "altitude_m"))
 _SPEED, _OPEN = COLUMNS.index("speed_mps"), COLUMNS.index("open")
 
@@ -135,7 +137,9 @@ class Canest(Estimator):
         grade_std = np.sqrt(np.maximum(held[kernel.OUT_GRADE_VAR], 0.0) + rolling**2)
         learned = held[kernel.OUT_LEARNED] > 0.0
         started = learned | (facts.initial_mass_kg is not None)
-        status = self._status.update(learned, mass, mass_std)
+        standing = held[kernel.OUT_STANDING_S] > UNLOADED_S
+        status = self._status.update(learned & ~standing, mass, mass_std)
+        status[learned & standing] = Status.CONVERGING
         nan = np.nan
         return EstimateBlock(
             mass_kg=np.where(started, mass, nan),

@@ -57,8 +57,8 @@ STATES = 12
 MEMORY = 13
 
 # one window's outputs
-OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED = range(6)
-OUTPUTS = 6
+OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S = range(7)
+OUTPUTS = 7
 
 _G = GRAVITY_MPS2
 #: distance over which vertical curves last, m
@@ -73,6 +73,8 @@ _FORCE_SHARE, _FORCE_S = 0.02, 0.2
 _RETARDER_SHARE, _RETARDER_WINDOWS = 0.1, 25.0
 #: mass changes little by little (fuel, snow): relative variance per metre, (1 % in 10 km)^2
 _MASS_DRIFT = 1e-8
+#: slip is learned from every so many windows: wheel speeds come at 10 Hz and it changes slowly
+_UNDRIVEN_EVERY = 5.0
 #: the delay of reported torque changes from frame to frame by a part of its 20 ms cycle
 _JITTER_S = 0.004
 #: the remaining delay is trusted to, s; the inverse mass is taken for it at least this share of its prior std
@@ -83,8 +85,8 @@ _LOADING_S = 30.0
 _OUTLIER = 9.0
 #: memory of the noise levels and of the innovations' sign, in windows
 _NOISE_MEMORY, _SIGN_MEMORY = 300.0, 15.0
-#: innovations this one-signed for seconds: the load has changed where nobody saw it
-_ONE_SIGNED, _CLIP = 1.5, 5.0
+#: innovations this one-signed for seconds open mass (by this share) and grade again
+_ONE_SIGNED, _CLIP, _DOUBT = 1.5, 5.0, 0.3
 
 
 @fast.kernel
@@ -265,11 +267,17 @@ def run(
 
     w is scratch space of STATES numbers.
     """
-    gap_s, distance, speed, force, traction = windows[0], windows[1], windows[2], windows[3], windows[4]
-    traction_rate, roll, accel, accel_end = windows[5], windows[6], windows[7], windows[8]
-    slip_rate, drag, gear, rotating = windows[9], windows[10], windows[11], windows[12]
-    undriven, sensed, altitude = windows[13], windows[14], windows[15]
-    open_, retarding, stopped = windows[16], windows[17], windows[18]
+    gap_s, distance, before, before_N, before_rate = (
+        windows[0],
+        windows[1],
+        windows[2],
+        windows[3],
+        windows[4],
+    )
+    speed, force, traction, traction_rate, roll = windows[5], windows[6], windows[7], windows[8], windows[9]
+    accel, accel_end, slip_rate, drag, gear = windows[10], windows[11], windows[12], windows[13], windows[14]
+    rotating, undriven, sensed, altitude = windows[15], windows[16], windows[17], windows[18]
+    open_, retarding, stopped = windows[19], windows[20], windows[21]
     curvature_var = prior[CURVATURE] * prior[CURVATURE]
     wind_var = prior[WIND] * prior[WIND]
     for k in range(n):
@@ -283,32 +291,36 @@ def run(
             ds += gap_s[k] * max(v, 0.0)
         if ds > 0.0:
             travel(x, P, active, ds, curvature_var, wind_var)
-        if memory[STANDING_S] < _LOADING_S <= standing or abs(memory[BIASED]) > _ONE_SIGNED:
+        if memory[STANDING_S] < _LOADING_S <= standing:
             reopen(P, active, prior)
+        if abs(memory[BIASED]) > _ONE_SIGNED:
+            # the load has changed where nobody saw it, or the road has a step: let the next seconds tell
+            P[U][U] += _DOUBT * _DOUBT * x[U] * x[U]
+            P[GRADE][GRADE] += prior[GRADE] * prior[GRADE]
             memory[BIASED] = 0.0
-            memory[FRESH] = 1.0
         memory[STANDING_S] = standing * stopped[k]
         if open_[k] > 0.0:
             first = 0
+            inverse = max(x[U], _LEAST_SHARE * prior[U])
             # the delay's lever is the traction halfway through it (second order in the delay)
-            delay = min(max(x[DELAY] / max(x[U], _LEAST_SHARE * prior[U]), -_DELAY_S), _DELAY_S)
-            late = t + 0.5 * delay * traction_rate[k]
-            jitter = max(x[U], _LEAST_SHARE * prior[U]) * traction_rate[k] * _JITTER_S
-            r = memory[SPEED_VAR] + jitter * jitter
+            half = 0.5 * min(max(x[DELAY] / inverse, -_DELAY_S), _DELAY_S)
             if memory[FRESH] > 0.0:
-                start(x, P, active, v, r, t, late, rotating[k])
+                late = before_N[k] + half * before_rate[k]
+                start(x, P, active, before[k], memory[SPEED_VAR], before_N[k], late, rotating[k])
                 memory[FRESH] = 0.0
-            else:
-                unknown = max(x[U], _LEAST_SHARE * prior[U]) * (torque_std * gear[k] + _FORCE_SHARE * abs(t))
-                push(x, P, active, force[k], roll[k], drag[k], unknown * unknown * _FORCE_S * WINDOW_S)
-                # the regressor of u must not carry the noise of the speed that it meets (errors in variables)
-                expected = (x[Q] + late * x[DELAY] + v * t * x[SLIP]) / (1.0 + x[U] * rotating[k])
-                turning = -rotating[k] * expected
-                e, s = correct(x, P, active, w, 0, v, r, Q, 1.0, DELAY, late, SLIP, v * t, U, turning)
-                memory[SPEED_VAR] = level(memory[SPEED_VAR], e, s, floors[0])
-                memory[LEARNED] = 1.0
-                tally(memory, e, s)
-            if undriven[k] == undriven[k]:
+            unknown = inverse * (torque_std * gear[k] + _FORCE_SHARE * abs(t))
+            push(x, P, active, force[k], roll[k], drag[k], unknown * unknown * _FORCE_S * WINDOW_S)
+            late = t + half * traction_rate[k]
+            jitter = inverse * traction_rate[k] * _JITTER_S
+            # the regressor of u must not carry the noise of the speed that it meets (errors in variables)
+            expected = (x[Q] + late * x[DELAY] + v * t * x[SLIP]) / (1.0 + x[U] * rotating[k])
+            r = memory[SPEED_VAR] + jitter * jitter
+            turning = -rotating[k] * expected
+            e, s = correct(x, P, active, w, 0, v, r, Q, 1.0, DELAY, late, SLIP, v * t, U, turning)
+            memory[SPEED_VAR] = level(memory[SPEED_VAR], e, s, floors[0])
+            memory[LEARNED] = 1.0
+            tally(memory, e, s)
+            if undriven[k] == undriven[k] and memory[COUNT] % _UNDRIVEN_EVERY == 0.0:
                 e, s = correct(
                     x, P, active, w, 0, v - undriven[k], memory[UNDRIVEN_VAR],
                     SLIP, v * t, LAG, accel_end[k], SCALE, v, Q, 0.0,
@@ -352,3 +364,4 @@ def run(
         row[OUT_CURVATURE] = x[CURVATURE]
         row[OUT_GRADE_VAR] = P[GRADE][GRADE]
         row[OUT_LEARNED] = memory[LEARNED]
+        row[OUT_STANDING_S] = memory[STANDING_S]

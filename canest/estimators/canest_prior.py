@@ -41,8 +41,8 @@ LAG_S, LAG_STD_S, SCALE_STD = 0.05, 0.05, 0.02
 BIAS_STD_MPS2 = 0.3
 #: body pitch per m/s2: as declared within 20 %, else what springs do
 PITCH_RAD_PER_MPS2, PITCH_STD_RAD_PER_MPS2, PITCH_SHARE_STD = 0.006, 0.006, 0.2
-#: grades of roads: std of the grade, and of its change per metre (vertical curves of 2 to 10 km radius)
-GRADE_STD, CURVATURE_STD_1PM = 0.03, 2e-4
+#: grades of roads: std of the grade, and of its change per metre (vertical curves of 3 to 10 km radius)
+GRADE_STD, CURVATURE_STD_1PM = 0.03, 1.5e-4
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,11 +19,15 @@ from canest.vehicle.samples import GRAVITY_MPS2, STEP_S, STEP_US, ModelBlock
 TICKS = 10  #: samples per window; 0.2 s, about the correlation time of speeds filtered at 2 Hz
 WINDOW_S = TICKS * STEP_S
 SHIFT = 4  #: ticks that torque is typically late
+_REACH = TICKS + SHIFT + 1  #: samples before its last one that a window looks back to
 
 #: columns of a window, in the kernel's order
 COLUMNS = (
     "gap_s",  # time missing before this window
     "distance_m",
+    "before_mps",  # speed on the sample before the window
+    "before_N",  # traction there
+    "before_Nps",  # and its rate
     "speed_mps",  # at the end
     "force_N",  # mean, rotating inertia not subtracted
     "traction_N",  # at the end
@@ -86,17 +90,16 @@ class Windows:
             self._last_end = int(ticks[ends[-1]])
         else:
             windows = np.empty((len(COLUMNS), 0))
-        self._kept = rows[:, max(0, rows.shape[1] - TICKS - SHIFT) :].copy()
+        self._kept = rows[:, max(0, rows.shape[1] - _REACH) :].copy()
         finished = np.searchsorted(ends, np.arange(past, rows.shape[1]), side="right")
         return windows, finished
 
     @staticmethod
     def _ends(ticks: NDArray[np.int64], past: int) -> NDArray[np.int64]:
-        """Return the indices of samples that end a window without gaps (SHIFT samples before included)."""
+        """Return the indices of samples that end a window, with every sample there that it looks back to."""
         candidates = past + np.flatnonzero((ticks[past:] + 1) % TICKS == 0)
-        candidates = candidates[candidates >= TICKS + SHIFT - 1]
-        reach = TICKS + SHIFT - 1
-        whole: NDArray[np.int64] = candidates[ticks[candidates] - ticks[candidates - reach] == reach]
+        candidates = candidates[candidates >= _REACH]
+        whole: NDArray[np.int64] = candidates[ticks[candidates] - ticks[candidates - _REACH] == _REACH]
         return whole
 
     def _windows(
@@ -127,6 +130,9 @@ class Windows:
         columns = [
             (ticks[ends] - before - TICKS) * STEP_S,
             np.maximum(mean_speed, 0.0) * WINDOW_S,
+            at(_SPEED, TICKS),
+            at(_TRACTION, TICKS),
+            (at(_TRACTION, TICKS) - at(_TRACTION, TICKS + 1)) / STEP_S,
             speed,
             rest + mean(_TRACTION) + rotating * mean(_ACCEL),
             traction,
