@@ -1,0 +1,198 @@
+"""Reports: complete, small enough, and alive in a real browser without network."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from canest.demo import DRIVE, TRUTH
+from canest.frames import FloatColumn
+from canest.gates import Gate
+from canest.report.recorder import POINTS_MAX, Recorder, Whiteness, residual_N
+from canest.vehicle.samples import EstimateBlock, ModelBlock
+
+pytest.importorskip("jinja2")
+pytest.importorskip("plotly")
+
+MB = 1_000_000
+
+
+def block(
+    t_us: np.ndarray, gate: np.ndarray | None = None, **columns: FloatColumn
+) -> tuple[ModelBlock, EstimateBlock]:
+    """Samples and estimates that are zero but for what is given."""
+    n = len(t_us)
+    zero, no = np.zeros(n), np.zeros(n, np.bool_)
+    floats = {name: columns.get(name, zero) for name in ModelBlock.__slots__}
+    model = ModelBlock(**{
+        **floats, "t_us": t_us, "gate": np.zeros(n, np.uint8) if gate is None else gate.astype(np.uint8),
+        "restart": no, "stopped": no, "ax_ok": no,
+    })  # fmt: skip
+    mass = np.full(n, 1000.0)
+    return model, EstimateBlock(mass, zero + 10, zero, zero + 0.01, np.zeros(n, np.uint8))
+
+
+class TestRecorder:
+    def test_memory_is_bounded(self):
+        recorder = Recorder()
+        for part in range(60):
+            recorder(*block(20_000 * np.arange(part * 50_000, (part + 1) * 50_000)))
+        stamps, columns = recorder.columns()
+        assert POINTS_MAX / 3 < len(stamps) <= POINTS_MAX
+        assert all(len(column) == len(stamps) for column in columns.values())
+        assert np.all(np.diff(stamps) == np.diff(stamps)[0])
+
+    def test_closures_are_exact_and_do_not_depend_on_cuts(self):
+        gate = np.zeros(500, int)
+        gate[100:150], gate[150:160], gate[490:] = Gate.SHIFT, Gate.RECOVERY, Gate.BRAKE
+        t_us = 20_000 * np.arange(500)
+        whole, cut = Recorder(), Recorder()
+        whole(*block(t_us, gate))
+        for a in range(0, 500, 7):
+            cut(*block(t_us[a : a + 7], gate[a : a + 7]))
+        expected = [
+            (2_000_000, 3_000_000, Gate.SHIFT),
+            (3_000_000, 3_200_000, Gate.RECOVERY),
+            (9_800_000, 10_000_000, Gate.BRAKE),
+        ]
+        assert whole.closures() == cut.closures() == expected
+
+    def test_a_gap_in_the_log_is_no_closure(self):
+        recorder = Recorder()
+        gate = np.full(10, int(Gate.BRAKE))
+        recorder(*block(20_000 * np.arange(10), gate))
+        recorder(*block(20_000 * np.arange(1000, 1010), gate))
+        assert recorder.closures() == [
+            (0, 200_000, Gate.BRAKE),
+            (20_000_000, 20_200_000, Gate.BRAKE),
+        ]
+
+    def test_thousands_of_closures_are_thinned(self):
+        recorder = Recorder()
+        gate = (np.arange(100_000) % 2) * int(Gate.SHIFT)
+        recorder(*block(20_000 * np.arange(100_000), gate))
+        assert len(recorder.closures()) < 25_000
+
+
+class TestWhiteness:
+    def residuals(self, force: np.ndarray) -> Whiteness:
+        w = Whiteness()
+        n = len(force)
+        # 1000 kg on the level without rolling resistance: the residual is minus the force
+        w.push(*block(1_000_000 * np.arange(n), force_N=force))
+        return w
+
+    def test_white_noise_passes(self):
+        w = self.residuals(np.random.default_rng(1).normal(0, 50, 4000))
+        assert w.count == 4000
+        assert w.rms_N == pytest.approx(50, rel=0.05)
+        assert abs(w.correlation) < 0.05
+        assert abs(w.runs_z) < 3
+
+    def test_a_slow_wave_does_not(self):
+        w = self.residuals(50 * np.sin(np.arange(4000) / 40))
+        assert w.correlation > 0.95
+        assert w.runs_z < -20
+
+    def test_residual_by_hand(self):
+        one = np.ones(1)
+        # 2000 kg, 0.5 m/s2, 100 % grade (45 degrees), mu 0.01
+        found = residual_N(2000 * one, 0.5 * one, one, 0.01 * one, 500 * one)
+        assert found[0] == pytest.approx(2000 * (0.5 + 9.80665 * (0.5**0.5 + 0.01 * 0.5**0.5)) - 500)
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory) -> dict[str, Path]:
+    from canest.cli.main import run
+
+    folder = tmp_path_factory.mktemp("reports")
+    made = {"replay": folder / "replay.html", "compare": folder / "compare.html"}
+    truth = ["--truth", str(TRUTH)]
+    assert run(["replay", str(DRIVE), "-c", "class8", *truth, "--report", str(made["replay"])]) == 0
+    only = ["--only", "canest,rlsmf,dgo", "--interpreted"]
+    assert run(["compare", str(DRIVE), "-c", "class8", *truth, *only, "--report", str(made["compare"])]) == 0
+    return made
+
+
+@pytest.mark.parametrize("kind", ["replay", "compare"])
+def test_one_small_file_without_outside_references(reports, kind):
+    html = reports[kind].read_text()
+    assert len(html) < 8 * MB
+    assert not re.search(r"<(script|link|img|iframe)[^>]+(src|href)\s*=", html)
+
+
+def test_every_curve_is_there(reports):
+    html = reports["replay"].read_text()
+    data = re.search(r'<script type="application/json" id="data1">(.*?)</script>', html, re.DOTALL)
+    figure = json.loads(data[1])
+    names = {trace.get("name") for trace in figure["data"]}
+    assert {"mass", "true mass", "grade", "true grade", "speed", "gear", "traction", "residual"} <= names
+    assert "gate: shift" in names
+    mass = next(trace for trace in figure["data"] if trace.get("name") == "mass")
+    assert len(mass["x"]) == len(mass["y"]) > 800
+    assert abs(mass["y"][-1] - 21.0) < 2.0
+
+
+def test_log_without_an_estimate_still_has_a_report(tmp_path, canest_run):
+    bike = Path(__file__).parents[1] / "data" / "ip332" / "bike.log.xz"
+    assert canest_run("replay", bike, "-c", "kenworth", "--report", tmp_path / "bike.html") == 0
+    html = (tmp_path / "bike.html").read_text()
+    assert "No estimate: engine_torque_pct" in html
+
+
+def test_empty_log_still_has_a_report(tmp_path, canest_run):
+    (tmp_path / "empty.log").write_text("")
+    assert (
+        canest_run("replay", tmp_path / "empty.log", "-c", "kenworth", "--report", tmp_path / "e.html") == 0
+    )
+    assert "the log is empty" in out.read_text()
+
+
+def test_names_cannot_break_out_of_the_page(tmp_path, canest_run):
+    config = "vehicle.name='<script>alert(1)</script>'"
+    out = tmp_path / "r.html"
+    assert canest_run("replay", DRIVE, "-c", "class8", "--set", config, "--report", out) == 0
+    assert "<script>alert(1)" not in out.read_text()
+
+
+def test_report_without_its_packages_is_one_line(tmp_path, canest_run, capsys, monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "jinja2", None)
+    assert canest_run("replay", DRIVE, "-c", "class8", "--report", tmp_path / "r.html") == 1
+    assert "pip install canest[report]" in capsys.readouterr().err
+
+
+@pytest.fixture
+def canest_run():
+    from canest.cli.main import run
+
+    return lambda *arguments: run([str(argument) for argument in arguments])
+
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium here")
+@pytest.mark.parametrize("kind", ["replay", "compare"])
+def test_opens_in_a_browser_without_network(reports, kind, tmp_path):
+    process = subprocess.run(
+        [
+            BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+            "--disable-background-networking", "--disable-component-update", "--disable-sync",
+            "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={tmp_path}", "--window-size=1280,1600",
+            "--virtual-time-budget=10000", "--enable-logging=stderr", "--dump-dom", f"file://{reports[kind]}",
+        ],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    dom = process.stdout
+    assert not re.findall(r"Uncaught|ReferenceError|TypeError", process.stderr)
+    curves = re.findall(r'class="js-line"[^>]*\bd="M[^"]{100,}"', dom)
+    assert len(curves) >= 5, "plotly has drawn no curves"
+    assert 'class="main-svg"' in dom
