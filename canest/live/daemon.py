@@ -322,11 +322,9 @@ class Daemon:
             self._ring = Ring(place(folder, "STATE_DIRECTORY"), channel, limit, self.background)
 
     def _close_files(self) -> None:
-        for log in (self._frame_log, self._estimate_log):
+        for log in (self._frame_log, self._estimate_log, self._ring):
             if log is not None:
-                log.flush()
-        if self._ring is not None:
-            self._ring.close()
+                log.close()
 
     def _open_status(self) -> StatusServer | None:
         path = socket_path(self.config)
@@ -386,6 +384,7 @@ class Daemon:
         if self._status_server is not None:
             self._status_server.close()
         self.journal.notice("stopped", frames=self.pipeline.decoder.counters.frames)
+        self.notifier.close()
 
 
 def _flat(value: dict[str, Any], prefix: str = "") -> dict[str, Any]:

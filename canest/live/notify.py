@@ -46,6 +46,12 @@ class Notifier:
             self._ping_at_s = now_s + self.watchdog_s / 2
             self._send("WATCHDOG=1")
 
+    def close(self) -> None:
+        """Let the socket go."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
     def _send(self, message: str) -> None:
         if not self._address:
             return

@@ -49,7 +49,15 @@ class _Spool(Generic[Block]):
         if blocks and not self._background.submit(self._kind, lambda: self._write(self._render(blocks))):
             self._background.counters[f"{self._kind}_rows_lost"] += sum(map(len, blocks))
 
+    def close(self) -> None:
+        """Queue what has been collected, and the end of the file."""
+        self.flush()
+        self._background.submit(self._kind, self._end)
+
     def _write(self, text: bytes) -> None:
+        raise NotImplementedError
+
+    def _end(self) -> None:
         raise NotImplementedError
 
 
@@ -97,6 +105,11 @@ class TextLog(_Spool[Block]):
             self._take_back(begin)
             raise OSError(errno.ENOSPC, "no space left on device")
 
+    def _end(self) -> None:
+        file, self._file = self._file, None
+        if file is not None:
+            file.close()
+
     def _take_back(self, begin: int) -> None:
         assert self._file is not None
         self._file.truncate(begin)
@@ -124,11 +137,6 @@ class Ring(_Spool[FrameBlock]):
         self._path = folder
         self._begun_s = 0.0
 
-    def close(self) -> None:
-        """Queue the end of the present segment."""
-        self.flush()
-        self._background.submit("ring", self._end_segment)
-
     def _write(self, text: bytes) -> None:
         if self._file is None:
             self._begin_segment()
@@ -142,7 +150,7 @@ class Ring(_Spool[FrameBlock]):
             raise
         age_s = self._clock_s() - self._begun_s
         if size > self._max_bytes // _SEGMENT_SHARE or not 0 <= age_s <= _SEGMENT_S:
-            self._end_segment()
+            self._end()
 
     def _begin_segment(self) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -152,7 +160,7 @@ class Ring(_Spool[FrameBlock]):
         self._path = self._folder / f"{stamp}-{self._channel}.log.gz"
         self._file = gzip.open(self._path, "ab", compresslevel=1)  # noqa: SIM115 - lives for a quarter of an hour
 
-    def _end_segment(self) -> None:
+    def _end(self) -> None:
         file, self._file = self._file, None
         if file is not None:
             file.close()
@@ -160,7 +168,8 @@ class Ring(_Spool[FrameBlock]):
     def _drop_oldest(self) -> None:
         segments = sorted(p for p in self._folder.iterdir() if _SEGMENT_NAME.fullmatch(p.name))
         sizes = [p.stat().st_size for p in segments]
-        limit = self._max_bytes - self._max_bytes // _SEGMENT_SHARE
+        # room for the segment that begins now, and for the last write, which may carry it beyond its share
+        limit = self._max_bytes - 2 * (self._max_bytes // _SEGMENT_SHARE)
         excess = sum(sizes) - limit
         for path, size in zip(segments, sizes, strict=True):
             if excess <= 0:

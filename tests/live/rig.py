@@ -1,0 +1,133 @@
+"""A daemon on a scripted bus in scripted time: hours pass in seconds, and nothing depends on the machine."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import time
+from collections import Counter
+
+import numpy as np
+
+from canest.frames import FrameBlock
+from canest.live import daemon as daemon_module
+from canest.live.daemon import Daemon
+from canest.live.journal import Journal
+from canest.live.kernel_drain import Drained
+from canest.live.notify import Notifier
+from canest.live.schedule import Schedule
+from canest.logs.reader import open_log
+
+GUARD_US = 2_000
+
+
+class Time:
+    """A monotonic clock that moves only when somebody sleeps."""
+
+    def __init__(self):
+        self.now_ns = 10**12
+
+    def clock_ns(self):
+        return self.now_ns
+
+    def sleep(self, s):
+        self.now_ns += round(s * 1e9)
+
+
+class Script:
+    """A receiver and a transmitter in one: hands frames out when their time has come, keeps what is sent.
+
+    ``offset_us``: what the bus's clock is ahead of the monotonic one; change it to set the clock.
+    """
+
+    def __init__(self, frames, time):
+        self._frames, self._time, self._at = frames, time, 0
+        begin_us = int(frames.t_us[0]) if len(frames) else 1_700_000_000_000_000
+        self.offset_us = begin_us - time.now_ns // 1000
+        self.state, self.opened, self.counters, self.sent = "up", 1, Counter(), []
+
+    def drain(self):
+        now_us = self._time.now_ns // 1000 + self.offset_us
+        end = int(np.searchsorted(self._frames.t_us, now_us, side="right"))
+        frames, self._at = self._frames[self._at : end], max(self._at, end)
+        return Drained(frames, now_us - GUARD_US)
+
+    def send(self, can_id, payload):
+        self.counters["sent"] += 1
+        self.sent.append((self._time.now_ns // 1000, can_id, payload))
+        return True
+
+    def close(self):
+        self.state = "absent"
+
+    @property
+    def exhausted(self):
+        return self._at >= len(self._frames)
+
+
+class Rig:
+    """Runs a daemon tick by tick; use as a context manager."""
+
+    def __init__(self, monkeypatch, config, frames=None, notifier=None, reload=None):
+        self.time = Time()
+        self.script = Script(FrameBlock.empty() if frames is None else frames, self.time)
+        self.opened = []
+
+        def open_link(bus, filters, *, transmit):
+            self.opened.append((bus, transmit))
+            return self.script, self.script if transmit else None
+
+        monkeypatch.setattr(daemon_module, "open_link", open_link)
+        monkeypatch.setattr(daemon_module.time, "monotonic_ns", self.time.clock_ns)
+        self.log = io.StringIO()
+        self.daemon = Daemon(
+            config,
+            config_name="test",
+            reload=reload,
+            journal=Journal(self.log, {"JOURNAL_STREAM": "1"}, lambda: self.time.now_ns * 1e-9),
+            notifier=notifier or Notifier({}),
+        )
+        self.daemon.schedule = Schedule(self.time.clock_ns, self.time.sleep)
+        self.daemon._status_server = None
+
+    def run(self, s):
+        """Let ``s`` seconds pass."""
+        for _ in range(round(s * 50)):
+            self.daemon._tick(self.daemon.schedule.wait())
+        return self
+
+    def run_out(self, extra_s=0.5):
+        """Run until every frame has been handed out."""
+        while not self.script.exhausted:
+            self.run(1)
+        return self.run(extra_s)
+
+    @property
+    def now_us(self):
+        return self.time.now_ns // 1000
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.daemon._end()
+
+
+def kenworth(data, seconds=None):
+    """Return the first seconds of the real Kenworth log."""
+    frames = FrameBlock.concatenate(list(open_log(data / "kenworth" / "normal.log.xz")))
+    if seconds is None:
+        return frames
+    return frames[: int(np.searchsorted(frames.t_us, frames.t_us[0] + seconds * 1_000_000))]
+
+
+def wait_for(condition, timeout_s=5.0):
+    """Wait in real time until a condition holds."""
+    end = time.monotonic() + timeout_s
+    for _ in itertools.count():
+        if condition():
+            return True
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.02)
+    return False

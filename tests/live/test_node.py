@@ -1,0 +1,251 @@
+"""The daemon as a node: listening before it speaks, requests, other users of its group, other masses."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import pairwise
+
+import pytest
+
+from canest.config import load_config
+from canest.config.schema import Broadcast
+from canest.decode import j1939
+from canest.frames import FrameBlock
+from canest.live.address_claim import CLAIM_PGN, REQUEST_PGN
+from canest.live.broadcast import PCC1_PGN, Broadcaster, cvw_payload, pcc1_payload
+from canest.live.citizen import LISTEN_US, QUIET_US
+from canest.live.estimate_frame import Estimate, decode
+from canest.live.node import Node
+from canest.live.watch import CVW_PGN, BusWatch
+from canest.vehicle.samples import Status
+
+GOOD = Estimate(20_000.0, 200.0, 0.02, 0.002, Status.VALID, 0)
+OWN_PGN = 0xFF5A
+TICK_US = 20_000
+
+
+class Wire:
+    """A transmitter that keeps what it was given; ``full``: it takes nothing."""
+
+    def __init__(self):
+        self.sent, self.full, self.counters = [], False, Counter()
+
+    def send(self, can_id, payload):
+        self.counters["dropped_buffer_full" if self.full else "sent"] += 1
+        if not self.full:
+            self.sent.append((can_id, payload))
+        return not self.full
+
+    def groups(self):
+        return [j1939.pgn_of(can_id) for can_id, _ in self.sent]
+
+
+class Bus:
+    """A node on a bus, in ticks of 20 ms, with an estimate that is fresh at every tick."""
+
+    def __init__(self, *changes, estimate=GOOD):
+        config = load_config("vcan", changes)
+        self.now_us, self.estimate, self.wire = 5_000_000, estimate, Wire()
+        self.node = Node(config, BusWatch(config.broadcast.pgn))
+        self.node.attach(config, self.wire, self.now_us)
+
+    def run(self, us, frames=()):
+        end = self.now_us + us
+        block = FrameBlock.from_frames([(self.now_us, i, p) for i, p in frames])
+        while self.now_us < end:
+            self.node.observe(block, self.now_us)
+            block = FrameBlock.empty()
+            if self.estimate is not None:
+                self.node.take(self.estimate, self.now_us)
+            self.node.speak(self.now_us)
+            self.now_us += TICK_US
+        return self
+
+    def estimates(self):
+        return [(i, p) for i, p in self.wire.sent if j1939.pgn_of(i) == OWN_PGN]
+
+
+def request(pgn, source=0x21, destination=0xFF):
+    return j1939.pack(REQUEST_PGN, source, destination=destination), pgn.to_bytes(3, "little")
+
+
+def test_it_claims_listens_and_only_then_broadcasts():
+    bus = Bus().run(LISTEN_US - TICK_US)
+    assert bus.wire.groups() == [CLAIM_PGN]
+    bus.run(500_000)
+    assert OWN_PGN in bus.wire.groups()
+    assert {j1939.source_of(i) for i, _ in bus.estimates()} == {158}
+
+
+def test_broadcast_comes_at_the_configured_rate_with_a_counter_that_never_skips():
+    bus = Bus("broadcast.rate_hz=10").run(LISTEN_US + 10_000_000)
+    counters = [decode(p, i).counter for i, p in bus.estimates()]
+    assert 98 <= len(counters) <= 102
+    assert all((b - a) % 16 == 1 for a, b in pairwise(counters))
+    assert all(decode(p, i).intact for i, p in bus.estimates())
+
+
+@pytest.mark.parametrize("rate_hz", [1, 3, 20, 50])
+def test_any_rate_up_to_the_grid_is_kept_on_average(rate_hz):
+    bus = Bus(f"broadcast.rate_hz={rate_hz}").run(LISTEN_US + 10_000_000)
+    assert abs(len(bus.estimates()) - 10 * rate_hz) <= 2
+
+
+def test_a_group_somebody_else_uses_silences_us_and_says_so():
+    foreign = (j1939.pack(OWN_PGN, 0x44), bytes(8))
+    bus = Bus().run(500_000).run(LISTEN_US + 3_000_000, [foreign])
+    assert bus.estimates() == []
+    assert "0xff5a" in bus.node.silence(bus.now_us) and "0x44" in bus.node.silence(bus.now_us)
+    bus.run(QUIET_US)
+    assert bus.estimates()
+
+
+def test_a_forged_frame_in_our_group_after_we_began_does_not_silence_us():
+    bus = Bus().run(LISTEN_US + 1_000_000)
+    before = len(bus.estimates())
+    bus.run(2_000_000, [(j1939.pack(OWN_PGN, 0x44), bytes(8))])
+    assert len(bus.estimates()) > before + 15
+    assert 0x44 in bus.node.watch.group_users
+
+
+def test_losing_the_address_stops_the_broadcast_until_another_is_owned():
+    bus = Bus().run(LISTEN_US + 1_000_000)
+    bus.wire.sent.clear()
+    bus.run(200_000, [(j1939.pack(CLAIM_PGN, 158), (1).to_bytes(8, "little"))])
+    assert bus.wire.groups() == [CLAIM_PGN]
+    bus.run(1_000_000)
+    assert {j1939.source_of(i) for i, _ in bus.estimates()} == {159}
+
+
+def test_a_stale_estimate_is_sent_as_not_available():
+    bus = Bus().run(LISTEN_US + 500_000)
+    bus.estimate = None
+    bus.run(1_000_000)
+    can_id, payload = bus.estimates()[-1]
+    assert decode(payload, can_id).estimate.status == 3
+    assert payload[:6] == b"\xff" * 6
+
+
+def test_requests_for_our_group_are_answered_at_once_but_not_in_a_flood():
+    bus = Bus("broadcast.rate_hz=1").run(LISTEN_US + 500_000)
+    before = len(bus.estimates())
+    bus.run(TICK_US, [request(OWN_PGN)])
+    assert len(bus.estimates()) == before + 1
+    for _ in range(500):
+        bus.run(TICK_US, [request(OWN_PGN)] * 10)
+    assert len(bus.estimates()) - before <= 10 * 10 + 12
+
+
+def test_a_request_for_claims_is_answered():
+    bus = Bus().run(LISTEN_US)
+    bus.run(100_000, [request(CLAIM_PGN)])
+    assert bus.wire.groups().count(CLAIM_PGN) == 2
+
+
+def test_a_personal_request_for_what_we_do_not_send_is_refused_politely():
+    bus = Bus().run(LISTEN_US)
+    bus.run(200_000, [request(65262, source=0x21, destination=158)])
+    [(can_id, payload)] = [(i, p) for i, p in bus.wire.sent if j1939.pgn_of(i) == 0xE800]
+    assert payload == bytes([1, 0xFF, 0xFF, 0xFF, 0x21]) + (65262).to_bytes(3, "little")
+    assert j1939.source_of(can_id) == 158
+
+
+def test_a_flood_of_personal_requests_is_answered_ten_times_a_second_at_most():
+    bus = Bus().run(LISTEN_US)
+    for _ in range(250):
+        bus.run(TICK_US, [request(65262, destination=158)] * 20)
+    assert bus.wire.groups().count(0xE800) <= 52
+
+
+def test_requests_to_others_are_none_of_our_business():
+    bus = Bus().run(LISTEN_US)
+    bus.run(500_000, [request(65262, destination=0x00), request(65262)])
+    assert 0xE800 not in bus.wire.groups()
+
+
+def test_a_full_interface_drops_and_counts_and_never_stops_us():
+    bus = Bus().run(LISTEN_US + 500_000)
+    bus.wire.full = True
+    bus.run(2_000_000)
+    bus.wire.full = False
+    before = len(bus.estimates())
+    bus.run(1_000_000)
+    assert bus.node.counters()["dropped_buffer_full"] >= 19
+    assert len(bus.estimates()) - before >= 9
+
+
+def test_standard_places_are_silent_by_default():
+    assert set(Bus().run(LISTEN_US + 5_000_000).wire.groups()) == {CLAIM_PGN, OWN_PGN}
+
+
+def test_standard_places_carry_only_what_is_valid():
+    bus = Bus("broadcast.cvw=true", "broadcast.pcc1=true").run(LISTEN_US + 5_000_000)
+    cvw = [p for i, p in bus.wire.sent if j1939.pgn_of(i) == CVW_PGN]
+    assert 4 <= len(cvw) <= 6
+    assert int.from_bytes(cvw[-1][2:4], "little") == 2000
+    assert cvw[-1][:2] + cvw[-1][4:] == b"\xff" * 6
+    pcc1 = [(i, p) for i, p in bus.wire.sent if j1939.pgn_of(i) == PCC1_PGN]
+    assert pcc1[-1][1][3] == round((2 + 16) / 0.125)
+    assert pcc1[-1][0] >> 26 & 7 == 3
+    bus.wire.sent.clear()
+    bus.estimate = Estimate(20_000.0, 4_000.0, 0.02, 0.002, Status.CONVERGING, 0)
+    bus.run(3_000_000)
+    assert set(bus.wire.groups()) == {OWN_PGN}
+
+
+@pytest.mark.parametrize("mass_kg", [float("nan"), -1.0, 642_600.0])
+def test_a_mass_outside_spn_1760_is_not_sent(mass_kg):
+    assert cvw_payload(mass_kg) is None
+
+
+@pytest.mark.parametrize("grade", [float("nan"), -0.17, 0.16])
+def test_a_grade_outside_spn_7432_is_not_sent(grade):
+    assert pcc1_payload(grade) is None
+
+
+def test_masses_of_other_ecus_are_kept_per_address():
+    def cvw(raw, source):
+        return j1939.pack(CVW_PGN, source), b"\xff\xff" + raw.to_bytes(2, "little") + b"\xff" * 4
+
+    bus = Bus().run(TICK_US, [cvw(3750, 0x0B), cvw(3980, 0x27), cvw(0, 0x03), cvw(0xFFFF, 0x05)])
+    assert {a: m.mass_kg for a, m in bus.node.watch.other_masses.items()} == {0x0B: 37_500.0, 0x27: 39_800.0}
+    bus.run(TICK_US, [cvw(0, 0x0B)])
+    assert bus.node.watch.other_masses[0x0B].mass_kg == 37_500.0
+
+
+def test_a_node_without_transmitter_has_nothing_that_could_send():
+    config = load_config("vcan", ["broadcast.listen_only=true"])
+    node = Node(config, BusWatch(config.broadcast.pgn))
+    node.observe(FrameBlock.from_frames([(0, *request(CLAIM_PGN))]), 0)
+    node.take(GOOD, 0)
+    node.speak(0)
+    assert node.citizen is None and node.broadcaster is None and node._transmitter is None
+    assert "listen" in node.silence(0)
+
+
+def test_remote_error_standard_and_short_frames_are_no_messages():
+    watch = BusWatch(OWN_PGN)
+    claim = j1939.pack(CLAIM_PGN, 0x31)
+    watch.observe(
+        FrameBlock.from_frames(
+            [(0, claim | 0x4000_0000, b""), (0, claim | 0x2000_0000, bytes(8)), (0, 0x123, bytes(8)),
+             (0, claim, bytes(3)), (0, j1939.pack(REQUEST_PGN, 1, destination=255), b"\x00")]
+        ),
+        0,
+    )  # fmt: skip
+    assert watch.claims == [] and watch.requests == []
+    assert watch.counters["wrong_length"] == 1
+
+
+def test_noise_of_every_identifier_does_not_make_the_watch_grow():
+    watch = BusWatch(OWN_PGN)
+    for begin in range(0, 50_000, 5000):
+        watch.observe(
+            FrameBlock.from_frames([(0, 0x8000_0000 | 7919 * i, b"") for i in range(begin, begin + 5000)]), 0
+        )
+    assert len(watch._kinds) <= 4096
+
+
+def test_the_group_set_of_a_broadcaster_follows_the_config():
+    assert Broadcaster(Broadcast()).groups == {OWN_PGN}
+    assert Broadcaster(Broadcast(cvw=True, pcc1=True)).groups == {OWN_PGN, CVW_PGN, PCC1_PGN}

@@ -1,0 +1,197 @@
+"""Notifications, log lines, metrics, the schedule, the sparkline: each against its written definition."""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import re
+import socket
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canest.live.journal import BURST, REFILL_S, Journal
+from canest.live.notify import Notifier
+from canest.live.schedule import STEP_NS, Schedule
+from canest.live.view import BLOCKS, LiveView, sparkline
+
+
+@pytest.fixture
+def supervisor(tmp_path):
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
+        sock.bind(str(tmp_path / "notify"))
+        sock.settimeout(1)
+        yield sock, {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "10000000"}
+
+
+def messages(sock):
+    sock.setblocking(False)
+    found = []
+    while True:
+        try:
+            found.append(sock.recv(4096).decode())
+        except BlockingIOError:
+            return found
+
+
+def test_systemd_hears_every_step_of_a_life(supervisor):
+    sock, environment = supervisor
+    notifier = Notifier(environment)
+    notifier.ready()
+    notifier.status("valid: 20 t")
+    notifier.status("valid: 20 t")
+    notifier.reloading()
+    notifier.stopping()
+    notifier.close()
+    heard = messages(sock)
+    assert heard[:2] == ["READY=1", "STATUS=valid: 20 t"]
+    assert re.fullmatch(r"RELOADING=1\nMONOTONIC_USEC=\d+", heard[2])
+    assert heard[3:] == ["STOPPING=1"]
+
+
+def test_the_watchdog_is_pinged_at_half_its_deadline_and_only_when_called(supervisor):
+    sock, environment = supervisor
+    notifier = Notifier(environment)
+    assert notifier.watchdog_s == 10.0
+    for tick in range(int(30 / 0.02)):
+        notifier.alive(100.0 + tick * 0.02)
+    notifier.close()
+    assert messages(sock) == ["WATCHDOG=1"] * 6
+
+
+def test_a_watchdog_meant_for_another_process_is_not_ours():
+    assert Notifier({"WATCHDOG_USEC": "1000000", "WATCHDOG_PID": str(os.getpid() + 1)}).watchdog_s is None
+    assert Notifier({"WATCHDOG_USEC": "nonsense"}).watchdog_s is None
+
+
+def test_without_systemd_or_with_a_dead_one_nothing_happens(tmp_path):
+    for environment in ({}, {"NOTIFY_SOCKET": str(tmp_path / "gone")}):
+        notifier = Notifier(environment)
+        notifier.ready()
+        notifier.close()
+
+
+def test_an_abstract_notify_socket_is_understood():
+    name = f"canest-test-{os.getpid()}"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
+        sock.bind("\0" + name)
+        notifier = Notifier({"NOTIFY_SOCKET": "@" + name})
+        notifier.ready()
+        notifier.close()
+        assert sock.recv(100) == b"READY=1"
+
+
+def journal(environment=None):
+    stream, clock = io.StringIO(), [0.0]
+    return Journal(stream, environment or {"JOURNAL_STREAM": "8:1"}, lambda: clock[0]), stream, clock
+
+
+def test_lines_carry_journald_priorities_and_quoted_values():
+    log, stream, _ = journal()
+    log.warning("bus", now="down for good", count=3, share=0.123456789)
+    log.error("disk")
+    assert stream.getvalue() == '<4>bus now="down for good" count=3 share=0.123457\n<3>disk\n'
+
+
+def test_a_line_stays_one_line_whatever_is_in_it():
+    log, stream, _ = journal()
+    log.notice("event", text="two\nlines\x1b[31m")
+    assert stream.getvalue().count("\n") == 1 and "\x1b" not in stream.getvalue()
+
+
+def test_a_storm_of_one_event_is_held_back_and_counted_while_others_pass():
+    log, stream, clock = journal()
+    for _ in range(1000):
+        log.warning("storm")
+    log.notice("other")
+    lines = stream.getvalue().splitlines()
+    assert lines.count("<4>storm") == BURST and lines[-1] == "<5>other"
+    clock[0] += REFILL_S
+    log.warning("storm")
+    assert stream.getvalue().splitlines()[-1] == f"<4>storm held_back={1000 - BURST}"
+
+
+def test_a_closed_stderr_does_not_end_the_daemon():
+    log, stream, _ = journal()
+    stream.close()
+    log.error("nobody hears this")
+
+
+def test_outside_systemd_lines_are_for_people():
+    log, stream, _ = journal({"TERM": "xterm"})
+    log.info("started", config="truck")
+    assert re.fullmatch(r"\d\d:\d\d:\d\d info: started config=truck\n", stream.getvalue())
+
+
+class FakeTime:
+    def __init__(self):
+        self.now_ns = 10**12
+        self.overslept_ns = 0
+
+    def clock(self):
+        return self.now_ns
+
+    def sleep(self, s):
+        self.now_ns += round(s * 1e9) + self.overslept_ns
+
+
+def test_the_beat_does_not_drift_when_every_sleep_is_late():
+    fake = FakeTime()
+    schedule = Schedule(fake.clock, fake.sleep)
+    begin, fake.overslept_ns = fake.now_ns, 300_000
+    for _ in range(1000):
+        schedule.wait()
+        fake.now_ns += 5_000_000
+    assert abs(fake.now_ns - begin - 1000 * STEP_NS) < STEP_NS
+    assert schedule.missed == 0
+    assert schedule.share_within(0.5) == 1.0 and schedule.share_within(0.1) == 0.0
+
+
+def test_a_long_stop_is_skipped_not_caught_up():
+    fake = FakeTime()
+    schedule = Schedule(fake.clock, fake.sleep)
+    schedule.wait()
+    fake.now_ns += 60 * 10**9
+    schedule.wait()
+    assert schedule.missed == 60 * 50 - 1
+    before = fake.now_ns
+    schedule.wait()
+    assert 0 < fake.now_ns - before <= STEP_NS
+    assert schedule.ticks == 3
+
+
+@given(st.lists(st.floats(-1e9, 1e9) | st.just(math.nan), max_size=40))
+def test_a_sparkline_has_one_character_per_value_and_never_fails(values):
+    line = sparkline(values)
+    assert len(line) == len(values)
+    assert all((c == " ") == math.isnan(v) for c, v in zip(line, values, strict=True))
+
+
+def test_a_sparkline_spans_its_range():
+    assert sparkline([0, 1, 2, 3, 4, 5, 6, 7]) == BLOCKS
+    assert sparkline([5, 5]) == BLOCKS[4] * 2
+
+
+def test_the_view_shows_estimates_and_counts_what_is_lost_or_damaged():
+    from rich.console import Console
+
+    from canest.decode import j1939
+    from canest.live.estimate_frame import Estimate, encode
+
+    can_id, view = j1939.pack(0xFF5A, 0x9E), LiveView(0xFF5A, "test")
+    good = Estimate(21_346.0, 150.0, 0.031, 0.002, 2, 0)
+    for counter in (14, 15, 0, 3):
+        assert view.take(can_id, encode(good, counter, can_id), 1.0)
+    assert not view.take(can_id, bytes(8), 1.0)
+    assert not view.take(j1939.pack(0xFF10, 0x9E), bytes(8), 1.0)
+    assert view.counters == {"frames": 4, "lost": 2, "damaged": 1}
+
+    def shown(now_s):
+        console = Console(file=io.StringIO(), width=110)
+        console.print(view.render(now_s))
+        return console.file.getvalue()
+
+    assert "21,346 kg" in shown(1.0) and "+3.10 %" in shown(1.0) and "valid" in shown(1.0)
+    assert "no broadcast for 9 s" in shown(10.0)

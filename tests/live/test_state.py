@@ -1,0 +1,165 @@
+"""The state file: what is restored, what is set aside, and that nothing in it can hurt."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from canest.config import load_config
+from canest.live import state
+from canest.live.state import Learned, fingerprint, load, peek, save, vehicle_key, widened_std_kg
+
+NOW_S = 1_800_000_000.0
+CONFIG = load_config("vcan")
+
+
+@pytest.fixture(scope="module")
+def shelf(tmp_path_factory):
+    return tmp_path_factory.mktemp("state")
+
+
+def learned(**changes):
+    values = {
+        "vehicle_key": vehicle_key(CONFIG), "config": fingerprint(CONFIG), "mass_kg": 20_000.0,
+        "mass_std_kg": 150.0, "saved_s": NOW_S - 60, "standing": False,
+    }  # fmt: skip
+    return Learned(**values | changes)
+
+
+def test_what_is_saved_is_restored(tmp_path):
+    path = tmp_path / "deep" / "state.json"
+    save(path, learned())
+    restored = load(path, CONFIG, NOW_S)
+    assert restored.learned == learned() and restored.message == ""
+    assert [p.name for p in path.parent.iterdir()] == ["state.json"]
+
+
+def test_nothing_saved_is_no_reason_for_a_message(tmp_path):
+    assert load(tmp_path / "state.json", CONFIG, NOW_S) == state.Restored(None)
+
+
+@pytest.mark.parametrize(
+    ("reason", "content"),
+    [
+        ("corrupt", b""),
+        ("corrupt", b"\x00" * 500),
+        ("corrupt", b'{"version": 1, "mass_kg": 20'),
+        ("corrupt", b"[1, 2, 3]"),
+        ("corrupt", b"\xff\xfe\x00"),
+        ("corrupt", b"[" * 60_000),
+        ("corrupt", b" " * 1_000_000),
+        ("corrupt", json.dumps({"version": 1, "valid": True, "mass_kg": 1}).encode()),
+    ],
+)
+def test_damaged_files_are_set_aside(tmp_path, reason, content):
+    path = tmp_path / "state.json"
+    path.write_bytes(content)
+    restored = load(path, CONFIG, NOW_S)
+    assert restored.learned is None and "set aside" in restored.message
+    assert not path.exists() and (tmp_path / f"state.json.bad-{reason}").read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    ("reason", "changes"),
+    [
+        ("version", {"version": 0}),
+        ("version", {"version": 99}),
+        ("version", {"version": True}),
+        ("invalid", {"valid": False}),
+        ("vehicle", {"vehicle_key": "another truck"}),
+        ("future", {"saved_s": NOW_S + 3600}),
+        ("range", {"mass_kg": 100.0}),
+        ("range", {"mass_kg": 1e6}),
+        ("corrupt", {"mass_kg": math.nan}),
+        ("corrupt", {"mass_kg": math.inf}),
+        ("corrupt", {"mass_kg": "20000"}),
+        ("corrupt", {"mass_kg": True}),
+        ("corrupt", {"mass_kg": 10**400}),
+        ("corrupt", {"mass_std_kg": 0}),
+        ("corrupt", {"mass_std_kg": -5.0}),
+        ("corrupt", {"saved_s": None}),
+        ("corrupt", {"standing": "no"}),
+        ("corrupt", {"vehicle_key": 7}),
+        ("corrupt", {"distance_km": "far"}),
+        ("corrupt", {"something_else": 1}),
+    ],
+)
+def test_a_file_that_must_not_be_used_is_set_aside_with_its_reason(tmp_path, reason, changes):
+    path = tmp_path / "state.json"
+    save(path, learned())
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+    restored = load(path, CONFIG, NOW_S)
+    assert restored.learned is None
+    assert (tmp_path / f"state.json.bad-{reason}").exists() and not path.exists()
+    assert "\n" not in restored.message and str(path) in restored.message
+
+
+def test_a_directory_in_the_files_place_is_told_and_survived(tmp_path):
+    (tmp_path / "state.json").mkdir()
+    restored = load(tmp_path / "state.json", CONFIG, NOW_S)
+    assert restored.learned is None and "cannot be read" in restored.message
+
+
+def test_a_second_bad_file_replaces_the_first_one_set_aside(tmp_path):
+    path = tmp_path / "state.json"
+    for content in (b"first", b"second"):
+        path.write_bytes(content)
+        load(path, CONFIG, NOW_S)
+    assert [p.read_bytes() for p in tmp_path.iterdir()] == [b"second"]
+
+
+@given(st.binary(max_size=400) | st.text(max_size=200).map(lambda t: t.encode("utf-8", "surrogatepass")))
+@settings(max_examples=200, deadline=None)
+def test_arbitrary_content_never_raises(shelf, content):
+    path = shelf / "state.json"
+    path.write_bytes(content)
+    assert load(path, CONFIG, NOW_S).learned is None
+    path.write_bytes(content)
+    assert peek(path) is None
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@given(st.dictionaries(st.sampled_from(["version", "valid", *Learned.__slots__]), json_values, max_size=9))
+@settings(max_examples=150, deadline=None)
+def test_any_values_in_the_right_places_give_a_sound_state_or_none(shelf, changes):
+    path = shelf / "state.json"
+    path.write_text(json.dumps({"version": 1, "valid": True, **asdict(learned())} | changes))
+    result = load(path, CONFIG, NOW_S).learned
+    if result is not None:
+        vehicle = CONFIG.vehicle
+        assert vehicle.mass_min_kg <= result.mass_kg <= vehicle.mass_max_kg
+        assert math.isfinite(widened_std_kg(result, CONFIG, NOW_S))
+
+
+def test_doubt_grows_with_age_and_with_a_stop():
+    just_now = widened_std_kg(learned(saved_s=NOW_S - 2), CONFIG, NOW_S)
+    stood = widened_std_kg(learned(saved_s=NOW_S - 2, standing=True), CONFIG, NOW_S)
+    hour = widened_std_kg(learned(saved_s=NOW_S - 3600), CONFIG, NOW_S)
+    day = widened_std_kg(learned(saved_s=NOW_S - 86_400), CONFIG, NOW_S)
+    assert 600 <= just_now <= 640  # 3 % of 20 t and what was saved
+    assert just_now < stood < hour < day
+    spread = (CONFIG.vehicle.mass_max_kg - CONFIG.vehicle.mass_min_kg) / math.sqrt(12)
+    assert 0.9 * spread < day < 1.1 * spread  # a day later the load may be anything
+
+
+def test_another_model_of_the_same_vehicle_adds_doubt_but_keeps_the_mass():
+    other = load_config("vcan", ["vehicle.drag_area_m2=7"])
+    assert fingerprint(other) != fingerprint(CONFIG)
+    assert widened_std_kg(learned(), other, NOW_S) > widened_std_kg(learned(), CONFIG, NOW_S)
+
+
+def test_settings_that_do_not_touch_the_model_do_not_change_its_fingerprint():
+    assert fingerprint(load_config("vcan", ["bus.channel=can7", "service.save_every_s=5"])) == fingerprint(
+        CONFIG
+    )
