@@ -1,1 +1,1 @@
-"""The closed loop: find the residual, trace it to an effect the model lacks, add it, report before and after."""
+"""The closed loop: find the residual, trace it to an effect the model lacks, add it, report both sides."""

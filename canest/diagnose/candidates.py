@@ -1,4 +1,4 @@
-"""Every effect of the vocabulary as something to try: one parameter each, shapes (gear, signal, tau) fixed."""
+"""Every effect of the vocabulary as something to try: one parameter each, its shape (gear, signal) fixed."""
 
 from __future__ import annotations
 
@@ -46,6 +46,8 @@ class Candidate:
     effect: str
     parameter: str
     shape: tuple[tuple[str, object], ...] = ()
+    #: never selected, only named where the data cannot tell it from what is
+    shadow: bool = False
 
     @property
     def info(self) -> Parameter:
@@ -89,11 +91,9 @@ def candidates_for(
         "rotating_inertia": "inertia_kgm2",
         "brake_drag": "force_N",
     }
-    if not problem.mass_known:
-        # a common factor on all traction and a free mass are one thing: no drive tells them apart
-        for name in SCALE_EFFECTS:
-            del plain[name]
-    found = [Candidate(name, name, parameter) for name, parameter in plain.items()]
+    # a common factor on all traction is nearly one thing with a free mass: never to be claimed then
+    shadows = () if problem.mass_known else SCALE_EFFECTS
+    found = [Candidate(name, name, parameter, shadow=name in shadows) for name, parameter in plain.items()]
     found += [
         Candidate(f"rolling_warmup tau {tau:g} s", "rolling_warmup", "crr_cold", (("tau_s", tau),))
         for tau in WARMUP_TAUS_S

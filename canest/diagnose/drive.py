@@ -44,7 +44,7 @@ class Run:
     @property
     def open(self) -> BoolColumn:
         """Where the gates are open."""
-        return self.samples.gate == 0
+        return np.asarray(self.samples.gate == 0)
 
 
 class Drive:
@@ -108,7 +108,7 @@ class Drive:
         return pipeline.take_ticks(self._ticks(changed, effects))
 
     def filtered(self, column: FloatColumn, run: Run) -> FloatColumn:
-        """Pass a column of the run's ticks through the model's Butterworth (for a reference such as truth)."""
+        """Pass a column of the run's ticks through the model's Butterworth (for a reference)."""
         start = np.zeros(len(column), np.bool_)
         start[0] = True
         start[1:] = np.diff(run.samples.t_us) != 20_000

@@ -71,7 +71,9 @@ def _make(directory: Path) -> None:
 
 
 def _json(directory: Path, content: dict[str, Any]) -> Path:
-    return _text(directory / JSON_NAME, json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n")
+    return _text(
+        directory / JSON_NAME, json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    )
 
 
 def _text(path: Path, text: str) -> Path:

@@ -58,4 +58,4 @@ def held_out(residual: FloatColumn, regressors: Matrix, chunk: IntColumn) -> Flo
 
 def chunk_sums(squared: FloatColumn, chunk: IntColumn) -> FloatColumn:
     """Return the sum of a column over each chunk."""
-    return np.bincount(chunk, weights=squared)
+    return np.asarray(np.bincount(chunk, weights=squared), np.float64)

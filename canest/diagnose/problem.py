@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from canest.decode.signal_map import resolution_of
 from canest.diagnose.drive import Drive, Run
 from canest.diagnose.reference import Reference
 from canest.diagnose.windows import Windows, windows_of
@@ -19,6 +20,10 @@ Matrix = NDArray[np.float64]
 #: what is left of speed quantisation and oscillation in a one-second mean, as specific force (m/s2)
 WINDOW_NOISE_MPS2 = 0.004
 MIN_WINDOWS = 8
+
+
+class TooLittleDrivingError(LogError):
+    """The logs can be read, but the gates were hardly ever open."""
 
 
 class _Part:
@@ -45,9 +50,11 @@ class _Part:
         """Return the known mass, else the least-squares start value (it stays free in every fit)."""
         if self.reference.mass_kg is not None:
             return self.reference.mass_kg
+        v = self.drive.config.vehicle
+        if not self.windows.count:
+            return np.full(len(self.specific), v.mass_min_kg)
         s, f = self.windows.mean(self.specific), self.windows.mean(self.run.samples.force_N)
         s, f = s - s.mean(), f - f.mean()
-        v = self.drive.config.vehicle
         raw = float(s @ f / (s @ s)) if s @ s > 0 else v.mass_min_kg
         return np.full(len(self.specific), np.clip(raw, v.mass_min_kg, v.mass_max_kg))
 
@@ -63,7 +70,7 @@ class Problem:
         parts = [_Part(d, run, ref) for d, ref, run in drives]
         self.parts = [p for p in parts if p.windows.count >= MIN_WINDOWS]
         if not self.parts:
-            raise LogError(
+            raise TooLittleDrivingError(
                 "too little driving with open gates to diagnose",
                 found=f"{sum(p.windows.count for p in parts)} seconds",
                 expected=f"at least {MIN_WINDOWS} in a row; see `canest check`",
@@ -81,6 +88,15 @@ class Problem:
         )
         weights = [p.mass_kg.mean() * GRAVITY_MPS2 for p in self.parts]
         self.weight_N = float(np.mean(weights))
+        #: one step of the reported torque, as force at the wheels
+        self.torque_step_N = float(np.mean([_torque_step_N(p) for p in self.parts]))
+        #: standard deviation of one window in N, where the whitening has settled
+        self.unit_N = float(np.median(np.concatenate([_innovations(None, p) for p in self.parts])))
+
+    @property
+    def chunks(self) -> int:
+        """How many blocks of driving the windows make."""
+        return int(self.chunk.max()) + 1
 
     @property
     def rows(self) -> int:
@@ -101,32 +117,58 @@ class Problem:
         return np.concatenate(out)
 
     def _nuisance(self) -> Matrix:
-        """Return what is always free, in N per kg: an unknown mass of each drive (n, drives)."""
+        """Return what is always free per drive, in N per unit (n, columns).
+
+        An unknown mass; and where the grade comes from an accelerometer, what is left of its pitch
+        coupling and, without an altitude to tell it, its bias.
+        """
         columns = []
         for i, part in enumerate(self.parts):
+            here = self.drive == i
+            kind = part.reference.kind
+            free = []
             if part.reference.mass_kg is None:
-                column = np.zeros(self.rows)
-                column[self.drive == i] = -part.windows.mean(part.specific)
-                columns.append(column)
+                free.append(-part.windows.mean(part.specific))
+            if "accelerometer" in kind:
+                free.append(part.mass_w * part.windows.mean(part.run.samples.accel_mps2))
+            if kind == "accelerometer":
+                free.append(part.mass_w)
+            for column in free:
+                whole = np.zeros(self.rows)
+                whole[here] = column
+                columns.append(whole)
         return np.column_stack(columns) if columns else np.zeros((self.rows, 0))
 
 
-def _innovations(x_N: FloatColumn, part: _Part) -> FloatColumn:
-    """Run the scalar grade filter over a column: state = grade error force, decaying over distance."""
+def _torque_step_N(part: _Part) -> float:
+    lever = part.windows.mean(np.nan_to_num(part.run.samples.force_per_torque_1pm))
+    return resolution_of(part.drive.config)["torque"] * float(lever.mean())
+
+
+def _innovations(x_N: FloatColumn | None, part: _Part) -> FloatColumn:
+    """Run the scalar grade filter over a column: state = grade error force, decaying over distance.
+
+    Without a column: the standard deviations of the innovations, N.
+    """
     noise = (WINDOW_NOISE_MPS2 * part.mass_w) ** 2
     spread = (part.reference.sin_beta_std * GRAVITY_MPS2 * part.mass_w) ** 2
+    n = part.windows.count
     if part.reference.sin_beta_std == 0.0:
-        return np.asarray(x_N / np.sqrt(noise))
-    out = np.empty(len(x_N))
+        return np.sqrt(noise) if x_N is None else np.asarray(x_N / np.sqrt(noise))
+    out = np.empty(n)
     state, variance, before = 0.0, float(spread[0]), float(part.windows.t_s[0])
-    for k in range(len(x_N)):
+    for k in range(n):
         now = float(part.windows.t_s[k])
         keep = np.exp(-(now - before) * part.speed_mps[k] / part.reference.correlation_m)
         before = now
         state, variance = keep * state, keep * keep * variance + (1 - keep * keep) * spread[k]
         s = variance + noise[k]
-        innovation = x_N[k] - state
-        out[k] = innovation / np.sqrt(s)
         gain = variance / s
-        state, variance = state + gain * innovation, (1 - gain) * variance
+        if x_N is None:
+            out[k] = np.sqrt(s)
+        else:
+            innovation = x_N[k] - state
+            out[k] = innovation / np.sqrt(s)
+            state += gain * innovation
+        variance *= 1 - gain
     return out

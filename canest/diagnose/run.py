@@ -12,11 +12,13 @@ from canest.config.schema import Config
 from canest.diagnose.bus import Ranked, rank_bus_signals
 from canest.diagnose.candidates import Candidate, candidates_for, switching_roles
 from canest.diagnose.drive import Drive
+from canest.diagnose.fit import FOLDS
 from canest.diagnose.problem import Problem
 from canest.diagnose.reference import Reference, reference_for
 from canest.diagnose.score import Fold, Score, score, two_folds
 from canest.diagnose.search import Search, Tried
-from canest.diagnose.words import finding_of
+from canest.diagnose.windows import CHUNK_S
+from canest.diagnose.words import finding_of, too_short
 from canest.errors import UsageError
 from canest.frames import FloatColumn
 from canest.pipeline import Estimates
@@ -30,6 +32,9 @@ EXPLAINED_SHARE, PARTLY_SHARE = 0.8, 0.2
 SWITCH_ROLES = ("fan_speed", "pto_state")
 #: a bus signal must explain this much of the remainder to be tried as a switch
 TRY_SIGNAL_SHARE = 0.1
+
+#: so many blocks of open driving make a held-out score and its standard error; fewer are an anecdote
+MIN_CHUNKS = FOLDS
 
 Tell = Callable[[str, float], None]
 
@@ -71,6 +76,8 @@ def diagnose(
         raise UsageError("no log to diagnose")
     tell("reading", 0.0)
     problem, references = _problem(paths, config, truths, mass_kg, tell)
+    if problem.chunks < MIN_CHUNKS:
+        return _too_short(config, problem, references)
     search, tried = _search(problem, config, SWITCH_ROLES, tell)
     ranked: list[Ranked] = []
     if _remainder_N(problem, search) > SMALL_REMAINDER * problem.weight_N:
@@ -101,6 +108,17 @@ def diagnose(
     return Diagnosis(
         config, problem, search, tried, before, after, left_before, left_after, shown_before, shown_after,
         verdict, finding, ranked, references,
+    )  # fmt: skip
+
+
+def _too_short(config: Config, problem: Problem, references: list[Reference]) -> Diagnosis:
+    """Return the residual of a log that is too short for more."""
+    search = Search(problem, effects_of(config), [])
+    now, left, shown = score(problem, two_folds(problem, search))
+    finding = too_short(problem.rows, MIN_CHUNKS * CHUNK_S, now.residual_rms_N)
+    return Diagnosis(
+        config, problem, search, [], now, now, left, left, shown, shown,
+        "nothing-to-explain", finding, [], references,
     )  # fmt: skip
 
 
@@ -156,7 +174,7 @@ def _with_switches(config: Config, ranked: Sequence[Ranked]) -> Config:
 
 
 def _remainder_N(problem: Problem, search: Search) -> float:
-    """Return how much the remainder wanders from chunk to chunk, in N: noise averages out, a cause does not."""
+    """Return how much the remainder wanders from chunk to chunk, in N: noise averages out, causes do not."""
     left = search.residual_N + _mass_part(problem, search)
     sums = np.bincount(problem.chunk, weights=left)
     counts = np.maximum(np.bincount(problem.chunk), 1)

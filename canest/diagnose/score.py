@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from canest.diagnose.problem import Problem
 from canest.diagnose.search import Search
 from canest.diagnose.windows import CHUNK_S
-from canest.frames import BoolColumn, FloatColumn
+from canest.frames import BoolColumn, FloatColumn, IntColumn
 from canest.pipeline import Estimates
 from canest.vehicle.effects import Effect
 
 #: the estimator gets this long before its errors count, s
 SETTLE_S = 60.0
+BOOTSTRAPS = 400
 
 
 @dataclass(frozen=True)
@@ -28,9 +30,11 @@ class Score:
     mass_error_pct: float | None
     mass_rms_pct: float | None
     grade_rms_deg: float | None
+    #: 95 % confidence intervals by block bootstrap, by the names above
+    intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
 
-    def to_json(self) -> dict[str, float | None]:
-        """Return the contract's keys."""
+    def to_json(self) -> dict[str, Any]:
+        """Return the contract's keys, and the intervals."""
         return {
             "residual_rms_N": round(self.residual_rms_N, 2),
             "residual_rms_N_std": round(self.residual_rms_N_std, 2),
@@ -38,6 +42,7 @@ class Score:
             "mass_error_pct": _rounded(self.mass_error_pct, 3),
             "mass_rms_pct": _rounded(self.mass_rms_pct, 3),
             "grade_rms_deg": _rounded(self.grade_rms_deg, 4),
+            "interval_95": {k: [float(f"{x:.4g}") for x in v] for k, v in self.intervals.items()},
         }
 
 
@@ -56,10 +61,8 @@ class Fold:
 
 def two_folds(problem: Problem, search: Search) -> list[Fold]:
     """Fit the chosen effects on each half of the data (drives, or blocks of one drive)."""
-    if len(problem.parts) > 1:
-        half = problem.drive % 2 == 1
-    else:
-        half = problem.parts[0].windows.chunk % 2 == 1
+    unit = problem.drive if len(problem.parts) > 1 else problem.parts[0].windows.chunk
+    half = unit % 2 == 1
     folds = []
     for judged in (half, ~half):
         effects, taken_N = search.fitted_on(~judged)
@@ -67,35 +70,82 @@ def two_folds(problem: Problem, search: Search) -> list[Fold]:
     return folds
 
 
-def residual_score(problem: Problem, folds: Sequence[Fold]) -> tuple[float, float, FloatColumn]:
-    """Return held-out residual RMS in N, its standard error (chunk bootstrap), and the residual (n,)."""
+def residual_score(
+    problem: Problem, folds: Sequence[Fold]
+) -> tuple[float, float, tuple[float, float], FloatColumn]:
+    """Return held-out residual RMS in N, its standard error, its 95 % interval, and the residual (n,)."""
     left = np.empty(problem.rows)
     for fold in folds:
         residual = problem.residual_N(fold.effects) - fold.taken_N
         left[fold.judged] = residual[fold.judged]
-    sums = np.bincount(problem.chunk, weights=left**2)
-    counts = np.bincount(problem.chunk)
-    draw = np.random.default_rng(0).integers(0, len(sums), (400, len(sums)))
-    boot = np.sqrt(sums[draw].sum(axis=1) / counts[draw].sum(axis=1))
-    return float(np.sqrt((left**2).mean())), float(boot.std()), left
+    drawn, _ = _bootstrap(left, problem.chunk)
+    return float(np.sqrt((left**2).mean())), float(drawn.std()), _interval(drawn), left
 
 
-def estimator_score(
-    problem: Problem, folds: Sequence[Fold]
-) -> tuple[dict[str, float | None], list[Estimates]]:
-    """Return the estimator's errors on judged ticks, and one drive's estimates per drive (first fold)."""
-    mass_errors, grade_errors, last = [], [], []
+def _bootstrap(errors: FloatColumn, block: IntColumn) -> tuple[FloatColumn, FloatColumn]:
+    """Draw whole blocks anew, with replacement: RMS and absolute mean of every draw, (BOOTSTRAPS,) each."""
+    number = np.unique(block, return_inverse=True)[1]
+    sums = np.stack([np.bincount(number, weights=w) for w in (np.ones(len(errors)), errors, errors**2)])
+    draws = np.random.default_rng(0).integers(0, sums.shape[1], (BOOTSTRAPS, sums.shape[1]))
+    count, total, square = sums[:, draws].sum(axis=2)
+    return np.sqrt(square / count), np.abs(total / count)
+
+
+def _interval(drawn: FloatColumn) -> tuple[float, float]:
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    return float(low), float(high)
+
+
+class _Errors:
+    """An estimator's errors on judged ticks, in blocks that count as independent.
+
+    An estimator keeps an error for minutes, so that a block is a drive, or a minute where there is one drive.
+    """
+
+    def __init__(self, blocks_of: str) -> None:
+        self._by_drive = blocks_of == "drives"
+        self._errors: list[FloatColumn] = []
+        self._blocks: list[IntColumn] = []
+
+    def add(self, error: FloatColumn, t_s: FloatColumn, counted: BoolColumn, drive: int) -> None:
+        counted = counted & np.isfinite(error)
+        minute = (
+            np.zeros(counted.sum(), np.int64) if self._by_drive else (t_s[counted] // 60.0).astype(np.int64)
+        )
+        self._errors.append(error[counted])
+        self._blocks.append(minute + 1_000_000 * drive)
+
+    def numbers(self, scale: float) -> tuple[dict[str, float | None], dict[str, tuple[float, float]]]:
+        """Return `rms` and `mean` (absolute), and their intervals; None and nothing without errors."""
+        errors = np.concatenate(self._errors) * scale if self._errors else np.empty(0)
+        if not len(errors):
+            return {"rms": None, "mean": None}, {}
+        rms, mean = _bootstrap(errors, np.concatenate(self._blocks))
+        told = {"rms": float(np.sqrt((errors**2).mean())), "mean": float(abs(errors.mean()))}
+        return told, {"rms": _interval(rms), "mean": _interval(mean)}
+
+
+def score(problem: Problem, folds: Sequence[Fold]) -> tuple[Score, FloatColumn, list[Estimates]]:
+    """Return one row of the table, the held-out residual per window, and estimates for the figures.
+
+    The estimates are one drive's each, made with the effects of the fold that judges it (of a single drive:
+    the first fold).
+    """
+    residual_N, std_N, interval_N, left = residual_score(problem, folds)
+    several = len(problem.parts) > 1
+    mass, grade = (_Errors("drives" if several else "minutes") for _ in range(2))
+    last: list[float] = []
     shown: list[Estimates] = []
     for i, part in enumerate(problem.parts):
         for fold in folds:
-            if len(problem.parts) > 1 and not fold.judged[problem.drive == i].any():
+            if several and not fold.judged[problem.drive == i].any():
                 continue
             e = part.drive.estimate(fold.effects)
             if len(shown) == i:
                 shown.append(e)
             t = (e.t_us - e.t_us[0]) * 1e-6
             counted = (t > SETTLE_S) & np.isfinite(e.mass_kg)
-            if len(problem.parts) == 1:
+            if not several and not fold.judged.all():
                 odd = (t // CHUNK_S).astype(np.int64) % 2 == 1
                 counted &= odd == bool(fold.judged[part.windows.chunk % 2 == 1].all())
             if np.isfinite(e.mass_kg).any():
@@ -103,23 +153,21 @@ def estimator_score(
             reference = part.reference
             if reference.mass_kg is not None:
                 true = np.interp(e.t_us, part.run.samples.t_us, reference.mass_kg)
-                mass_errors.append((e.mass_kg / true - 1.0)[counted])
+                mass.add(e.mass_kg / true - 1.0, t, counted, i)
             if reference.grade is not None:
                 true = np.interp(e.t_us, part.run.samples.t_us, reference.grade)
-                wrong = np.degrees(np.arctan(e.grade) - np.arctan(true))
-                grade_errors.append(wrong[counted & np.isfinite(wrong)])
-    mass = np.concatenate(mass_errors) if mass_errors else np.empty(0)
-    grade = np.concatenate(grade_errors) if grade_errors else np.empty(0)
-    return {
-        "mass_kg": float(np.mean(last)) if last else None,
-        "mass_error_pct": float(abs(mass.mean()) * 100) if len(mass) else None,
-        "mass_rms_pct": float(np.sqrt((mass**2).mean()) * 100) if len(mass) else None,
-        "grade_rms_deg": float(np.sqrt((grade**2).mean())) if len(grade) else None,
-    }, shown
-
-
-def score(problem: Problem, folds: Sequence[Fold]) -> tuple[Score, FloatColumn, list[Estimates]]:
-    """Return one row of the table, the held-out residual per window, and estimates for the figures."""
-    rms, std, left = residual_score(problem, folds)
-    numbers, shown = estimator_score(problem, folds)
-    return Score(rms, std, **numbers), left, shown
+                grade.add(np.degrees(np.arctan(e.grade) - np.arctan(true)), t, counted, i)
+    (mass_pct, mass_95), (grade_deg, grade_95) = mass.numbers(100.0), grade.numbers(1.0)
+    intervals = {"residual_rms_N": interval_N}
+    for key, of, name in (
+        ("mass_error_pct", mass_95, "mean"),
+        ("mass_rms_pct", mass_95, "rms"),
+        ("grade_rms_deg", grade_95, "rms"),
+    ):
+        if name in of:
+            intervals[key] = of[name]
+    row = Score(
+        residual_N, std_N, float(np.mean(last)) if last else None,
+        mass_pct["mean"], mass_pct["rms"], grade_deg["rms"], intervals,
+    )  # fmt: skip
+    return row, left, shown

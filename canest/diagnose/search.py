@@ -14,18 +14,26 @@ from canest.diagnose.problem import Problem
 from canest.frames import FloatColumn
 from canest.vehicle.effects import Effect
 
-#: an effect must be this many of its own (chunk-robust) standard deviations away from neutral
-MIN_SIGMAS = 4.0
+#: an effect must be this many of its own (chunk-robust) standard deviations away from neutral, and more
+#: where the mass is free to take its part
+MIN_SIGMAS, MIN_SIGMAS_FREE_MASS = 4.0, 6.0
 #: and remove this share of what is left of the held-out variance
 MIN_SHARE = 0.03
-#: and matter: its force, as share of the weight (a slope of 0.015 % at 1.5e-4)
-MIN_WEIGHT_SHARE = 1.5e-4
+#: and remove something that matters: so much residual, as share of the weight (2e-4 is a slope of 0.02 %),
+#: and no less than this share of one step of the reported torque, below which no model of it can be right
+MIN_WEIGHT_SHARE, MIN_TORQUE_STEPS = 2e-4, 0.25
+#: windows averaged for the shares: what is gone within seconds shifts neither mass nor grade
+SHARE_WINDOWS = 4
 #: an alternative is equivalent while the held-out difference is below this many standard errors
 EQUIVALENT_SIGMAS = 2.0
+#: and below this share of what is left
+EQUIVALENT_SHARE = 0.1
 #: or while its regressor is the chosen one's mirror image up to this correlation
 EQUIVALENT_CORRELATION = 0.998
 MAX_EFFECTS = 5
-GAUSS_NEWTON_STEPS = 4
+GAUSS_NEWTON_STEPS = 6
+#: a delay is far from linear: Gauss-Newton starts from the best of these
+DELAY_STARTS_S = (0.0, 0.06, 0.12, 0.2, 0.3, 0.4)
 
 
 @dataclass
@@ -77,6 +85,7 @@ class Search:
     ) -> None:
         self.problem, self.base, self.candidates = problem, list(base), list(candidates)
         self.chosen: list[Chosen] = []
+        self._min_sigmas = MIN_SIGMAS if problem.mass_known else MIN_SIGMAS_FREE_MASS
         self._tick = tick
         self.first_residual_N = problem.residual_N(self.base)
         self._first = problem.whiten(self.first_residual_N)
@@ -123,7 +132,8 @@ class Search:
         The reporting delay is always in the fit: every engine controller has some, and what is left of
         it would pass for slip or inertia. It stays only when it is significant.
         """
-        self.chosen = [Chosen(c, 0.0) for c in self.candidates if c.effect == "torque_delay"]
+        delay = [c for c in self.candidates if c.effect == "torque_delay"]
+        self.chosen = [Chosen(c, self._best_start(c, DELAY_STARTS_S)) for c in delay]
         self.refit()
         while len(self.chosen) < MAX_EFFECTS:
             best = self._best_addition()
@@ -133,6 +143,17 @@ class Search:
             self.refit()
         self._prune()
 
+    def _best_start(self, c: Candidate, deviations: Sequence[float]) -> float:
+        """Return the deviation, of those given, that leaves the smallest residual."""
+        left = []
+        for deviation in deviations:
+            residual_N = self.problem.residual_N([*self.base, c.make(deviation)])
+            whitened = self.problem.whiten(residual_N)
+            # a constant (or a mass) that is wrong besides does not say anything about a delay
+            free = np.column_stack([self.problem.whiten(np.ones(self.problem.rows)), self.problem.nuisance])
+            left.append(float((solve(whitened, free, self.problem.chunk).left ** 2).sum()))
+        return deviations[int(np.argmin(left))]
+
     def _best_addition(self) -> Candidate | None:
         residual, columns = self._now()
         chunk = self.problem.chunk
@@ -140,7 +161,7 @@ class Search:
         total = before.sum()
         options: list[tuple[float, Candidate, FloatColumn]] = []
         for c in self.candidates:
-            if self._excluded(c):
+            if c.shadow or self._excluded(c):
                 continue
             column = self._columns[c.label]
             if not column.any():
@@ -153,8 +174,10 @@ class Search:
             fit = solve(residual, matrix, chunk)
             at = len(columns)
             value, std = fit.values[at], np.sqrt(fit.covariance[at, at])
-            if abs(value) < MIN_SIGMAS * std or not self._matters(column * value):
+            if abs(value) < self._min_sigmas * std or not self._matters(total - left.sum()):
                 continue
+            if not c.info.low < c.info.neutral + value < c.info.high:
+                continue  # it fits, but no vehicle is like that
             options.append((float(share), c, left))
         if not options:
             return None
@@ -176,10 +199,11 @@ class Search:
             worse.sum() <= EQUIVALENT_SIGMAS * standard_error and worse.sum() < 0.05 * best_left.sum()
         )
 
-    def _matters(self, change: FloatColumn) -> bool:
-        """Return whether an effect's contribution is large enough to notice, at its largest tenth."""
-        noise_N = 0.004 * self.problem.weight_N / 9.81
-        return bool(np.sqrt(np.mean(change**2)) * noise_N > MIN_WEIGHT_SHARE * self.problem.weight_N)
+    def _matters(self, removed: float) -> bool:
+        """Return whether a drop of the squared held-out residual is large enough to notice."""
+        rms_N = np.sqrt(max(removed, 0.0) / self.problem.rows) * self.problem.unit_N
+        least_N = max(MIN_WEIGHT_SHARE * self.problem.weight_N, MIN_TORQUE_STEPS * self.problem.torque_step_N)
+        return bool(rms_N > least_N)
 
     def _excluded(self, c: Candidate) -> bool:
         """Return whether a candidate would say again what is chosen already."""
@@ -229,7 +253,7 @@ class Search:
         while self.chosen:
             self._weigh()
             weakest = min(self.chosen, key=Chosen.sigmas)
-            if weakest.sigmas() >= MIN_SIGMAS:
+            if weakest.sigmas() >= self._min_sigmas:
                 weakest = min(self.chosen, key=lambda c: c.needed)
                 if weakest.needed >= MIN_SHARE:
                     break
@@ -238,18 +262,28 @@ class Search:
         self.chosen.sort(key=lambda c: -c.explained)
 
     def _weigh(self) -> None:
-        """Set what each choice explains, how much the others miss without it, and its equivalents."""
+        """Set what each choice explains, whether the others miss it, and its equivalents."""
         residual, columns = self._now()
-        total = self._held_out_sum(self._first, [])
-        full = self._held_out_sum(residual, columns)
+        left = held_out(residual, self._matrix(columns), self.problem.chunk)
+        first = held_out(self._first, self._matrix([]), self.problem.chunk)
+        total = self._slow_sum(first)
         for i, chosen in enumerate(self.chosen):
             others = [c for j, c in enumerate(columns) if j != i]
             rest = [c.effect() for c in self.chosen if c is not chosen]
             without = self.problem.whiten(self.problem.residual_N([*self.base, *rest]))
-            missed = self._held_out_sum(without, others)
-            chosen.explained = float((missed - full) / total)
-            chosen.needed = float(1.0 - full / missed) if missed > 0 else 0.0
+            missed = held_out(without, self._matrix(others), self.problem.chunk)
+            chosen.explained = float((self._slow_sum(missed) - self._slow_sum(left)) / total)
+            more = float((missed**2).sum() - (left**2).sum())
+            chosen.needed = more / float((missed**2).sum()) if self._matters(more) else 0.0
             chosen.equivalent = self._equivalents(i, without, others, residual, columns)
+
+    def _slow_sum(self, left: FloatColumn) -> float:
+        """Return the squared sum of a residual averaged over a few windows."""
+        chunk = self.problem.chunk
+        place = np.arange(len(chunk)) - np.searchsorted(chunk, chunk)
+        group = np.unique(chunk * 1000 + place // SHARE_WINDOWS, return_inverse=True)[1]
+        means = np.bincount(group, weights=left) / np.bincount(group)
+        return float((means[group] ** 2).sum())
 
     def _equivalents(
         self,
@@ -285,6 +319,17 @@ class Search:
 
     def _held_out_sum(self, residual: FloatColumn, columns: list[FloatColumn]) -> float:
         return float((held_out(residual, self._matrix(columns), self.problem.chunk) ** 2).sum())
+
+    def alike(self, c: Candidate) -> list[Candidate]:
+        """Return the candidates whose regressors this data cannot tell from this one's."""
+        mine = self._rest(self._columns[c.label], [])
+        found = []
+        for other in self.candidates:
+            theirs = self._rest(self._columns[other.label], [])
+            size = np.sqrt((mine @ mine) * (theirs @ theirs))
+            if other.label != c.label and size > 0 and abs(mine @ theirs) > EQUIVALENT_CORRELATION * size:
+                found.append(other)
+        return sorted(found, key=lambda c: c.rank)
 
     def local_matrix(self) -> Matrix:
         """Return the chosen effects' regressors at their values, and the nuisances."""

@@ -20,7 +20,7 @@ CHUNK_S = 15.0
 
 @dataclass(frozen=True)
 class Windows:
-    """Which ticks each window averages. index (ticks,): window number, -1 outside. chunk (n,): block number."""
+    """Which ticks each window averages: index (ticks,), -1 outside; chunk (n,) and middle t_s (n,)."""
 
     index: IntColumn
     count: int

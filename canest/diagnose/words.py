@@ -41,7 +41,7 @@ def said(chosen: Chosen) -> str:
         "drag_area": f"a drag area {number} {'larger' if value > 0 else 'away from'} than declared".replace(
             "away from than declared", "beside the declared one"
         ),
-        "rolling_resistance": f"a rolling resistance coefficient {value:+.2g} ± {chosen.std:.1g} off the declared one",
+        "rolling_resistance": f"rolling resistance {value:+.2g} ± {chosen.std:.1g} off the declared coefficient",
         "rolling_resistance_speed": f"rolling resistance that grows by {number} with speed",
         "rolling_warmup": f"cold tyres: {value:.2g} ± {chosen.std:.1g} more rolling resistance at the start, "
         f"gone with {float(str(shape.get('tau_s', 0))):.0f} s",
@@ -78,12 +78,12 @@ def finding_of(
     """Return the one sentence of the report."""
     change = f"held-out residual {before_N:.0f} N before, {after_N:.0f} N after"
     if verdict == "nothing-to-explain":
-        return f"The model fits this data as well as its noise allows ({before_N:.0f} N); there is nothing to add."
+        return f"The model fits this data as well as its noise allows ({before_N:.0f} N): nothing to add."
     hint = f" The remainder goes with {hints[0]}." if hints else ""
     if not chosen:
         return (
-            f"Something is missing from the model ({before_N:.0f} N of residual), and none of the known effects "
-            f"explains it.{hint}"
+            f"Something is missing from the model ({before_N:.0f} N of residual), and none of the known "
+            f"effects explains it.{hint}"
         )
     first = chosen[0]
     others = f", with {' and '.join(said(c) for c in chosen[1:])}" if chosen[1:] else ""
@@ -93,5 +93,15 @@ def finding_of(
     if verdict == "partly":
         text += f" A part stays unexplained.{hint}"
     if verdict == "unexplained":
-        text = f"Most of the residual stays unexplained ({change}); {said(first)} is the only effect found.{hint}"
+        text = (
+            f"Most of the residual stays unexplained ({change}); {said(first)} is all that was found.{hint}"
+        )
     return text
+
+
+def too_short(seconds: float, needed_s: float, residual_N: float) -> str:
+    """Return what a log tells that is too short to tell effects apart."""
+    return (
+        f"{seconds:.0f} s with open gates tell how large the residual is ({residual_N:.0f} N), not where it "
+        f"comes from: {needed_s:.0f} s are the least, some minutes at different speeds and loads are better."
+    )

@@ -173,7 +173,7 @@ class RollingWarmup(Effect):
     name: ClassVar[str] = "rolling_warmup"
     text: ClassVar[str] = "rolling resistance coefficient added at the start, decaying"
     parameters: ClassVar[dict[str, Parameter]] = {
-        "crr_cold": Parameter("", 0.0, -0.02, 0.05, 0.0005),
+        "crr_cold": Parameter("", 0.0, 0.0, 0.05, 0.0005),
         "tau_s": Parameter("s", 300.0, 10.0, 7200.0, 30.0),
     }
     crr_cold: float = 0.0
@@ -270,7 +270,7 @@ class RotatingInertia(Effect):
     name: ClassVar[str] = "rotating_inertia"
     stage: ClassVar[Stage] = "driveline"
     text: ClassVar[str] = "rotating inertia added at the crank"
-    parameters: ClassVar[dict[str, Parameter]] = {"inertia_kgm2": Parameter("kgm2", 0.0, -10.0, 50.0, 0.5)}
+    parameters: ClassVar[dict[str, Parameter]] = {"inertia_kgm2": Parameter("kgm2", 0.0, -1.0, 50.0, 0.5)}
     inertia_kgm2: float = 0.0
 
     def apply(self, c: Columns) -> None:
@@ -285,7 +285,7 @@ class BrakeDrag(Effect):
 
     name: ClassVar[str] = "brake_drag"
     text: ClassVar[str] = "constant force against the motion"
-    parameters: ClassVar[dict[str, Parameter]] = {"force_N": Parameter("N", 0.0, -5000.0, 20000.0, 100.0)}
+    parameters: ClassVar[dict[str, Parameter]] = {"force_N": Parameter("N", 0.0, 0.0, 20000.0, 100.0)}
     force_N: float = 0.0
 
     def apply(self, c: Columns) -> None:
@@ -293,8 +293,8 @@ class BrakeDrag(Effect):
         c.extra_N = c.extra_N - self.force_N
 
 
-#: accelerator position below which a pedal counts as up, %
-PEDAL_UP_PCT = 1.0
+#: accelerator position below which a pedal counts as up, % (one step of SPN 91 is 0.4 %)
+PEDAL_UP_PCT = 0.5
 
 
 @_register
@@ -305,7 +305,7 @@ class RetarderUnreported(Effect):
     name: ClassVar[str] = "retarder_unreported"
     stage: ClassVar[Stage] = "crank"
     text: ClassVar[str] = "retarding torque at the crank while its cause is on"
-    parameters: ClassVar[dict[str, Parameter]] = {"torque_Nm": Parameter("Nm", 0.0, -3000.0, 5000.0, 50.0)}
+    parameters: ClassVar[dict[str, Parameter]] = {"torque_Nm": Parameter("Nm", 0.0, 0.0, 5000.0, 50.0)}
     torque_Nm: float = 0.0
     #: pedal_up, brake, or the name of a role that is on (above 0.5) while it acts
     cause: str = "pedal_up"
@@ -334,7 +334,7 @@ class CorneringDrag(Effect):
     name: ClassVar[str] = "cornering_drag"
     text: ClassVar[str] = "force per kg per (speed x yaw rate) squared"
     parameters: ClassVar[dict[str, Parameter]] = {
-        "coefficient_s2pm": Parameter("s2/m", 0.0, -0.5, 2.0, 0.005)
+        "coefficient_s2pm": Parameter("s2/m", 0.0, 0.0, 2.0, 0.005)
     }
     coefficient_s2pm: float = 0.0
 
@@ -356,7 +356,7 @@ class WheelSlip(Effect):
     name: ClassVar[str] = "wheel_slip"
     stage: ClassVar[Stage] = "speed"
     text: ClassVar[str] = "driven-wheel slip per m/s2 of traction"
-    parameters: ClassVar[dict[str, Parameter]] = {"slip_per_mps2": Parameter("s2/m", 0.0, -0.05, 0.2, 0.002)}
+    parameters: ClassVar[dict[str, Parameter]] = {"slip_per_mps2": Parameter("s2/m", 0.0, 0.0, 0.2, 0.002)}
     slip_per_mps2: float = 0.0
     #: mass by which traction becomes an acceleration; None: the geometric mean of the config's bounds
     mass_kg: float | None = None
@@ -375,7 +375,7 @@ class SwitchedLoad(Effect):
     name: ClassVar[str] = "switched_load"
     stage: ClassVar[Stage] = "crank"
     text: ClassVar[str] = "power taken at the crank while a signal or a regime is on"
-    parameters: ClassVar[dict[str, Parameter]] = {"power_kW": Parameter("kW", 0.0, -200.0, 400.0, 2.0)}
+    parameters: ClassVar[dict[str, Parameter]] = {"power_kW": Parameter("kW", 0.0, 0.0, 400.0, 2.0)}
     power_kW: float = 0.0
     #: the role that switches it (as the signal map names it)
     on_signal: str | None = None
