@@ -33,12 +33,16 @@ from canest.estimators.two_parameter import P_LIMIT, SQRT12, VARIANCE_ALPHA, Box
 from canest.frames import FloatColumn, IntColumn
 from canest.vehicle.samples import GRAVITY_MPS2, RATE_HZ, STEP_S, EstimateBlock, ModelBlock, VehicleFacts
 
+#: process noise adds up to this many ticks without excitation, then P stays (200 s)
+WIND_UP_TICKS = 10_000
+
 
 class EkfOptions(Options):
     """Options of the filter; Q and R are those of one step at ``rate_hz``."""
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "2014": {"q": (0.1, 1e-5, 25.0), "r": 100.0, "rate_hz": 30.0},
+        #: the paper gives no initial P for the filter; this is the one it gives for RLS
+        "2014": {"q": (0.1, 1e-5, 25.0), "r": 100.0, "rate_hz": 30.0, "p0": (0.001, 10.0)},
     }
 
     #: process noise variances of v, (m/s)^2, of 1/m, 1/kg^2, and of sin(beta + beta_mu)
@@ -92,7 +96,11 @@ class EkfCore:
             options.r / per_tick,
         )
         self._bounds = (box.low[0], box.high[0], box.low[1], box.high[1])
-        self._top = tuple(max(P_LIMIT * b, v) for b, v in zip(box.variance, variance, strict=True))
+        # however Q and R are scaled, P may hold the start's doubt and what Q adds while nothing is learned
+        added = [q * per_tick * WIND_UP_TICKS for q in options.q[1:]]
+        self._top = tuple(
+            max(P_LIMIT * b, v, a) for b, v, a in zip(box.variance, variance, added, strict=True)
+        )
         # v, theta1, theta2, p11, p12, p13, p22, p23, p33, mean innovation^2 / its variance, 1 while fresh
         self.state = [0.0, *theta, 0.0, 0.0, 0.0, variance[0], 0.0, variance[1], 1.0, 1.0]
 

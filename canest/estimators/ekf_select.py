@@ -21,6 +21,7 @@ class EkfSelectOptions(EkfOptions):
             "q": (0.1, 1e-5, 25.0),
             "r": 100.0,
             "rate_hz": 30.0,
+            "p0": (0.001, 10.0),
             "every_s": 5.0,
             "filters": 5,
             "variation": 0.01,

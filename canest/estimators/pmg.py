@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import sqrt
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from pydantic import Field
@@ -30,8 +30,6 @@ PRIOR_NOISE_N = 1000.0
 
 class PmgOptions(Options):
     """Options of both halves."""
-
-    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {"2014": {"forgetting": 0.995}}
 
     #: lambda of the mass
     forgetting: float = Field(0.9998, gt=0.0, le=1.0)

@@ -96,15 +96,14 @@ def bounded(method: TwoParameter, scale: NoiseScale, x: FloatColumn, cov: FloatC
     The paper knows no parameter projection for its SVD-based methods; this one acts on what comes out, not on
     the state. Where there is no definite covariance, the spread of the bounds stands in.
     """
-    theta, covariance_ = scale.back(x), np.asarray(cov)
-    finite = np.isfinite(covariance_[:, 0, 0])
-    back = scale.covariance_back(np.where(finite[:, None, None], covariance_, 0.0))
+    theta, back = scale.back(x), scale.covariance_back(cov)
+    known = np.isfinite(back[:, 0, 0])
     prior = method.box.variance
     return np.stack(
         (
             np.clip(theta[:, 0], method.box.low[0], method.box.high[0]),
             np.clip(theta[:, 1], method.box.low[1], method.box.high[1]),
-            np.where(finite, np.maximum(back[:, 0, 0], 0.0), prior[0]),
-            np.where(finite, np.maximum(back[:, 1, 1], 0.0), prior[1]),
+            np.where(known, np.maximum(back[:, 0, 0], 0.0), prior[0]),
+            np.where(known, np.maximum(back[:, 1, 1], 0.0), prior[1]),
         )
     )

@@ -66,8 +66,13 @@ class NoiseScale:
         return np.stack(columns, axis=-1)
 
     def covariance_back(self, covariance: FloatColumn) -> FloatColumn:
-        """Return cov(X) = C11 cov(X') C11^T / C22^2, which Alg. 2 and 5 leave out, shape (..., n, n)."""
-        return np.asarray(self.c11 @ covariance @ self.c11.T / self.c22**2)
+        """Return cov(X) = C11 cov(X') C11^T / C22^2, which Alg. 2 and 5 leave out, shape (..., n, n).
+
+        A covariance that is not finite stays infinite.
+        """
+        known = np.isfinite(covariance).all(axis=(-2, -1), keepdims=True)
+        back = self.c11 @ np.where(known, covariance, 0.0) @ self.c11.T / self.c22**2
+        return np.where(known, back, np.inf)
 
 
 def _definite(matrix: FloatColumn) -> bool:

@@ -65,8 +65,8 @@ def test_paper_tuning_at_30_hz_follows_a_grade_step():
     facts = replace(FACTS, mass_min_kg=1_500.0, mass_max_kg=4_000.0, initial_mass_kg=2_309.0)
     d = drive(60.0, mass_kg=2_309.0, grade=lambda t: np.where(t > 30, 0.118, 0.0), pulse_s=2.0)
     r = create("ekf", facts, {"preset": "2014"}).update(d.block)
-    assert r.grade[-1] == pytest.approx(0.118, abs=0.01)
-    assert r.mass_kg[-1] == pytest.approx(2_309.0, rel=0.1)
+    assert r.grade[-1] == pytest.approx(0.118, abs=0.02)
+    assert r.mass_kg[-1] == pytest.approx(2_309.0, rel=0.15)
 
 
 def test_a_gate_restarts_the_filter_at_the_measured_speed():

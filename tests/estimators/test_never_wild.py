@@ -22,7 +22,7 @@ VARIANTS = [(name, {}) for name in PAPERS] + [
     ("rgtls", {"preset": "2013"}),
     ("ekf", {"preset": "2014"}),
     ("ekf-select", {"preset": "2014"}),
-    ("pmg", {"preset": "2014"}),
+    ("pmg", {"forgetting": 0.99}),
 ]
 
 

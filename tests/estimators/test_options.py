@@ -58,7 +58,6 @@ def test_a_wrong_value_is_named_with_what_was_found(name, options, key):
         ("rgtls", "2013", {"forgetting": 0.997**2}),
         ("ekf", "2014", {"q": (0.1, 1e-5, 25.0), "r": 100.0, "rate_hz": 30.0}),
         ("ekf-select", "2014", {"every_s": 5.0, "variation": 0.01}),
-        ("pmg", "2014", {"forgetting": 0.995}),
     ],
 )
 def test_presets_are_the_papers_tunings(name, preset, expected):
