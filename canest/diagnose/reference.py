@@ -177,7 +177,7 @@ def _update(
     x: FloatColumn, P: FloatColumn, h: FloatColumn, y: float, r: float
 ) -> tuple[FloatColumn, FloatColumn, float]:
     """Take one scalar measurement y = h x + noise of variance r (Joseph form); also its log likelihood."""
-    s = h @ P @ h + r
+    s = float(h @ P @ h) + r
     K = P @ h / s
     A = np.eye(len(x)) - np.outer(K, h)
     innovation = float(y - h @ x)

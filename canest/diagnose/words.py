@@ -41,7 +41,8 @@ def said(chosen: Chosen) -> str:
         "drag_area": f"a drag area {number} {'larger' if value > 0 else 'away from'} than declared".replace(
             "away from than declared", "beside the declared one"
         ),
-        "rolling_resistance": f"rolling resistance {value:+.2g} ± {chosen.std:.1g} off the declared coefficient",
+        "rolling_resistance": f"a rolling resistance coefficient {value:+.2g} ± {chosen.std:.1g} "
+        "beside the declared",
         "rolling_resistance_speed": f"rolling resistance that grows by {number} with speed",
         "rolling_warmup": f"cold tyres: {value:.2g} ± {chosen.std:.1g} more rolling resistance at the start, "
         f"gone with {float(str(shape.get('tau_s', 0))):.0f} s",
