@@ -39,12 +39,14 @@ class ReplayResult:
     """What a replay found.
 
     summary: the content of summary.json. notes: what a user should know beside it, one sentence each.
+    innovations: how the estimator's own innovations behave (`nis`, `runs_z`, `windows`), where it says so.
     """
 
     log: str
     summary: dict[str, Any]
     score: Score | None = None
     notes: list[str] = field(default_factory=list)
+    innovations: dict[str, float] = field(default_factory=dict)
 
 
 def replay(
@@ -81,7 +83,9 @@ def replay(
     if score is not None:
         summary["errors"] = score.errors()
     summary["wall_s"] = round(time.perf_counter() - begin, 4)
-    return ReplayResult(str(log), summary, score, _notes(run))
+    snapshot = run.pipeline.snapshot()
+    innovations = {name: float(snapshot[name]) for name in ("nis", "runs_z", "windows") if name in snapshot}
+    return ReplayResult(str(log), summary, score, _notes(run), innovations)
 
 
 class LogRun:

@@ -49,7 +49,7 @@ def replay_page(result: ReplayResult, config: Config, recorder: Recorder, score:
         page.sections.append(_drive(stamps, columns, config, recorder, score))
     page.sections.append(_gates(s))
     if recorder.whiteness.count:
-        page.sections.append(_residual(recorder))
+        page.sections.append(_residual(recorder, result.innovations))
     if result.notes:
         page.sections.append(Section("Notes", text=" · ".join(result.notes)))
     return page
@@ -217,7 +217,7 @@ def _gates(s: dict[str, Any]) -> Section:
     return Section("Gates", text="Share of all samples, by the gate that refused them.", bars=bars)
 
 
-def _residual(recorder: Recorder) -> Section:
+def _residual(recorder: Recorder, innovations: dict[str, float]) -> Section:
     w = recorder.whiteness
     rows = [
         ["force residual RMS", f"{w.rms_N:,.0f} N", "what the model with its estimate leaves unexplained"],
@@ -225,6 +225,11 @@ def _residual(recorder: Recorder) -> Section:
         ["runs test (z)", _or_dash(w.runs_z, "+.1f"), "within ±2 when signs change at random"],
         ["seconds counted", f"{w.count:,}", "open samples on whole seconds"],
     ]
+    if innovations.get("windows"):
+        nis = _or_dash(innovations["nis"], ".2f")
+        rows.append(["normalised innovation squared", nis, "1 when the estimator's doubt is honest"])
+        runs = _or_dash(innovations["runs_z"], "+.1f")
+        rows.append(["runs test of innovations (z)", runs, f"over {innovations['windows']:,.0f} windows"])
     text = "A correlated residual points at something the model lacks: canest diagnose looks for it."
     table = Table(["", "value", "meaning"], rows, left=(0, 2))
     return Section("What is left over", text=text, table=table)

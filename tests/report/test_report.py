@@ -147,10 +147,9 @@ def test_log_without_an_estimate_still_has_a_report(tmp_path, canest_run):
 
 
 def test_empty_log_still_has_a_report(tmp_path, canest_run):
-    (tmp_path / "empty.log").write_text("")
-    assert (
-        canest_run("replay", tmp_path / "empty.log", "-c", "kenworth", "--report", tmp_path / "e.html") == 0
-    )
+    log, out = tmp_path / "empty.log", tmp_path / "e.html"
+    log.write_text("")
+    assert canest_run("replay", log, "-c", "kenworth", "--report", out) == 0
     assert "the log is empty" in out.read_text()
 
 
