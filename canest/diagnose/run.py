@@ -27,7 +27,7 @@ from canest.vehicle.model import effects_of
 #: what is left may wander this much (share of weight) and still count as explained: a slope of 0.04 %
 SMALL_REMAINDER = 4e-4
 #: shares of the first residual's variance that make a verdict
-EXPLAINED_SHARE, PARTLY_SHARE = 0.8, 0.2
+EXPLAINED_SHARE, PARTLY_SHARE = 0.95, 0.2
 #: roles of the signal map that may switch a load and that the model does not use otherwise
 SWITCH_ROLES = ("fan_speed", "pto_state")
 #: a bus signal must explain this much of the remainder to be tried as a switch

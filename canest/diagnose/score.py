@@ -121,7 +121,10 @@ class _Errors:
         if not len(errors):
             return {"rms": None, "mean": None}, {}
         rms, mean = _bootstrap(errors, np.concatenate(self._blocks))
-        told = {"rms": float(np.sqrt((errors**2).mean())), "mean": float(abs(errors.mean()))}
+        told: dict[str, float | None] = {
+            "rms": float(np.sqrt((errors**2).mean())),
+            "mean": float(abs(errors.mean())),
+        }
         return told, {"rms": _interval(rms), "mean": _interval(mean)}
 
 

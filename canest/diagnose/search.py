@@ -20,8 +20,8 @@ MIN_SIGMAS, MIN_SIGMAS_FREE_MASS = 4.0, 6.0
 #: and remove this share of what is left of the held-out variance
 MIN_SHARE = 0.03
 #: and remove something that matters: so much residual, as share of the weight (2e-4 is a slope of 0.02 %),
-#: and no less than this share of one step of the reported torque, below which no model of it can be right
-MIN_WEIGHT_SHARE, MIN_TORQUE_STEPS = 2e-4, 0.25
+#: and no less than the rounding of the reported torque and friction, half a step
+MIN_WEIGHT_SHARE, MIN_TORQUE_STEPS = 2e-4, 0.5
 #: windows averaged for the shares: what is gone within seconds shifts neither mass nor grade
 SHARE_WINDOWS = 4
 #: an alternative is equivalent while the held-out difference is below this many standard errors

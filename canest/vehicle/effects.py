@@ -127,7 +127,7 @@ class DragArea(Effect):
 
     name: ClassVar[str] = "drag_area"
     text: ClassVar[str] = "drag area Cd A beyond the config's"
-    parameters: ClassVar[dict[str, Parameter]] = {"cda_delta_m2": Parameter("m2", 0.0, -10.0, 20.0, 0.3)}
+    parameters: ClassVar[dict[str, Parameter]] = {"cda_delta_m2": Parameter("m2", 0.0, -3.0, 20.0, 0.3)}
     cda_delta_m2: float = 0.0
 
     def apply(self, c: Columns) -> None:
@@ -236,7 +236,7 @@ class DrivelineLoss(Effect):
     name: ClassVar[str] = "driveline_loss"
     stage: ClassVar[Stage] = "driveline"
     text: ClassVar[str] = "fraction of traction lost beyond the config's efficiency"
-    parameters: ClassVar[dict[str, Parameter]] = {"loss": Parameter("", 0.0, -0.3, 0.5, 0.01)}
+    parameters: ClassVar[dict[str, Parameter]] = {"loss": Parameter("", 0.0, -0.03, 0.5, 0.01)}
     loss: float = 0.0
     gear: int | None = None
 
@@ -293,8 +293,8 @@ class BrakeDrag(Effect):
         c.extra_N = c.extra_N - self.force_N
 
 
-#: accelerator position below which a pedal counts as up, % (one step of SPN 91 is 0.4 %)
-PEDAL_UP_PCT = 0.5
+#: accelerator position below which a pedal counts as up, %: less than half a step of SPN 91
+PEDAL_UP_PCT = 0.2
 
 
 @_register
