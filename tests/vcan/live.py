@@ -1,0 +1,218 @@
+"""What the vcan tests share: traffic on a bus, the daemon as a process, and ears for its broadcast."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import lzma
+import os
+import shlex
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import cantools
+
+ROOT = Path(__file__).parents[2]
+#: One cycle of a truck of 21 t on 1 % grade (`make_drive.py`).
+CYCLE = ROOT / "tests" / "data" / "vcan" / "cycle.log.xz"
+TRUE_MASS_KG, TRUE_GRADE = 21_000.0, 0.01
+PGN, ADDRESS = 0xFF5A, 158
+#: Python starts some 20 times slower in an emulated machine, and more slowly still on a busy one.
+START_S = 90.0
+_FRAME = struct.Struct("=IB3x8s")
+
+
+def wait_until(condition: Callable[[], Any], timeout_s: float, what: str) -> Any:
+    """Return the condition's first truthy value; fail past the time, saying ``what`` did not come."""
+    deadline_s = time.monotonic() + timeout_s
+    while not (value := condition()):
+        assert time.monotonic() < deadline_s, f"{what}: not within {timeout_s:g} s"
+        time.sleep(0.05)
+    return value
+
+
+def ip(*words: str) -> None:
+    subprocess.run(["ip", *words], check=True, capture_output=True, timeout=20)
+
+
+def add_vcan(name: str) -> None:
+    ip("link", "add", name, "type", "vcan")
+    ip("link", "set", name, "up")
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """A broadcast: when (monotonic, s), from which address, its payload and its signals by name."""
+
+    t_s: float
+    source: int
+    payload: bytes
+    signals: dict[str, Any]
+
+    @property
+    def mass_kg(self) -> float | None:
+        return self.signals["EstimatedMass"]
+
+    @property
+    def fresh(self) -> bool:
+        """An estimate of now, with numbers."""
+        return self.signals["EstimateStatus"] in (1, 2) and self.mass_kg is not None
+
+
+@cache
+def message() -> Any:
+    """``CanestEstimate`` as cantools reads it."""
+    return cantools.database.load_file(ROOT / "dbc" / "canest.dbc").get_message_by_name("CanestEstimate")
+
+
+def decode(payload: bytes) -> dict[str, Any]:
+    """Decode a broadcast with plain cantools; None where J1939 says "not available" (all ones)."""
+    raw = message().decode(payload, decode_choices=False, scaling=False)
+    scaled = message().decode(payload, decode_choices=False)
+    ones = {s.name: (1 << s.length) - 1 for s in message().signals}
+    measured = ("EstimatedMass", "EstimatedMassStd", "EstimatedGrade", "EstimatedGradeStd")
+    return {name: None if name in measured and raw[name] == ones[name] else scaled[name] for name in scaled}
+
+
+class Ears:
+    """Hears the broadcast on one interface. Use as a context manager."""
+
+    def __init__(self, interface: str) -> None:
+        self._socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        only = struct.pack("=II", socket.CAN_EFF_FLAG | PGN << 8, socket.CAN_EFF_FLAG | 0x3FFFF00)
+        self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, only)
+        self._socket.bind((interface,))
+
+    def __enter__(self) -> Ears:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close()
+
+    def hear(self, timeout_s: float) -> Heard | None:
+        """Return the next broadcast, None if none comes in time."""
+        self._socket.settimeout(max(0.001, timeout_s))
+        try:
+            can_id, length, data = _FRAME.unpack(self._socket.recv(16))
+        except (TimeoutError, OSError):
+            return None
+        return Heard(time.monotonic(), can_id & 0xFF, data[:length], decode(data[:length]))
+
+    def flush(self) -> None:
+        """Forget what has been heard so far."""
+        self._socket.settimeout(0.0)
+        with contextlib.suppress(BlockingIOError, OSError):
+            while True:
+                self._socket.recv(16)
+
+    def until(self, wanted: Callable[[Heard], bool], timeout_s: float, what: str) -> Heard:
+        """Return the first broadcast from now on that is ``wanted``; fail past the time."""
+        self.flush()
+        deadline_s = time.monotonic() + timeout_s
+        last: Heard | None = None
+        while (left_s := deadline_s - time.monotonic()) > 0:
+            heard = self.hear(left_s)
+            if heard is not None and wanted(heard):
+                return heard
+            last = heard or last
+        raise AssertionError(f"{what}: not within {timeout_s:g} s; last heard {last}")
+
+    def fresh(self, timeout_s: float, what: str = "a fresh estimate") -> Heard:
+        """Return the next broadcast that carries an estimate of now."""
+        return self.until(lambda heard: heard.fresh, timeout_s, what)
+
+
+def cycle_log(folder: Path, *, without: tuple[int, ...] = ()) -> Path:
+    """Unpack the cycle, without the frames of some identifiers, and return the log."""
+    path = folder / f"cycle{''.join(f'-{can_id:08X}' for can_id in without)}.log"
+    dropped = tuple(f"{can_id:08X}#" for can_id in without)
+    with lzma.open(CYCLE, "rt") as log:
+        path.write_text("".join(line for line in log if not line.split()[2].startswith(dropped or ("-",))))
+    return path
+
+
+@contextlib.contextmanager
+def playing(interface: str, log: Path) -> Iterator[None]:
+    """Play a log round and round, as often as the interface comes and goes."""
+    player = shlex.join(["canplayer", "-l", "i", "-I", str(log), f"{interface}=can0"])
+    loop = f"while :; do {player}; sleep 0.05; done"
+    process = subprocess.Popen(["bash", "-c", loop], stderr=subprocess.DEVNULL, start_new_session=True)
+    try:
+        yield
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+class Daemon:
+    """``canest run -c vcan`` on one interface, its messages in ``log``, its state in ``folder``."""
+
+    def __init__(self, interface: str, folder: Path, *options: str) -> None:
+        self.interface, self.folder = interface, folder
+        folder.mkdir(exist_ok=True)
+        self.log = folder / "daemon.err"
+        changes = [f"bus.channel={interface}", f"service.state_dir={folder}", "service.learn='on+save'"]
+        self._command = [sys.executable, "-m", "canest", "run", "-c", "vcan"]
+        self._command += [word for change in changes for word in ("--set", change)] + list(options)
+        self.process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> Daemon:
+        """Start and wait until it works."""
+        begun = self.log.stat().st_size if self.log.exists() else 0
+        with self.log.open("ab") as log:
+            self.process = subprocess.Popen(self._command, cwd=ROOT, stderr=log, stdout=log)
+        wait_until(lambda: not self.alive or "started" in self.messages(begun), START_S, "daemon to start")
+        assert self.alive, self.messages()
+        return self
+
+    def __enter__(self) -> Daemon:
+        return self.start()
+
+    def __exit__(self, *_: object) -> None:
+        if self.process is not None:
+            self.process.kill()
+            self.process.wait()
+
+    @property
+    def alive(self) -> bool:
+        return self.process is not None and self.process.poll() is None
+
+    def messages(self, begin: int = 0) -> str:
+        """Return what it has logged, from a byte on."""
+        return self.log.read_bytes()[begin:].decode()
+
+    def signal(self, number: int) -> None:
+        assert self.process is not None
+        self.process.send_signal(number)
+
+    def stop(self, timeout_s: float = 10.0) -> tuple[int, float]:
+        """End it with SIGTERM; return its exit status and the seconds it took."""
+        assert self.process is not None
+        begin_s = time.monotonic()
+        self.process.terminate()
+        return self.process.wait(timeout_s), time.monotonic() - begin_s
+
+    def status(self) -> dict[str, Any]:
+        """Return the snapshot that the daemon gives to whoever connects."""
+        return ask(self.folder / f"status-{self.interface}.sock")
+
+
+def ask(path: Path, timeout_s: float = 10.0) -> dict[str, Any]:
+    """Read one JSON object from a local socket."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
+        client.settimeout(timeout_s)
+        client.connect(str(path))
+        parts = []
+        while part := client.recv(1 << 16):
+            parts.append(part)
+    answer: dict[str, Any] = json.loads(b"".join(parts))
+    return answer
