@@ -123,12 +123,16 @@ class Canest(Estimator):
             self._since = int(n - 1 - last[-1])
         return (index - last).astype(np.float64)
 
+    def _mass(self, known: NDArray[np.float64]) -> tuple[FloatColumn, FloatColumn]:
+        """Return mass and its std (kg) of kernel outputs (n, outputs)."""
+        u = np.maximum(known[:, kernel.OUT_U], 1.0 / self.facts.mass_max_kg)
+        mass = np.maximum(1.0 / u, self.facts.mass_min_kg)
+        share = np.sqrt(np.maximum(known[:, kernel.OUT_U_VAR], 0.0) * mass * mass + TORQUE_GAIN_STD**2)
+        return mass, np.minimum(share * mass, self.facts.mass_max_kg)
+
     def _estimates(self, held: NDArray[np.float64], ticks: FloatColumn) -> EstimateBlock:
         facts = self.facts
-        u = np.maximum(held[kernel.OUT_U], 1.0 / facts.mass_max_kg)
-        mass = np.maximum(1.0 / u, facts.mass_min_kg)
-        share = np.sqrt(np.maximum(held[kernel.OUT_U_VAR], 0.0) * mass**2 + TORQUE_GAIN_STD**2)
-        mass_std = np.minimum(share * mass, facts.mass_max_kg)
+        mass, mass_std = self._mass(held.T)
         speed = held[kernel.OUTPUTS]
         ahead_m = np.maximum(speed, 0.0) * (ticks + SHIFT) * STEP_S
         sine = held[kernel.OUT_GRADE] + held[kernel.OUT_CURVATURE] * ahead_m
@@ -151,12 +155,10 @@ class Canest(Estimator):
 
     def snapshot(self) -> dict[str, Any]:
         """Return the mass with its std, and how well the innovations behave."""
-        u = max(self._x[kernel.U], 1.0 / self.facts.mass_max_kg)
-        mass = max(1.0 / u, self.facts.mass_min_kg)
-        share = math.sqrt(max(self._P[kernel.U][kernel.U], 0.0) * mass * mass + TORQUE_GAIN_STD**2)
+        mass, std = self._mass(self._last[None, :])
         return {
-            "mass_kg": mass,
-            "mass_std_kg": min(share * mass, self.facts.mass_max_kg),
+            "mass_kg": float(mass[0]),
+            "mass_std_kg": float(std[0]),
             "learned": self._memory[kernel.LEARNED] > 0.0,
             **self.consistency(),
         }

@@ -67,8 +67,9 @@ _CURVE_M = 100.0
 _WIND_M = 5000.0
 #: drift of a GPS altitude beyond its noise, m2 per m; and the std of one reading, m
 _HEIGHT_DRIFT, _HEIGHT_STD_M = 0.004, 2.5
-#: force that the model lacks: share of the traction, correlated over this time (torque holes, oscillation)
-_FORCE_SHARE, _FORCE_S = 0.02, 0.2
+#: force that the model lacks: share of the traction, correlated over this time (torque holes, oscillation);
+#: more in overrun, where friction torque is coarse and brakes blend in
+_FORCE_SHARE, _OVERRUN_SHARE, _FORCE_S = 0.02, 0.1, 0.2
 #: a retarder's force is known to this share, for as long as it brakes
 _RETARDER_SHARE, _RETARDER_WINDOWS = 0.1, 25.0
 #: mass changes little by little (fuel, snow): relative variance per metre, (1 % in 10 km)^2
@@ -308,7 +309,8 @@ def run(
                 late = before_N[k] + half * before_rate[k]
                 start(x, P, active, before[k], memory[SPEED_VAR], before_N[k], late, rotating[k])
                 memory[FRESH] = 0.0
-            unknown = inverse * (torque_std * gear[k] + _FORCE_SHARE * abs(t))
+            lacking = _FORCE_SHARE * t if t > 0.0 else -_OVERRUN_SHARE * t
+            unknown = inverse * (torque_std * gear[k] + lacking)
             push(x, P, active, force[k], roll[k], drag[k], unknown * unknown * _FORCE_S * WINDOW_S)
             late = t + half * traction_rate[k]
             jitter = inverse * traction_rate[k] * _JITTER_S
