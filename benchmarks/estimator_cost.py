@@ -82,6 +82,12 @@ def best(action: Callable[[], object], n: int, passes: int = 5) -> float:
     return min(costs)
 
 
+def each(action: Callable[[slice], object], pieces: list[slice]) -> None:
+    """Call the action piece by piece, keeping no result."""
+    for piece in pieces:
+        action(piece)
+
+
 def kernels(n: int) -> dict[str, Callable[[], object]]:
     """Return the recursions alone, on columns already in their containers."""
     block = samples(n)
@@ -103,12 +109,12 @@ def kernels(n: int) -> dict[str, Callable[[], object]]:
         "RLSMF, 2 parameters": lambda: own_gain(
             y, phi1, second, 1 / 0.999, 1 / 0.99, *bounds, 1e-6, 1e3, 2e-3, rlsmf, *out
         ),
-        "RLSMF, 4 parameters": lambda: [four.add(a[p], b[p]) for p in pieces],
+        "RLSMF, 4 parameters": lambda: each(lambda p: four.add(a[p], b[p]), pieces),
         "EKF": lambda: ekf_steps(
             speed, phi1, aero, second, fresh, 0.02, 1e-7, 1e-15, 2e-7, 1e-3, 150.0, *bounds, 1e-8, 1.0, 2e-3,
             ekf, *out,
         ),
-        "RGTLS": lambda: [svd.add(z[p]) for p in pieces],
+        "RGTLS": lambda: each(lambda p: svd.add(z[p]), pieces),
     }  # fmt: skip
 
 
