@@ -143,6 +143,8 @@ def _show(diagnosis: Diagnosis, found: Sequence[Entry]) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from canest.diagnose.tell import entry_name, entry_value, score_rows
+
     console = Console(highlight=False)
     if not console.is_terminal:
         console.width = 140
@@ -156,8 +158,8 @@ def _show(diagnosis: Diagnosis, found: Sequence[Entry]) -> None:
     table = Table(box=None, header_style="dim", pad_edge=False)
     for name in ("", "before", "after"):
         table.add_column(name, justify="left" if not name else "right")
-    for row in score_rows(diagnosis):
-        table.add_row(*row)
+    for label, _, before, after in score_rows(diagnosis):
+        table.add_row(label, before, after)
     console.print(table)
     console.print()
     if not found:
@@ -181,43 +183,3 @@ def _show(diagnosis: Diagnosis, found: Sequence[Entry]) -> None:
 
 def _files(paths: Sequence[Path]) -> str:
     return "\n".join(f"written {path}" for path in paths)
-
-
-def score_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
-    """Return the before-and-after table as text."""
-    b, a = diagnosis.before, diagnosis.after
-    rows = [
-        (
-            "held-out residual RMS",
-            f"{b.residual_rms_N:,.0f} ± {b.residual_rms_N_std:,.0f} N",
-            f"{a.residual_rms_N:,.0f} ± {a.residual_rms_N_std:,.0f} N",
-        )
-    ]
-    forms = (
-        ("mass at the end", "mass_kg", "{:,.0f} kg"),
-        ("mean mass error", "mass_error_pct", "{:.2f} %"),
-        ("mass error RMS", "mass_rms_pct", "{:.2f} %"),
-        ("grade error RMS", "grade_rms_deg", "{:.3f} deg"),
-    )
-    for label, key, form in forms:
-        before, after = getattr(b, key), getattr(a, key)
-        if before is not None or after is not None:
-            rows.append((label, _said(before, form), _said(after, form)))
-    return rows
-
-
-def _said(value: float | None, form: str) -> str:
-    return "-" if value is None else form.format(value)
-
-
-def entry_name(entry: Entry) -> str:
-    """Return an effect's name with what makes it one of several (gear, signal)."""
-    shape = dict(entry.candidate.shape)
-    extra = [f"{k} {shape[k]}" for k in ("gear", "signal", "cause") if shape.get(k) is not None]
-    return entry.candidate.effect + (f" ({', '.join(extra)})" if extra else "")
-
-
-def entry_value(entry: Entry) -> str:
-    """Return value, standard deviation and unit of the fitted parameter."""
-    info = entry.candidate.info
-    return f"{info.neutral + entry.deviation:.4g} ± {entry.std:.2g} {info.unit}".strip()

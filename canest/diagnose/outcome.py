@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from canest.diagnose.candidates import SCALE_EFFECTS, Candidate
+from canest.diagnose.dependence import causes, depends
 from canest.diagnose.reference import Reference
 from canest.diagnose.run import Diagnosis
 from canest.diagnose.search import Chosen, Search
@@ -99,6 +100,7 @@ def document(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str]) 
         "after": diagnosis.after.to_json(),
         "candidates": [e.to_json() for e in found],
         "not_tried": not_tried(diagnosis),
+        "dependence": dependence(diagnosis),
         "reference": reference_of(diagnosis.references),
         "remainder": {
             "residual_rms_N": round(diagnosis.after.residual_rms_N, 2),
@@ -115,6 +117,16 @@ def document(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str]) 
             "blocks": problem.chunks,
             "vehicle": diagnosis.config.vehicle.name,
         },
+    }
+
+
+def dependence(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
+    """Return what share of the residual a curve over each quantity would explain, before and after."""
+    problem = diagnosis.problem
+    before, after = (problem.whiten(r) for r in (diagnosis.residual_before_N, diagnosis.residual_after_N))
+    return {
+        name: {"before": round(depends(c.values, before), 4), "after": round(depends(c.values, after), 4)}
+        for name, c in causes(problem).items()
     }
 
 

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from canest.diagnose import figures
-from canest.diagnose.dependence import causes, depends
-from canest.diagnose.outcome import Entry, not_tried, tells
+from canest.diagnose.outcome import Entry, dependence, not_tried, tells
 from canest.diagnose.run import Diagnosis
-from canest.diagnose.score import Score
-from canest.diagnose.tell import change, entry_name, entry_value, score_rows
+from canest.diagnose.tell import change, entry_name, entry_value, interval, score_rows
 from canest.diagnose.words import equivalents_said, said
 from canest.report.figure import BLUE, VIOLET
 from canest.report.page import Card, Page, Section, Table
@@ -85,16 +83,9 @@ def _before_and_after(d: Diagnosis) -> Section:
         )
         + ". In brackets the 95 % confidence interval by block bootstrap."
     )
-    rows = [[label, before + _interval(d.before, key), after + _interval(d.after, key)]
+    rows = [[label, f"{before}  {interval(d.before, key)}", f"{after}  {interval(d.after, key)}"]
             for label, key, before, after in score_rows(d)]  # fmt: skip
     return Section("Before and after", text=text, table=Table(["", "before", "after"], rows))
-
-
-def _interval(score: Score, key: str) -> str:
-    if key not in score.intervals:
-        return ""
-    low, high = score.intervals[key]
-    return f"  [{low:,.4g} … {high:,.4g}]" if high < 1000 else f"  [{low:,.0f} … {high:,.0f}]"
 
 
 def _shares(found: Sequence[Entry]) -> Section:
@@ -110,9 +101,9 @@ def _shares(found: Sequence[Entry]) -> Section:
             label, colour = entry_name(entry), _GREY
         bars.append((label, entry.explained, colour))
     text = (
-        "Share of the held-out residual variance that each effect removes. Blue: added to the model, the share "
-        "is what comes back without it. Violet (≡): would do as well in its place, this data cannot tell them "
-        "apart. Grey: alone, and not needed beside the selected ones."
+        "Share of the held-out residual variance that each effect removes. Blue: added to the model, the "
+        "share is what comes back without it. Violet (≡): would do as well in its place, this data cannot "
+        "tell them apart. Grey: alone, and not needed beside the selected ones."
     )
     return Section("What explains it", text=text, bars=bars)
 
@@ -137,18 +128,15 @@ def _seen(d: Diagnosis) -> str:
 
 
 def _everything(d: Diagnosis) -> Section:
-    problem = d.problem
-    before = figures.visible(problem, d.residual_before_N)
-    after = figures.visible(problem, d.residual_after_N)
     rows = [
-        [c.label, f"{100 * depends(c.values, before):.0f} %", f"{100 * depends(c.values, after):.0f} %"]
-        for c in causes(problem).values()
+        [name, f"{100 * shares['before']:.0f} %", f"{100 * shares['after']:.0f} %"]
+        for name, shares in dependence(d).items()
     ]
-    size = 100 * d.after.residual_rms_N / problem.weight_N
+    size = 100 * d.after.residual_rms_N / d.problem.weight_N
     text = (
-        f"What is left: {d.after.residual_rms_N:,.0f} N RMS, {size:.2f} % of the weight (as much as a slope of "
-        f"{size:.2f} %). The table says which share of the residual a curve over each quantity would explain; "
-        "near zero is what noise looks like. " + _seen(d)
+        f"What is left: {d.after.residual_rms_N:,.0f} N RMS, {size:.2f} % of the weight (as much as a slope "
+        f"of {size:.2f} %). The table says which share of the residual a curve over each quantity would "
+        "explain; near zero is what noise looks like. " + _seen(d)
     )
     table = Table(["residual explained by", "before", "after"], rows)
     return Section(
@@ -191,7 +179,8 @@ def _candidates(d: Diagnosis, found: Sequence[Entry]) -> Section:
 
 def _reference(d: Diagnosis) -> Section:
     rows = [
-        [p.drive.name, p.reference.text, "-" if p.reference.mass_kg is None else f"{p.mass_kg.mean():,.0f} kg",
+        [p.drive.name, p.reference.text,
+         "-" if p.reference.mass_kg is None else f"{p.mass_kg.mean():,.0f} kg",
          f"{100 * p.reference.sin_beta_std:.2f} %", f"{p.windows.count:,} s"]
         for p in d.problem.parts
     ]  # fmt: skip
