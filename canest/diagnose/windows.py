@@ -15,7 +15,7 @@ from canest.frames import BoolColumn, FloatColumn, IntColumn
 WINDOW_TICKS = 50
 #: windows that belong together in cross-validation and in standard errors: errors of a road, of the wind
 #: and of a driver last for seconds, not for one window
-CHUNK_S = 15.0
+CHUNK_S = 8.0
 
 
 @dataclass(frozen=True)
