@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 OK, SILENT, ABSENT, ELSEWHERE = "ok", "no value", "not found", "elsewhere"
 #: a signal of which more than this share has no value deserves a word
 MOSTLY = 0.5
+#: an address whose share of error values is larger sends something else under this group
+SOUND = 0.01
 
 Samples = dict[str, tuple[IntColumn, FloatColumn]]
 
@@ -256,7 +258,7 @@ def check_blocks(config: Config, blocks: Iterable[FrameBlock | TableBlock]) -> R
 def _judge(finding: Finding, source: Source) -> tuple[str, str]:
     """Return the verdict on a role, and what to do about it ('' when nothing)."""
     mine = [s for s in finding.senders if source.source in (None, s.address)]
-    others = [s for s in finding.senders if s not in mine and s.valid]
+    others = [s for s in finding.senders if s not in mine and _is_sound(s)]
     if finding.values:
         bad = sum(s.not_available + s.error_value for s in mine)
         if bad > MOSTLY * (bad + finding.values):
@@ -276,8 +278,13 @@ def _judge(finding: Finding, source: Source) -> tuple[str, str]:
         return SILENT, ""
     if finding.senders:
         shown = ", ".join(_address(s.address) for s in finding.senders)
-        return ABSENT, f"sent by {shown} only, and without a value"
+        return ABSENT, f"sent by {shown} only, and without a sound value"
     return ABSENT, ""
+
+
+def _is_sound(sender: Sender) -> bool:
+    """Return whether an address means what it sends: nobody sends error codes and values in turns."""
+    return sender.valid > 0 and sender.error_value <= SOUND * sender.valid
 
 
 def _complaint(finding: Finding) -> str:

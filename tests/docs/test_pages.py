@@ -1,0 +1,105 @@
+"""README and docs are correct: commands run, options exist, links lead somewhere, tables are complete."""
+
+from __future__ import annotations
+
+import os
+import re
+import runpy
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+COMMAND = re.compile(r"^ *(?:\$ )?canest +(.+)$", re.MULTILINE)
+TESTED = re.compile(r"<!-- tested -->\n```sh\n(.*?)```", re.DOTALL)
+
+
+def command_lines() -> list[tuple[str, str]]:
+    lines = []
+    for page in PAGES:
+        blocks = re.findall(
+            r"^```(?:sh|bash)?\n(.*?)^```|((?:^ {4,}\S.*\n)+)", page.read_text(), re.DOTALL | re.M
+        )
+        for fenced, indented in blocks:
+            found = COMMAND.findall(fenced or indented)
+            lines += [(page.name, line.split("  #")[0].strip()) for line in found]
+    return lines
+
+
+LINES = command_lines()
+
+
+def test_pages_show_commands():
+    assert len(LINES) >= 12
+
+
+@pytest.mark.parametrize(("page", "line"), LINES, ids=lambda value: value[:40])
+def test_every_command_shown_is_one_that_exists(page, line):
+    from canest.cli.main import cli
+
+    words = shlex.split(line)
+    with cli.make_context("canest", list(words), resilient_parsing=True) as group:
+        name, command, arguments = cli.resolve_command(group, words)
+        with command.make_context(name, arguments, parent=group):
+            pass
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if TESTED.search(p.read_text())], ids=lambda p: p.name)
+def test_blocks_marked_as_tested_run(page, tmp_path):
+    commands = tmp_path / "bin"
+    commands.mkdir()
+    script = commands / "canest"
+    script.write_text(
+        f'#!/bin/sh\nPYTHONPATH={shlex.quote(str(ROOT))} exec {sys.executable} -m canest "$@"\n'
+    )
+    script.chmod(0o755)
+    environment = os.environ | {"PATH": f"{commands}:{os.environ['PATH']}", "HOME": str(tmp_path)}
+    for block in TESTED.findall(page.read_text()):
+        done = subprocess.run(
+            ["sh", "-eu", "-c", block], cwd=tmp_path, env=environment, capture_output=True, text=True,
+            timeout=300, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr + done.stdout
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text()):
+        if not target.startswith(("http:", "https:")):
+            assert (page.parent / target).exists(), target
+
+
+def test_config_page_is_what_the_schema_says():
+    tool = runpy.run_path(str(ROOT / "tools" / "config_page.py"))
+    assert tool["PAGE"].read_text() == tool["page"](), "python tools/config_page.py --write"
+
+
+def test_every_key_is_described_and_no_other():
+    tool = runpy.run_path(str(ROOT / "tools" / "config_page.py"))
+    from canest.config.schema import Config, Source
+
+    known = {key for key, _, _ in tool["keys"](Config)}
+    for key in known:
+        assert tool["meaning"](key)
+    assert {key for key in tool["MEANINGS"] if "*" not in key} <= known
+    assert set(tool["SOURCE_MEANINGS"]) == set(Source.model_fields)
+
+
+def test_every_estimator_and_command_has_its_line():
+    from canest.cli.main import COMMANDS
+    from canest.estimators.base import REGISTRY
+
+    estimators = (ROOT / "docs" / "estimators.md").read_text()
+    assert [name for name in REGISTRY if f"`{name}`" not in estimators] == []
+    readme = (ROOT / "README.md").read_text()
+    assert [name for name in COMMANDS if f"canest {name}" not in readme] == []
+
+
+def test_result_columns_in_the_readme_are_the_writers():
+    from canest.logs.writer import HEADER
+
+    assert HEADER.decode().strip() in (ROOT / "README.md").read_text()
