@@ -15,7 +15,6 @@ import argparse
 import json
 import multiprocessing as mp
 import os
-import resource
 import socket
 import struct
 import sys
@@ -149,7 +148,9 @@ def daemon(config_name: str, seconds: float, port_to: object, result_to: object)
             "within_half_ms_pct": round(100 * sum(late[:2]) / sum(late), 2),
             "missed": running.schedule.missed,
             "dropped": running.receiver.counters["dropped_by_kernel"],
-            "rss_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
+            "rss_mb": round(
+                int(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0]) / 1024, 1
+            ),
             "numba": "numba" in sys.modules,
         }
     )

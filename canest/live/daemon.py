@@ -84,6 +84,7 @@ class Daemon:
         self._metrics_at_s = self._save_at_s = self._chores_at_s = 0.0
         self._served: dict[str, Any] = {}
         self._told: dict[str, object] = {}
+        self._status_server: StatusServer | None = None
         self.pipeline = Pipeline(config, listener=self._listen)
         self.memory = Memory(config, self.background, self.journal)
         self.memory.restore(self.pipeline)
@@ -193,6 +194,8 @@ class Daemon:
 
         A recording then holds the order in which they were used, and its replay is equal to the bit.
         """
+        if not len(frames) or frames.t_us.min() >= self._reached_us:
+            return frames
         behind_us = self._reached_us - frames.t_us
         back_us = self.config.sampling.max_backward_s * 1e6  # beyond it the clock was set, nothing is late
         late = (behind_us > 0) & (behind_us <= back_us)

@@ -6,16 +6,26 @@ and hears nothing. Here the loop itself reads, and whatever goes wrong leads to 
 
 from __future__ import annotations
 
+import sys
 import time
 from collections import Counter, deque
-
-import can
 
 from canest.config.schema import Bus
 from canest.errors import BusError
 from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.live.kernel_drain import Drained
 from canest.live.link import REOPEN_S, Filters
+
+# Where asammdf is installed, python-can imports it for its log formats: a second and 80 MB that a bus has no
+# need of. Hidden while python-can is imported for the first time, it is not found, which python-can accepts.
+_HIDDEN = "can" not in sys.modules and "asammdf" not in sys.modules
+if _HIDDEN:
+    sys.modules["asammdf"] = None  # type: ignore[assignment]
+try:
+    import can
+finally:
+    if _HIDDEN:
+        del sys.modules["asammdf"]
 
 GUARD_US = 20_000  #: drivers hand a frame over this long after its stamp at the latest
 _IDS_REMEMBERED = 4096  #: a bus has some hundreds of identifiers, noise has millions

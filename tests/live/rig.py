@@ -88,7 +88,6 @@ class Rig:
             notifier=notifier or Notifier({}),
         )
         self.daemon.schedule = Schedule(self.time.clock_ns, self.time.sleep)
-        self.daemon._status_server = None
 
     def run(self, s):
         """Let ``s`` seconds pass."""

@@ -1,0 +1,253 @@
+"""The commands around the daemon, as a user types them; the daemon itself as a process with signals."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from canest.cli.main import run
+from canest.config import load_config
+from canest.live.install import install, unit_text
+from canest.live.status_socket import StatusServer, ask, socket_path
+from tests.live.rig import Rig, wait_for
+
+ROOT = Path(__file__).resolve().parents[2]
+QUIET = ["--set", "bus.interface=virtual", "--set", "bus.channel=quiet", "--set", "estimator.name=rlsmf"]
+
+
+class Process:
+    """`canest run` as systemd would start it."""
+
+    def __init__(self, tmp_path, *arguments):
+        self.notify = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.notify.bind(str(tmp_path / "notify"))
+        self.notify.settimeout(30)
+        self.log = (tmp_path / "log").open("w+")
+        environment = os.environ | {
+            "NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "1000000",
+            "STATE_DIRECTORY": str(tmp_path / "state"), "RUNTIME_DIRECTORY": str(tmp_path / "run"),
+            "PYTHONPATH": str(ROOT), "JOURNAL_STREAM": "1:1",
+        }  # fmt: skip
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "canest", "run", *arguments],
+            env=environment, stderr=self.log, stdout=subprocess.DEVNULL, cwd=tmp_path,
+        )  # fmt: skip
+
+    def heard(self, beginning):
+        """Wait until systemd would have heard a message."""
+        while True:
+            message = self.notify.recv(4096).decode()
+            if message.startswith(beginning):
+                return message
+
+    def said(self):
+        self.log.flush()
+        return Path(self.log.name).read_text()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.kill()
+        self.process.wait()
+        self.notify.close()
+        self.log.close()
+
+
+@pytest.fixture
+def truck(tmp_path):
+    text = (ROOT / "configs" / "vcan.yaml").read_text()
+    path = tmp_path / "truck.yaml"
+    path.write_text(text.replace('service: {learn: "on"}', 'service: {learn: "on+save"}'))
+    return path
+
+
+def test_a_life_under_systemd(tmp_path, truck):
+    with Process(tmp_path, "-c", str(truck), *QUIET) as daemon:
+        daemon.heard("READY=1")
+        daemon.heard("STATUS=")
+        daemon.heard("WATCHDOG=1")
+        [path] = (tmp_path / "run").glob("status-*.sock")
+        assert ask(path)["why_not_valid"].startswith("nothing has been heard")
+
+        daemon.process.send_signal(signal.SIGUSR1)
+        assert wait_for(lambda: "<5>counters" in daemon.said())
+
+        good = truck.read_text()
+        truck.write_text(good + "\nunknown_section: 1\n")
+        daemon.process.send_signal(signal.SIGHUP)
+        daemon.heard("RELOADING=1\nMONOTONIC_USEC=")
+        daemon.heard("READY=1")
+        assert wait_for(lambda: "reload-refused" in daemon.said())
+        assert "unknown_section" in daemon.said()
+
+        truck.write_text(good.replace("rolling_resistance: 0.0060", "rolling_resistance: 0.0065"))
+        daemon.process.send_signal(signal.SIGHUP)
+        assert wait_for(lambda: "<5>reloaded" in daemon.said())
+
+        begin = time.monotonic()
+        daemon.process.send_signal(signal.SIGTERM)
+        assert daemon.process.wait(5) == 0
+        assert time.monotonic() - begin < 1.0
+        daemon.heard("STOPPING=1")
+        assert not path.exists()
+
+
+def test_a_daemon_imports_neither_what_is_heavy_nor_what_cannot_run_hardened(tmp_path):
+    code = (
+        "import sys; from canest.config import load_config; from canest.live.daemon import Daemon;"
+        "from canest.live.pythoncan import PythonCanReceiver;"
+        f"c = load_config('vcan', ['bus.interface=virtual', 'service.state_dir={tmp_path}']);"
+        "Daemon(c)._end();"
+        "print(*sorted({m.split('.')[0] for m in sys.modules}));"
+        "print(open('/proc/self/status').read().split('VmHWM:')[1].split()[0])"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT, timeout=60
+    )
+    modules, peak_kb = result.stdout.splitlines()[-2:]
+    assert not {"numba", "scipy", "rich", "plotly", "pyarrow", "pandas", "click"} & set(modules.split())
+    assert int(peak_kb) < 120_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "told"),
+    [
+        (["run"], 2, "-c"),
+        (["run", "-c", "no-such-config"], 2, "no-such-config"),
+        (["run", "-c", "vcan", "--set", "bus.interface=nonsense"], 1, "nonsense"),
+        (["run", "-c", "vcan", "--set", "broadcast.rate_hz=500"], 2, "rate_hz"),
+        (["status", "--socket", "/no/such/socket"], 1, "no daemon"),
+        (["monitor", "can0"], 2, "INTERFACE:CHANNEL"),
+        (["monitor", "--pgn", "1"], 2, "proprietary-B"),
+        (["install-service", "--install", "-c", "no-such-config"], 2, "no-such-config"),
+    ],
+)
+def test_every_mistake_is_one_line_and_the_right_exit_code(capsys, arguments, code, told):
+    assert run(arguments) == code
+    errors = capsys.readouterr().err.strip()
+    assert told in errors and "Traceback" not in errors and len(errors.splitlines()) == 1
+
+
+def test_status_shows_what_a_person_on_call_needs(tmp_path, drive, monkeypatch, capsys):
+    settings = load_config("vcan", [f"service.state_dir={tmp_path}", "service.learn='off'"])
+    from canest.live.snapshot import snapshot
+
+    with Rig(monkeypatch, settings, drive) as rig:
+        rig.run(45)
+        content = snapshot(rig.daemon, rig.now_us)
+    monkeypatch.setattr("canest.live.status_socket.ask", lambda path: content)
+    assert run(["status", "--socket", "x"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    for part in (
+        "class8 on vcan0: valid",
+        "mass 2",
+        "learned from",
+        "frames/s",
+        "from address 0x9e",
+        "ticks",
+    ):
+        assert part in shown
+    assert run(["status", "--socket", "x", "--verbose"]) == 0
+    assert "PGN 61444 from 0x00" in capsys.readouterr().out
+    assert run(["status", "--socket", "x", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == [content]
+
+
+def test_status_of_a_killed_daemon_tells_what_it_had_learned(tmp_path, drive, monkeypatch, capsys):
+    changes = [f"service.state_dir={tmp_path}", "service.learn='on+save'"]
+    with Rig(monkeypatch, load_config("vcan", changes), drive) as rig:
+        rig.run(60)
+    config = tmp_path / "c.yaml"
+    config.write_text(
+        (ROOT / "configs/vcan.yaml").read_text().replace('"on"}', f'"on+save", state_dir: {tmp_path}}}')
+    )
+    with socket.socket(socket.AF_UNIX) as left_behind:
+        left_behind.bind(str(tmp_path / "status-vcan0.sock"))
+    assert run(["status", "-c", str(config)]) == 1
+    captured = capsys.readouterr()
+    assert "last learned: 2" in captured.out and "killed" in captured.err
+
+
+def test_a_status_socket_left_behind_is_replaced_and_a_client_that_leaves_is_survived(tmp_path):
+    path = tmp_path / "status.sock"
+    with socket.socket(socket.AF_UNIX) as left_behind:
+        left_behind.bind(str(path))
+    server = StatusServer(path)
+    with socket.socket(socket.AF_UNIX) as client:
+        client.connect(str(path))
+    server.poll(lambda: {"a": "x" * 100_000})
+    server.poll(lambda: {})
+    server.close()
+    assert not path.exists()
+
+
+def test_the_status_socket_lies_where_systemd_says(tmp_path):
+    config = load_config("vcan", ["bus.channel=can0"])
+    assert socket_path(config, {"RUNTIME_DIRECTORY": "/run/canest/truck"}) == Path(
+        "/run/canest/truck/status-can0.sock"
+    )
+    assert socket_path(config, {"STATE_DIRECTORY": "/var/lib/canest"}).parent == Path("/var/lib/canest")
+
+
+def test_monitor_shows_the_broadcast(capsys):
+    import threading
+
+    import can
+
+    from canest.decode import j1939
+    from canest.live.estimate_frame import Estimate, encode
+
+    done = threading.Event()
+
+    def broadcast():
+        can_id = j1939.pack(0xFF5A, 0x9E)
+        with can.Bus(interface="virtual", channel="m") as bus:
+            for counter in range(1000):
+                payload = encode(Estimate(21_346.0, 150.0, 0.031, 0.002, 2, 0), counter, can_id)
+                bus.send(can.Message(arbitration_id=can_id & 0x1FFFFFFF, is_extended_id=True, data=payload))
+                if done.wait(0.02):
+                    return
+
+    thread = threading.Thread(target=broadcast)
+    thread.start()
+    try:
+        assert run(["monitor", "virtual:m", "--for", "1"]) == 0
+    finally:
+        done.set()
+        thread.join()
+    shown = capsys.readouterr().out
+    assert "21,346 kg" in shown and "valid" in shown and "virtual:m" in shown
+
+
+def test_the_unit_finds_the_canest_that_printed_it(capsys):
+    assert run(["install-service"]) == 0
+    printed = capsys.readouterr().out
+    assert printed == unit_text()
+    assert "Type=notify" in printed and f"Environment=PATH={Path(sys.executable).parent}:" in printed
+
+
+def test_the_service_is_installed_below_a_root_and_keeps_an_existing_config(tmp_path, truck):
+    first = install(truck, "bus1", tmp_path)
+    assert [p.relative_to(tmp_path).as_posix() for p in first.written] == [
+        "etc/systemd/system/canest@.service", "etc/canest/bus1.yaml",
+    ]  # fmt: skip
+    assert any("canest@bus1" in note for note in first.notes)
+    (tmp_path / "etc/canest/bus1.yaml").write_text("mine")
+    second = install(truck, "bus1", tmp_path)
+    assert (tmp_path / "etc/canest/bus1.yaml").read_text() == "mine"
+    assert any("kept" in note for note in second.notes)
+
+
+def test_a_place_that_cannot_be_written_is_one_plain_error(tmp_path, capsys, truck):
+    (tmp_path / "etc").write_text("a file")
+    assert run(["install-service", "--install", "-c", str(truck), "--root", str(tmp_path)]) == 1
+    assert "cannot be written" in capsys.readouterr().err
