@@ -246,8 +246,6 @@ def tally(memory: Container, e: float, s: float) -> None:
     if sign != memory[SIGN]:
         memory[RUNS] += 1.0
     memory[SIGN] = sign
-    z = min(max(e / math.sqrt(s), -_CLIP), _CLIP)
-    memory[BIASED] += (z - memory[BIASED]) / _SIGN_MEMORY
 
 
 @fast.kernel
@@ -322,6 +320,9 @@ def run(
             memory[SPEED_VAR] = level(memory[SPEED_VAR], e, s, floors[0])
             memory[LEARNED] = 1.0
             tally(memory, e, s)
+            if t > 0.0:  # in overrun it may as well be a brake that nobody reports
+                z = min(max(e / math.sqrt(s), -_CLIP), _CLIP)
+                memory[BIASED] += (z - memory[BIASED]) / _SIGN_MEMORY
             if undriven[k] == undriven[k] and memory[COUNT] % _UNDRIVEN_EVERY == 0.0:
                 e, s = correct(
                     x, P, active, w, 0, v - undriven[k], memory[UNDRIVEN_VAR],
