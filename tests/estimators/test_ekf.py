@@ -61,12 +61,12 @@ def test_uphill_is_positive():
     assert r.grade[-1] == pytest.approx(0.04, abs=2e-3)
 
 
-def test_paper_tuning_at_30_hz_follows_a_grade_step():
-    facts = replace(FACTS, mass_min_kg=1_500.0, mass_max_kg=4_000.0, initial_mass_kg=2_309.0)
-    d = drive(60.0, mass_kg=2_309.0, grade=lambda t: np.where(t > 30, 0.118, 0.0), pulse_s=2.0)
-    r = create("ekf", facts, {"preset": "2014"}).update(d.block)
-    assert r.grade[-1] == pytest.approx(0.118, abs=0.02)
-    assert r.mass_kg[-1] == pytest.approx(2_309.0, rel=0.15)
+def test_noise_given_at_30_hz_keeps_its_density():
+    block = drive(20.0, grade=0.02).block
+    paper = create("ekf", FACTS, {"q": (0.1, 1e-5, 25.0), "r": 100.0, "rate_hz": 30.0}).update(block)
+    same = create("ekf", FACTS, {"q": (0.06, 6e-6, 15.0), "r": 100.0 / 0.6, "rate_hz": 50.0}).update(block)
+    np.testing.assert_allclose(paper.mass_kg, same.mass_kg, rtol=1e-9)
+    np.testing.assert_allclose(paper.grade_std, same.grade_std, rtol=1e-9)
 
 
 def test_a_gate_restarts_the_filter_at_the_measured_speed():

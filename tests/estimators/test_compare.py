@@ -1,0 +1,105 @@
+"""Every estimator on one log: the table and the estimates behind it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from canest.compare import _time_to, compare
+from canest.config import load_config
+from canest.errors import ConfigError
+from canest.estimators.base import REGISTRY
+from canest.logs.truth import Truth
+from canest.simulate.run import simulate
+
+COLUMNS = {
+    "mass_end_pct", "mass_rms_pct", "mass_max_pct", "grade_rms_deg", "to_5pct_s", "ns_per_sample", "note",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    scenario = {
+        "seed": 5,
+        "duration_s": 80,
+        "vehicle": "class8",
+        "mass_kg": 18_000,
+        "road": {"kind": "highway", "grade_max": 0.03},
+        "driver": {"kind": "pulses"},
+        "bus": {"traffic": False},
+    }
+    directory = tmp_path_factory.mktemp("compare")
+    simulated = simulate(scenario)
+    simulated.write(directory)
+    t = simulated.truth
+    return next(directory.glob("*.log")), Truth(
+        np.round(t["t_s"] * 1e6).astype(np.int64), t["grade"], t["mass_kg"]
+    )
+
+
+def test_every_name_has_a_row_with_the_contracts_columns(drive):
+    log, truth = drive
+    result = compare(load_config("class8.yaml"), log, truth=truth, after_s=20.0, compiled=False)
+    rows = result.table["estimators"]
+    assert list(rows) == list(REGISTRY)
+    assert result.table["default"] == load_config("class8.yaml").estimator.name
+    for name, row in rows.items():
+        assert set(row) == COLUMNS
+        assert row["grade_rms_deg"] is not None, name
+        assert row["ns_per_sample"] > 0
+        assert (row["mass_rms_pct"] is None) == (name == "dgo")
+        assert len(result.estimates[name]) == len(result.speed_mps) == len(result.true_grade)
+
+
+def test_an_estimator_without_its_signal_says_so_instead_of_a_number(drive):
+    log, truth = drive
+    config = load_config("class8.yaml")
+    signals = {k: v for k, v in config.signals.items() if k != "longitudinal_accel"}
+    blind = config.model_copy(update={"signals": signals})
+    rows = compare(blind, log, truth=truth, names=["pmg", "resistance4", "rls"], compiled=False).table
+    for name in ("pmg", "resistance4"):
+        row = rows["estimators"][name]
+        assert "accelerometer" in row["note"]
+        assert row["mass_rms_pct"] is None
+        assert row["mass_end_pct"] is None
+    assert rows["estimators"]["rls"]["mass_rms_pct"] is not None
+
+
+def test_estimates_are_those_of_a_replay(drive, tmp_path):
+    from canest.replay import LogRun
+
+    log, _ = drive
+    config = load_config("class8.yaml", ["estimator.name=rlsmf"])
+    replayed = list(LogRun(log, config).estimates())
+    compared = compare(config, log, names=["rlsmf"], compiled=False).estimates["rlsmf"]
+    np.testing.assert_array_equal(compared.mass_kg, np.concatenate([e.mass_kg for e in replayed]))
+    np.testing.assert_array_equal(compared.gate, np.concatenate([e.gate for e in replayed]))
+
+
+def test_without_truth_there_are_no_errors(drive):
+    log, _ = drive
+    row = compare(load_config("class8.yaml"), log, names=["ekf"], compiled=False).table["estimators"]["ekf"]
+    assert row["mass_rms_pct"] is None
+    assert row["to_5pct_s"] is None
+    assert row["ns_per_sample"] > 0
+
+
+def test_an_unknown_name_is_refused(drive):
+    with pytest.raises(ConfigError, match="unknown estimator"):
+        compare(load_config("class8.yaml"), drive[0], names=["kalman"])
+
+
+@pytest.mark.parametrize(
+    ("error_pct", "expected"),
+    [
+        (np.full(1000, 3.0), 0.0),
+        (np.full(1000, 9.0), None),
+        (np.r_[np.full(100, 9.0), np.full(900, 1.0)], 2.0),
+        (np.r_[np.full(100, 1.0), np.full(900, 9.0)], None),
+        (np.r_[np.full(600, 1.0), np.full(400, 9.0)], 0.0),
+        (np.r_[np.full(900, np.nan), np.full(100, 1.0)], 18.0),
+        (np.empty(0), None),
+    ],
+)
+def test_time_to_within_five_percent(error_pct, expected):
+    assert _time_to(error_pct) == expected
