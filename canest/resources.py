@@ -26,7 +26,14 @@ def find(kind: str, name: str, beside: Path | None = None) -> Path:
     if kind == "configs" and not name.endswith((".yaml", ".yml")):
         candidates.append(folder / f"{name}.yaml")
     for path in candidates:
-        if path.is_file():
+        if _is_file(path):
             return path
     names = ", ".join(sorted(p.name for p in folder.glob("*") if p.is_file()))
     raise ConfigError(f"no such {kind} file", where=name, expected=f"a path or a shipped name ({names})")
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name too long, or a folder that may not be entered
+        return False

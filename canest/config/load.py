@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import yaml
 from pydantic import ValidationError
 
-from canest.config.schema import Config
+from canest.config.schema import Config, MisplacedError
 from canest.errors import ConfigError
 from canest.resources import find
 
@@ -43,14 +43,16 @@ def parse_config(text: str, where: str = "config", overrides: Iterable[str] = ()
         ) from error
     except ValueError as error:  # e.g. an impossible date
         raise ConfigError(f"not valid YAML ({error})", where=where) from error
+    except RecursionError as error:
+        raise ConfigError("nested too deeply", where=where, expected="sections of keys and values") from error
     if not isinstance(raw, dict):
         raise ConfigError(
-            "is not a mapping of sections",
+            "holds no sections",
             where=where,
-            found=type(raw).__name__,
+            found="nothing" if raw is None else type(raw).__name__,
             expected="vehicle:, signals: and so on",
         )
-    duplicate = _duplicate_key(node)
+    duplicate = _duplicate_key(node, set())
     if duplicate:
         raise ConfigError(f"key given twice: {duplicate[0]}", where=f"{where}:{duplicate[1]}")
     changed = _apply_overrides(raw, overrides)
@@ -74,8 +76,8 @@ def _apply_overrides(raw: dict[str, Any], overrides: Iterable[str]) -> set[str]:
                 raise ConfigError(f"--set {key}: {part} is not a section")
             target = child
         try:
-            target[last] = yaml.safe_load(value)
-        except yaml.YAMLError as error:
+            target[last] = yaml.load(value, Loader=_LOADER)
+        except (yaml.YAMLError, ValueError, RecursionError) as error:
             raise ConfigError(f"--set {key}: not a YAML value", found=value) from error
         changed.add(key.strip())
     return changed
@@ -83,25 +85,38 @@ def _apply_overrides(raw: dict[str, Any], overrides: Iterable[str]) -> set[str]:
 
 def _explain(error: ValidationError, node: yaml.Node | None, where: str, changed: set[str]) -> ConfigError:
     problems = error.errors(include_url=False)
-    first = problems[0]
-    path = [str(p) for p in first["loc"]]
+    # a misspelt key is also missing under its right name: what was written tells more
+    first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
+    cause = first.get("ctx", {}).get("error")
+    path = [
+        str(p)
+        for p in (*first["loc"], *(cause.keys if isinstance(cause, MisplacedError) else ()))
+        if p != "[key]"
+    ]
     key = ".".join(path) or "(whole config)"
-    overridden = any(change == key or change.startswith(f"{key}.") for change in changed)
+    overridden = any(f"{key}.".startswith(f"{c}.") or c.startswith(f"{key}.") for c in changed)
     origin = "--set" if overridden else f"{where}:{_line_of(node, path)}"
     message = first["msg"].removeprefix("Value error, ")
     if first["type"] == "missing":
         return ConfigError(f"{key}: is missing", where=origin, expected="a value" + _more(problems))
     if first["type"] == "extra_forbidden":
         return ConfigError(f"{key}: unknown key", where=origin, expected=_known_keys(path) + _more(problems))
-    found = first.get("input")
-    shown = found if isinstance(found, str | int | float | bool) or found is None else type(found).__name__
     if first["type"] == "value_error":
         return ConfigError(f"{key}: {message}{_more(problems)}", where=origin)
+    found = first.get("input")
+    shown = found if isinstance(found, str | int | float | bool) or found is None else type(found).__name__
     return ConfigError(key, where=origin, found=shown, expected=_plain(message) + _more(problems))
 
 
+#: pydantic's words -> words for somebody who writes YAML
+_WORDS = {"a valid ": "a ", "a integer": "a whole number", "a tuple": "a list", "a dictionary": "a section"}
+
+
 def _plain(message: str) -> str:
-    return message.removeprefix("Input should be ").replace("a valid ", "a ")
+    message = message.removeprefix("Input should be ")
+    for theirs, ours in _WORDS.items():
+        message = message.replace(theirs, ours)
+    return message.partition(", unable")[0].partition(" or instance of")[0]
 
 
 def _more(problems: list[Any]) -> str:
@@ -109,14 +124,14 @@ def _more(problems: list[Any]) -> str:
 
 
 def _known_keys(path: list[str]) -> str:
-    model: Any = Config
+    """Return the keys that the section of ``path`` may have."""
+    section: Any = Config
     for part in path[:-1]:
-        field = model.model_fields.get(part) if hasattr(model, "model_fields") else None
-        if field is None:
-            return "one of the documented keys"
-        model = field.annotation
-    names = getattr(model, "model_fields", None)
-    return "one of " + ", ".join(names) if names else "one of the documented keys"
+        fields = getattr(section, "model_fields", {})
+        if part in fields:
+            section = fields[part].annotation
+            section = next((a for a in get_args(section) if hasattr(a, "model_fields")), section)
+    return "one of " + ", ".join(section.model_fields)
 
 
 def _line_of(node: yaml.Node | None, path: list[str]) -> int:
@@ -137,20 +152,22 @@ def _line_of(node: yaml.Node | None, path: list[str]) -> int:
     return line
 
 
-def _duplicate_key(node: yaml.Node | None) -> tuple[str, int] | None:
-    """Return the first key that a mapping has twice, with its line (YAML itself would keep the last)."""
+def _duplicate_key(node: yaml.Node | None, seen: set[int]) -> tuple[str, int] | None:
+    """Return the first key that a mapping has twice, with its line (YAML itself would keep the last).
+
+    ``seen`` holds the nodes already looked at: an alias may name one again, or name what holds it.
+    """
+    if id(node) in seen:
+        return None
+    seen.add(id(node))
+    children: list[yaml.Node] = []
     if isinstance(node, yaml.MappingNode):
-        seen: set[str] = set()
+        keys: set[str] = set()
         for key, value in node.value:
-            if key.value in seen:
+            if key.value in keys:
                 return str(key.value), key.start_mark.line + 1
-            seen.add(key.value)
-            deeper = _duplicate_key(value)
-            if deeper:
-                return deeper
+            keys.add(key.value)
+            children.append(value)
     elif isinstance(node, yaml.SequenceNode):
-        for item in node.value:
-            deeper = _duplicate_key(item)
-            if deeper:
-                return deeper
-    return None
+        children = node.value
+    return next((found for child in children if (found := _duplicate_key(child, seen))), None)

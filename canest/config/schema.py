@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from canest.errors import ConfigError
 from canest.roles import KNOWN_UNITS, ROLES
 
 
@@ -20,9 +21,17 @@ class Section(BaseModel):
     )
 
 
+class MisplacedError(ValueError):
+    """A mistake that a validator of the whole section found; ``keys`` say where in the section it is."""
+
+    def __init__(self, message: str, *keys: str | int) -> None:
+        super().__init__(message)
+        self.keys = keys
+
+
 def _number_not_bool(value: Any) -> Any:
     if isinstance(value, bool):
-        raise ValueError("a number, not yes/no")  # noqa: TRY004 - pydantic wants ValueError
+        raise ValueError("found yes/no, expected a number")  # noqa: TRY004 - pydantic wants ValueError
     return value
 
 
@@ -32,6 +41,7 @@ def _word_of_switch(value: Any) -> Any:
 
 
 Number = Annotated[float, BeforeValidator(_number_not_bool)]
+Whole = Annotated[int, BeforeValidator(_number_not_bool)]
 
 
 class Retarder(Section):
@@ -73,16 +83,17 @@ class Vehicle(Section):
     @model_validator(mode="after")
     def _consistent(self) -> Vehicle:
         if self.mass_min_kg >= self.mass_max_kg:
-            raise ValueError(
-                f"mass_min_kg {self.mass_min_kg:g} must be below mass_max_kg {self.mass_max_kg:g}"
+            raise MisplacedError(
+                f"found {self.mass_min_kg:g}, expected less than mass_max_kg, {self.mass_max_kg:g}",
+                "mass_min_kg",
             )
         for gear, ratio in self.gear_ratios.items():
             if not 0.1 < ratio < 50:
-                raise ValueError(f"gear_ratios.{gear}: found {ratio:g}, expected a ratio between 0.1 and 50")
+                raise MisplacedError(f"found {ratio:g}, expected between 0.1 and 50", "gear_ratios", gear)
         for gear, efficiency in self.gear_efficiency.items():
             if not 0.5 < efficiency <= 1:
-                raise ValueError(
-                    f"gear_efficiency.{gear}: found {efficiency:g}, expected above 0.5 and up to 1"
+                raise MisplacedError(
+                    f"found {efficiency:g}, expected above 0.5 and up to 1", "gear_efficiency", gear
                 )
         return self
 
@@ -95,7 +106,7 @@ class Source(Section):
 
     message: str | None = None
     signal: str | None = None
-    source: int | None = Field(None, ge=0, le=253)
+    source: Whole | None = Field(None, ge=0, le=253)
     column: str | None = None
     unit: str | None = None
     #: the value describes the vehicle this much earlier than its frame is stamped
@@ -111,7 +122,9 @@ class Source(Section):
         if dbc == (self.column is not None) or (self.message is None) != (self.signal is None):
             raise ValueError("give either message and signal, or column")
         if self.unit is not None and self.unit not in KNOWN_UNITS:
-            raise ValueError(f"unknown unit {self.unit!r}, expected one of {', '.join(KNOWN_UNITS)}")
+            raise MisplacedError(
+                f"unknown unit, found {self.unit!r}, expected one of {', '.join(KNOWN_UNITS)}", "unit"
+            )
         return self
 
 
@@ -129,15 +142,16 @@ class Sampling(Section):
 class FilterSection(Section):
     """The Butterworth that the whole regression passes (order and -3 dB frequency)."""
 
-    order: int = Field(2, ge=1, le=6)
+    order: Whole = Field(2, ge=1, le=6)
     cutoff_hz: Number = Field(2.0, gt=0)
 
     @model_validator(mode="after")
     def _below_nyquist(self) -> FilterSection:
         if self.cutoff_hz >= 25:
-            raise ValueError(
-                f"cutoff_hz {self.cutoff_hz:g} is not below 25 Hz, half the 50 Hz sampling rate: "
-                "no digital Butterworth exists there; choose e.g. 2"
+            raise MisplacedError(
+                f"found {self.cutoff_hz:g} Hz, expected below 25 Hz, half the 50 Hz sampling rate: "
+                "no digital Butterworth exists there; choose e.g. 2",
+                "cutoff_hz",
             )
         return self
 
@@ -225,22 +239,22 @@ class Bus(Section):
 
     interface: str = "socketcan"
     channel: str = "vcan0"
-    bitrate: int | None = Field(None, gt=0)
+    bitrate: Whole | None = Field(None, gt=0)
     options: dict[str, Any] = Field(default_factory=dict)
 
 
 class Name(Section):
     """The 64-bit J1939 NAME (ISO 11783-5): who we say we are."""
 
-    identity: int = Field(1, ge=0, lt=2**21)
-    manufacturer: int = Field(0, ge=0, lt=2**11)
-    ecu_instance: int = Field(0, ge=0, lt=8)
-    function_instance: int = Field(0, ge=0, lt=32)
+    identity: Whole = Field(1, ge=0, lt=2**21)
+    manufacturer: Whole = Field(0, ge=0, lt=2**11)
+    ecu_instance: Whole = Field(0, ge=0, lt=8)
+    function_instance: Whole = Field(0, ge=0, lt=32)
     #: 33 = system monitor, valid for any industry group
-    function: int = Field(33, ge=0, lt=256)
-    vehicle_system: int = Field(0, ge=0, lt=128)
-    vehicle_system_instance: int = Field(0, ge=0, lt=16)
-    industry_group: int = Field(0, ge=0, lt=8)
+    function: Whole = Field(33, ge=0, lt=256)
+    vehicle_system: Whole = Field(0, ge=0, lt=128)
+    vehicle_system_instance: Whole = Field(0, ge=0, lt=16)
+    industry_group: Whole = Field(0, ge=0, lt=8)
     arbitrary_address_capable: bool = True
 
 
@@ -251,10 +265,10 @@ class Broadcast(Section):
     enabled: bool | None = None
     #: no transmission at all, not even an address claim
     listen_only: bool = False
-    pgn: int = Field(0xFF5A, ge=0xFF00, le=0x1FFFF)
-    priority: int = Field(6, ge=0, le=7)
+    pgn: Whole = Field(0xFF5A, ge=0xFF00, le=0x1FFFF)
+    priority: Whole = Field(6, ge=0, le=7)
     rate_hz: Number = Field(10.0, gt=0, le=50)
-    preferred_address: int = Field(158, ge=128, le=247)
+    preferred_address: Whole = Field(158, ge=128, le=247)
     name: Name = Name()
     #: also as SPN 1760 in PGN 65136, 1 Hz, only while valid
     cvw: bool = False
@@ -264,8 +278,9 @@ class Broadcast(Section):
     @model_validator(mode="after")
     def _proprietary_b(self) -> Broadcast:
         if not (0xFF00 <= self.pgn <= 0xFFFF or 0x1FF00 <= self.pgn <= 0x1FFFF):
-            raise ValueError(
-                f"pgn {self.pgn:#x} is not a proprietary-B group, expected 0xFF00..0xFFFF or 0x1FF00..0x1FFFF"
+            raise MisplacedError(
+                f"found {self.pgn:#x}, expected a proprietary-B group, 0xFF00..0xFFFF or 0x1FF00..0x1FFFF",
+                "pgn",
             )
         return self
 
@@ -280,7 +295,7 @@ class Service(Section):
     #: a remembered mass is restored with at least this much doubt, relative
     restore_std: Number = Field(0.03, ge=0, le=1)
     metrics_file: str | None = None
-    metrics_port: int | None = Field(None, gt=0, lt=65536)
+    metrics_port: Whole | None = Field(None, gt=0, lt=65536)
     #: candump log of what was received, for replay
     record: str | None = None
     #: est.csv of what was estimated
@@ -307,14 +322,25 @@ class Config(Section):
 
     @model_validator(mode="after")
     def _roles_known(self) -> Config:
-        from canest.vehicle.effects import effect_from_config
+        used: dict[str, int] = {}
+        if self.effects:
+            from canest.vehicle.effects import effect_from_config
 
-        signals = (effect_from_config(e, f"effects[{i}]").signal for i, e in enumerate(self.effects))
-        used = {s for s in signals if s is not None}
+            for i, entry in enumerate(self.effects):
+                try:
+                    signal = effect_from_config(entry, "").signal
+                except ConfigError as error:
+                    raise MisplacedError(str(error), "effects", i) from None
+                if signal is not None:
+                    used.setdefault(signal, i)
         for role in self.signals:
             if role not in ROLES and role not in used:
-                raise ValueError(f"signals.{role}: unknown role, expected one of {', '.join(ROLES)}")
-        for role in used:
+                raise MisplacedError(f"unknown role, expected one of {', '.join(ROLES)}", "signals", role)
+        for role, i in used.items():
             if role not in self.signals:
-                raise ValueError(f"signals: an effect uses the signal {role!r}, which the map does not name")
+                raise MisplacedError(
+                    f"needs the signal {role}, found no such key in signals:, expected a source for it",
+                    "effects",
+                    i,
+                )
         return self

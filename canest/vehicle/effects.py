@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, Literal
+from types import NoneType
+from typing import Any, ClassVar, Literal, get_args, get_type_hints
 
 import numpy as np
 
@@ -39,7 +40,10 @@ class Effect:
     name: ClassVar[str] = ""
     stage: ClassVar[Stage] = "road"
     text: ClassVar[str] = ""
+    #: what the diagnosis may fit
     parameters: ClassVar[dict[str, Parameter]] = {}
+    #: further numbers of a config entry, with their bounds
+    settings: ClassVar[dict[str, Parameter]] = {}
 
     @property
     def signal(self) -> str | None:
@@ -73,36 +77,34 @@ def effect_from_config(entry: Mapping[str, Any], where: str = "effects") -> Effe
     values = dict(entry)
     name = values.pop("effect", None)
     cls = EFFECTS.get(str(name))
-    if "signal" in values:
-        values["on_signal"] = values.pop("signal")
     if cls is None:
         raise ConfigError(
             "unknown effect", where=where, found=str(name), expected="one of " + ", ".join(EFFECTS)
         )
-    known = {f.name for f in fields(cls)}
+    hints = get_type_hints(cls)
+    known = {f.name.removeprefix("on_"): f.name for f in fields(cls)}
     for key, value in values.items():
         if key not in known:
             raise ConfigError(
                 f"{name}: unknown key {key}", where=where, expected="one of " + ", ".join(sorted(known))
             )
-        parameter = cls.parameters.get(key)
-        if parameter is None:
-            continue
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ConfigError(
-                f"{name}.{key}", where=where, found=value, expected=f"a number in {parameter.unit}"
-            )
-        if not parameter.low <= value <= parameter.high:
-            raise ConfigError(
-                f"{name}.{key}",
-                where=where,
-                found=value,
-                expected=f"{parameter.low:g} to {parameter.high:g} {parameter.unit}".strip(),
-            )
-    try:
-        return cls(**values)
-    except (TypeError, ValueError) as error:
-        raise ConfigError(f"{name}: {error}", where=where) from error
+        _check(f"{name}.{key}", value, hints[known[key]], {**cls.parameters, **cls.settings}.get(key), where)
+    return cls(**{known[key]: value for key, value in values.items()})
+
+
+def _check(what: str, value: Any, hint: Any, bounds: Parameter | None, where: str) -> None:
+    """Refuse a value that is not of its field's type, or not within its bounds."""
+    kinds = {*get_args(hint)} or {hint}
+    if value is None and NoneType in kinds:
+        return
+    if bounds is not None:
+        wanted = f"{bounds.low:g} to {bounds.high:g} {bounds.unit}".strip()
+        fits = isinstance(value, int | float) and bounds.low <= value <= bounds.high
+    else:
+        wanted = "a whole number" if int in kinds else "a name"
+        fits = isinstance(value, tuple(kinds))
+    if not fits or isinstance(value, bool):
+        raise ConfigError(what, where=where, found=value, expected=wanted)
 
 
 @_register
@@ -333,9 +335,7 @@ class CorneringDrag(Effect):
 
     name: ClassVar[str] = "cornering_drag"
     text: ClassVar[str] = "force per kg per (speed x yaw rate) squared"
-    parameters: ClassVar[dict[str, Parameter]] = {
-        "coefficient_s2pm": Parameter("s2/m", 0.0, 0.0, 2.0, 0.005)
-    }
+    parameters: ClassVar[dict[str, Parameter]] = {"coefficient_s2pm": Parameter("s2/m", 0.0, 0.0, 2.0, 0.005)}
     coefficient_s2pm: float = 0.0
 
     @property
@@ -358,6 +358,7 @@ class WheelSlip(Effect):
     text: ClassVar[str] = "driven-wheel slip per m/s2 of traction"
     parameters: ClassVar[dict[str, Parameter]] = {"slip_per_mps2": Parameter("s2/m", 0.0, 0.0, 0.2, 0.002)}
     slip_per_mps2: float = 0.0
+    settings: ClassVar[dict[str, Parameter]] = {"mass_kg": Parameter("kg", 0.0, 50.0, 500_000.0, 1000.0)}
     #: mass by which traction becomes an acceleration; None: the geometric mean of the config's bounds
     mass_kg: float | None = None
 
@@ -376,6 +377,11 @@ class SwitchedLoad(Effect):
     stage: ClassVar[Stage] = "crank"
     text: ClassVar[str] = "power taken at the crank while a signal or a regime is on"
     parameters: ClassVar[dict[str, Parameter]] = {"power_kW": Parameter("kW", 0.0, 0.0, 400.0, 2.0)}
+    settings: ClassVar[dict[str, Parameter]] = {
+        "threshold": Parameter("", 0.5, -1e6, 1e6, 0.1),
+        "exponent": Parameter("", 0.0, -3.0, 3.0, 1.0),
+        "reference_rpm": Parameter("rpm", 1500.0, 100.0, 20_000.0, 100.0),
+    }
     power_kW: float = 0.0
     #: the role that switches it (as the signal map names it)
     on_signal: str | None = None

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,8 +20,10 @@ from canest.errors import ConfigError
 from canest.frames import BoolColumn, FloatColumn
 from canest.grid.grid import GridBlock
 from canest.vehicle.columns import Columns
-from canest.vehicle.effects import Effect, effect_from_config
 from canest.vehicle.samples import STEP_S
+
+if TYPE_CHECKING:
+    from canest.vehicle.effects import Effect
 
 RPM_TO_RADPS = np.pi / 30
 #: specific gas constant of dry air, J/(kg K)
@@ -271,4 +274,8 @@ class LongitudinalModel:
 
 def effects_of(config: Config) -> list[Effect]:
     """Return a config's effects, built."""
+    if not config.effects:
+        return []
+    from canest.vehicle.effects import effect_from_config
+
     return [effect_from_config(e, f"effects[{i}]") for i, e in enumerate(config.effects)]

@@ -1,0 +1,271 @@
+"""Every mistake in a config becomes one line: file, line, key, what was found, what was expected."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from canest.config import load_config, parse_config
+from canest.decode.signal_map import decoder_for
+from canest.errors import ConfigError
+from canest.pipeline import Pipeline
+from canest.resources import shipped
+
+TRUCK = (shipped("configs") / "class8.yaml").read_text()
+
+
+def line_with(text: str, mark: str) -> int:
+    return next(i for i, line in enumerate(text.splitlines(), 1) if mark in line)
+
+
+def refused(text: str, *overrides: str) -> str:
+    with pytest.raises(ConfigError) as caught:
+        parse_config(text, "truck.yaml", overrides)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert caught.value.exit_code == 2
+    return message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "words"),
+    [
+        (
+            "mass_min_kg: 7000",
+            "mass_min_kg: -7000",
+            "vehicle.mass_min_kg",
+            "found -7000, expected greater than",
+        ),
+        ("mass_min_kg: 7000", "mass_min_kg: 50000", "vehicle.mass_min_kg", "less than mass_max_kg, 40000"),
+        (
+            "mass_min_kg: 7000",
+            "mass_min_kg: heavy",
+            "vehicle.mass_min_kg",
+            "found 'heavy', expected a number",
+        ),
+        ("mass_min_kg: 7000", "mass_min_kg: yes", "vehicle.mass_min_kg", "expected a number"),
+        ("mass_min_kg: 7000", "mass_min_kg: .inf", "vehicle.mass_min_kg", "expected a finite number"),
+        (
+            "mass_min_kg: 7000",
+            "mass_min_kg: [7000]",
+            "vehicle.mass_min_kg",
+            "found 'list', expected a number",
+        ),
+        (
+            "wheel_radius_m: 0.500",
+            "wheel_radius_m: 20",
+            "vehicle.wheel_radius_m",
+            "found 20, expected less than 2",
+        ),
+        ("efficiency: 0.96", "efficiency: 96", "vehicle.driveline_efficiency", "less than or equal to 1"),
+        ("drag_area_m2:", "drag_aera_m2:", "vehicle.drag_aera_m2", "unknown key, expected one of name, key"),
+        ("1: 12.69", "1: 1269", "vehicle.gear_ratios.1", "found 1269, expected between"),
+        ("1: 12.69", "first: 12.69", "vehicle.gear_ratios.first", "expected a whole number"),
+        ("{9: 0.98}", "{9: 98}", "vehicle.gear_efficiency.9", "found 98, expected above 0.5"),
+        ("location: crank", "location: moon", "vehicle.retarder.location", "'crank' or 'output_shaft'"),
+        (
+            "{reference_torque_Nm: 1500,",
+            "{torque: 9,",
+            "vehicle.retarder.torque",
+            "reference_torque_Nm, location",
+        ),
+        ("dbc: [j1939.dbc]", "dbc: 5", "dbc", "found 5, expected a list"),
+        (
+            "EngSpeed, source: 0x00",
+            "EngSpeed, source: 999",
+            "signals.engine_speed.source",
+            "less than or equal to 253",
+        ),
+        (
+            "EngSpeed, source: 0x00",
+            "EngSpeed, sauce: 0",
+            "signals.engine_speed.sauce",
+            "one of message, signal",
+        ),
+        (
+            "EngSpeed, source: 0x00",
+            "EngSpeed, source: yes",
+            "signals.engine_speed.source",
+            "expected a number",
+        ),
+        (
+            "EngSpeed, source",
+            "EngSpeed, unit: parsec, source",
+            "signals.engine_speed.unit",
+            "one of %, 1/min",
+        ),
+        (
+            "EngSpeed, source: 0x00",
+            "EngSpeed, column: v",
+            "signals.engine_speed",
+            "either message and signal, or column",
+        ),
+        ("signal: EngSpeed, ", "", "signals.engine_speed", "either message and signal, or column"),
+        (
+            "  engine_speed: ",
+            "  engine_sped: ",
+            "signals.engine_sped",
+            "unknown role, expected one of engine_torque_pct",
+        ),
+        ("vehicle:", "vehicles:", "vehicles", "unknown key, expected one of vehicle, dbc, signals"),
+    ],
+)
+def test_a_mistake_names_its_line_and_key(old: str, new: str, key: str, words: str) -> None:
+    text = TRUCK.replace(old, new, 1)
+    assert text != TRUCK
+    message = refused(text)
+    line = line_with(text, new or "engine_speed:")
+    assert message.startswith(f"truck.yaml:{line}: {key}"), message
+    assert words in message
+
+
+@pytest.mark.parametrize(
+    ("text", "where", "words"),
+    [
+        ("", "truck.yaml: ", "holds no sections, found 'nothing'"),
+        ("# only a comment\n", "truck.yaml: ", "holds no sections"),
+        ("just words", "truck.yaml: ", "found 'str', expected vehicle:, signals: and so on"),
+        ("vehicle:\n  name: [\n", "truck.yaml:3: ", "not valid YAML"),
+        ("vehicle:\n  a: 1\n  b: 2\n  a: 3\n", "truck.yaml:4: ", "key given twice: a"),
+        ("vehicle: {name: x}\nvehicle: {name: y}\n", "truck.yaml:2: ", "key given twice: vehicle"),
+        ("vehicle:\n  t: 2001-99-99\n", "truck.yaml: ", "not valid YAML"),
+        ("\x00", "truck.yaml: ", "not valid YAML"),
+        ("[" * 5000 + "]" * 5000, "truck.yaml", "holds no sections"),
+        ("a: &x [*x]", "truck.yaml:1: ", "a: unknown key"),
+        ("signals: {}\n", "truck.yaml:1: ", "vehicle: is missing, expected a value"),
+    ],
+)
+def test_what_is_no_config_is_refused_in_one_line(text: str, where: str, words: str) -> None:
+    message = refused(text)
+    assert message.startswith(where), message
+    assert words in message
+
+
+def test_a_cutoff_at_half_the_sampling_rate_is_refused_with_its_reason() -> None:
+    text = TRUCK + "\nfilter:\n  order: 5\n  cutoff_hz: 25\n"
+    message = refused(text)
+    line = line_with(text, "cutoff_hz")
+    assert message.startswith(f"truck.yaml:{line}: filter.cutoff_hz: found 25 Hz, expected below 25 Hz")
+    assert "no digital Butterworth exists there" in message
+    assert parse_config(text, overrides=["filter.cutoff_hz=24.9"]).filter.cutoff_hz == 24.9
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ("{effect: flying}", "unknown effect, found 'flying', expected one of headwind, drag_area"),
+        ("{wind_mps: 3}", "unknown effect"),
+        ("{effect: headwind, wind_kmh: 3}", "headwind: unknown key wind_kmh, expected one of wind_mps"),
+        ("{effect: headwind, signal: fan_speed}", "headwind: unknown key signal, expected one of wind_mps"),
+        ("{effect: headwind, wind_mps: 300}", "headwind.wind_mps, found 300, expected -30 to 30 m/s"),
+        ("{effect: headwind, wind_mps: .nan}", "headwind.wind_mps, found nan, expected -30 to 30 m/s"),
+        ("{effect: headwind, wind_mps: strong}", "headwind.wind_mps, found 'strong', expected -30 to 30 m/s"),
+        ("{effect: headwind, wind_mps: yes}", "headwind.wind_mps, found True"),
+        ("{effect: headwind, wind_mps: null}", "headwind.wind_mps, expected -30 to 30 m/s"),
+        ("{effect: driveline_loss, gear: low}", "driveline_loss.gear, found 'low', expected a whole number"),
+        ("{effect: retarder_unreported, cause: 4}", "retarder_unreported.cause, found 4, expected a name"),
+        (
+            "{effect: switched_load, reference_rpm: 0}",
+            "switched_load.reference_rpm, found 0, expected 100 to",
+        ),
+        ("{effect: wheel_slip, mass_kg: 0}", "wheel_slip.mass_kg, found 0, expected 50 to"),
+        ("{effect: switched_load, signal: compressor}", "needs the signal compressor"),
+        ("headwind", "found 'headwind', expected a section"),
+    ],
+)
+def test_a_mistake_in_an_effect_names_its_line(entry: str, words: str) -> None:
+    text = TRUCK + f"\neffects:\n  - {{effect: brake_drag, force_N: 100}}\n  - {entry}\n"
+    message = refused(text)
+    assert message.startswith(f"truck.yaml:{line_with(text, entry)}: effects.1"), message
+    assert words in message
+
+
+def test_an_effect_that_needs_a_signal_the_map_lacks_names_the_signal() -> None:
+    lines = [line for line in TRUCK.splitlines() if "yaw_rate" not in line]
+    assert "yaw_rate" in refused("\n".join(lines), "effects=[{effect: cornering_drag}]")
+
+
+def test_a_signal_that_only_an_effect_knows_is_a_role() -> None:
+    text = TRUCK.replace("  fan_speed:", "  my_compressor:")
+    assert "signals.my_compressor: unknown role" in refused(text)
+    config = parse_config(text, overrides=["effects=[{effect: switched_load, signal: my_compressor}]"])
+    assert "my_compressor" in config.signals
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("filter.cutoff_hz", "malformed --set, found 'filter.cutoff_hz', expected dotted.key=value"),
+        ("=3", "malformed --set"),
+        ("filter.cutof_hz=3", "--set: filter.cutof_hz: unknown key, expected one of order, cutoff_hz"),
+        ("fitler.order=3", "--set: fitler: unknown key"),
+        ("filter.order=9", "--set: filter.order, found 9, expected less than or equal to 6"),
+        ("filter.order={", "--set filter.order: not a YAML value, found '{'"),
+        ("filter.order=2001-99-99", "--set filter.order: not a YAML value"),
+        ("vehicle.name.first=x", "--set vehicle.name.first: name is not a section"),
+        ("effects=[{effect: headwind, wind_mps: 99}]", "--set: effects.0: headwind.wind_mps, found 99"),
+        ("gates..enabled=no", "--set: gates."),
+    ],
+)
+def test_a_mistake_in_an_override_says_that_it_was_the_override(override: str, words: str) -> None:
+    assert words in refused(TRUCK, override)
+
+
+def test_an_override_creates_the_sections_it_needs() -> None:
+    config = parse_config(TRUCK, overrides=["gates.shift.recovery_s=2.5", "vehicle.gear_ratios.3=7.0"])
+    assert config.gates.shift.recovery_s == 2.5
+    assert config.vehicle.gear_ratios[3] == 7.0
+    assert config.gates.brake.recovery_s == parse_config(TRUCK).gates.brake.recovery_s
+
+
+def test_several_mistakes_are_counted() -> None:
+    text = TRUCK.replace("final_drive: 3.73", "final_drive: -1").replace(
+        "drag_area_m2: 6.4", "drag_area_m2: -1"
+    )
+    assert "vehicle.final_drive" in refused(text)
+    assert "(and 1 more)" in refused(text)
+
+
+def test_a_file_that_is_not_there_lists_what_ships(tmp_path: Path) -> None:
+    for name in (str(tmp_path / "none.yaml"), str(tmp_path), "x" * 5000, "a\0b"):
+        with pytest.raises(ConfigError, match=r"class8\.yaml"):
+            load_config(name)
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "binary.yaml"
+    path.write_bytes(b"\xff\xfe\x00\x81" * 10)
+    with pytest.raises(ConfigError, match=r"binary\.yaml: cannot be read"):
+        load_config(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("dbc: [j1939.dbc]", "dbc: [j1989.dbc]", ["j1989.dbc: no such dbc file", "canest.dbc"]),
+        ("dbc: [j1939.dbc]", "dbc: []", ["signals.", "no dbc: file"]),
+        ("message: EEC2", "message: EEC22", ["signals.accelerator: no such message", "did you mean", "EEC2"]),
+        ("signal: EngSpeed", "signal: EngSped", ["signals.engine_speed: no such signal in EEC1", "EngSpeed"]),
+        ("EngSpeed, source", "EngSpeed, unit: kg, source", ["signals.engine_speed: unit", "'kg'", "rpm"]),
+    ],
+)
+def test_a_signal_that_the_dbc_does_not_have(old: str, new: str, words: list[str]) -> None:
+    config = parse_config(TRUCK.replace(old, new, 1))
+    with pytest.raises(ConfigError) as caught:
+        decoder_for(config)
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+def test_a_model_without_torque_or_speed_says_what_it_needs() -> None:
+    def without(*roles: str) -> str:
+        return "\n".join(x for x in TRUCK.splitlines() if not x.strip().startswith(roles))
+
+    speeds = ("output_shaft_speed:", "undriven_speed:", "engine_speed:", "vehicle_speed:")
+    for text, words in (
+        (without("engine_torque_pct:"), "signals: no torque"),
+        (without(*speeds), "signals: no speed"),
+        (without("reference_torque"), "vehicle.reference_torque_Nm: is missing"),
+    ):
+        with pytest.raises(ConfigError, match=words):
+            Pipeline(parse_config(text))

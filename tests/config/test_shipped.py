@@ -1,0 +1,37 @@
+"""The configs that ship load, and everything they name exists."""
+
+from __future__ import annotations
+
+import pytest
+
+from canest.config import load_config
+from canest.config.schema import Config
+from canest.pipeline import Pipeline
+from canest.resources import shipped
+
+NAMES = sorted(p.stem for p in shipped("configs").glob("*.yaml"))
+
+
+def test_the_documented_ones_are_there() -> None:
+    assert {"class8", "class8-j1587", "kenworth", "bmw-i3", "vcan"} <= set(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_loads_and_resolves(name: str) -> None:
+    config = load_config(name)
+    pipeline = Pipeline(config)
+    from_frames = [s for s in config.signals.values() if s.message is not None]
+    assert bool(pipeline.decoder.can_filters()) == bool(from_frames)
+    assert load_config(f"{name}.yaml") == config
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_survives_being_written_out(name: str) -> None:
+    config = load_config(name)
+    assert Config.model_validate(config.model_dump()) == config
+
+
+def test_nothing_in_a_config_can_be_changed_afterwards() -> None:
+    config = load_config("class8")
+    with pytest.raises(ValueError, match="frozen"):
+        config.vehicle.mass_min_kg = 1.0  # type: ignore[misc]
