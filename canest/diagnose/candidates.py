@@ -9,9 +9,10 @@ import numpy as np
 
 from canest.diagnose.problem import Problem
 from canest.vehicle.effects import EFFECTS, Effect, Parameter, effect_from_config
+from canest.vehicle.samples import RATE_HZ
 
-#: share of the open samples that a gear needs before its own loss can be told
-MIN_GEAR_SHARE = 0.04
+#: seconds of open driving that a gear needs before its own loss can be told
+MIN_GEAR_S = 6
 #: effects that scale all traction, as an unknown mass does
 SCALE_EFFECTS = ("torque_gain", "driveline_loss", "wheel_radius")
 #: warm-up times tried, s; the best is refined afterwards
@@ -131,7 +132,7 @@ def _gears(problem: Problem) -> list[int]:
     numbers, counts = np.unique(gears[gears > 0], return_counts=True)
     if len(numbers) < 2:
         return []
-    return [int(g) for g, c in zip(numbers, counts, strict=True) if c >= MIN_GEAR_SHARE * len(gears)]
+    return [int(g) for g, c in zip(numbers, counts, strict=True) if c >= MIN_GEAR_S * RATE_HZ]
 
 
 def _threshold(problem: Problem, role: str) -> float:
