@@ -152,10 +152,19 @@ class Rows:
         return {"xaxis": f"x{key}", "yaxis": f"y{key}"}
 
     def to_json(self) -> str:
-        """Return the figure as JSON that may stand inside a script element."""
-        text = json.dumps(
-            {"data": self.traces, "layout": self.layout}, separators=(",", ":"), allow_nan=False
-        )
+        """Return the figure as JSON that may stand inside a script element (see `page.html.j2`)."""
+        # curves over one time axis share it: written once, named by its place in `shared`
+        shared: list[Any] = []
+        places: dict[int, int] = {}
+        data = []
+        for trace in self.traces:
+            x = trace["x"]
+            if id(x) not in places:
+                places[id(x)] = len(shared)
+                shared.append(x)
+            data.append({**trace, "x": places[id(x)]})
+        figure = {"data": data, "layout": self.layout, "shared": shared}
+        text = json.dumps(figure, separators=(",", ":"), allow_nan=False)
         return text.replace("</", "<\\/")
 
 
