@@ -1,7 +1,7 @@
 """The daemon: a thin loop around the pure pipeline.
 
-Every 20 ms: drain the bus, note what concerns us as a node, speak. Before every broadcast, and ten times
-a second: estimate. Once a second: look after everything else.
+Every 20 ms: empty the bus into a buffer. Before every broadcast, and at least ten times a second: estimate
+and speak. Once a second: look after everything else.
 Nothing in the loop waits for the bus, the disk or a reader of its output.
 """
 
@@ -42,7 +42,9 @@ from canest.vehicle.samples import EstimateBlock, ModelBlock
 
 CHORES_S = 1.0
 METRICS_S = 10.0
-LONGEST_WAIT_US = 100_000  #: estimates are at most this old when nobody is told more often
+#: estimates are at most this old when nobody is told more often; a little more than the period of the default
+#: broadcast, so that its beat sets the pace
+LONGEST_WAIT_US = 130_000
 FRESH_US = 200_000  #: an estimate older than this is no estimate of now
 CLOSE_S = 0.7  #: SIGTERM has to be over within a second, whatever the disk does
 #: errors inside the estimation are survived by starting the pipeline anew; this many in a row are not
@@ -79,8 +81,7 @@ class Daemon:
         self._latest: tuple[Estimate, int] | None = None
         self._standing = False
         self._reached_us = -(1 << 62)
-        self._waiting: list[FrameBlock] = []  #: received, not yet given to the pipeline
-        self._estimate_at_us = 0
+        self._work_at_us = 0
         self._metrics_at_s = self._save_at_s = self._chores_at_s = 0.0
         self._served: dict[str, Any] = {}
         self._told: dict[str, object] = {}
@@ -132,38 +133,40 @@ class Daemon:
     def _tick(self, now_ns: int) -> None:
         begin_ns = time.thread_time_ns()
         now_us, now_s = now_ns // 1000, now_ns * 1e-9
+        emptied = self.receiver.collect()
+        if not emptied or now_us >= self._work_at_us or self.node.wants_estimate(now_us):
+            self._work_at_us = now_us + LONGEST_WAIT_US
+            self._work(now_us, now_s)
+        if now_s >= self._chores_at_s:
+            self._chores_at_s = now_s + CHORES_S
+            self._chores(now_us, now_s)
+        self.rates.count(time.thread_time_ns() - begin_ns)
+
+    def _work(self, now_us: int, now_s: float) -> None:
+        """Bring everything up to date with what has arrived, and say what is due.
+
+        However the frames are cut into blocks, the numbers are the same; so this runs when somebody is
+        about to be told, and what lies between is done in one go.
+        """
         drained = self.receiver.drain()
         if self.receiver.opened != self._opened:
             self._opened = self.receiver.opened
             self.node.restart(now_us)
         frames = self._in_time(drained.frames)
         if len(frames):
+            self.rates.frames += len(frames)
             self.node.observe(frames, now_us)
             self._record(frames, now_s)
-            self._waiting.append(frames)
-        if now_us >= self._estimate_at_us or self.node.wants_estimate(now_us):
-            self._estimate_at_us = now_us + LONGEST_WAIT_US
-            try:
-                self._estimate(drained.reached_us, now_us, now_s)
-                self._failures_in_a_row = 0
-            except Exception as error:  # a defect of ours; the vehicle drives on, and so do we
-                self._survive(error)
+        try:
+            self._estimate(frames, drained.reached_us, now_us, now_s)
+            self._failures_in_a_row = 0
+        except Exception as error:  # a defect of ours; the vehicle drives on, and so do we
+            self._survive(error)
         self.node.speak(now_us)
-        self.rates.count(len(frames), time.thread_time_ns() - begin_ns)
         self.notifier.alive(now_s)
-        if now_s >= self._chores_at_s:
-            self._chores_at_s = now_s + CHORES_S
-            self._chores(now_us, now_s)
 
-    def _estimate(self, reached_us: int | None, now_us: int, now_s: float) -> None:
-        """Bring the estimates up to date with all that has arrived.
-
-        However the frames are cut into blocks, the numbers are the same; so this runs when somebody is
-        about to be told, and the estimates in between are made in one go.
-        """
-        waiting, self._waiting = self._waiting, []
-        if waiting:
-            frames = waiting[0] if len(waiting) == 1 else FrameBlock.concatenate(waiting)
+    def _estimate(self, frames: FrameBlock, reached_us: int | None, now_us: int, now_s: float) -> None:
+        if len(frames):
             self._note(self.pipeline.push(frames), now_us, now_s)
         if reached_us is not None:
             self._reached_us = reached_us

@@ -1,8 +1,8 @@
-"""Empties a Linux socket of CAN frames with their kernel receive stamps, a batch per system call.
+"""Empties a Linux socket of CAN frames with their kernel receive stamps, many per system call.
 
-``recvmmsg`` writes up to a batch of frames and their stamps straight into numpy buffers, so that a tick
-costs the same few numpy calls whether 5 or 200 frames arrived (one `socket.recvmsg` per frame costs about
-2 microseconds each, before anything is parsed).
+``recvmmsg`` writes frames and stamps straight into numpy buffers. Every tick `collect`s, one system call that
+keeps the socket's own small buffer empty; `drain` then turns all that was collected into one block with the
+same few numpy calls whether 5 or 500 frames arrived (one `socket.recvmsg` per frame costs 2 microseconds).
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ SO_TIMESTAMPNS_NEW = 64
 
 #: struct can_frame (linux/can.h)
 FRAME = np.dtype([("can_id", "=u4"), ("length", "u1"), ("pad", "V3"), ("data", "<u8")])
-BATCH = 256  #: frames per system call; two ticks of a full 1 Mbit/s bus
-MAX_BATCHES = 16  #: per drain, so that a flood cannot keep a tick from ending
+SLOTS = 2048  #: frames our buffer holds: a tenth of a second of anything a 1 Mbit/s bus can carry
+_NOTHING = FrameBlock.empty()
 
 _POINTER = np.dtype(np.uintp)
 #: struct msghdr and struct mmsghdr (sys/socket.h)
@@ -92,53 +92,56 @@ def ask_for_stamps(sock: socket.socket) -> None:
 class KernelDrain:
     """Reads one datagram socket whose datagrams are ``struct can_frame``."""
 
-    def __init__(self, sock: socket.socket, batch: int = BATCH) -> None:
-        self._fd, self._batch = sock.fileno(), batch
-        self._frames = np.zeros(batch, FRAME)
-        self._control = np.zeros(batch, _CONTROL)
-        iovecs = np.zeros(batch, _IOVEC)
-        iovecs["base"] = self._frames.ctypes.data + np.arange(batch) * FRAME.itemsize
+    def __init__(self, sock: socket.socket, slots: int = SLOTS) -> None:
+        self._fd, self._slots = sock.fileno(), slots
+        self._frames = np.zeros(slots, FRAME)
+        self._control = np.zeros(slots, _CONTROL)
+        iovecs = np.zeros(slots, _IOVEC)
+        iovecs["base"] = self._frames.ctypes.data + np.arange(slots) * FRAME.itemsize
         iovecs["length"] = FRAME.itemsize
-        headers = np.zeros(batch, _HEADER)
+        headers = np.zeros(slots, _HEADER)
         messages = headers["message"]
-        messages["iov"] = iovecs.ctypes.data + np.arange(batch) * _IOVEC.itemsize
+        messages["iov"] = iovecs.ctypes.data + np.arange(slots) * _IOVEC.itemsize
         messages["iovlen"] = 1
-        messages["control"] = self._control.ctypes.data + np.arange(batch) * _CONTROL.itemsize
+        messages["control"] = self._control.ctypes.data + np.arange(slots) * _CONTROL.itemsize
         messages["controllen"] = _CONTROL.itemsize
         self._iovecs, self._headers = iovecs, headers
         self._controllen, self._received = messages["controllen"], headers["received"]
-        self._headers_at = ctypes.c_void_p(headers.ctypes.data)
+        self._headers_at: int = headers.ctypes.data
         self._recvmmsg = _recvmmsg()
+        self._used = 0
         self._error: OSError | None = None
 
+    def collect(self) -> bool:
+        """Move what waits in the socket into our buffer, without looking at it; False when that is full."""
+        free = self._slots - self._used
+        if not free:
+            return False
+        if self._error is None:
+            at = self._headers_at + self._used * _HEADER.itemsize
+            count = self._recvmmsg(self._fd, at, free, socket.MSG_DONTWAIT, None)
+            if count >= 0:
+                self._used += count
+                return bool(count < free)
+            number = ctypes.get_errno()
+            if number not in (errno.EAGAIN, errno.EINTR):
+                self._error = OSError(number, os.strerror(number))
+        return True
+
     def drain(self) -> Drained:
-        """Return everything that waits in the socket, without blocking. Errors: OSError of the socket."""
-        if self._error is not None:  # frames came before it, and were handed out first
+        """Return everything that has arrived, without blocking. Errors: OSError of the socket."""
+        before_us = time.time_ns() // 1000
+        emptied = self.collect()
+        count, self._used = self._used, 0
+        if self._error is not None and not count:  # frames came before it, and were handed out first
             error, self._error = self._error, None
             raise error
-        before_us = time.time_ns() // 1000
-        parts: list[FrameBlock] = []
-        drops: int | None = None
-        for _ in range(MAX_BATCHES):
-            count = self._recvmmsg(self._fd, self._headers_at, self._batch, socket.MSG_DONTWAIT, None)
-            if count < 0:
-                number = ctypes.get_errno()
-                if number not in (errno.EAGAIN, errno.EINTR):
-                    self._error = OSError(number, os.strerror(number))
-                break
-            if count:
-                parts.append(self._take(count, before_us))
-                if self._controllen[count - 1] > _STAMP_SPACE:
-                    drops = int(self._control["drops"][count - 1])
-                self._controllen[:count] = _CONTROL.itemsize
-            if count < self._batch:
-                break
-        else:
-            before_us = -1  # more is waiting: no promise about time
-        if self._error is not None and not parts:
-            return self.drain()
-        frames = parts[0] if len(parts) == 1 else FrameBlock.concatenate(parts)
-        return Drained(frames, before_us if before_us >= 0 else None, drops)
+        if not count:
+            return Drained(_NOTHING, before_us)
+        drops = int(self._control["drops"][count - 1]) if self._controllen[count - 1] > _STAMP_SPACE else None
+        frames = self._take(count, before_us)
+        self._controllen[:count] = _CONTROL.itemsize
+        return Drained(frames, before_us if emptied else None, drops)
 
     def _take(self, count: int, now_us: int) -> FrameBlock:
         frames, control = self._frames[:count], self._control[:count]
@@ -155,6 +158,6 @@ class KernelDrain:
 
 def _recvmmsg() -> Any:
     function = ctypes.CDLL(None, use_errno=True).recvmmsg
-    function.argtypes = [ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p]
+    function.argtypes = [ctypes.c_int, ctypes.c_size_t, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p]
     function.restype = ctypes.c_int
     return function

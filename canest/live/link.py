@@ -29,6 +29,9 @@ class Receiver(Protocol):
     opened: int
     counters: Counter[str]
 
+    def collect(self) -> bool:
+        """Take what has arrived out of the interface's own small buffer; False: `drain` has to follow now."""
+
     def drain(self) -> Drained:
         """Return what has arrived. Never blocks, never raises: an interface that is gone is reopened."""
 

@@ -51,6 +51,7 @@ class PythonCanReceiver:
         self.opened = 0
         self.counters: Counter[str] = Counter()
         self._bus: can.BusABC | None = None
+        self._rows: list[tuple[int, int, bytes]] = []
         self._stamps_are_ours = False
         #: frames sent whose echo is to be dropped when it comes
         self._echoes: deque[tuple[int, bytes]] | None = (
@@ -64,29 +65,25 @@ class PythonCanReceiver:
                 f"cannot be used ({error})", where=f"bus.interface {bus.interface}", expected="its driver"
             ) from error
 
-    def drain(self) -> Drained:
-        """Return what has arrived; see `canest.live.link.Receiver`."""
-        before_us = time.time_ns() // 1000
-        rows: list[tuple[int, int, bytes]] = []
-        emptied = False
+    def collect(self) -> bool:
+        """Empty the driver's buffer; see `canest.live.link.Receiver`."""
         try:
             if self._bus is None:
                 self._reopen()
-            bus = self._bus
-            for _ in range(_MAX_FRAMES):
-                message = bus.recv(0) if bus is not None else None
+            while self._bus is not None and len(self._rows) < _MAX_FRAMES:
+                message = self._bus.recv(0)
                 if message is None:
-                    emptied = True
-                    break
-                row = _row(message)
-                if not self._is_wanted(row[1]):
-                    continue
-                if self._echoes and row[1:] in self._echoes:
-                    self._echoes.remove(row[1:])
-                else:
-                    rows.append(row)
+                    return True
+                self._take(_row(message))
         except Exception as error:  # drivers raise anything; none of it may end the loop
             self._failed(error)
+        return self._bus is None
+
+    def drain(self) -> Drained:
+        """Return what has arrived; see `canest.live.link.Receiver`."""
+        before_us = time.time_ns() // 1000
+        emptied = self.collect()
+        rows, self._rows = self._rows, []
         if rows:
             # a device's own clock says nothing about when its stamps have been reached
             self._stamps_are_ours = abs(rows[-1][0] - before_us) < _OURS_US
@@ -101,6 +98,14 @@ class PythonCanReceiver:
                 bus.shutdown()
             except Exception:  # closing a device that is gone
                 self.counters["close_failed"] += 1
+
+    def _take(self, row: tuple[int, int, bytes]) -> None:
+        if not self._is_wanted(row[1]):
+            return
+        if self._echoes and row[1:] in self._echoes:
+            self._echoes.remove(row[1:])
+        else:
+            self._rows.append(row)
 
     def _is_wanted(self, can_id: int) -> bool:
         wanted = self._wanted.get(can_id)

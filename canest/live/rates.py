@@ -10,12 +10,11 @@ class Rates:
         self.frames_per_s = 0.0
         self.cpu_us_per_tick = 0.0
         self.cpu_us_max = 0.0
-        self._frames = self._ticks = self._cpu_ns = self._cpu_max_ns = 0
+        self.frames = self._ticks = self._cpu_ns = self._cpu_max_ns = 0
         self._since_s: float | None = None
 
-    def count(self, frames: int, cpu_ns: int) -> None:
-        """Take one tick: its frames and its CPU time."""
-        self._frames += frames
+    def count(self, cpu_ns: int) -> None:
+        """Take one tick: its CPU time. (Frames are added to `frames` as they come.)"""
         self._ticks += 1
         self._cpu_ns += cpu_ns
         self._cpu_max_ns = max(self._cpu_max_ns, cpu_ns)
@@ -23,8 +22,8 @@ class Rates:
     def close(self, now_s: float) -> None:
         """End the period at ``now_s`` (monotonic)."""
         if self._since_s is not None and now_s > self._since_s and self._ticks:
-            self.frames_per_s = self._frames / (now_s - self._since_s)
+            self.frames_per_s = self.frames / (now_s - self._since_s)
             self.cpu_us_per_tick = self._cpu_ns * 1e-3 / self._ticks
             self.cpu_us_max = self._cpu_max_ns * 1e-3
-        self._frames = self._ticks = self._cpu_ns = self._cpu_max_ns = 0
+        self.frames = self._ticks = self._cpu_ns = self._cpu_max_ns = 0
         self._since_s = now_s

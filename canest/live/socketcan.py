@@ -56,6 +56,13 @@ class SocketCanReceiver:
         self._drops_seen = 0
         self._open()
 
+    def collect(self) -> bool:
+        """Empty the socket; see `canest.live.link.Receiver`."""
+        now_s = time.monotonic()
+        if now_s >= self._look_at_s:
+            self._look(now_s)
+        return self._drain is None or self._drain.collect()
+
     def drain(self) -> Drained:
         """Return what has arrived; see `canest.live.link.Receiver`."""
         now_s = time.monotonic()

@@ -46,6 +46,9 @@ class Script:
         self.offset_us = begin_us - time.now_ns // 1000
         self.state, self.opened, self.counters, self.sent = "up", 1, Counter(), []
 
+    def collect(self):
+        return True
+
     def drain(self):
         now_us = self._time.now_ns // 1000 + self.offset_us
         end = int(np.searchsorted(self._frames.t_us, now_us, side="right"))

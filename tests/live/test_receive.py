@@ -14,7 +14,7 @@ from canest.config.schema import Broadcast, Bus
 from canest.decode import j1939
 from canest.errors import BusError
 from canest.frames import ERROR, EXTENDED
-from canest.live.kernel_drain import BATCH, MAX_BATCHES, KernelDrain, ask_for_stamps
+from canest.live.kernel_drain import KernelDrain, ask_for_stamps
 from canest.live.link import may_transmit, open_link
 from canest.live.pythoncan import PythonCanReceiver
 from canest.live.socketcan import SocketCanReceiver, SocketCanTransmitter
@@ -102,16 +102,44 @@ def test_an_overflowing_buffer_is_counted_by_the_kernel(loopback):
     assert len(first.frames) + last.drops == 500
 
 
+def test_collecting_empties_the_socket_and_draining_hands_everything_out_in_order(loopback):
+    inlet, outlet = loopback
+    drain = KernelDrain(inlet)
+    for k in range(30):
+        outlet.send(packed(ID + k))
+        if k % 10 == 9:
+            time.sleep(0.01)
+            assert drain.collect() is True
+    with pytest.raises(BlockingIOError):
+        inlet.recv(16, socket.MSG_DONTWAIT)
+    assert drain.drain().frames.can_id.tolist() == [ID + k for k in range(30)]
+    assert len(drain.drain().frames) == 0
+
+
 def test_a_flood_ends_the_drain_and_no_promise_about_time_is_made(loopback):
     inlet, outlet = loopback
-    drain = KernelDrain(inlet, batch=2)
-    for _ in range(2 * MAX_BATCHES + 10):
+    drain = KernelDrain(inlet, slots=32)
+    for _ in range(42):
         outlet.send(packed())
     time.sleep(0.05)
+    assert drain.collect() is False
     drained = drain.drain()
-    assert len(drained.frames) == 2 * MAX_BATCHES and drained.reached_us is None
-    assert len(drain.drain().frames) == 10
-    assert BATCH * MAX_BATCHES >= 4096
+    assert len(drained.frames) == 32 and drained.reached_us is None
+    last = drain.drain()
+    assert len(last.frames) == 10 and last.reached_us is not None
+
+
+def test_frames_that_came_before_a_socket_error_are_handed_out_before_it(loopback):
+    inlet, outlet = loopback
+    drain = KernelDrain(inlet)
+    outlet.send(packed())
+    time.sleep(0.02)
+    drain.collect()
+    drain._error = OSError(errno.ENETDOWN, "Network is down")
+    assert len(drain.drain().frames) == 1
+    with pytest.raises(OSError, match="down"):
+        drain.drain()
+    assert len(drain.drain().frames) == 0
 
 
 class Interface(SocketCanReceiver):
@@ -140,6 +168,9 @@ class Interface(SocketCanReceiver):
 
     def fails_with(self, number):
         class Failing:
+            def collect(self):
+                return True
+
             def drain(self):
                 raise OSError(number, "failed")
 
