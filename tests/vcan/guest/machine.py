@@ -66,6 +66,9 @@ class Guest:
     ``command`` runs as root with vcan0 up, in folder ``cwd``, with ``env`` added; what it writes to
     ``$GUEST_OUT`` appears in ``self.out`` on the host while it runs. ``init="systemd"`` makes the host's
     systemd process 1, which then starts the command as a service, with none of the host's units enabled.
+
+    One processor is the default: two emulated ones wait for each other whenever the host is busy, and then
+    are together slower than one.
     """
 
     def __init__(
@@ -76,7 +79,7 @@ class Guest:
         cwd: Path | None = None,
         env: Mapping[str, str] | None = None,
         memory_mb: int = 1024,
-        cpus: int = 2,
+        cpus: int = 1,
     ) -> None:
         self._command, self._init = list(command), init
         self._cwd, self._env = cwd or Path.cwd(), dict(env or {})
