@@ -94,7 +94,7 @@ def kernels(n: int) -> dict[str, Callable[[], object]]:
     phi2 = np.full(n, -9.80665)
     wrap = (lambda c: c) if fast.enabled() else (lambda c: c.tolist())
     y, phi1, second = wrap(block.accel_mps2), wrap(block.force_N), wrap(phi2)
-    out = [wrap(np.zeros(n)) for _ in range(4)]
+    out = [wrap(np.zeros(n)) for _ in range(6)]
     rlsmf = wrap(np.array([4.5e-5, 0.006, 1e-7, 10.0, 1e-3]))
     bounds = (2.5e-5, 1.4e-4, -0.25, 0.25)
     speed, aero, fresh = wrap(block.speed_mps), wrap(block.aero_N), wrap(np.zeros(n))
@@ -107,7 +107,7 @@ def kernels(n: int) -> dict[str, Callable[[], object]]:
     z = np.column_stack((block.force_N / 300.0, phi2 / 1e-4, block.accel_mps2 / 0.05))
     return {
         "RLSMF, 2 parameters": lambda: own_gain(
-            y, phi1, second, 1 / 0.999, 1 / 0.99, *bounds, 1e-6, 1e3, 2e-3, rlsmf, *out
+            y, phi1, second, 1 / 0.999, 1 / 0.99, *bounds, 1e-6, 1e3, 2e-3, rlsmf, *out[:4]
         ),
         "RLSMF, 4 parameters": lambda: each(lambda p: four.add(a[p], b[p]), pieces),
         "EKF": lambda: ekf_steps(

@@ -61,7 +61,7 @@ class Estimator(ABC):
         """Return what is worth keeping over a restart: at least mass_kg, mass_std_kg (JSON types)."""
         return {}
 
-    def restore(self, mass_kg: float, mass_std_kg: float) -> None:
+    def restore(self, mass_kg: float, mass_std_kg: float) -> None:  # noqa: B027
         """Start from a remembered mass and its (already widened) standard deviation."""
 
 

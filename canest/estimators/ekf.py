@@ -7,6 +7,7 @@ it); "100 tan^-1 beta" for the grade in percent is 100 tan beta; "acausal" proce
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from math import sqrt
 from typing import Any, ClassVar
 
@@ -28,6 +29,7 @@ from canest.estimators.regression import (
     theta2_range,
     usable,
 )
+from canest.estimators.runs import Runs
 from canest.estimators.status import StatusTracker
 from canest.estimators.two_parameter import P_LIMIT, SQRT12, VARIANCE_ALPHA, Box, prior_mass_kg
 from canest.frames import FloatColumn, IntColumn
@@ -86,8 +88,14 @@ class EkfCore:
     """One filter: theta, covariance and how well its innovations fit them; usable many times side by side."""
 
     def __init__(
-        self, options: Any, box: Box, theta: tuple[float, float], variance: tuple[float, float]
+        self,
+        options: Any,
+        box: Box,
+        theta: tuple[float, float],
+        variance: tuple[float, float],
+        noise_of: EkfCore | None = None,
     ) -> None:
+        """Start at theta with the variances; what is known of the noise comes from another filter, if any."""
         per_tick = STEP_S * options.rate_hz
         self._noise = (
             options.q[0] * per_tick,
@@ -103,11 +111,17 @@ class EkfCore:
         )
         # v, theta1, theta2, p11, p12, p13, p22, p23, p33, mean innovation^2 / its variance, 1 while fresh
         self.state = [0.0, *theta, 0.0, 0.0, 0.0, variance[0], 0.0, variance[1], 1.0, 1.0]
+        self._runs = Runs()
+        if noise_of is not None:
+            self.state[9], self._runs = noise_of.state[9], copy(noise_of._runs)
 
     def run(self, rows: Rows, begin: int, end: int) -> FloatColumn:
-        """Take rows begin..end; return theta1, theta2, their variances after each, (4, end - begin)."""
+        """Take rows begin..end; return what is known after each, shape (5, end - begin).
+
+        theta1, theta2, their variances, and the element of P that belongs to theta1.
+        """
         part = slice(begin, end)
-        out, state = room(end - begin, 4), state_in(self.state)
+        out, state = room(end - begin, 6), state_in(self.state)
         columns = give(rows.speed[part], rows.force[part], rows.aero[part], rows.phi2[part], rows.fresh[part])
         ekf_steps(
             *columns,
@@ -121,7 +135,9 @@ class EkfCore:
             *out,
         )
         self.state = state_out(state)
-        return np.stack([take(c) for c in out])
+        known = np.stack([take(c) for c in (*out[:4], out[2])])
+        known[2:4] *= take(out[4]) * self._runs(take(out[5]))
+        return known
 
 
 class EkfBase(ChunkedEstimator):
@@ -194,7 +210,7 @@ class Ekf(EkfBase):
         rows = Rows(block, self._before)
         self._before = rows.after
         known = self._core.run(rows, 0, len(rows.at))
-        return self._hold(rows.at, self._numbers(known, rows.mu), len(block))
+        return self._hold(rows.at, self._numbers(known[:4], rows.mu), len(block))
 
 
 @fast.kernel
@@ -222,18 +238,22 @@ def ekf_steps(
     theta2: Container,
     var1: Container,
     var2: Container,
+    ratio: Container,
+    innovation: Container,
 ) -> None:
     """2014, eqs. 7-10: predict by Euler (eq. 8, drag at the filter's speed), correct with H = [1 0 0].
 
     Jacobian row of v: [1 - Ts theta1 dFaero/dv, Ts phi1, Ts phi2]. A fresh row (after a gate) sets v to the
-    measurement and forgets what v had to do with the parameters. `var` is P times the mean of the squared
-    innovations over their predicted variance, so Q and R need only be right in proportion.
+    measurement and forgets what v had to do with the parameters. `var` is P's diagonal, `ratio` the
+    mean of the squared innovations over their predicted variance: their product is the variance, so Q and R
+    need only be right in proportion.
     """
     v, a, b, p11, p12, p13, p22, p23, p33, fit, first = state
     for k in range(len(speed)):
         y = speed[k]
         if first > 0.0 or fresh[k] > 0.0:
             first = 0.0
+            e = 0.0
             v = y
             p11 = noise
             p12 = 0.0
@@ -295,8 +315,10 @@ def ekf_steps(
             fit += alpha * (e * d - fit)
         theta1[k] = a
         theta2[k] = b
-        var1[k] = p22 * fit
-        var2[k] = p33 * fit
+        var1[k] = p22
+        var2[k] = p33
+        ratio[k] = fit
+        innovation[k] = e
     state[0] = v
     state[1] = a
     state[2] = b

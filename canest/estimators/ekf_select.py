@@ -83,13 +83,14 @@ class EkfSelect(EkfBase):
 
     def _spawn(self) -> None:
         """Start a filter from the estimates of the one begun just before it, with a new covariance."""
-        latest = self._filters[-1].state
-        self._filters.append(EkfCore(self.options, self.box, (latest[1], latest[2]), self._variance))
+        latest = self._filters[-1]
+        theta = (latest.state[1], latest.state[2])
+        self._filters.append(EkfCore(self.options, self.box, theta, self._variance, latest))
         del self._filters[: -self.options.filters]
 
     def _select(self, rows: Rows, begin: int, end: int) -> FloatColumn:
         """Run every filter over the rows; return the ensemble's theta and variances, shape (4, k)."""
-        runs = np.stack([f.run(rows, begin, end) for f in self._filters])  # (filters, 4, k)
+        runs = np.stack([f.run(rows, begin, end) for f in self._filters])  # (filters, 5, k)
         count = len(runs)
         total = runs[0].copy()
         for run in runs[1:]:
@@ -104,7 +105,7 @@ class EkfSelect(EkfBase):
             mass_spread += (mass - mass_mean) ** 2
         spread /= max(1, count - 1)
         variation = np.sqrt(mass_spread / max(1, count - 1)) / mass_mean
-        narrow = runs[:, 2].max(axis=0) < (self.options.narrowed**2) * self._variance[0]
+        narrow = runs[:, 4].max(axis=0) < (self.options.narrowed**2) * self._variance[0]
         agreed = (count >= self.options.filters) & narrow & (variation < self.options.variation)
         theta1, var1 = mean[0], runs[0, 2] + spread[0]
         # the value at the last agreement, carried forward

@@ -19,6 +19,7 @@ from canest.estimators.hold import rows_until
 from canest.estimators.kinematic import KinematicGrade, has_accelerometer
 from canest.estimators.options import Options, parse
 from canest.estimators.regression import usable
+from canest.estimators.runs import Runs
 from canest.estimators.status import StatusTracker
 from canest.estimators.two_parameter import P_LIMIT, SQRT12, VARIANCE_ALPHA, prior_mass_kg
 from canest.frames import FloatColumn, IntColumn
@@ -74,6 +75,7 @@ class Pmg(ChunkedEstimator):
         p = min((std_kg / PRIOR_NOISE_N) ** 2, self._top)
         self._state = [mass_kg, p, 0.0, 0.0, 0.0, 0.0, 0.0, PRIOR_NOISE_N**2]
         self._held_mass = np.array([[mass_kg], [min(std_kg, self._spread)]])
+        self._mass_kg, self._runs = mass_kg, Runs()
 
     def missing(self) -> str:
         """Return why there is nothing to work with ('' when there is)."""
@@ -122,7 +124,12 @@ class Pmg(ChunkedEstimator):
         limits = (facts.mass_min_kg, facts.mass_max_kg, self._top)
         learn_mass(*columns, o.forgetting, STEP_S / o.correlation_s, *limits, VARIANCE_ALPHA, state, *out)
         self._state = state_out(state)
-        return at, np.stack((take(out[0]), np.minimum(np.sqrt(take(out[1])), self._spread)))
+        masses = take(out[0])
+        before = np.concatenate(([self._mass_kg], masses))[: len(masses)]
+        if len(masses):
+            self._mass_kg = float(masses[-1])
+        wider = self._runs(block.force_N[at] - before * (felt + GRAVITY_MPS2 * block.mu[at]))
+        return at, np.stack((masses, np.minimum(np.sqrt(take(out[1]) * wider), self._spread)))
 
 
 def _hold(held: FloatColumn, at: IntColumn, numbers: FloatColumn, n: int) -> FloatColumn:

@@ -21,6 +21,7 @@ from canest.estimators.multiple import MultipleForgetting
 from canest.estimators.options import Options, parse
 from canest.estimators.outliers import OutlierOptions, OutlierStage
 from canest.estimators.regression import FORCE_LIMIT_N, usable
+from canest.estimators.runs import Runs
 from canest.estimators.status import StatusTracker
 from canest.estimators.two_parameter import P_LIMIT, SQRT12, prior_mass_kg
 from canest.frames import FloatColumn, IntColumn
@@ -94,6 +95,7 @@ class Resistance4(ChunkedEstimator):
             np.clip(start, low, high), p, forgetting, low, high, P_LIMIT * prior, PRIOR_NOISE_N**2
         )
         self._held_mass = np.array([[mass_kg], [min(std_kg, self._spread)]])
+        self._x, self._runs = np.clip(start, low, high)[None], Runs()
 
     def missing(self) -> str:
         """Return why there is nothing to work with ('' when there is)."""
@@ -160,7 +162,12 @@ class Resistance4(ChunkedEstimator):
         rows = np.stack((weight, felt, weight * block.speed_mps[at], aero, force), axis=1)
         if self._outliers is not None:
             at, rows = self._outliers(at, rows)
-        x, variance = self._learner.add(np.ascontiguousarray(rows[:, :4]), rows[:, 4])
+        a, b = np.ascontiguousarray(rows[:, :4]), rows[:, 4]
+        x, variance = self._learner.add(a, b)
+        before = np.concatenate((self._x, x))[: len(x)]
+        product = a * before
+        variance *= self._runs(b - product[:, 0] - product[:, 1] - product[:, 2] - product[:, 3])[:, None]
+        self._x = np.concatenate((self._x, x))[-1:]
         if len(at):
             self.parameters = (x[-1], np.sqrt(variance[-1]))
         return at, np.stack((x[:, 1], np.minimum(np.sqrt(variance[:, 1]), self._spread)))

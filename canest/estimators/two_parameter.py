@@ -28,6 +28,7 @@ from canest.estimators.regression import (
     theta2_of,
     theta2_range,
 )
+from canest.estimators.runs import Runs
 from canest.estimators.status import StatusTracker
 from canest.frames import FloatColumn
 from canest.vehicle.samples import RATE_HZ, EstimateBlock, ModelBlock, VehicleFacts
@@ -100,6 +101,7 @@ class TwoParameter(ChunkedEstimator):
         self._batch: list[FloatColumn] = []
         self._held = np.full((4, 1), np.nan)  # theta1, theta2 and their variances, then held as numbers
         self._ready = self._confirmed = False
+        self._theta, self._runs = np.zeros((2, 1)), Runs()
         given = facts.initial_mass_kg is not None
         if self.options.start == "given" or (self.options.start == "auto" and given):
             self._start_given(prior_mass_kg(facts))
@@ -120,17 +122,20 @@ class TwoParameter(ChunkedEstimator):
         rows = self._good(self._rows(block))
         known, skip = self._fill_batch(rows)
         if self._ready and skip < len(rows.at):
-            known = np.concatenate(
-                (known, self._learn(rows.y[skip:], rows.phi1[skip:], rows.phi2[skip:])), axis=1
-            )
+            y, phi1, phi2 = rows.y[skip:], rows.phi1[skip:], rows.phi2[skip:]
+            learned = self._learn(y, phi1, phi2)
+            before = np.concatenate((self._theta, learned[:2]), axis=1)[:, :-1]
+            learned[2:] *= self._runs(y - phi1 * before[0] - phi2 * before[1])
+            self._theta = learned[:2, -1:]
+            known = np.concatenate((known, learned), axis=1)
         numbers = np.concatenate((self._held, self._numbers(known, rows.mu)), axis=1)
         # the estimate of a sample is that of the last row at or before it (held through gates)
         count = rows_until(rows.at, len(block))
         mass, mass_std, grade, grade_std = numbers[:, count]
-        learned = ~np.isnan(mass) & (self._confirmed | (count > 0))
+        confirmed = ~np.isnan(mass) & (self._confirmed | (count > 0))
         self._held = numbers[:, -1:]
         self._confirmed = self._confirmed or bool(known.shape[1] and not np.isnan(known[0, -1]))
-        return EstimateBlock(mass, mass_std, grade, grade_std, self._status.update(learned, mass, mass_std))
+        return EstimateBlock(mass, mass_std, grade, grade_std, self._status.update(confirmed, mass, mass_std))
 
     def _good(self, rows: Regression) -> Regression:
         """Drop outliers, where the options ask for it."""
@@ -179,6 +184,7 @@ class TwoParameter(ChunkedEstimator):
 
     def _begin(self, theta: tuple[float, float], p: tuple[float, float, float], variance: float) -> None:
         self._start(theta, p, variance)
+        self._theta, self._runs = np.array([[theta[0]], [theta[1]]]), Runs()
         self._ready, self._batch = True, []
         start = np.array([[theta[0]], [theta[1]], [p[0] * variance], [p[2] * variance]])
         self._held = self._numbers(start, np.array([self.facts.rolling_resistance]))

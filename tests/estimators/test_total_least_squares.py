@@ -35,7 +35,7 @@ def data(m=400, noise=None, seed=1):
 
 def weighted_svd(z, forgetting):
     w = np.sqrt(forgetting ** np.arange(len(z) - 1, -1, -1))
-    v = np.linalg.svd(z * w[:, None])[2][-1]
+    v = np.linalg.svd(z * w[:, None], full_matrices=False)[2][-1]
     return -v[:-1] / v[-1]
 
 
