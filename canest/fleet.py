@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -95,11 +96,15 @@ def _parallel(jobs: list[Job], config: Config, workers: int) -> Iterator[Outcome
     unfinished: list[Job] = []
     with _pool(workers) as pool:
         futures: dict[Future[Outcome], Job] = {pool.submit(_attempt, job, config): job for job in jobs}
-        for future in as_completed(futures):
-            try:
-                yield future.result()
-            except BrokenProcessPool:
-                unfinished.append(futures[future])
+        try:
+            for future in as_completed(futures):
+                try:
+                    yield future.result()
+                except BrokenProcessPool:
+                    unfinished.append(futures[future])
+        except BaseException:  # interrupted: do not work off what is still waiting
+            pool.shutdown(cancel_futures=True)
+            raise
     for job in unfinished:
         with _pool(1) as pool:
             try:
@@ -112,7 +117,10 @@ def _pool(workers: int) -> ProcessPoolExecutor:
     # forked from a clean server: a fork of this process would inherit its threads' locks
     context = get_context("forkserver")
     context.set_forkserver_preload(["canest.replay"])
-    return ProcessPoolExecutor(workers, mp_context=context)
+    # Ctrl-C ends a worker at once, in whatever it waits for
+    return ProcessPoolExecutor(
+        workers, mp_context=context, initializer=signal.signal, initargs=(signal.SIGINT, signal.SIG_DFL)
+    )
 
 
 def _attempt(job: Job, config: Config) -> Outcome:

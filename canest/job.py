@@ -37,8 +37,10 @@ class Job:
 
         recorder = None
         if self.report is not None:
+            from canest.report.page import require_packages
             from canest.report.recorder import Recorder
 
+            require_packages(self.report)
             recorder = Recorder()
         truth = None
         if self.truth is not None:

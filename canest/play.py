@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 from canest.errors import BusError, LogError, UsageError
 from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
@@ -12,9 +13,18 @@ from canest.logs.reader import open_log
 SEND_TIMEOUT_S = 0.1
 #: frames this close are sent without sleeping between them
 _SHORT_S = 0.0005
+#: frames read at once
+_BLOCK_FRAMES = 1 << 12
 
 
-def play(log: str, bus: str, speed: float = 1.0, *, channel: str | None = None) -> str:
+def play(
+    log: str,
+    bus: str,
+    speed: float = 1.0,
+    *,
+    channel: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> str:
     """Send every frame of a log onto ``bus`` ("interface:channel"), ``speed`` times real time.
 
     A frame that the interface does not take in time is dropped and counted. Error frames are not sent.
@@ -23,7 +33,7 @@ def play(log: str, bus: str, speed: float = 1.0, *, channel: str | None = None) 
     interface, colon, name = bus.partition(":")
     if not colon or not interface or not name:
         raise UsageError("malformed --to", found=bus, expected="INTERFACE:CHANNEL, e.g. socketcan:vcan0")
-    reader = open_log(log, channel=channel)
+    reader = open_log(log, channel=channel, block_frames=_BLOCK_FRAMES)
     if reader.kind != "frames":
         raise LogError("holds decoded signals, no frames: it cannot be played onto a bus", where=log)
     import can
@@ -63,6 +73,8 @@ def play(log: str, bus: str, speed: float = 1.0, *, channel: str | None = None) 
                     sent += 1
                 except (can.CanError, ValueError):
                     dropped += 1
+            if progress is not None:
+                progress(reader.bytes_done, reader.bytes_total)
     finally:
         out.shutdown()
     lost = f", {dropped:,} dropped (the interface did not take them)" if dropped else ""

@@ -62,6 +62,10 @@ def command(
     from canest.job import truth_file
     from canest.logs.truth import read_truth
 
+    if report is not None:
+        from canest.report.page import require_packages
+
+        require_packages(report)
     path = truth_file(Path(log), truth)
     with Bar(Path(log).name) as bar:
         result = compare(

@@ -65,7 +65,11 @@ def command(
 ) -> int:
     """Estimate mass and grade from recorded logs, as fast as they can be read."""
     if bus is not None or speed is not None:
-        return _play(logs, bus, speed, channel)
+        _play(logs, bus, speed, channel)
+        if output is None and json_path is None and report is None:
+            return 0
+    if output == "-":
+        raise click.UsageError("-o needs the name of a file or directory", click.get_current_context())
     if config_name is None:
         raise click.UsageError("missing option -c CONFIG", click.get_current_context())
     config = load(config_name, overrides, estimator, initial_mass)
@@ -99,7 +103,7 @@ def _one(job: Job, config: Config, output: str | None, report: str | None, json_
         result = job.run(config, bar.update)
     if json_path is not None:
         write_json(result.summary, json_path)
-    if "-" not in (json_path, output) and output != "/dev/stdout":
+    if json_path != "-" and output != "/dev/stdout":
         print("\n".join(result_lines(result, [p for p in (job.output, job.report) if p is not None])))
     return 0
 
@@ -132,15 +136,16 @@ def _many(
     return 1 if summary["failed"] else 0
 
 
-def _play(logs: tuple[str, ...], bus: str | None, speed: float | None, channel: str | None) -> int:
+def _play(logs: tuple[str, ...], bus: str | None, speed: float | None, channel: str | None) -> None:
     context = click.get_current_context()
     if bus is None:
         raise click.UsageError("--speed needs a bus to play to: --to INTERFACE:CHANNEL", context)
     if speed is not None and not 0 < speed < float("inf"):
         raise click.UsageError(f"--speed must be above 0, found {speed:g}", context)
+    from canest.cli.progress import Bar
     from canest.play import play
 
     for log in logs:
-        told = play(log, bus, 1.0 if speed is None else speed, channel=channel)
+        with Bar(f"playing {Path(log).name}") as shown:
+            told = play(log, bus, 1.0 if speed is None else speed, channel=channel, progress=shown.update)
         print(told)
-    return 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -62,16 +63,27 @@ class Page:
 
     def render(self, where: str = "report") -> str:
         """Return the HTML. Errors: OutputError when the extra `report` is not installed."""
-        try:
-            import jinja2
+        require_packages(where)
+        import jinja2
 
-            script = files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8")
-        except ImportError:
-            raise OutputError(
-                "cannot write a report", where=where, expected="plotly and jinja2: pip install canest[report]"
-            ) from None
+        script = files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8")
         source = files("canest.report").joinpath("page.html.j2").read_text(encoding="utf-8")
         environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
         template = environment.from_string(source)
         values: dict[str, Any] = {"page": self, "version": __version__, "script": script}
         return template.render(values)
+
+
+def require_packages(where: str | Path) -> None:
+    """Refuse before any work is done. Errors: OutputError when the extra `report` is not installed."""
+    for package in ("jinja2", "plotly"):
+        try:
+            found = find_spec(package) is not None
+        except ValueError:  # what Python says of a module that is blocked
+            found = False
+        if not found:
+            raise OutputError(
+                "cannot write a report",
+                where=str(where),
+                expected="plotly and jinja2: pip install canest[report]",
+            )

@@ -1,0 +1,73 @@
+"""Many logs in processes: when one takes its process along, or a person stops it all."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from canest.config import load_config
+from canest.errors import UsageError
+from canest.fleet import run_jobs, unique_names
+from canest.job import Job, name_of, truth_beside
+
+DATA = Path(__file__).parents[1] / "data"
+KENWORTH = DATA / "kenworth" / "normal.log.xz"
+
+
+class Killer(Job):
+    """A log whose reading kills the process."""
+
+    def run(self, config, progress=None):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_process_that_dies_takes_only_its_own_log_along():
+    jobs = [Job(KENWORTH), Killer(DATA / "a.log"), Job(KENWORTH, after_s=1.0), Job(KENWORTH, after_s=2.0)]
+    told = []
+    outcomes = run_jobs(jobs, load_config("kenworth"), 2, told.append)
+    assert [o.result is not None for o in outcomes] == [True, False, True, True]
+    assert "killed" in outcomes[1].error
+    assert len(told) == 4
+
+
+@pytest.mark.parametrize(
+    ("log", "name"),
+    [("a.log", "a"), ("b/a.log.xz", "a"), ("a.b.csv.gz", "a.b"), ("trip.parquet", "trip"), ("a", "a")],
+)
+def test_names_of_logs(log, name):
+    assert name_of(Path(log)) == name
+
+
+def test_names_that_cannot_be_told_apart(tmp_path):
+    logs = [tmp_path / "x" / "a.log", tmp_path / "y" / "x" / "a.log"]
+    with pytest.raises(UsageError, match="same file"):
+        unique_names(logs)
+
+
+def test_truth_beside_a_log(tmp_path):
+    log = tmp_path / "a.log.xz"
+    assert truth_beside(log) is None
+    (tmp_path / "a.truth.csv").touch()
+    assert truth_beside(log) == tmp_path / "a.truth.csv"
+
+
+def test_interrupt_ends_it_soon_and_quietly(tmp_path):
+    logs = []
+    for i in range(4):  # logs that nobody writes to: reading them takes forever
+        logs.append(tmp_path / f"{i}.log")
+        os.mkfifo(logs[-1])
+    process = subprocess.Popen(
+        [sys.executable, "-m", "canest", "replay", *map(str, logs), "-c", "kenworth", "-j", "2"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    time.sleep(2.5)
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 1
+    assert "Traceback" not in err
