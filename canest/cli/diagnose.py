@@ -85,6 +85,7 @@ def _diagnose(
     mass_kg: float | None,
     output: Path,
 ) -> int:
+    from canest import fast
     from canest.cli.progress import Share
     from canest.diagnose.files import write, write_empty
     from canest.diagnose.problem import TooLittleDrivingError
@@ -95,6 +96,8 @@ def _diagnose(
             self._text = text
             self.update(share)
 
+    # the model runs over every drive a hundred times: compiling pays for all but the shortest logs
+    fast.enable()
     names = [str(p) for p in paths]
     try:
         with Stage("diagnose") as bar:

@@ -60,7 +60,8 @@ def over_time(diagnosis: Diagnosis) -> str:
 def against_causes(diagnosis: Diagnosis) -> str:
     """Each selected effect against its own cause: residual without it (the others in) and with it."""
     problem, search = diagnosis.problem, diagnosis.search
-    taken = search.fitted_on(np.ones(problem.rows, np.bool_))[1]
+    everything = np.ones(problem.rows, np.bool_)
+    taken = 0.0 if problem.mass_known else search.fitted_on(everything)[1]
     after = search.residual_N
     shown: list[tuple[Chosen, Cause, FloatColumn]] = []
     for chosen in search.chosen:

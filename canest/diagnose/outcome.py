@@ -80,7 +80,8 @@ def entries(diagnosis: Diagnosis) -> list[Entry]:
             found.append(_in_place(search, chosen, candidate, whole))
     for tried in diagnosis.tried:
         c = tried.candidate
-        if c.effect not in told:
+        # with a free mass a scale effect alone would only make everything smaller: no finding
+        if c.effect not in told and not c.shadow:
             told.add(c.effect)
             share = _unit(tried.explained)
             alike = _names(search.alike(c), c)
@@ -99,7 +100,7 @@ def document(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str]) 
         "baseline": diagnosis.before.to_json(),
         "after": diagnosis.after.to_json(),
         "candidates": [e.to_json() for e in found],
-        "not_tried": not_tried(diagnosis),
+        "not_tried": not_tried(diagnosis, found),
         "dependence": dependence(diagnosis),
         "reference": reference_of(diagnosis.references),
         "remainder": {
@@ -148,11 +149,9 @@ def empty_document(finding: str, logs: Sequence[str], vehicle: str) -> dict[str,
     }
 
 
-def not_tried(diagnosis: Diagnosis) -> dict[str, str]:
+def not_tried(diagnosis: Diagnosis, found: Sequence[Entry]) -> dict[str, str]:
     """Return the effects of the vocabulary that this data could not say anything about, and why."""
-    tried = {t.candidate.effect for t in diagnosis.tried} | {
-        c.candidate.effect for c in diagnosis.search.chosen
-    }
+    tried = {e.candidate.effect for e in found}
     offered = {c.effect for c in diagnosis.search.candidates}
     reasons = {
         "cornering_drag": "the signal map names no yaw_rate",
@@ -166,10 +165,10 @@ def not_tried(diagnosis: Diagnosis) -> dict[str, str]:
             continue
         if not diagnosis.search.candidates:
             told[name] = "too little driving with open gates"
-        elif name in offered:
-            told[name] = "nothing in this data depends on it"
         elif name in SCALE_EFFECTS and not diagnosis.problem.mass_known:
             told[name] = "one thing with the unknown mass: give --mass or --truth"
+        elif name in offered:
+            told[name] = "nothing in this data depends on it"
         else:
             told[name] = reasons.get(name, "cannot be told from this data")
     return told

@@ -164,7 +164,7 @@ def _candidates(d: Diagnosis, found: Sequence[Entry]) -> Section:
         ]
         for e in found
     ]
-    rows += [[name, "not tried", "", "", reason] for name, reason in not_tried(d).items()]
+    rows += [[name, "not tried", "", "", reason] for name, reason in not_tried(d, found).items()]
     said_all = [
         f"{said(c)[0].upper()}{said(c)[1:]}: {equivalents_said(c)}." for c in d.search.chosen if c.equivalent
     ]

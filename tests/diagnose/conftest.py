@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +24,10 @@ SCENARIO: dict[str, Any] = {
 
 @pytest.fixture(scope="session")
 def drive(tmp_path_factory):
-    """Return a maker of logs: `drive(effect..., seed=1)` gives the path of NAME.log (truth and config beside)."""
+    """Return a maker of logs: `drive(effect..., seed=1)` gives NAME.log, truth and config beside it."""
     folder = tmp_path_factory.mktemp("drives")
 
-    @lru_cache(maxsize=None)
+    @cache
     def make(undeclared: str = "[]", seed: int = 1, changes: str = "{}") -> Path:
         made = simulate(SCENARIO | {"undeclared": json.loads(undeclared)} | json.loads(changes), seed)
         place = folder / f"drive{len(list(folder.iterdir()))}"
@@ -39,9 +39,9 @@ def drive(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def diagnosed(tmp_path_factory):
-    """Return a runner of `canest diagnose LOG... -c CONFIG ARGUMENTS`: the directory it wrote (exit code 0)."""
+    """Return a runner of `canest diagnose LOG... -c CONFIG ARGUMENTS` that gives the directory it wrote."""
 
-    @lru_cache(maxsize=None)
+    @cache
     def diagnose(*arguments: str) -> Path:
         out = tmp_path_factory.mktemp("out")
         logs = [a for a in arguments if a.endswith(".log")]

@@ -45,7 +45,7 @@ def test_held_out_rows_are_judged_by_a_fit_of_the_other_folds():
     residual = X @ [2.0, 1.0] + rng.normal(size=len(CHUNK))
     left = held_out(residual, X, CHUNK)
     for fold in range(FOLDS):
-        test = CHUNK % FOLDS == fold
+        test = fold == CHUNK % FOLDS
         p = np.linalg.lstsq(X[~test], -residual[~test], rcond=None)[0]
         assert left[test] == pytest.approx(residual[test] + X[test] @ p)
 

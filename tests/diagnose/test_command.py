@@ -1,0 +1,142 @@
+"""The command from outside: files, keys, exit codes, one-line errors."""
+
+import json
+
+import pytest
+
+from canest.cli.main import run
+from canest.config import load_config
+from canest.vehicle.effects import EFFECTS
+
+VERDICTS = {"explained", "partly", "unexplained", "nothing-to-explain"}
+KENWORTH = "tests/data/kenworth/normal.log.xz"
+GAIN = {"effect": "torque_gain", "gain": 0.90}
+
+
+@pytest.fixture(scope="module")
+def gain(drive):
+    return drive(GAIN, seed=3)
+
+
+@pytest.fixture(scope="module")
+def out(gain, diagnosed):
+    return diagnosed(gain, "--truth", "auto")
+
+
+@pytest.fixture(scope="module")
+def told(out):
+    return json.loads((out / "diagnosis.json").read_text("utf-8"))
+
+
+def test_the_json_has_the_contracts_keys_and_types(told):
+    for side in ("baseline", "after"):
+        row = told[side]
+        for key in ("residual_rms_N", "mass_kg", "mass_error_pct", "mass_rms_pct", "grade_rms_deg"):
+            assert isinstance(row[key], float), key
+            low, high = row["interval_95"].get(key, (row[key], row[key]))
+            assert low <= row[key] <= high, key
+    assert told["verdict"] in VERDICTS
+    assert isinstance(told["finding"], str) and "\n" not in told["finding"]
+    names = {c["effect"] for c in told["candidates"]}
+    assert set(told["selected"]) <= names <= set(EFFECTS)
+    assert set(told["not_tried"]) == set(EFFECTS) - names
+    for c in told["candidates"]:
+        assert 0.0 <= c["explained"] <= 1.0
+        assert set(c["equivalent"]) <= set(EFFECTS) - {c["effect"]}
+        fitted = [p for p in c["parameters"].values() if p["std"] is not None]
+        assert len(fitted) == 1 and fitted[0]["std"] > 0
+        for name, p in c["parameters"].items():
+            assert set(p) == {"value", "std", "unit"}, name
+
+
+def test_candidates_come_best_first_and_the_selected_ones_lead(told):
+    scores = [c["score"] for c in told["candidates"]]
+    assert scores == sorted(scores, reverse=True)
+    first = [c["effect"] for c in told["candidates"]][: len(told["selected"])]
+    assert first == told["selected"]
+
+
+def test_the_planted_gain_is_found_with_its_value(told):
+    assert told["verdict"] == "explained"
+    assert told["selected"][0] == "torque_gain"
+    gain = told["candidates"][0]["parameters"]["gain"]
+    assert gain["value"] == pytest.approx(0.90, abs=0.015)
+    assert abs(gain["value"] - 0.90) < 6 * gain["std"]
+    assert told["after"]["residual_rms_N"] < 0.5 * told["baseline"]["residual_rms_N"]
+    assert told["after"]["mass_rms_pct"] < 0.5 * told["baseline"]["mass_rms_pct"]
+
+
+def test_the_revised_config_repairs_another_drive(gain, out, drive, tmp_path):
+    other = drive(GAIN, seed=4, mass_kg=17000)
+    errors = {}
+    for name, config in (("before", gain.with_suffix(".yaml")), ("after", out / "revised.yaml")):
+        summary = tmp_path / f"{name}.json"
+        arguments = ["replay", str(other), "-c", str(config), "--truth", "auto", "--json", str(summary)]
+        assert run(arguments) == 0
+        errors[name] = json.loads(summary.read_text())["errors"]["mass_rms_pct"]
+    assert errors["before"] > 5.0
+    assert errors["after"] < 0.4 * errors["before"]
+
+
+def test_the_revised_config_is_the_old_one_with_effects(gain, out):
+    old, new = load_config(gain.with_suffix(".yaml")), load_config(out / "revised.yaml")
+    assert new.effects and new.model_copy(update={"effects": old.effects}) == old
+
+
+def test_the_report_stands_alone_and_says_the_finding(out, told):
+    html = (out / "report.html").read_text("utf-8")
+    assert told["finding"].split(":")[0] in html
+    assert "src=" not in html.split("<main>")[1] and "torque_gain" in html
+    for heading in ("Before and after", "What explains it", "against its cause", "Every effect tried"):
+        assert heading in html, heading
+
+
+def test_a_log_of_half_a_minute_says_so_and_no_more(tmp_path, capsys):
+    assert run(["diagnose", KENWORTH, "-c", "kenworth", "-o", str(tmp_path)]) == 0
+    told = json.loads((tmp_path / "diagnosis.json").read_text("utf-8"))
+    assert told["verdict"] == "nothing-to-explain" and told["selected"] == [] and told["candidates"] == []
+    assert "s with open gates" in told["finding"] and told["finding"] in capsys.readouterr().out
+    assert told["baseline"]["residual_rms_N"] > 0
+    assert load_config(tmp_path / "revised.yaml") == load_config("kenworth")
+
+
+def test_a_log_without_open_gates_says_so(tmp_path, capsys):
+    assert run(["diagnose", "tests/data/ip332/bike.log.xz", "-c", "kenworth", "-o", str(tmp_path)]) == 0
+    told = json.loads((tmp_path / "diagnosis.json").read_text("utf-8"))
+    assert told["verdict"] == "nothing-to-explain" and told["baseline"]["residual_rms_N"] is None
+    assert "too little driving" in told["finding"] and told["finding"] in capsys.readouterr().out
+    assert load_config(tmp_path / "revised.yaml") == load_config("kenworth")
+    assert told["finding"].split("`")[0] in (tmp_path / "report.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        (["-c", "kenworth"], 2, "nothing to diagnose"),
+        ([KENWORTH], 2, "--config"),
+        ([KENWORTH, "-c", "kenworth", "--mass", "-3"], 2, "above 0"),
+        ([KENWORTH, KENWORTH, "-c", "kenworth", "--truth", "x.csv"], 2, "auto"),
+        ([KENWORTH, "-c", "no-such"], 2, "no-such"),
+        ([KENWORTH, "-c", "kenworth", "--truth", "auto"], 1, "truth.csv"),
+        (["missing.log", "-c", "kenworth"], 1, "missing.log"),
+        (["--recorded", "missing", "-c", "kenworth"], 1, "missing"),
+    ],
+)
+def test_mistakes_are_one_line(arguments, code, says, tmp_path, capsys):
+    assert run(["diagnose", *arguments, "-o", str(tmp_path / "out")]) == code
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and error.count("\n") == 1 and says in error
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_directory_that_cannot_be_made_is_one_line(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert run(["diagnose", KENWORTH, "-c", "kenworth", "-o", str(tmp_path / "file" / "out")]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_help_teaches(capsys):
+    assert run(["diagnose", "--help"]) == 0
+    text = capsys.readouterr().out
+    for word in ("--truth", "--mass", "--recorded", "revised.yaml", "canest replay"):
+        assert word in text

@@ -1,0 +1,104 @@
+"""What is found, on simulated drives whose config does not know the effect."""
+
+import pytest
+
+from canest.config import load_config
+
+DELAYED = {"torque_delay"}  # every simulated engine reports 60 ms late: finding it is right
+
+
+def equivalents(told, effect):
+    return next(set(c["equivalent"]) for c in told["candidates"] if c["effect"] == effect)
+
+
+def value(told, effect, name):
+    return next(c["parameters"][name]["value"] for c in told["candidates"] if c["effect"] == effect)
+
+
+def test_a_dragging_brake_at_constant_mass_is_also_a_rolling_resistance(drive, found):
+    told = found(drive({"effect": "brake_drag", "force_N": 800.0}), "--truth", "auto")
+    first = told["selected"][0]
+    same = {first} | equivalents(told, first)
+    assert {"brake_drag", "rolling_resistance"} <= same
+    assert value(told, "brake_drag", "force_N") == pytest.approx(800, rel=0.15)
+    # the same force by the other name: 800 N on 21.25 t
+    assert value(told, "rolling_resistance", "crr_delta") == pytest.approx(800 / 21250 / 9.81, rel=0.15)
+    assert "cannot tell it from" in told["finding"]
+
+
+def test_a_drive_with_nothing_undeclared_gets_nothing_but_the_reporting_delay(drive, found):
+    log = drive(seed=5)
+    told = found(log, "--truth", "auto")
+    assert set(told["selected"]) <= DELAYED
+    assert told["verdict"] in ("explained", "nothing-to-explain")
+    if told["selected"]:
+        assert value(told, "torque_delay", "delay_s") == pytest.approx(0.06, abs=0.02)
+
+
+def test_a_drive_without_even_a_delay_has_nothing_to_explain(drive, found, diagnosed):
+    log = drive(seed=6, sensors={"torque_delay_s": 0.0})
+    told = found(log, "--truth", "auto")
+    assert told["selected"] == [] and told["verdict"] == "nothing-to-explain"
+    assert told["baseline"] == told["after"]
+    revised = load_config(diagnosed(log, "--truth", "auto") / "revised.yaml")
+    assert revised == load_config(log.with_suffix(".yaml"))
+
+
+def test_drafting_is_not_in_the_vocabulary_and_is_not_called_explained(drive, found):
+    told = found(drive({"effect": "drafting", "reduction": 0.5, "period_s": 40.0}), "--truth", "auto")
+    assert told["verdict"] in ("partly", "unexplained")
+    assert told["after"]["residual_rms_N"] > 200
+
+
+def test_drives_of_different_load_part_what_one_drive_cannot(drive, found):
+    brake = {"effect": "brake_drag", "force_N": 800.0}
+    logs = [drive(brake), drive(brake, seed=2, mass_kg=36000), drive(brake, seed=3, mass_kg=11000)]
+    told = found(*logs, "--truth", "auto")
+    assert told["data"]["drives"] == 3
+    assert told["selected"][0] == "brake_drag"
+    assert "rolling_resistance" not in equivalents(told, "brake_drag")
+    assert value(told, "brake_drag", "force_N") == pytest.approx(800, rel=0.1)
+
+
+def test_a_recording_of_the_daemon_is_pooled_in_the_order_of_its_segments(drive, found, tmp_path):
+    import gzip
+
+    gain = {"effect": "torque_gain", "gain": 0.9}
+    log = drive(gain, seed=3)
+    lines = log.read_bytes().splitlines(keepends=True)
+    half = len(lines) // 2
+    for name, part in (("20260102T030405Z-can0", lines[:half]), ("20260102T031905Z-can0", lines[half:])):
+        (tmp_path / f"{name}.log.gz").write_bytes(gzip.compress(b"".join(part), 1))
+    from canest.cli.main import run
+
+    config, out = str(log.with_suffix(".yaml")), tmp_path / "out"
+    arguments = ["diagnose", "--recorded", str(tmp_path), "-c", config, "--mass", "21250", "-o", str(out)]
+    assert run(arguments) == 0
+    import json
+
+    told = json.loads((out / "diagnosis.json").read_text("utf-8"))
+    assert [log.split("/")[-1][:16] for log in told["data"]["logs"]] == [
+        "20260102T030405Z",
+        "20260102T031905Z",
+    ]
+    assert told["reference"]["mass_known"] and told["reference"]["kind"] != "truth"
+
+
+EFFECTS = [
+    ({"effect": "headwind", "wind_mps": 7.0}, "headwind", "wind_mps", 7.0),
+    ({"effect": "rolling_resistance", "crr_delta": 0.0024}, "rolling_resistance", "crr_delta", 0.0024),
+    ({"effect": "drag_area", "cda_delta_m2": 2.0}, "drag_area", "cda_delta_m2", 2.0),
+    ({"effect": "torque_offset", "torque_Nm": 100.0}, "torque_offset", "torque_Nm", 100.0),
+    ({"effect": "wheel_radius", "factor": 0.965}, "wheel_radius", "factor", 0.965),
+    ({"effect": "torque_delay", "delay_s": 0.2}, "torque_delay", "delay_s", 0.26),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("effect", "name", "parameter", "expected"), EFFECTS, ids=[e[1] for e in EFFECTS])
+def test_each_effect_is_found_first_or_declared_equivalent(drive, found, effect, name, parameter, expected):
+    told = found(drive(effect, seed=8, duration_s=400), "--truth", "auto")
+    first = told["selected"][0]
+    assert name in {first} | equivalents(told, first)
+    neutral = 1.0 if name == "wheel_radius" else 0.0
+    assert value(told, name, parameter) - neutral == pytest.approx(expected - neutral, rel=0.15)
