@@ -57,7 +57,7 @@ class Node:
 
     def wants_estimate(self, now_us: int) -> bool:
         """Return True when the next `speak` is going to send an estimate."""
-        if self.citizen is None or self.broadcaster is None or self.citizen.claim.address is None:
+        if self.citizen is None or self.broadcaster is None or self.citizen.silence(now_us):
             return False
         return bool(self.citizen.requested) or self.broadcaster.is_due(now_us)
 
