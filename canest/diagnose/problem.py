@@ -119,8 +119,8 @@ class Problem:
     def _nuisance(self) -> Matrix:
         """Return what is always free per drive, in N per unit (n, columns).
 
-        An unknown mass; and where the grade comes from an accelerometer, what is left of its pitch
-        coupling and, without an altitude to tell it, its bias.
+        An unknown mass; and the accelerometer's bias where no altitude tells it. (Its pitch coupling is
+        left to the smoother: free here, it would take what inertia and rolling radius do.)
         """
         columns = []
         for i, part in enumerate(self.parts):
@@ -129,8 +129,6 @@ class Problem:
             free = []
             if part.reference.mass_kg is None:
                 free.append(-part.windows.mean(part.specific))
-            if "accelerometer" in kind:
-                free.append(part.mass_w * part.windows.mean(part.run.samples.accel_mps2))
             if kind == "accelerometer":
                 free.append(part.mass_w)
             for column in free:
