@@ -16,9 +16,7 @@ from canest.roles import KNOWN_UNITS, ROLES
 class Section(BaseModel):
     """Base of all sections: unknown keys refused, values immutable, no silent type juggling."""
 
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, allow_inf_nan=False, str_strip_whitespace=True, defer_build=True
-    )
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, str_strip_whitespace=True)
 
 
 class MisplacedError(ValueError):
