@@ -27,16 +27,15 @@ class MultipleForgetting:
     ) -> None:
         self._forgetting, inverse = forgetting, 1.0 / forgetting
         self._constants = (inverse, low, high, top * inverse)
-        # x, then P / lambda, then the noise variance
-        self._state = [*x.tolist(), *(p * inverse).tolist(), variance]
+        self._x, self._q, self._noise = x.tolist(), (p * inverse).tolist(), [variance]
 
     def add(self, a: FloatColumn, b: FloatColumn) -> tuple[FloatColumn, FloatColumn]:
         """Take rows A (k, n), B (k,); return X and the variance of each parameter after each row, (k, n)."""
         k, n = a.shape
-        out, state = room(k * n, 2), state_in(self._state)
-        work = state_in([0.0] * n)
-        joint_gain_n(*give(a, b, *self._constants), k, n, VARIANCE_ALPHA, state, work, *out)
-        self._state = state_out(state)
+        out, work = room(k * n, 2), state_in([0.0] * n)
+        now, q, noise = state_in(self._x), state_in(self._q), state_in(self._noise)
+        joint_gain_n(*give(a, b, *self._constants), k, n, VARIANCE_ALPHA, now, q, noise, work, *out)
+        self._x, self._q, self._noise = state_out(now), state_out(q), state_out(noise)
         return take(out[0]).reshape(k, n), take(out[1]).reshape(k, n) * self._forgetting
 
 
@@ -51,41 +50,49 @@ def joint_gain_n(
     count: int,
     n: int,
     alpha: float,
-    state: Container,
+    now: Container,
+    q: Container,
+    noise: Container,
     work: Container,
     x: Container,
     variance: Container,
 ) -> None:
-    """2013, Alg. 7 with q_i = P_i / lambda_i: L_i = q_i a_i / (1 + sum w), w_j = q_j a_j^2; then Alg. 8.
+    """2013, Alg. 7 with q_i = P_i / lambda_i: L_i = w_i / (1 + sum w_j a_j), w_i = q_i a_i; then Alg. 8.
 
     Line 4: P_i becomes (1 - L_i a_i) P_i / lambda_i, with the *joint* gain L_i.
     """
-    s = state[2 * n]
+    s = noise[0]
+    parameters = range(n)
     base = 0
     for k in range(count):
         total = 1.0
         e = output[k]
-        for i in range(n):
-            a = rows[base + i]
-            e -= a * state[i]
-            u = state[n + i] * a
-            work[i] = u
-            total += u * a
+        j = base
+        for i in parameters:
+            a = rows[j]
+            e -= a * now[i]
+            w = q[i] * a
+            work[i] = w
+            total += w * a
+            j += 1
         d = 1.0 / total
         f = e * d
         s += alpha * (e * f - s)
-        for i in range(n):
-            u = work[i]
-            z = state[i] + u * f
+        j = base
+        for i in parameters:
+            w = work[i]
+            z = now[i] + w * f
             if z < low[i]:
                 z = low[i]
             elif z > high[i]:
                 z = high[i]
-            state[i] = z
-            q = state[n + i] * inverse[i] * (1.0 - u * rows[base + i] * d)
-            q = min(q, top[i])
-            state[n + i] = q
-            x[base + i] = z
-            variance[base + i] = q * s
-        base += n
-    state[2 * n] = s
+            p = q[i] * inverse[i] * (1.0 - w * rows[j] * d)
+            if p > top[i]:  # noqa: PLR1730 - min() costs a call
+                p = top[i]
+            now[i] = z
+            q[i] = p
+            x[j] = z
+            variance[j] = p * s
+            j += 1
+        base = j
+    noise[0] = s

@@ -151,8 +151,10 @@ def matrix_rls(
         p22 -= u2 * u2 * d
         s += alpha * (e * f - s)
         # cancellation may leave a tiny negative number where a tiny positive one belongs
-        p11 = max(p11, 0.0)
-        p22 = max(p22, 0.0)
+        if p11 < 0.0:  # noqa: PLR1730 - max() costs a call
+            p11 = 0.0
+        if p22 < 0.0:  # noqa: PLR1730 - max() costs a call
+            p22 = 0.0
         theta1[k] = a
         theta2[k] = b
         var1[k] = p11 * s

@@ -128,9 +128,11 @@ def own_gain(
         elif b > high2:
             b = high2
         q1 = q1 * il1 / (1.0 + w1)
-        q1 = min(q1, top1)
+        if q1 > top1:  # noqa: PLR1730 - min() costs a call
+            q1 = top1
         q2 = q2 * il2 / (1.0 + w2)
-        q2 = min(q2, top2)
+        if q2 > top2:  # noqa: PLR1730 - min() costs a call
+            q2 = top2
         s += alpha * (e * f - s)
         theta1[k] = a
         theta2[k] = b
@@ -189,9 +191,11 @@ def joint_gain(
         elif b > high2:
             b = high2
         q1 = q1 * il1 * ((1.0 + w2) * d)
-        q1 = min(q1, top1)
+        if q1 > top1:  # noqa: PLR1730 - min() costs a call
+            q1 = top1
         q2 = q2 * il2 * ((1.0 + w1) * d)
-        q2 = min(q2, top2)
+        if q2 > top2:  # noqa: PLR1730 - min() costs a call
+            q2 = top2
         s += alpha * (e * f - s)
         theta1[k] = a
         theta2[k] = b
