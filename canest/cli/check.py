@@ -13,8 +13,6 @@ from canest.cli.options import config_option, load, override_options
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rich.table import Table
-
     from canest.check import Finding, Report
     from canest.config import Config
     from canest.frames import FrameBlock
@@ -31,6 +29,9 @@ Nothing is ever sent. With --strict the exit code is 1 when something stops the 
 
 #: columns of a table that goes to a file or a pipe
 _FILE_WIDTH = 180
+#: narrower terminals do without the columns that say least
+_WIDE = 140
+COLUMNS = ("role", "need", "expected as", "verdict", "from", "rate Hz", "values", "n/a", "error", "range")
 
 
 @click.command(epilog=EPILOG)
@@ -142,13 +143,18 @@ def _show(report: Report, title: str) -> None:
     console = Console(highlight=False, width=None if sys.stdout.isatty() else _FILE_WIDTH)
     console.print(title, soft_wrap=True)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for name in ("role", "need", "expected as", "verdict"):
-        table.add_column(name, no_wrap=name != "expected as", overflow="fold")
-    for name in ("from", "rate Hz", "values", "n/a", "error"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("range", no_wrap=True)
+    columns = [c for c in COLUMNS if console.width >= _WIDE or c not in ("need", "error")]
+    for name in columns:
+        words = name in ("role", "need", "expected as", "verdict", "range")
+        table.add_column(
+            name,
+            justify="left" if words else "right",
+            no_wrap=name in ("role", "verdict"),
+            overflow="fold",
+        )
     for finding in report.roles:
-        _add(table, finding)
+        for row in _rows(finding):
+            table.add_row(*(row.get(name, "") for name in columns))
     console.print(table)
     if report.samples:
         share = 100 * report.updated / report.samples
@@ -169,20 +175,27 @@ def _show(report: Report, title: str) -> None:
         )
 
 
-def _add(table: Table, finding: Finding) -> None:
+def _rows(finding: Finding) -> Iterator[dict[str, str]]:
+    """Yield the rows of one role: as the config expects it, then whoever else sends it."""
     colour = "green" if finding.verdict == "ok" else "yellow" if finding.need == "optional" else "red"
     expected = finding.expected + (f" @0x{finding.source:02X}" if finding.source is not None else "")
     unit = f" {finding.unit}" if finding.unit else ""
-    span = "" if finding.low is None else f"{finding.low:.4g} .. {finding.high:.4g}{unit}"
+    head = {
+        "role": finding.role,
+        "need": finding.need,
+        "expected as": expected,
+        "verdict": f"[{colour}]{finding.verdict}[/]",
+        "range": "" if finding.low is None else f"{finding.low:.4g} .. {finding.high:.4g}{unit}",
+    }
     mine = [s for s in finding.senders if finding.source in (None, s.address)]
-    others = [s for s in finding.senders if s not in mine]
-    head = (finding.role, finding.need, expected, f"[{colour}]{finding.verdict}[/]")
     if not mine:
-        table.add_row(*head, "-", "", "", "", "", span)
-    for index, sender in enumerate([*mine, *others]):
+        yield head | {"from": "-"}
+    for index, sender in enumerate([*mine, *(s for s in finding.senders if s not in mine)]):
         first = bool(mine) and index == 0
-        address = "table" if sender.address is None else f"0x{sender.address:02X}"
-        rate = "" if sender.rate_hz is None else f"{sender.rate_hz:.1f}"
-        figures = [f"{n:,}" if n else "" for n in (sender.valid, sender.not_available, sender.error_value)]
-        cells = head if first else ("", "", "", "[dim]also[/]")
-        table.add_row(*cells, address, rate, *figures, span if first else "")
+        yield (head if first else {"verdict": "[dim]also[/]"}) | {
+            "from": "table" if sender.address is None else f"0x{sender.address:02X}",
+            "rate Hz": "" if sender.rate_hz is None else f"{sender.rate_hz:.1f}",
+            "values": f"{sender.valid:,}" if sender.valid else "",
+            "n/a": f"{sender.not_available:,}" if sender.not_available else "",
+            "error": f"{sender.error_value:,}" if sender.error_value else "",
+        }
