@@ -53,8 +53,9 @@ STATES = 12
     POSITIVE,
     RUNS,
     SIGN,
-) = range(13)
-MEMORY = 13
+    CALM_MPS,  # speed without its recent noise
+) = range(14)
+MEMORY = 14
 
 # one window's outputs
 OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S = range(7)
@@ -74,6 +75,8 @@ _FORCE_SHARE, _OVERRUN_SHARE, _FORCE_S = 0.02, 0.1, 0.2
 _RETARDER_SHARE, _RETARDER_WINDOWS = 0.1, 25.0
 #: mass changes little by little (fuel, snow): relative variance per metre, (1 % in 10 km)^2
 _MASS_DRIFT = 1e-8
+#: weight of the newest window in the calm speed
+_CALM = 0.02
 #: slip is learned from every so many windows: wheel speeds come at 10 Hz and it changes slowly
 _UNDRIVEN_EVERY = 5.0
 #: the delay of reported torque changes from frame to frame by a part of its 20 ms cycle
@@ -274,9 +277,9 @@ def run(
         windows[4],
     )
     speed, force, traction, traction_rate, roll = windows[5], windows[6], windows[7], windows[8], windows[9]
-    accel, accel_end, slip_rate, drag, gear = windows[10], windows[11], windows[12], windows[13], windows[14]
-    rotating, undriven, sensed, altitude = windows[15], windows[16], windows[17], windows[18]
-    open_, retarding, stopped = windows[19], windows[20], windows[21]
+    accel, drag, gear, rotating, undriven = windows[10], windows[11], windows[12], windows[13], windows[14]
+    sensed, altitude = windows[15], windows[16]
+    open_, retarding, stopped = windows[17], windows[18], windows[19]
     curvature_var = prior[CURVATURE] * prior[CURVATURE]
     wind_var = prior[WIND] * prior[WIND]
     for k in range(n):
@@ -307,16 +310,23 @@ def run(
                 late = before_N[k] + half * before_rate[k]
                 start(x, P, active, before[k], memory[SPEED_VAR], before_N[k], late, rotating[k])
                 memory[FRESH] = 0.0
+                memory[CALM_MPS] = before[k]
             lacking = _FORCE_SHARE * t if t > 0.0 else -_OVERRUN_SHARE * t
             unknown = inverse * (torque_std * gear[k] + lacking)
             push(x, P, active, force[k], roll[k], drag[k], unknown * unknown * _FORCE_S * WINDOW_S)
             late = t + half * traction_rate[k]
             jitter = inverse * traction_rate[k] * _JITTER_S
-            # the regressor of u must not carry the noise of the speed that it meets (errors in variables)
-            expected = (x[Q] + late * x[DELAY] + v * t * x[SLIP]) / (1.0 + x[U] * rotating[k])
+            # errors in variables: levers must not carry the noise that their innovation meets, or what
+            # they lift drifts; so they take a calm speed (an instrument), the innovation the expected one
+            calm = memory[CALM_MPS]
+            expected = (x[Q] + late * x[DELAY] + calm * t * x[SLIP]) / (1.0 + x[U] * rotating[k])
+            calm += _CALM * (expected - calm)
+            memory[CALM_MPS] = calm
+            z = v + rotating[k] * (expected - calm) * x[U]
             r = memory[SPEED_VAR] + jitter * jitter
-            turning = -rotating[k] * expected
-            e, s = correct(x, P, active, w, 0, v, r, Q, 1.0, DELAY, late, SLIP, v * t, U, turning)
+            e, s = correct(
+                x, P, active, w, 0, z, r, Q, 1.0, DELAY, late, SLIP, calm * t, U, -rotating[k] * calm
+            )
             memory[SPEED_VAR] = level(memory[SPEED_VAR], e, s, floors[0])
             memory[LEARNED] = 1.0
             tally(memory, e, s)
@@ -326,24 +336,25 @@ def run(
             if undriven[k] == undriven[k] and memory[COUNT] % _UNDRIVEN_EVERY == 0.0:
                 e, s = correct(
                     x, P, active, w, 0, v - undriven[k], memory[UNDRIVEN_VAR],
-                    SLIP, v * t, LAG, accel_end[k], SCALE, v, Q, 0.0,
+                    SLIP, calm * t, LAG, a, SCALE, calm, Q, 0.0,
                 )  # fmt: skip
                 memory[UNDRIVEN_VAR] = level(memory[UNDRIVEN_VAR], e, s, floors[2])
         else:
             first = FREE
             memory[FRESH] = 1.0
+            calm = v
             if retarding[k] > 0.0:
                 unknown = _RETARDER_SHARE * x[U] * force[k]
                 r = 2.0 * memory[SPEED_VAR] / (WINDOW_S * WINDOW_S) + _RETARDER_WINDOWS * unknown * unknown
                 net = force[k] - rotating[k] * a
                 correct(x, P, active, w, FREE, -a - roll[k], r, GRADE, _G, U, -net, WIND, drag[k], Q, 0.0)
         if sensed[k] == sensed[k] and stopped[k] == 0.0:
-            slip = slip_rate[k]
             r = memory[SENSED_VAR]
             motion = a
             if first == 0:
                 motion = (x[U] * force[k] - roll[k] - _G * x[GRADE]) / (1.0 + x[U] * rotating[k])
-            else:
+            slip = calm * (t - before_N[k]) / WINDOW_S + t * motion
+            if first > 0:  # the torque reported in a shift is not that of the wheels
                 r += slip * slip * (x[SLIP] * x[SLIP] + P[SLIP][SLIP])
             e, s = correct(
                 x, P, active, w, first, sensed[k] - a, r, GRADE, _G, BIAS, 1.0, PITCH, motion, SLIP, -slip

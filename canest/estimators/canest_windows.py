@@ -34,8 +34,6 @@ COLUMNS = (
     "traction_Nps",  # its rate there
     "roll_mps2",  # mean g mu
     "accel_mps2",  # mean
-    "accel_end_mps2",
-    "slip_rate",  # mean rate of speed x traction, N m/s2
     "drag_N_per_mps",  # aerodynamic force per m/s of wind, mean
     "gear_1pm",  # force per crank torque
     "rotating_kg",
@@ -62,8 +60,9 @@ COLUMNS = (
     _GATE,
     _STOPPED,
     _TICK,
-) = range(14)
-_COLUMNS = 14
+    _BROKEN,
+) = range(15)
+_COLUMNS = 15
 #: columns as they are SHIFT ticks back
 _LATE = (_SPEED, _MU, _ACCEL, _AERO, _UNDRIVEN, _SENSED)
 
@@ -121,11 +120,13 @@ class Windows:
         before[0] = ticks[ends[0]] - TICKS if self._last_end is None else self._last_end
         before[1:] = ticks[ends[:-1]]
         mean_speed = mean(_SPEED)
-        first_product = at(_SPEED, TICKS - 1) * at(_TRACTION, TICKS - 1)
         # traction is not shifted, the rest of the force is: force = (F - T)[k - SHIFT] + T[k]
         rest = mean_of(rows[_FORCE] - rows[_TRACTION], ends - SHIFT)
         closed = [rows[_GATE][ends - back] for back in range(TICKS)]
         is_open = np.logical_and.reduce([c == Gate.OPEN for c in closed])
+        if rows[_BROKEN].any():
+            broken = np.concatenate(([0.0], np.cumsum(rows[_BROKEN])))
+            is_open &= broken[ends + 1] == broken[ends - _REACH]
         retarding = np.logical_and.reduce([(c == Gate.RETARDER) | (c == Gate.OPEN) for c in closed])
         columns = [
             (ticks[ends] - before - TICKS) * STEP_S,
@@ -139,8 +140,6 @@ class Windows:
             (traction - at(_TRACTION, 1)) / STEP_S,
             GRAVITY_MPS2 * mean(_MU),
             mean(_ACCEL),
-            at(_ACCEL, 0),
-            (speed * traction - first_product) / ((TICKS - 1) * STEP_S),
             2.0 * mean(_AERO) / np.maximum(mean_speed, 1.0),
             at(_GEAR, 0),
             rotating,
@@ -168,23 +167,32 @@ def mean_of(column: FloatColumn, ends: NDArray[np.int64]) -> FloatColumn:
     return total / TICKS
 
 
+#: beyond these no vehicle goes: m/s, N, -, m/s2, N, 1/m, kg, m
+_MAX_MPS, _MAX_N, _MAX_MU, _MAX_MPS2, _MAX_1PM, _MAX_KG, _MAX_M = 150.0, 1e7, 1.0, 50.0, 1e4, 1e6, 1e4
+
+
 def _rows(block: ModelBlock) -> NDArray[np.float64]:
-    """Stack the needed columns; a sample with a number missing is closed as invalid."""
-    needed = [block.speed_mps, block.force_N, block.traction_N, block.mu, block.accel_mps2, block.aero_N]
-    rows = np.stack(
-        [
-            *needed,
-            block.force_per_torque_1pm,
-            block.rotating_mass_kg,
-            block.undriven_mps,
-            np.where(block.ax_ok, block.accelerometer_mps2, np.nan),
-            block.altitude_m,
-            block.gate,
-            block.stopped,
-            block.t_us // STEP_US,
-        ]
-    ).astype(np.float64)
-    broken = ~np.isfinite(rows[: _ROTATING + 1]).all(axis=0)
+    """Stack the needed columns; a sample with a number missing or beyond physics is closed as invalid."""
+    accelerometer = np.where(block.ax_ok, block.accelerometer_mps2, np.nan)
+    columns = [
+        (block.speed_mps, _MAX_MPS),
+        (block.force_N, _MAX_N),
+        (block.traction_N, _MAX_N),
+        (block.mu, _MAX_MU),
+        (block.accel_mps2, _MAX_MPS2),
+        (block.aero_N, _MAX_N),
+        (block.force_per_torque_1pm, _MAX_1PM),
+        (block.rotating_mass_kg, _MAX_KG),
+        (block.undriven_mps, _MAX_MPS),
+        (accelerometer, _MAX_MPS2),
+        (block.altitude_m, _MAX_M),
+    ]
+    rows = np.empty((_COLUMNS, len(block)))
+    for row, (column, most) in zip(rows, columns, strict=False):
+        row[:] = np.where(np.abs(column) <= most, column, np.nan)
+    rows[_GATE], rows[_STOPPED], rows[_TICK] = block.gate, block.stopped, block.t_us // STEP_US
+    broken = np.isnan(rows[: _ROTATING + 1]).any(axis=0)
+    rows[_BROKEN] = broken
     if broken.any():
         rows[: _ROTATING + 1, broken] = 0.0
         rows[_SENSED, broken] = np.nan
