@@ -49,11 +49,14 @@ class Candidate:
     shape: tuple[tuple[str, object], ...] = ()
     #: never selected, only named where the data cannot tell it from what is
     shadow: bool = False
+    #: no vehicle of this config can have less (no negative inertia, drag or rolling resistance in all)
+    low: float = -np.inf
 
     @property
     def info(self) -> Parameter:
         """Unit, neutral value, bounds and step of the fitted parameter."""
-        return EFFECTS[self.effect].parameters[self.parameter]
+        info = EFFECTS[self.effect].parameters[self.parameter]
+        return replace(info, low=max(info.low, self.low))
 
     def make(self, deviation: float) -> Effect:
         """Build the effect; the deviation is clipped to the parameter's bounds."""
@@ -94,7 +97,16 @@ def candidates_for(
     }
     # a common factor on all traction is nearly one thing with a free mass: never to be claimed then
     shadows = () if problem.mass_known else SCALE_EFFECTS
-    found = [Candidate(name, name, parameter, shadow=name in shadows) for name, parameter in plain.items()]
+    v = problem.parts[0].drive.config.vehicle
+    least = {
+        "rotating_inertia": -v.engine_inertia_kgm2,
+        "drag_area": -v.drag_area_m2,
+        "rolling_resistance": -v.rolling_resistance,
+    }
+    found = [
+        Candidate(name, name, parameter, shadow=name in shadows, low=least.get(name, -np.inf))
+        for name, parameter in plain.items()
+    ]
     found += [
         Candidate(f"rolling_warmup tau {tau:g} s", "rolling_warmup", "crr_cold", (("tau_s", tau),))
         for tau in WARMUP_TAUS_S

@@ -140,7 +140,14 @@ class Problem:
 
 def _torque_step_N(part: _Part) -> float:
     lever = part.windows.mean(np.nan_to_num(part.run.samples.force_per_torque_1pm))
-    return resolution_of(part.drive.config)["torque"] * float(lever.mean())
+    source = part.drive.config.signals.get("engine_torque")
+    if source is not None and source.column is not None:
+        # nobody declares a table's resolution, but its values have it
+        values = np.unique(part.run.torque_Nm[np.isfinite(part.run.torque_Nm)])
+        step = float(np.median(np.diff(values))) if len(values) > 1 else 0.0
+    else:
+        step = resolution_of(part.drive.config)["torque"]
+    return step * float(lever.mean())
 
 
 def _innovations(x_N: FloatColumn | None, part: _Part) -> FloatColumn:
