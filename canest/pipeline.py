@@ -45,6 +45,8 @@ class Estimates:
     @staticmethod
     def concatenate(parts: list[Estimates]) -> Estimates:
         """Join in order (an empty list gives no rows)."""
+        if len(parts) == 1:
+            return parts[0]
         if not parts:
             e = np.empty(0)
             return Estimates(np.empty(0, np.int64), e, e, e, e, np.empty(0, np.uint8), np.empty(0, np.uint8))

@@ -39,13 +39,14 @@ class Clock:
         if not len(frames):
             return
         t_us = frames.t_us
-        steps = np.diff(t_us, prepend=t_us[0] if self.last_us is None else self.last_us)
-        if steps.min() >= 0 and steps.max() <= self._hold_us:
-            first = self.last_us is None
-            self.last_us = int(t_us[-1])
-            yield Stretch(frames, "gap" if first else "")
+        first = self.last_us is None
+        step = 0 if self.last_us is None else int(t_us[0]) - self.last_us
+        steps = t_us[1:] - t_us[:-1]
+        if min(step, steps.min(initial=0)) < 0 or max(step, steps.max(initial=0)) > self._hold_us:
+            yield from self._split_slowly(frames)
             return
-        yield from self._split_slowly(frames)
+        self.last_us = int(t_us[-1])
+        yield Stretch(frames, "gap" if first else "")
 
     def _split_slowly(self, frames: FrameBlock) -> Iterator[Stretch]:
         """Walk a block that holds a jump: frame by frame, since every clamp moves the reference."""

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from canest.constant import constant
 from canest.frames import BoolColumn, FloatColumn, IntColumn
 from canest.vehicle.samples import STEP_US
 
 _NEVER_US = -(1 << 62)
 _FOREVER_US = 1 << 61
+_NOTHING = (_NEVER_US, math.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +70,10 @@ class Grid:
         self._channels, self._hold_us = channels, hold_us
         longest = max((c.delay_us for c in channels), default=0)
         self._shift_us = {c.role: longest - c.delay_us for c in channels}
-        #: role -> samples not yet passed by a tick, led by the one in force
-        self._t: dict[str, IntColumn] = {c.role: np.array([_NEVER_US], np.int64) for c in channels}
-        self._v: dict[str, FloatColumn] = {c.role: np.array([np.nan]) for c in channels}
+        #: role -> the sample in force: its stamp and value
+        self._held: dict[str, tuple[int, float]] = {c.role: _NOTHING for c in channels}
+        #: role -> samples not yet passed by a tick
+        self._ahead: dict[str, tuple[IntColumn, FloatColumn]] = {}
         self._next_us: int | None = None
         self._continues = False
 
@@ -78,9 +82,8 @@ class Grid:
         self._next_us = -(-first_us // STEP_US) * STEP_US
         self._continues = False
         if clock_set_back:
-            for role, v in self._v.items():
-                self._t[role] = np.array([_NEVER_US], np.int64)
-                self._v[role] = v[-1:]
+            self._held = dict.fromkeys(self._held, _NOTHING)
+            self._ahead.clear()
 
     def take(self, feed: Feed) -> list[GridBlock]:
         """Take one stretch of samples; return the runs of ticks it completes.
@@ -102,8 +105,11 @@ class Grid:
         """Take samples (stamps not before those already passed)."""
         for role, (t_us, value) in samples.items():
             if len(t_us):
-                self._t[role] = np.concatenate((self._t[role], t_us))
-                self._v[role] = np.concatenate((self._v[role], value))
+                before = self._ahead.get(role)
+                if before is not None:
+                    t_us = np.concatenate((before[0], t_us))
+                    value = np.concatenate((before[1], value))
+                self._ahead[role] = t_us, value
 
     def ticks_until(self, end_us: int, *, inclusive: bool) -> GridBlock | None:
         """Return all ticks before ``end_us`` (or up to and including it), None when there is none."""
@@ -118,22 +124,38 @@ class Grid:
         values: dict[str, FloatColumn] = {}
         stale: dict[str, BoolColumn] = {}
         for channel in self._channels:
-            role = channel.role
-            stamps = self._t[role]
-            seen_us = t_us - self._shift_us[role] if self._shift_us[role] else t_us
-            if len(stamps) == 1 and stamps[0] <= seen_us[0]:
-                at = np.zeros(count, np.int64)
-            else:
-                at = stamps.searchsorted(seen_us, side="right") - 1
-            value = self._v[role][at]
-            old = seen_us - stamps[at] > channel.stale_us
-            values[role] = np.where(old, np.nan, value) if old.any() else value
-            stale[role] = old
-            passed = int(at[-1])
-            if passed:
-                self._t[role] = stamps[passed:]
-                self._v[role] = self._v[role][passed:]
+            values[channel.role], stale[channel.role] = self._column(channel, t_us)
         block = GridBlock(t_us, values, stale, self._continues)
         self._next_us += count * STEP_US
         self._continues = True
         return block
+
+    def _column(self, channel: Channel, t_us: IntColumn) -> tuple[FloatColumn, BoolColumn]:
+        """Return what one channel shows at ticks (n,) and where that is too old; pass its samples."""
+        role, shift_us, n = channel.role, self._shift_us[channel.role], len(t_us)
+        held_us, held = self._held[role]
+        ahead = self._ahead.get(role)
+        newest_us = int(t_us[-1]) - shift_us
+        if ahead is None or ahead[0][0] > newest_us:
+            freshest_us = int(t_us[0]) - shift_us - held_us
+            if newest_us - held_us <= channel.stale_us:
+                return constant(held, n), constant(False, n)
+            if freshest_us > channel.stale_us:
+                return constant(math.nan, n), constant(True, n)
+            ahead = np.empty(0, np.int64), np.empty(0)
+        seen_us = t_us - shift_us if shift_us else t_us
+        at = ahead[0].searchsorted(seen_us, side="right")
+        stamps = np.concatenate(([held_us], ahead[0]))
+        samples = np.concatenate(([held], ahead[1]))
+        value = samples[at]
+        old = seen_us - stamps[at] > channel.stale_us
+        if np.count_nonzero(old):
+            value = np.where(old, np.nan, value)
+        passed = int(at[-1])
+        if passed:
+            self._held[role] = int(stamps[passed]), float(samples[passed])
+            if passed < len(ahead[0]):
+                self._ahead[role] = ahead[0][passed:], ahead[1][passed:]
+            else:
+                del self._ahead[role]
+        return value, old

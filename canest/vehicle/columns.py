@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from canest.constant import constant
 from canest.frames import BoolColumn, FloatColumn, IntColumn
 
 
@@ -53,9 +54,11 @@ class Columns:
         """Return a held role, ``missing`` where it has no value."""
         column = self.signals.get(role)
         if column is None:
-            return np.full(len(self), missing)
-        return np.where(np.isnan(column), missing, column)
+            return constant(missing, len(self))
+        unknown = np.isnan(column)
+        return np.where(unknown, missing, column) if np.count_nonzero(unknown) else column
 
     def on(self, role: str, threshold: float = 0.5) -> BoolColumn:
         """Return where a switch or level is above a threshold (False where unknown)."""
-        return self.signal(role) > threshold
+        column = self.signals.get(role)
+        return constant(False, len(self)) if column is None else column > threshold

@@ -9,6 +9,7 @@ driven by the wheels (T < 0) the losses are on its side: the force is T i / (eta
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from canest.config.schema import Config
+from canest.constant import constant
 from canest.errors import ConfigError
 from canest.frames import BoolColumn, FloatColumn
 from canest.grid.grid import GridBlock
@@ -116,10 +118,10 @@ class LongitudinalModel:
         if self._first_us is None:
             self._first_us = int(grid.t_us[0])
         ratio, gear = self._ratio_and_gear(grid.values, n)
-        efficiency = np.full(n, v.driveline_efficiency)
+        efficiency = constant(v.driveline_efficiency, n)
         for number, value in v.gear_efficiency.items():
             efficiency = np.where(gear == number, value, efficiency)
-        zero = np.zeros(n)
+        zero = constant(0.0, n)
         return Columns(
             t_us=grid.t_us,
             elapsed_s=(grid.t_us - self._first_us).astype(np.float64) * 1e-6,
@@ -127,30 +129,30 @@ class LongitudinalModel:
             engine_radps=self._engine_radps(grid.values, n),
             ratio=ratio * v.final_drive,
             gear=gear,
-            radius_m=np.full(n, v.wheel_radius_m),
+            radius_m=constant(v.wheel_radius_m, n),
             efficiency=efficiency,
-            crank_inertia_kgm2=np.full(n, v.engine_inertia_kgm2),
-            wheel_inertia_kgm2=np.full(n, v.wheel_inertia_kgm2),
+            crank_inertia_kgm2=constant(v.engine_inertia_kgm2, n),
+            wheel_inertia_kgm2=constant(v.wheel_inertia_kgm2, n),
             speed_mps=zero,
             accel_mps2=zero,
             wind_mps=zero,
-            drag_area_m2=np.full(n, v.drag_area_m2),
+            drag_area_m2=constant(v.drag_area_m2, n),
             density_kgpm3=self._density(grid.values, n),
-            mu=np.full(n, v.rolling_resistance),
+            mu=constant(v.rolling_resistance, n),
             extra_N=zero,
             wheel_torque_Nm=zero,
             signals=grid.values,
-            notes={"nominal_mass_kg": np.full(n, (v.mass_min_kg * v.mass_max_kg) ** 0.5)},
+            notes={"nominal_mass_kg": constant((v.mass_min_kg * v.mass_max_kg) ** 0.5, n)},
         )
 
     @staticmethod
     def _engine_radps(values: Mapping[str, FloatColumn], n: int) -> FloatColumn:
         speed = values.get("engine_speed")
-        return np.full(n, np.nan) if speed is None else speed * RPM_TO_RADPS
+        return constant(math.nan, n) if speed is None else speed * RPM_TO_RADPS
 
     def _density(self, values: Mapping[str, FloatColumn], n: int) -> FloatColumn:
         pressure, temperature = values.get("barometric_pressure"), values.get("ambient_temperature")
-        declared = np.full(n, self.vehicle.air_density_kgpm3)
+        declared = constant(self.vehicle.air_density_kgpm3, n)
         if pressure is None or temperature is None:
             return declared
         density = 1000.0 * pressure / (AIR_R * (temperature + 273.15))
@@ -161,17 +163,17 @@ class LongitudinalModel:
         """Return transmission ratio and gear number: from ETC2, else the gear table, else shaft speeds."""
         ratio, gear = values.get("gear_ratio"), values.get("gear")
         if not len(self._gears):
-            known = np.full(n, 1.0) if ratio is None else ratio
-            return known, np.zeros(n) if gear is None else gear
+            known = constant(1.0, n) if ratio is None else ratio
+            return known, constant(0.0, n) if gear is None else gear
         if len(self._gears) == 1 and ratio is None and gear is None:
-            return np.full(n, self._ratios[0]), np.full(n, self._gears[0])
+            return constant(float(self._ratios[0]), n), constant(float(self._gears[0]), n)
         if gear is not None:
             table = self._table_ratio(gear)
             ratio = table if ratio is None else np.where(ratio > 0, ratio, table)
-        shaft = None
-        if ratio is None or bool(np.isnan(ratio).any()):
-            shaft = self._shaft_ratio(values, n)
-            ratio = shaft if ratio is None else np.where(ratio > 0, ratio, shaft)
+        if ratio is None:
+            ratio = self._shaft_ratio(values, n)
+        elif np.count_nonzero(unknown := np.isnan(ratio)):
+            ratio = np.where(unknown, self._shaft_ratio(values, n), ratio)
         if gear is None:
             nearest = np.abs(np.log(np.where(ratio > 0, ratio, 1.0))[:, None] - np.log(self._ratios)).argmin(
                 1
@@ -186,7 +188,7 @@ class LongitudinalModel:
     def _shaft_ratio(self, values: Mapping[str, FloatColumn], n: int) -> FloatColumn:
         engine, shaft = values.get("engine_speed"), values.get("output_shaft_speed")
         if engine is None or shaft is None:
-            return np.full(n, np.nan)
+            return constant(math.nan, n)
         turning = (shaft > MIN_SHAFT_RPM) & (engine > MIN_SHAFT_RPM)
         measured = np.where(turning, engine, 1.0) / np.where(turning, shaft, 1.0)
         nearest = np.abs(np.log(measured)[:, None] - np.log(self._ratios)).argmin(1)
@@ -249,7 +251,7 @@ class LongitudinalModel:
     def _speed(self, c: Columns) -> None:
         """Set speed and acceleration, from the finest speed that has a value."""
         shaft = self.vehicle.final_drive
-        speed = np.full(len(c), np.nan)
+        speed: FloatColumn | None = None
         for role in self.speed_roles:
             if role == "output_shaft_speed":
                 candidate = c.signals[role] * (RPM_TO_RADPS / shaft) * c.radius_m
@@ -260,9 +262,10 @@ class LongitudinalModel:
                 )
             else:
                 candidate = c.signals[role]
-            speed = np.where(np.isnan(speed), candidate, speed)
-            if not np.isnan(speed).any():
+            speed = candidate if speed is None else np.where(np.isnan(speed), candidate, speed)
+            if not np.count_nonzero(np.isnan(speed)):
                 break
+        assert speed is not None  # `speed_roles` is never empty
         c.speed_mps = speed
         self._run("speed", c)
         speed = c.speed_mps
