@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from canest import fast
 from canest.estimators import canest_kernel as kernel
+from canest.estimators import canest_output as output
 from canest.estimators.base import Estimator
-from canest.estimators.canest_prior import ROLLING_SHARE_STD, TORQUE_GAIN_STD, prior_of
+from canest.estimators.canest_prior import prior_of
 from canest.estimators.canest_windows import COLUMNS, SHIFT, Windows
 from canest.estimators.columns import give, state_in, state_out
 from canest.estimators.options import Options, parse
@@ -24,8 +25,10 @@ from canest.vehicle.samples import STEP_S, EstimateBlock, ModelBlock, Status, Ve
 VALID_SHARE = 0.04
 #: ... and while the vehicle has not stood long enough for its load to be changing
 UNLOADED_S = 10.0
+#: sine of the steepest slope given out; no road is steeper than 35 %
+STEEPEST = 0.33
 _SENSED, _UNDRIVEN, _ALTITUDE = (COLUMNS.index(c) for c in ("sensed_mps2", "undriven_mps", "altitude_m"))
-_SPEED, _OPEN = COLUMNS.index("speed_mps"), COLUMNS.index("open")
+_SPEED = COLUMNS.index("speed_mps")
 
 
 class CanestOptions(Options):
@@ -35,9 +38,8 @@ class CanestOptions(Options):
 class Canest(Estimator):
     """Mass and grade with the standard deviations they deserve.
 
-    The filter's own standard deviation is completed by what no sample can tell: the gain of the reported
-    torque (a mass 1 % too large and a torque 1 % too large look the same) and the rolling resistance (the
-    same for the grade).
+    Samples become windows (`canest_windows`), windows pass the filter (`canest_kernel`) from a prior made of
+    vehicle facts (`canest_prior`), and the states become numbers for others (`canest_output`).
     """
 
     names = ("canest",)
@@ -63,25 +65,27 @@ class Canest(Estimator):
         self._extra: set[int] = set()
         self._windows = Windows()
         self._status = StatusTracker(VALID_SHARE)
-        self._last = np.zeros(kernel.OUTPUTS + 2)
-        self._last[kernel.OUT_U] = self._x[kernel.U]
-        self._last[kernel.OUT_U_VAR] = self._P[kernel.U][kernel.U]
-        self._last[kernel.OUT_GRADE_VAR] = self._P[kernel.GRADE][kernel.GRADE]
+        start = np.zeros((1, kernel.OUTPUTS))
+        start[0, kernel.OUT_U], start[0, kernel.OUT_U_VAR] = prior.mean[kernel.U], prior.std[kernel.U] ** 2
+        start[0, kernel.OUT_GRADE] = prior.mean[kernel.GRADE]
+        start[0, kernel.OUT_GRADE_VAR] = prior.std[kernel.GRADE] ** 2
+        self._last = output.known(start, np.zeros(1), self.facts)[0]
         self._since = 0
 
     def update(self, block: ModelBlock) -> EstimateBlock:
         """Take the next samples; a sample's estimate uses the windows that end at or before it."""
         windows, finished = self._windows.push(block)
-        known = np.vstack([self._last, self._filter(windows)])
+        if windows.shape[1]:
+            found = output.known(self._filter(windows), windows[_SPEED], self.facts)
+            known = np.vstack([self._last, found])
+        else:
+            known = self._last[None, :]
         self._last = known[-1]
-        held = known[finished].T
-        return self._estimates(held, self._ticks_since(finished))
+        return self._estimates(known, finished)
 
     def _filter(self, windows: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Run the kernel over windows (columns, w); return its outputs and the speed and distance rate."""
+        """Run the kernel over windows (columns, w); return its outputs (w, OUTPUTS)."""
         n = windows.shape[1]
-        if n == 0:
-            return np.empty((0, kernel.OUTPUTS + 2))
         for row, states in (
             (_SENSED, {kernel.BIAS, kernel.PITCH}),
             (_UNDRIVEN, {kernel.LAG, kernel.SCALE}),
@@ -111,7 +115,7 @@ class Canest(Estimator):
         )
         self._x, self._memory = state_out(x), state_out(memory)
         self._P = [state_out(row) for row in P]
-        return np.column_stack([np.asarray(out), windows[_SPEED], windows[_OPEN]])
+        return np.asarray(out)
 
     def _ticks_since(self, finished: NDArray[np.int64]) -> FloatColumn:
         """Return how many ticks each sample lies behind the end of its last window."""
@@ -123,42 +127,33 @@ class Canest(Estimator):
             self._since = int(n - 1 - last[-1])
         return (index - last).astype(np.float64)
 
-    def _mass(self, known: NDArray[np.float64]) -> tuple[FloatColumn, FloatColumn]:
-        """Return mass and its std (kg) of kernel outputs (n, outputs)."""
-        u = np.maximum(known[:, kernel.OUT_U], 1.0 / self.facts.mass_max_kg)
-        mass = np.maximum(1.0 / u, self.facts.mass_min_kg)
-        share = np.sqrt(np.maximum(known[:, kernel.OUT_U_VAR], 0.0) * mass * mass + TORQUE_GAIN_STD**2)
-        return mass, np.minimum(share * mass, self.facts.mass_max_kg)
+    def _estimates(self, known: NDArray[np.float64], finished: NDArray[np.int64]) -> EstimateBlock:
+        """Give every sample what was known after its last window, the grade carried on to where it is."""
 
-    def _estimates(self, held: NDArray[np.float64], ticks: FloatColumn) -> EstimateBlock:
-        facts = self.facts
-        mass, mass_std = self._mass(held.T)
-        speed = held[kernel.OUTPUTS]
-        ahead_m = np.maximum(speed, 0.0) * (ticks + SHIFT) * STEP_S
-        sine = held[kernel.OUT_GRADE] + held[kernel.OUT_CURVATURE] * ahead_m
-        sine = np.clip(sine, -0.5, 0.5)
-        rolling = ROLLING_SHARE_STD * facts.rolling_resistance
-        grade_std = np.sqrt(np.maximum(held[kernel.OUT_GRADE_VAR], 0.0) + rolling**2)
-        learned = held[kernel.OUT_LEARNED] > 0.0
-        started = learned | (facts.initial_mass_kg is not None)
-        standing = held[kernel.OUT_STANDING_S] > UNLOADED_S
+        def held(column: int) -> FloatColumn:
+            value: FloatColumn = known[:, column][finished]
+            return value
+
+        mass, mass_std = held(output.MASS_KG), held(output.MASS_STD_KG)
+        ahead_m = held(output.SPEED_MPS) * (self._ticks_since(finished) + SHIFT) * STEP_S
+        sine = np.clip(held(output.SINE) + held(output.SINE_PER_M) * ahead_m, -STEEPEST, STEEPEST)
+        learned = held(output.LEARNED) > 0.0
+        standing = held(output.STANDING_S) > UNLOADED_S
         status = self._status.update(learned & ~standing, mass, mass_std)
         status[learned & standing] = Status.CONVERGING
-        nan = np.nan
-        return EstimateBlock(
-            mass_kg=np.where(started, mass, nan),
-            mass_std_kg=np.where(started, mass_std, nan),
-            grade=np.where(started, sine / np.sqrt(1.0 - sine * sine), nan),
-            grade_std=np.where(started, np.minimum(grade_std, 1.0), nan),
-            status=status,
-        )
+        grade = sine / np.sqrt(1.0 - sine * sine)
+        grade_std = np.minimum(held(output.SINE_STD), 1.0)
+        if self.facts.initial_mass_kg is None and not learned.all():
+            mass, mass_std, grade, grade_std = (
+                np.where(learned, column, np.nan) for column in (mass, mass_std, grade, grade_std)
+            )
+        return EstimateBlock(mass, mass_std, grade, grade_std, status)
 
     def snapshot(self) -> dict[str, Any]:
         """Return the mass with its std, and how well the innovations behave."""
-        mass, std = self._mass(self._last[None, :])
         return {
-            "mass_kg": float(mass[0]),
-            "mass_std_kg": float(std[0]),
+            "mass_kg": float(self._last[output.MASS_KG]),
+            "mass_std_kg": float(self._last[output.MASS_STD_KG]),
             "learned": self._memory[kernel.LEARNED] > 0.0,
             **self.consistency(),
         }
@@ -184,4 +179,4 @@ class Canest(Estimator):
         """Start from a remembered mass with its (already widened) standard deviation."""
         self._begin(mass_kg, mass_std_kg)
         self._memory[kernel.LEARNED] = 1.0
-        self._last[kernel.OUT_LEARNED] = 1.0
+        self._last[output.LEARNED] = 1.0

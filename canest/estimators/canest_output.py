@@ -1,0 +1,60 @@
+"""From the filter's states to what is given out: mass, grade, their standard deviations, per window."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canest.estimators import canest_kernel as kernel
+from canest.estimators.canest_prior import ROLLING_SHARE_STD, TORQUE_GAIN_STD
+from canest.frames import FloatColumn
+from canest.vehicle.samples import VehicleFacts
+
+# columns of what is known after a window
+MASS_KG, MASS_STD_KG, SINE, SINE_PER_M, SINE_STD, LEARNED, STANDING_S, SPEED_MPS = range(8)
+COLUMNS = 8
+
+#: below this share of the mass its std is that of the inverse mass, to first order
+_NARROW = 0.04
+#: where a wide posterior is sampled, in standard deviations of the inverse mass
+_SAMPLES = np.linspace(-3.0, 3.0, 25)
+_WEIGHTS = np.exp(-0.5 * _SAMPLES**2)
+
+
+def known(out: NDArray[np.float64], speed_mps: FloatColumn, facts: VehicleFacts) -> NDArray[np.float64]:
+    """Return what is known after each window, shape (n, COLUMNS), from kernel outputs (n, OUTPUTS)."""
+    table = np.empty((len(out), COLUMNS))
+    table[:, MASS_KG], table[:, MASS_STD_KG] = mass_of(out[:, kernel.OUT_U], out[:, kernel.OUT_U_VAR], facts)
+    table[:, SINE] = out[:, kernel.OUT_GRADE]
+    table[:, SINE_PER_M] = out[:, kernel.OUT_CURVATURE]
+    # a tyre that rolls harder looks like a hill, for ever
+    rolling = ROLLING_SHARE_STD * facts.rolling_resistance
+    table[:, SINE_STD] = np.sqrt(np.maximum(out[:, kernel.OUT_GRADE_VAR], 0.0) + rolling * rolling)
+    table[:, LEARNED] = out[:, kernel.OUT_LEARNED]
+    table[:, STANDING_S] = out[:, kernel.OUT_STANDING_S]
+    table[:, SPEED_MPS] = np.maximum(speed_mps, 0.0)
+    return table
+
+
+def mass_of(u: FloatColumn, u_var: FloatColumn, facts: VehicleFacts) -> tuple[FloatColumn, FloatColumn]:
+    """Return mass (kg) and its std for inverse masses u with variance, (n,) each.
+
+    The std covers the gain of the reported torque, which no sample can tell: a torque and a mass 1 % too
+    large look the same. A wide posterior of u is lopsided in the mass; there the std is the root mean
+    square deviation over the vehicle's range.
+    """
+    least, most = 1.0 / facts.mass_max_kg, 1.0 / facts.mass_min_kg
+    mass = 1.0 / np.clip(u, least, most)
+    u_std = np.sqrt(np.maximum(u_var, 0.0))
+    share = u_std * mass
+    wide = np.flatnonzero(share > _NARROW)
+    if len(wide):
+        samples = u[wide, None] + u_std[wide, None] * _SAMPLES
+        weights = np.where((samples >= least) & (samples <= most), _WEIGHTS, 0.0)
+        deviation = 1.0 / np.clip(samples, least, most) - mass[wide, None]
+        total = weights.sum(axis=1)
+        square = (weights * deviation * deviation).sum(axis=1) / np.maximum(total, 1e-9)
+        lopsided = np.sqrt(square) / mass[wide]
+        share[wide] = np.where(total > 0.0, np.maximum(lopsided, _NARROW), share[wide])
+    std = mass * np.sqrt(share * share + TORQUE_GAIN_STD * TORQUE_GAIN_STD)
+    return mass, np.minimum(std, facts.mass_max_kg)
