@@ -165,15 +165,15 @@ def _row(entry: _Entry, estimates: Estimates, true_mass_kg: FloatColumn, score: 
     row["ns_per_sample"] = entry.seconds / n * 1e9
     if not entry.estimator.estimates_mass:
         return {**row, "note": f"keeps the mass it is given ({estimates.mass_kg[-1]:,.0f} kg)"}
+    estimated = estimates.status != Status.UNESTIMATED
+    if not estimated.any():
+        return {**row, "note": "never learned from this log"}
     row["mass_rms_pct"], row["mass_max_pct"] = errors["mass_rms_pct"], errors["mass_max_pct"]
     error_pct = 100.0 * (estimates.mass_kg / true_mass_kg - 1.0)
     if np.isfinite(error_pct[-1]):
         row["mass_end_pct"] = float(error_pct[-1])
-    estimated = estimates.status != Status.UNESTIMATED
     row["to_5pct_s"] = _time_to(np.where(estimated, error_pct, np.nan))
-    if not estimated.any():
-        note = "never learned from this log"
-    return {**row, "note": note}
+    return {**row, "note": ""}
 
 
 def _time_to(error_pct: FloatColumn) -> float | None:

@@ -103,3 +103,23 @@ def test_an_unknown_name_is_refused(drive):
 )
 def test_time_to_within_five_percent(error_pct, expected):
     assert _time_to(error_pct) == expected
+
+
+def test_a_log_that_teaches_nothing_has_no_mass_errors(tmp_path, drive):
+    _, truth = drive
+    parked = simulate(
+        {
+            "duration_s": 20,
+            "vehicle": "class8",
+            "mass_kg": 18_000,
+            "driver": {"kind": "given", "at_s": [0, 20], "speed_mps": [0, 0]},
+            "bus": {"traffic": False},
+        }
+    )
+    parked.write(tmp_path)
+    log = next(tmp_path.glob("*.log"))
+    result = compare(load_config("class8.yaml"), log, mass_kg=18_000.0, names=["ekf"], after_s=0.0)
+    row = result.table["estimators"]["ekf"]
+    assert row["note"] == "never learned from this log"
+    assert row["mass_rms_pct"] is None
+    assert row["mass_end_pct"] is None
