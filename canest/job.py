@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from canest.errors import UsageError
+
 if TYPE_CHECKING:
     from canest.config import Config
     from canest.replay import Progress, ReplayResult
@@ -81,7 +83,14 @@ def truth_beside(log: Path) -> Path | None:
 
 
 def truth_file(log: Path, truth: str | None) -> Path | None:
-    """Return the truth of a log as --truth says: a file, 'auto' for the one beside it (if any), or none."""
-    if truth == "auto":
-        return truth_beside(log)
-    return Path(truth) if truth is not None else None
+    """Return the truth of a log as --truth says: a file, 'auto' for the one beside it, or none.
+
+    Errors: UsageError when 'auto' finds none.
+    """
+    if truth != "auto":
+        return Path(truth) if truth is not None else None
+    found = truth_beside(log)
+    if found is None:
+        expected = log.with_name(name_of(log) + TRUTH_SUFFIX)
+        raise UsageError("--truth auto: no truth beside the log", where=str(log), expected=str(expected))
+    return found

@@ -73,18 +73,23 @@ def command(
     if config_name is None:
         raise click.UsageError("missing option -c CONFIG", click.get_current_context())
     config = load(config_name, overrides, estimator, initial_mass)
-    from canest.job import Job, truth_file
+    from canest.job import Job, truth_beside, truth_file
 
-    jobs = [
-        Job(Path(log), truth=truth_file(Path(log), truth), mass_kg=mass_kg, after_s=after_s, channel=channel)
-        for log in logs
-    ]
-    if len(jobs) == 1:
-        return _one(jobs[0], config, output, report, json_path)
-    if truth not in (None, "auto"):
+    paths = [Path(log) for log in logs]
+    if len(paths) == 1:
+        truths = [truth_file(paths[0], truth)]
+    elif truth in (None, "auto"):
+        truths = [truth_beside(log) if truth else None for log in paths]
+    else:
         raise click.UsageError(
             "one truth cannot fit several logs: use --truth auto", click.get_current_context()
         )
+    jobs = [
+        Job(log, truth=found, mass_kg=mass_kg, after_s=after_s, channel=channel)
+        for log, found in zip(paths, truths, strict=True)
+    ]
+    if len(jobs) == 1:
+        return _one(jobs[0], config, output, report, json_path)
     return _many(jobs, config, output, report, json_path, workers)
 
 

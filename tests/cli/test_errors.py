@@ -62,6 +62,11 @@ class TestUsage:
         assert done.code == 2
         assert "--truth auto" in one_line(done)
 
+    def test_no_truth_beside_the_log(self, canest):
+        done = canest("replay", KENWORTH, "-c", "kenworth", "--truth", "auto")
+        assert done.code == 2
+        assert "normal.truth.csv" in one_line(done)
+
     def test_compare_without_truth(self, canest):
         done = canest("compare", KENWORTH, "-c", "kenworth")
         assert done.code == 2

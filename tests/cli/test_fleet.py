@@ -57,17 +57,29 @@ def test_truth_beside_a_log(tmp_path):
     assert truth_beside(log) == tmp_path / "a.truth.csv"
 
 
+def opened_by_a_reader(fifo: Path, timeout_s: float = 60.0) -> int:
+    """Wait until somebody reads a FIFO; return our end of it."""
+    end = time.monotonic() + timeout_s
+    while time.monotonic() < end:
+        try:
+            return os.open(fifo, os.O_WRONLY | os.O_NONBLOCK)
+        except OSError:
+            time.sleep(0.05)
+    raise TimeoutError(fifo)
+
+
 def test_interrupt_ends_it_soon_and_quietly(tmp_path):
-    logs = []
-    for i in range(4):  # logs that nobody writes to: reading them takes forever
-        logs.append(tmp_path / f"{i}.log")
-        os.mkfifo(logs[-1])
+    logs = [tmp_path / f"{i}.log" for i in range(4)]
+    for log in logs:  # logs that never come: reading them takes forever
+        os.mkfifo(log)
     process = subprocess.Popen(
         [sys.executable, "-m", "canest", "replay", *map(str, logs), "-c", "kenworth", "-j", "2"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
-    time.sleep(2.5)
+    ends = [opened_by_a_reader(log) for log in logs[:2]]
     os.killpg(process.pid, signal.SIGINT)
     _, err = process.communicate(timeout=30)
-    assert process.returncode == 1
+    for end in ends:
+        os.close(end)
+    assert process.returncode == 1, err
     assert "Traceback" not in err

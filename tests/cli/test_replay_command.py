@@ -198,5 +198,6 @@ class TestOntoABus:
                 heard.append(message)
         assert [bytes(m.data) for m in heard[:20]] == [i.to_bytes(8, "big") for i in range(20)]
         assert heard[20].is_remote_frame
-        assert 0.09 < heard[20].timestamp - heard[0].timestamp < 1.0
+        # 0.4 s at four times real time; a busy machine may send the first frame late
+        assert 0.04 < heard[20].timestamp - heard[0].timestamp < 1.0
         assert "21 frames sent" in done.out
