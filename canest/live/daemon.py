@@ -46,7 +46,7 @@ METRICS_S = 10.0
 #: broadcast, so that its beat sets the pace
 LONGEST_WAIT_US = 130_000
 FRESH_US = 200_000  #: an estimate older than this is no estimate of now
-CLOSE_S = 0.7  #: SIGTERM has to be over within a second, whatever the disk does
+CLOSE_S = 0.5  #: SIGTERM has to be over within a second, whatever the disk does
 #: errors inside the estimation are survived by starting the pipeline anew; this many in a row are not
 MOST_FAILURES_IN_A_ROW = 5
 

@@ -130,13 +130,17 @@ class CsvReader(TableReader):
             if not more:
                 break
         if text and not self._source.damage:
-            yield text.decode("utf-8", "replace")
+            yield text.decode("utf-8", "replace").replace("\r", "")
         elif text:
             self._skip(self._lines_seen + 1, text.decode("utf-8", "replace"), "cut off by the archive's end")
 
     def _read_header(self, line: str) -> list[str]:
         self._separator = max(_SEPARATORS, key=line.count)
-        self.columns = [name.strip() for name in next(csv.reader([line], delimiter=self._separator))]
+        try:
+            names = next(csv.reader([line], delimiter=self._separator))
+        except csv.Error as error:
+            raise LogError(f"the header cannot be read ({error})", where=str(self.path)) from error
+        self.columns = [name.strip() for name in names]
         return self.columns
 
     def _parse(self, lines: list[str], chosen: list[int]) -> TableBlock:
