@@ -195,9 +195,9 @@ def spread_said(std_b: float, std_a: float, iqr_b: float, iqr_a: float, n: int) 
     else:
         text = "Standard deviation and interquartile range of the estimated mass do not agree on a change"
     return (
-        f"{text}. From {n} trips a standard deviation is known to ± {doubt:.2f} points. Part of the spread is\n"
-        "real: passengers and luggage are mass, one person is 5 % of this car, and nothing in the tables says\n"
-        "who was on board."
+        f"{text}. From {n} trips a standard deviation is known to ± {doubt:.2f} points. Part of the spread\n"
+        "is real: passengers and luggage are mass, one person is 5 % of this car, and nothing in the\n"
+        "tables says who was on board."
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -108,6 +109,8 @@ def _diagnose(
         written = write_empty(error, config, config_name, names, output)
         print(f"{written.finding}\n\n{_files(written.paths)}")
         return 0
+    for reason in diagnosis.problem.left_out:
+        print(f"left out: {reason}", file=sys.stderr)
     _show(diagnosis, written.found)
     print(_files(written.paths))
     if diagnosis.search.chosen:

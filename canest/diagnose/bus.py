@@ -38,12 +38,12 @@ class Ranked:
     switches: bool
 
 
-def rank_bus_signals(paths: list[Path], config: Config, problem: Problem, search: Search) -> list[Ranked]:
+def rank_bus_signals(config: Config, problem: Problem, search: Search) -> list[Ranked]:
     """Decode whatever the DBCs know, rank it against the remainder; best first, at most twenty."""
     used = {(s.message, s.signal, s.source) for s in config.signals.values()} | {
         (None, s.column, None) for s in config.signals.values() if s.column
     }
-    per_drive = [_signals(path, config) for path in paths[: len(problem.parts)]]
+    per_drive = [_signals(part.drive.path, config) for part in problem.parts]
     names = set.intersection(*(set(found) for found in per_drive)) if per_drive else set()
     residual = problem.whiten(search.residual_N)
     base = search.local_matrix()

@@ -50,8 +50,9 @@ class Run:
 class Drive:
     """One log's decoded samples with the config they were decoded by."""
 
-    def __init__(self, name: str, config: Config, feeds: Sequence[Feed]) -> None:
-        self.name, self.config, self._feeds = name, config, feeds
+    def __init__(self, path: Path, config: Config, feeds: Sequence[Feed]) -> None:
+        self.path, self.config, self._feeds = path, config, feeds
+        self.name = path.name.split(".")[0]
         self._grids: dict[tuple[float, ...], list[GridBlock]] = {}
 
     @staticmethod
@@ -70,7 +71,7 @@ class Drive:
                 progress(reader.bytes_done, reader.bytes_total)
         if not feeds:
             raise LogError("holds no frame that the config's signal map wants", where=str(path))
-        return Drive(path.name.split(".")[0], config, feeds)
+        return Drive(path, config, feeds)
 
     @staticmethod
     def with_effects(config: Config, effects: Sequence[Effect]) -> Config:
@@ -96,7 +97,7 @@ class Drive:
                 }
             )
         if not parts:
-            raise LogError("is too short: not one 20 ms tick", where=self.name)
+            raise LogError("is too short: not one 20 ms tick", where=str(self.path))
         columns = {k: np.concatenate([r[k] for r in raws]) for k in ("torque_Nm", "engine_radps", "gear")}
         signals = {role: np.concatenate([r["signals"][role] for r in raws]) for role in raws[0]["signals"]}
         return Run(ModelBlock.concatenate(parts), signals=signals, **columns)

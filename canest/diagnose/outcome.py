@@ -113,6 +113,7 @@ def document(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str]) 
         ],
         "data": {
             "logs": list(logs),
+            "left_out": problem.left_out,
             "drives": len(problem.parts),
             "open_s": problem.rows,
             "blocks": problem.chunks,
@@ -145,7 +146,14 @@ def empty_document(finding: str, logs: Sequence[str], vehicle: str) -> dict[str,
         "candidates": [],
         "not_tried": dict.fromkeys(EFFECTS, "too little driving with open gates"),
         "unused_signals": [],
-        "data": {"logs": list(logs), "drives": 0, "open_s": 0, "blocks": 0, "vehicle": vehicle},
+        "data": {
+            "logs": list(logs),
+            "left_out": list(logs),
+            "drives": 0,
+            "open_s": 0,
+            "blocks": 0,
+            "vehicle": vehicle,
+        },
     }
 
 

@@ -69,6 +69,12 @@ class Problem:
     def __init__(self, drives: Sequence[tuple[Drive, Reference, Run]]) -> None:
         parts = [_Part(d, run, ref) for d, ref, run in drives]
         self.parts = [p for p in parts if p.windows.count >= MIN_WINDOWS]
+        #: logs that take no part, and why
+        self.left_out = [
+            f"{p.drive.path}: only {p.windows.count} s with open gates"
+            for p in parts
+            if p.windows.count < MIN_WINDOWS
+        ]
         if not self.parts:
             raise TooLittleDrivingError(
                 "too little driving with open gates to diagnose",

@@ -19,7 +19,7 @@ from canest.diagnose.score import Fold, Score, score, two_folds
 from canest.diagnose.search import Search, Tried
 from canest.diagnose.windows import CHUNK_S
 from canest.diagnose.words import finding_of, too_short
-from canest.errors import UsageError
+from canest.errors import LogError, UsageError
 from canest.frames import FloatColumn
 from canest.pipeline import Estimates
 from canest.vehicle.model import effects_of
@@ -82,7 +82,7 @@ def diagnose(
     ranked: list[Ranked] = []
     if _remainder_N(problem, search) > SMALL_REMAINDER * problem.weight_N:
         tell("ranking every signal on the bus", 0.6)
-        ranked = rank_bus_signals(list(paths), config, problem, search)
+        ranked = rank_bus_signals(config, problem, search)
         extended = _with_switches(config, ranked)
         if extended is not config:
             again, references_again = _problem(paths, extended, truths, mass_kg, tell)
@@ -102,7 +102,7 @@ def diagnose(
         score(problem, two_folds(problem, search)) if search.chosen else (before, left_before, shown_before)
     )
     verdict = _verdict(problem, search, before, after)
-    hints = [r.name for r in ranked[:1]]
+    hints = [r.name for r in ranked[:1] if r.explained > TRY_SIGNAL_SHARE]
     finding = finding_of(verdict, search.chosen, before.residual_rms_N, after.residual_rms_N, hints)
     tell("done", 1.0)
     return Diagnosis(
@@ -130,14 +130,21 @@ def _problem(
     tell: Tell,
 ) -> tuple[Problem, list[Reference]]:
     base = effects_of(config)
-    drives = []
+    drives, unusable = [], []
     for i, path in enumerate(paths):
         tell(f"reading {path.name}", 0.3 * i / len(paths))
-        drive = Drive.load(path, config)
-        run = drive.run(base)
+        try:
+            drive = Drive.load(path, config)
+            run = drive.run(base)
+        except LogError as error:
+            unusable.append(error)
+            continue
         truth = truths[i] if truths else None
         drives.append((drive, reference_for(drive, run, truth=truth, mass_kg=mass_kg), run))
+    if not drives:
+        raise unusable[0]
     problem = Problem(drives)
+    problem.left_out += [str(error) for error in unusable]
     return problem, [p.reference for p in problem.parts]
 
 

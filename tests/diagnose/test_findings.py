@@ -84,6 +84,18 @@ def test_a_recording_of_the_daemon_is_pooled_in_the_order_of_its_segments(drive,
     assert told["reference"]["mass_known"] and told["reference"]["kind"] != "truth"
 
 
+def test_a_log_that_cannot_be_used_is_left_out_and_named(drive, found, tmp_path, capsys):
+    gain = {"effect": "torque_gain", "gain": 0.9}
+    broken, idle = tmp_path / "broken.log", tmp_path / "idle.log"
+    broken.write_text("this is no candump\n" * 50)
+    idle.write_text("(1700000000.000000) can0 0CF00400#FFFFFFFFFFFFFFFF\n" * 50)
+    log = drive(gain, seed=3)
+    told = found(log, broken, idle, "--mass", "21250")
+    assert told["data"]["drives"] == 1 and len(told["data"]["left_out"]) == 2
+    for name in ("broken.log", "idle.log"):
+        assert any(name in reason for reason in told["data"]["left_out"])
+
+
 EFFECTS = [
     ({"effect": "headwind", "wind_mps": 7.0}, "headwind", "wind_mps", 7.0),
     ({"effect": "rolling_resistance", "crr_delta": 0.0024}, "rolling_resistance", "crr_delta", 0.0024),
