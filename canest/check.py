@@ -201,7 +201,7 @@ class Doctor:
         return [
             Sender(
                 address,
-                counters.rate_Hz,
+                _rate_hz(counters, role),
                 counters.frames,
                 counters.roles[role].valid,
                 counters.roles[role].not_available,
@@ -253,6 +253,15 @@ def check_blocks(config: Config, blocks: Iterable[FrameBlock | TableBlock]) -> R
     for block in blocks:
         doctor.push(block)
     return doctor.report()
+
+
+def _rate_hz(counters: SenderCounters, role: str) -> float | None:
+    """Return how often an address sends a role: less often than its frames, where they are multiplexed."""
+    first_us, last_us, seen = counters.first_us, counters.last_us, counters.roles[role]
+    samples = seen.valid + seen.not_available + seen.error_value
+    if first_us is None or last_us is None or last_us <= first_us or samples < 2:
+        return None
+    return (samples - 1) * 1e6 / (last_us - first_us)
 
 
 def _judge(finding: Finding, source: Source) -> tuple[str, str]:
