@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 
 from canest.config.schema import Config
-from canest.errors import CanestError
 from canest.frames import FrameBlock
 from canest.live import metrics
 from canest.live.estimate_frame import Estimate
@@ -348,8 +347,8 @@ class Daemon:
         try:
             config = self._reload_config()
             pipeline = Pipeline(config, listener=self._listen)
-        except CanestError as error:
-            self.journal.error("reload-refused", error=error)
+        except Exception as error:  # whatever is wrong with the new config, the old one stays in force
+            self.journal.error("reload-refused", error=str(error) or type(error).__name__)
             self.notifier.ready()
             return
         self.memory.save()

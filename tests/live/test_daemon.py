@@ -278,9 +278,12 @@ def test_reload_takes_a_changed_config_over_and_keeps_the_learned_mass(tmp_path,
         assert abs(rig.daemon.estimate(rig.now_us).mass_kg - before.mass_kg) < 0.03 * before.mass_kg
 
 
-def test_reload_refuses_a_broken_config_and_goes_on(tmp_path, drive, monkeypatch):
+@pytest.mark.parametrize(
+    "error", [ConfigError("unknown key", where="truck.yaml:3"), RecursionError("truck.yaml:3 too deep")]
+)
+def test_reload_refuses_a_broken_config_and_goes_on(tmp_path, drive, monkeypatch, error):
     def broken():
-        raise ConfigError("unknown key", where="truck.yaml:3", found="mas", expected="mass")
+        raise error
 
     with Rig(monkeypatch, config(tmp_path), drive, reload=broken) as rig:
         rig.run(40)
