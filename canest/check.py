@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from canest.decode.signal_map import decoder_for
+from canest.findings import Finding, Sender, complaint, judge
 from canest.frames import ERROR, EXTENDED, FloatColumn, FrameBlock, IntColumn
 from canest.logs.blocks import TableBlock
 from canest.pipeline import Pipeline
@@ -23,48 +24,7 @@ if TYPE_CHECKING:
     from canest.config.schema import Source
     from canest.decode.counters import SenderCounters
 
-OK, SILENT, ABSENT, ELSEWHERE = "ok", "no value", "not found", "elsewhere"
-#: a signal of which more than this share has no value deserves a word
-MOSTLY = 0.5
-#: an address whose share of error values is larger sends something else under this group
-SOUND = 0.01
-
 Samples = dict[str, tuple[IntColumn, FloatColumn]]
-
-
-@dataclass(slots=True)
-class Sender:
-    """One address (None: a table column, or an 11-bit identifier) that sends a role's message."""
-
-    address: int | None
-    rate_hz: float | None
-    frames: int
-    valid: int
-    not_available: int
-    error_value: int
-    wrong_length: int
-
-
-@dataclass(slots=True)
-class Finding:
-    """What the log or bus has of one role.
-
-    need: "needed", "speed" (one of these is needed) or "optional". low, high: range of its values in the
-    role's unit. verdict: ok, no value, not found, elsewhere (another address has it).
-    """
-
-    role: str
-    text: str
-    need: str
-    expected: str
-    source: int | None
-    unit: str
-    senders: list[Sender] = field(default_factory=list)
-    low: float | None = None
-    high: float | None = None
-    values: int = 0
-    verdict: str = ABSENT
-    hint: str = ""
 
 
 @dataclass(slots=True)
@@ -189,7 +149,7 @@ class Doctor:
             finding.senders = [Sender(None, self._row_rate(), self._rows, self._rows - bad, bad, 0, 0)]
         low, high, count = self._ranges.get(role, (None, None, 0))
         finding.low, finding.high, finding.values = low, high, count
-        finding.verdict, finding.hint = _judge(finding, source)
+        finding.verdict, finding.hint = judge(finding, source)
         return finding
 
     def _senders(self, role: str) -> list[Sender]:
@@ -220,10 +180,10 @@ class Doctor:
             return "nothing was received: the log is empty, or the bus is silent"
         for finding in findings:
             if finding.need == "needed" and not finding.values:
-                return f"{finding.role} ({finding.text}) {_complaint(finding)}"
+                return f"{finding.role} ({finding.text}) {complaint(finding)}"
         speeds = [f for f in findings if f.need == "speed"]
         if not any(f.values for f in speeds):
-            return "no speed: " + "; ".join(f"{f.role} {_complaint(f)}" for f in speeds)
+            return "no speed: " + "; ".join(f"{f.role} {complaint(f)}" for f in speeds)
         missing = self.pipeline.estimator.missing()
         if missing:
             return f"estimator {self.config.estimator.name} cannot work here: {missing}"
@@ -262,51 +222,3 @@ def _rate_hz(counters: SenderCounters, role: str) -> float | None:
     if first_us is None or last_us is None or last_us <= first_us or samples < 2:
         return None
     return (samples - 1) * 1e6 / (last_us - first_us)
-
-
-def _judge(finding: Finding, source: Source) -> tuple[str, str]:
-    """Return the verdict on a role, and what to do about it ('' when nothing)."""
-    mine = [s for s in finding.senders if source.source in (None, s.address)]
-    others = [s for s in finding.senders if s not in mine and _is_sound(s)]
-    if finding.values:
-        bad = sum(s.not_available + s.error_value for s in mine)
-        if bad > MOSTLY * (bad + finding.values):
-            return OK, f"only {finding.values:,} of {bad + finding.values:,} samples hold a value"
-        with_values = [s for s in mine if s.valid]
-        if source.source is None and len(with_values) > 1:
-            shown = ", ".join(_address(s.address) for s in with_values)
-            return OK, f"several addresses send it ({shown}): name one with source:"
-        return OK, ""
-    if others:
-        best = max(others, key=lambda s: s.valid)
-        where = _address(best.address)
-        return ELSEWHERE, f"{where} sends it with {best.valid:,} values: try source: {where}"
-    if mine:
-        if all(s.wrong_length >= s.frames for s in mine):
-            return SILENT, "every frame has another length than the DBC says"
-        return SILENT, ""
-    if finding.senders:
-        shown = ", ".join(_address(s.address) for s in finding.senders)
-        return ABSENT, f"sent by {shown} only, and without a sound value"
-    return ABSENT, ""
-
-
-def _is_sound(sender: Sender) -> bool:
-    """Return whether an address means what it sends: nobody sends error codes and values in turns."""
-    return sender.valid > 0 and sender.error_value <= SOUND * sender.valid
-
-
-def _complaint(finding: Finding) -> str:
-    expected = finding.expected + (f" from {_address(finding.source)}" if finding.source is not None else "")
-    if finding.verdict == SILENT:
-        bad = sum(s.not_available for s in finding.senders if finding.source in (None, s.address))
-        if bad:
-            return f"said not available in all {bad:,} frames of {expected}"
-        return f"never had a valid value in {expected}"
-    if finding.verdict == ELSEWHERE:
-        return f"is not sent as {expected}, but {finding.hint}"
-    return f"was not found as {expected}" + (f" ({finding.hint})" if finding.hint else "")
-
-
-def _address(address: int | None) -> str:
-    return "the table" if address is None else f"0x{address:02X}"

@@ -13,8 +13,9 @@ from canest.cli.options import config_option, load, override_options
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from canest.check import Finding, Report
+    from canest.check import Report
     from canest.config import Config
+    from canest.findings import Finding
     from canest.frames import FrameBlock
 
 EPILOG = """\b

@@ -1,0 +1,101 @@
+"""What was found of one role, what that means, and what to do about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from canest.config.schema import Source
+
+OK, SILENT, ABSENT, ELSEWHERE = "ok", "no value", "not found", "elsewhere"
+#: a signal of which more than this share has no value deserves a word
+MOSTLY = 0.5
+#: an address whose share of error values is larger sends something else under this group
+SOUND = 0.01
+
+
+@dataclass(slots=True)
+class Sender:
+    """One address (None: a table column, or an 11-bit identifier) that sends a role's message."""
+
+    address: int | None
+    rate_hz: float | None
+    frames: int
+    valid: int
+    not_available: int
+    error_value: int
+    wrong_length: int
+
+
+@dataclass(slots=True)
+class Finding:
+    """What the log or bus has of one role.
+
+    need: "needed", "speed" (one of these is needed) or "optional". low, high: range of its values in the
+    role's unit. verdict: ok, no value, not found, elsewhere (another address has it).
+    """
+
+    role: str
+    text: str
+    need: str
+    expected: str
+    source: int | None
+    unit: str
+    senders: list[Sender] = field(default_factory=list)
+    low: float | None = None
+    high: float | None = None
+    values: int = 0
+    verdict: str = ABSENT
+    hint: str = ""
+
+
+def judge(finding: Finding, source: Source) -> tuple[str, str]:
+    """Return the verdict on a role, and what to do about it ('' when nothing)."""
+    mine = [s for s in finding.senders if source.source in (None, s.address)]
+    others = [s for s in finding.senders if s not in mine and _is_sound(s)]
+    if finding.values:
+        bad = sum(s.not_available + s.error_value for s in mine)
+        if bad > MOSTLY * (bad + finding.values):
+            return OK, f"only {finding.values:,} of {bad + finding.values:,} samples hold a value"
+        with_values = [s for s in mine if s.valid]
+        if source.source is None and len(with_values) > 1:
+            shown = ", ".join(_shown(s.address) for s in with_values)
+            return OK, f"several addresses send it ({shown}): name one with source:"
+        return OK, ""
+    if others:
+        best = max(others, key=lambda s: s.valid)
+        where = _shown(best.address)
+        return ELSEWHERE, f"{where} sends it with {best.valid:,} values: try source: {where}"
+    if mine:
+        if all(s.wrong_length >= s.frames for s in mine):
+            return SILENT, "every frame has another length than the DBC says"
+        return SILENT, ""
+    if finding.senders:
+        shown = ", ".join(_shown(s.address) for s in finding.senders)
+        return ABSENT, f"sent by {shown} only, and without a sound value"
+    return ABSENT, ""
+
+
+def _is_sound(sender: Sender) -> bool:
+    """Return whether an address means what it sends: nobody sends error codes and values in turns."""
+    return sender.valid > 0 and sender.error_value <= SOUND * sender.valid
+
+
+def complaint(finding: Finding) -> str:
+    """Return what is wrong with a role that has no values, as the end of a sentence."""
+    expected = finding.expected
+    if finding.source is not None:
+        expected += f" from {_shown(finding.source)}"
+    if finding.verdict == SILENT:
+        bad = sum(s.not_available for s in finding.senders if finding.source in (None, s.address))
+        if bad:
+            return f"said not available in all {bad:,} frames of {expected}"
+        return f"never had a valid value in {expected}"
+    if finding.verdict == ELSEWHERE:
+        return f"is not sent as {expected}, but {finding.hint}"
+    return f"was not found as {expected}" + (f" ({finding.hint})" if finding.hint else "")
+
+
+def _shown(address: int | None) -> str:
+    return "the table" if address is None else f"0x{address:02X}"
