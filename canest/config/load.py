@@ -35,6 +35,7 @@ def parse_config(text: str, where: str = "config", overrides: Iterable[str] = ()
     try:
         node = yaml.compose(text, Loader=_LOADER)
         raw = yaml.load(text, Loader=_LOADER)
+        duplicate = _duplicate_key(node, set())
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f":{mark.line + 1}" if mark else ""
@@ -52,7 +53,6 @@ def parse_config(text: str, where: str = "config", overrides: Iterable[str] = ()
             found="nothing" if raw is None else type(raw).__name__,
             expected="vehicle:, signals: and so on",
         )
-    duplicate = _duplicate_key(node, set())
     if duplicate:
         raise ConfigError(f"key given twice: {duplicate[0]}", where=f"{where}:{duplicate[1]}")
     changed = _apply_overrides(raw, overrides)
