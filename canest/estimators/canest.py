@@ -58,10 +58,9 @@ class Canest(Estimator):
         self._P = [[s * s if i == j else 0.0 for j in range(kernel.STATES)] for i, s in enumerate(prior.std)]
         self._memory = [0.0] * kernel.MEMORY
         self._memory[kernel.FRESH] = 1.0
-        for slot, floor in zip(
-            (kernel.SPEED_VAR, kernel.SENSED_VAR, kernel.UNDRIVEN_VAR), prior.noise_floor, strict=True
-        ):
-            self._memory[slot] = 4.0 * floor * floor
+        slots = (kernel.SPEED_VAR, kernel.SENSED_VAR, kernel.UNDRIVEN_VAR)
+        for slot, noise in zip(slots, prior.noise_start, strict=True):
+            self._memory[slot] = noise * noise
         self._extra: set[int] = set()
         self._windows = Windows()
         self._status = StatusTracker(VALID_SHARE)

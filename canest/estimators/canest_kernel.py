@@ -88,7 +88,7 @@ _LOADING_S = 30.0
 #: innovations beyond this many squared stds count as outliers and weigh less (Huber)
 _OUTLIER = 9.0
 #: memory of the noise levels and of the innovations' sign, in windows
-_NOISE_MEMORY, _SIGN_MEMORY = 300.0, 15.0
+_NOISE_MEMORY, _NOISE_START, _SIGN_MEMORY = 300.0, 10.0, 15.0
 #: innovations this one-signed for seconds open mass (by this share) and grade again
 _ONE_SIGNED, _CLIP, _DOUBT = 1.5, 5.0, 0.3
 
@@ -232,10 +232,13 @@ def reopen(P: Container, active: Container, prior: Container) -> None:
 
 
 @fast.kernel
-def level(variance: float, e: float, s: float, floor: float) -> float:
-    """Follow a noise level: the innovation's square less what the states explain of it."""
+def level(variance: float, e: float, s: float, floor: float, count: float) -> float:
+    """Follow a noise level: the innovation's square less what the states explain of it.
+
+    The memory grows with the count of measurements so far, so that a wrong first guess is soon forgotten.
+    """
     surplus = min(e * e, _OUTLIER * s) - s
-    return max(floor * floor, variance + surplus / _NOISE_MEMORY)
+    return max(floor * floor, variance + surplus / min(_NOISE_MEMORY, _NOISE_START + count))
 
 
 @fast.kernel
@@ -327,7 +330,7 @@ def run(
             e, s = correct(
                 x, P, active, w, 0, z, r, Q, 1.0, DELAY, late, SLIP, calm * t, U, -rotating[k] * calm
             )
-            memory[SPEED_VAR] = level(memory[SPEED_VAR], e, s, floors[0])
+            memory[SPEED_VAR] = level(memory[SPEED_VAR], e, s, floors[0], memory[COUNT])
             memory[LEARNED] = 1.0
             tally(memory, e, s)
             if t > 0.0:  # in overrun it may as well be a brake that nobody reports
@@ -338,7 +341,9 @@ def run(
                     x, P, active, w, 0, v - undriven[k], memory[UNDRIVEN_VAR],
                     SLIP, calm * t, LAG, a, SCALE, calm, Q, 0.0,
                 )  # fmt: skip
-                memory[UNDRIVEN_VAR] = level(memory[UNDRIVEN_VAR], e, s, floors[2])
+                memory[UNDRIVEN_VAR] = level(
+                    memory[UNDRIVEN_VAR], e, s, floors[2], memory[COUNT] / _UNDRIVEN_EVERY
+                )
         else:
             first = FREE
             memory[FRESH] = 1.0
@@ -360,7 +365,7 @@ def run(
                 x, P, active, w, first, sensed[k] - a, r, GRADE, _G, BIAS, 1.0, PITCH, motion, SLIP, -slip
             )
             if first == 0:
-                memory[SENSED_VAR] = level(memory[SENSED_VAR], e, s, floors[1])
+                memory[SENSED_VAR] = level(memory[SENSED_VAR], e, s, floors[1], memory[COUNT])
         if altitude[k] == altitude[k]:
             if memory[HAS_HEIGHT] > 0.0:
                 correct(

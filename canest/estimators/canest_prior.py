@@ -41,6 +41,8 @@ LAG_S, LAG_STD_S, SCALE_STD = 0.05, 0.05, 0.02
 BIAS_STD_MPS2 = 0.3
 #: body pitch per m/s2: as declared within 20 %, else what springs do
 PITCH_RAD_PER_MPS2, PITCH_STD_RAD_PER_MPS2, PITCH_SHARE_STD = 0.006, 0.006, 0.2
+#: a speed's noise is at first taken this many times coarser than its resolution: drivelines swing
+CAREFUL = 20.0
 #: grades of roads: std of the grade, and of its change per metre (vertical curves of 3 to 10 km radius)
 GRADE_STD, CURVATURE_STD_1PM = 0.03, 1.5e-4
 
@@ -56,6 +58,7 @@ class Prior:
     mean: list[float]
     std: list[float]
     noise_floor: tuple[float, float, float]
+    noise_start: tuple[float, float, float]
     torque_std_Nm: float
 
 
@@ -67,8 +70,8 @@ def prior_of(facts: VehicleFacts, mass_kg: float | None = None, mass_std_kg: flo
     light, heavy = 1.0 / facts.mass_min_kg, 1.0 / facts.mass_max_kg
     typical = math.sqrt(light * heavy)
     mean, std = [0.0] * STATES, [0.0] * STATES
-    start = mass_kg if mass_kg is not None else facts.initial_mass_kg
-    mean[U] = 1.0 / start if start else 0.5 * (light + heavy)
+    guess = mass_kg if mass_kg is not None else facts.initial_mass_kg
+    mean[U] = 1.0 / guess if guess else 0.5 * (light + heavy)
     std[U] = mass_std_kg * mean[U] ** 2 if mass_std_kg is not None else 0.5 * (light - heavy)
     # products with the inverse mass stay linear; their prior is that of a typical mass
     std[DELAY] = typical * DELAY_STD_S
@@ -89,4 +92,5 @@ def prior_of(facts: VehicleFacts, mass_kg: float | None = None, mass_std_kg: flo
         facts.accelerometer_step_mps2 / 2.0,
         facts.speed_step_mps,
     )
-    return Prior(mean, std, floors, facts.torque_step_Nm / math.sqrt(12.0))
+    start = (CAREFUL * floors[0], 2.0 * floors[1], 2.0 * floors[2])
+    return Prior(mean, std, floors, start, facts.torque_step_Nm / math.sqrt(12.0))

@@ -99,8 +99,9 @@ def test_momentum_balance_equals_the_dense_filter(compiled):
         out = estimator._filter(w)
     finally:
         fast.enable(False)
-    noise_var = 4 * estimator._prior.noise_floor[0] ** 2
+    noise_var = estimator._prior.noise_start[0] ** 2
     for i in range(n):
+        memory = min(k._NOISE_MEMORY, k._NOISE_START + i)
         c = {name: w[AT[name], i] for name in COLUMNS}
         dense.travel(c["distance_m"])
         inverse = max(dense.x[k.U], k._LEAST_SHARE * estimator._prior.std[k.U])
@@ -121,7 +122,7 @@ def test_momentum_balance_equals_the_dense_filter(compiled):
         lever = h(Q=1.0, DELAY=c["traction_N"], SLIP=calm * c["traction_N"])
         e, s = dense.correct(lever, c["speed_mps"], noise_var)
         surplus = min(e * e, k._OUTLIER * s) - s
-        noise_var = max(estimator._prior.noise_floor[0] ** 2, noise_var + surplus / k._NOISE_MEMORY)
+        noise_var = max(estimator._prior.noise_floor[0] ** 2, noise_var + surplus / memory)
         assert out[i, k.OUT_U] == pytest.approx(dense.x[k.U], rel=1e-6), i
         assert out[i, k.OUT_U_VAR] == pytest.approx(dense.P[k.U, k.U], rel=1e-5)
         assert out[i, k.OUT_GRADE] == pytest.approx(dense.x[k.GRADE], abs=1e-7)

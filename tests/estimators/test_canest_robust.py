@@ -1,0 +1,191 @@
+"""`canest` gives the same bits however the samples are cut, and never a number nobody should believe."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from canest import fast
+from canest.estimators.base import create
+from canest.estimators.canest_windows import COLUMNS, SHIFT, TICKS, Windows
+from canest.gates import Gate
+from canest.vehicle.samples import EstimateBlock, ModelBlock
+
+from .momentum import FACTS, trip
+
+NAMES = [f.name for f in fields(EstimateBlock)]
+STATED = replace(FACTS, initial_mass_kg=15_000.0)
+
+
+@cache
+def rough():
+    """A minute with everything: stops, gates, accelerometer with holes, undriven axle, altitude, a gap."""
+    drive = trip(
+        60, accelerometer=True, altitude=True, slip_per_mps2=0.005, stops=[(30, 33)], delay_s=0.1, seed=4
+    )
+    block = drive.block
+    gate, ax_ok, t_us = block.gate.copy(), block.ax_ok.copy(), block.t_us.copy()
+    gate[400:460], gate[900:1000], gate[2600:2700] = Gate.SHIFT, Gate.RETARDER, Gate.RECOVERY
+    ax_ok[700:730] = False
+    t_us[2100:] += 37 * 20_000
+    force = block.force_N.copy()
+    force[[2400, 2401]] = np.nan
+    return replace(block, gate=gate, ax_ok=ax_ok, t_us=t_us, force_N=force)
+
+
+def columns(parts):
+    return {name: np.concatenate([getattr(p, name) for p in parts]) for name in NAMES}
+
+
+@cache
+def whole():
+    return columns([create("canest", FACTS).update(rough())])
+
+
+def assert_same(a, b):
+    for name in NAMES:
+        np.testing.assert_array_equal(a[name], b[name], err_msg=name)
+
+
+@settings(max_examples=20, deadline=None)
+@given(edges=st.lists(st.integers(0, 3000), max_size=12))
+def test_any_cut_gives_the_same_bits(edges):
+    block, estimator = rough(), create("canest", FACTS)
+    bounds = [0, *sorted(edges), len(block)]
+    parts = [estimator.update(block[a:b]) for a, b in pairwise(bounds)]
+    assert_same(columns(parts), whole())
+
+
+def test_tick_by_tick_gives_the_same_bits():
+    block, estimator = rough(), create("canest", FACTS)
+    parts = [estimator.update(block[i : i + 1]) for i in range(len(block))]
+    assert_same(columns(parts), whole())
+
+
+@pytest.mark.skipif(not fast.available(), reason="numba is not installed")
+def test_compiled_gives_the_same_bits():
+    fast.enable()
+    try:
+        compiled = columns([create("canest", FACTS).update(rough())])
+    finally:
+        fast.enable(False)
+    assert_same(compiled, whole())
+
+
+def check(e):
+    for column in (e.mass_kg, e.mass_std_kg, e.grade, e.grade_std):
+        assert np.isfinite(column).all()
+    assert ((e.mass_kg >= FACTS.mass_min_kg * 0.999999) & (e.mass_kg <= FACTS.mass_max_kg * 1.000001)).all()
+    assert ((e.mass_std_kg > 0) & (e.mass_std_kg <= FACTS.mass_max_kg)).all()
+    assert (np.abs(e.grade) < 0.36).all()
+    assert ((e.grade_std > 0) & (e.grade_std <= 1.0)).all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    size=st.sampled_from([3.0, 100.0, 1e6, 1e300, np.inf, np.nan]),
+    share=st.sampled_from([0.002, 0.3]),
+)
+def test_outliers_in_every_column_never_get_out(seed, size, share):
+    rng, block = np.random.default_rng(seed), rough()
+    bad = {}
+    for f in fields(ModelBlock):
+        column = getattr(block, f.name)
+        if column.dtype == np.float64:
+            hit = rng.random(len(column)) < share
+            with np.errstate(invalid="ignore", over="ignore"):
+                bad[f.name] = np.where(hit, column * size * rng.choice([-1, 1], len(column)), column)
+    check(create("canest", STATED).update(replace(block, **bad)))
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    force=st.sampled_from([0.0, -1e4, 1.0, 5e4, 9e5]),
+    accel=st.sampled_from([0.0, 1e-9, -0.5, 3.0, 49.0]),
+    speed=st.sampled_from([0.0, 1e-6, 20.0, 140.0]),
+)
+def test_constant_regressors_never_get_out(force, accel, speed):
+    block = rough()
+    n = len(block)
+    flat = {"force_N": force, "traction_N": force, "accel_mps2": accel, "speed_mps": speed, "aero_N": 0.0}
+    constant = {name: np.full(n, value) for name, value in flat.items()}
+    check(create("canest", STATED).update(replace(block, gate=np.zeros(n, np.uint8), **constant)))
+
+
+@pytest.mark.parametrize("standing", [False, True])
+def test_hours_without_excitation(standing):
+    """Six hours at one speed, or parked: the covariance stays a covariance."""
+    hour = 180_000
+    block = rough()[np.resize(np.arange(1000, 1200), hour)]
+    v = np.full(hour, 0.0 if standing else 22.0)
+    fast.enable()
+    try:
+        estimator = create("canest", STATED)
+        for i in range(6):
+            e = estimator.update(
+                replace(
+                    block,
+                    t_us=(np.arange(hour) + i * hour) * 20_000,
+                    gate=np.full(hour, Gate.LOW_SPEED if standing else Gate.OPEN, np.uint8),
+                    speed_mps=v,
+                    accel_mps2=0.0 * v,
+                    force_N=0.0 * v + 1300.0,
+                    traction_N=0.0 * v + 3100.0,
+                    stopped=np.full(hour, standing),
+                )
+            )
+            check(e)
+    finally:
+        fast.enable(False)
+    P = np.array(estimator._P)
+    assert (np.diag(P) >= 0).all()
+    scale = np.sqrt(np.maximum(np.diag(P), 1e-300))
+    assert np.linalg.eigvalsh(P / np.outer(scale, scale)).min() > -1e-6
+
+
+def test_no_noise_at_all():
+    drive = trip(100, noise=0.0)
+    estimator = create("canest", STATED)
+    e = estimator.update(drive.block)
+    check(e)
+    assert abs(drive.error(e)[-1]) < 0.02
+
+
+def test_a_window_is_what_its_samples_say():
+    """Every column of one window against plain means and differences."""
+    drive = trip(4, accelerometer=True, altitude=True, slip_per_mps2=0.003)
+    b = drive.block
+    windows, finished = Windows().push(b)
+    w = dict(zip(COLUMNS, windows[:, 5], strict=True))
+    end = int(np.argmax(finished == 6))
+    assert (b.t_us[end] // 20_000 + 1) % TICKS == 0
+    now, back = slice(end - TICKS + 1, end + 1), slice(end - TICKS + 1 - SHIFT, end + 1 - SHIFT)
+    rest = (b.force_N - b.traction_N)[back].mean()
+    rotating = b.rotating_mass_kg[0] * b.accel_mps2[back].mean()
+    assert w["force_N"] == pytest.approx(rest + b.traction_N[now].mean() + rotating)
+    assert w["speed_mps"] == b.speed_mps[end - SHIFT]
+    assert w["before_mps"] == b.speed_mps[end - SHIFT - TICKS]
+    assert w["traction_N"] == b.traction_N[end]
+    assert w["traction_Nps"] == pytest.approx((b.traction_N[end] - b.traction_N[end - 1]) / 0.02)
+    assert w["distance_m"] == pytest.approx(b.speed_mps[back].mean() * 0.2)
+    assert w["roll_mps2"] == pytest.approx(9.80665 * 0.006)
+    assert w["drag_N_per_mps"] == pytest.approx(2 * b.aero_N[back].mean() / b.speed_mps[back].mean())
+    assert w["sensed_mps2"] == pytest.approx(b.accelerometer_mps2[back].mean())
+    assert w["undriven_mps"] == b.undriven_mps[end - SHIFT]
+    assert (w["open"], w["retarding"], w["stopped"], w["gap_s"]) == (1.0, 0.0, 0.0, 0.0)
+
+
+def test_a_gap_counts_as_time_and_never_as_momentum():
+    drive = trip(60)
+    late = np.where(np.arange(3000) >= 1500, 45_000_000, 0)
+    e = create("canest", STATED).update(replace(drive.block, t_us=drive.block.t_us + late))
+    # nobody knows what was loaded in three quarters of a minute
+    assert e.mass_std_kg[1520] > 5 * e.mass_std_kg[1490]
+    assert abs(drive.error(e)[-1]) < 0.05
