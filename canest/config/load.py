@@ -35,7 +35,7 @@ def parse_config(text: str, where: str = "config", overrides: Iterable[str] = ()
     try:
         node = yaml.compose(text, Loader=_LOADER)
         raw = yaml.load(text, Loader=_LOADER)
-        duplicate = _duplicate_key(node, set())
+        duplicate = _duplicate_key(node, set()) if isinstance(raw, dict) else None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f":{mark.line + 1}" if mark else ""
