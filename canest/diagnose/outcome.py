@@ -75,12 +75,13 @@ def entries(diagnosis: Diagnosis) -> list[Entry]:
     ]
     told = {c.candidate.effect for c in search.chosen}
     for chosen in search.chosen:
-        for candidate in [c for c in _one_each(chosen.equivalent) if c.effect not in told][:MAX_REFITTED]:
+        others = [c for c in _one_each(chosen.equivalent) if c.effect not in told and not c.shadow]
+        for candidate in others[:MAX_REFITTED]:
             told.add(candidate.effect)
             found.append(_in_place(search, chosen, candidate, whole))
     for tried in diagnosis.tried:
         c = tried.candidate
-        # with a free mass a scale effect alone would only make everything smaller: no finding
+        # with a free mass a scale effect would only make everything smaller: its value means nothing
         if c.effect not in told and not c.shadow:
             told.add(c.effect)
             share = _unit(tried.explained)
