@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 AFTER_S = 60.0
 #: event time handed over at once; the daemon's own beat is 20 ms of real time
 _STEP_S = 0.01
-#: how long the daemon may take to notice the last frames (after 0.2 s an estimate is no longer of now)
-_SETTLE_S = 0.1
+#: how long the daemon needs to speak about the last frames (after 0.2 s an estimate is no longer of now)
+_SPEAK_S = 0.12
 #: how long it may take to claim an address and make sure that nobody uses its group
 _CLAIM_S = 5.0
 
@@ -122,8 +122,7 @@ class Session:
             time.sleep(_STEP_S)
             if self._failure is not None:
                 raise CanestError(f"the daemon ended: {self._failure}")
-        time.sleep(_SETTLE_S)
-        self._hear()
+        self._wait_for_the_last()
         yield self.moment()
 
     def moment(self) -> Moment:
@@ -151,6 +150,16 @@ class Session:
     def _wait_for_broadcast(self) -> None:
         end = time.monotonic() + _CLAIM_S
         while not self._broadcasts and self._failure is None and time.monotonic() < end:
+            time.sleep(_STEP_S)
+            self._hear()
+
+    def _wait_for_the_last(self) -> None:
+        """Give a busy machine the time it needs for the last frames, while it gets on with them."""
+        taken, since = -1, time.monotonic()
+        while time.monotonic() - since < _SPEAK_S:
+            counted = self.daemon.pipeline.decoder.counters.frames
+            if counted != taken:
+                taken, since = counted, time.monotonic()
             time.sleep(_STEP_S)
             self._hear()
 
