@@ -105,8 +105,7 @@ def test_time_to_within_five_percent(error_pct, expected):
     assert _time_to(error_pct) == expected
 
 
-def test_a_log_that_teaches_nothing_has_no_mass_errors(tmp_path, drive):
-    _, truth = drive
+def test_a_log_that_teaches_nothing_has_no_mass_errors(tmp_path):
     parked = simulate(
         {
             "duration_s": 20,
