@@ -23,6 +23,7 @@ from canest.frames import BoolColumn, FloatColumn
 from canest.grid.grid import GridBlock
 from canest.vehicle.columns import Columns
 from canest.vehicle.samples import STEP_S
+from canest.vehicle.screen import SPEED_ORDER
 
 if TYPE_CHECKING:
     from canest.vehicle.effects import Effect
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 RPM_TO_RADPS = np.pi / 30
 #: specific gas constant of dry air, J/(kg K)
 AIR_R = 287.05
+#: no road vehicle is faster, nor pushed harder: a number beyond is damage, and would stay in the filters
+MAX_SPEED_MPS, MAX_FORCE_N = 150.0, 1e7
 #: a shaft slower than this tells nothing about the ratio, rpm
 MIN_SHAFT_RPM = 50.0
 #: a gear ratio found from shaft speeds is snapped to a table entry this close, relative
@@ -79,6 +82,7 @@ class LongitudinalModel:
         }.get(self.torque_role, (self.torque_role,))
         return torque
 
+    @np.errstate(all="ignore")  # signals may be any float: what is no sane number is not `usable`
     def process(self, grid: GridBlock) -> RawModel:
         """Compute the forces of a block of ticks."""
         if not grid.continues:
@@ -103,7 +107,7 @@ class LongitudinalModel:
         air = c.speed_mps + c.wind_mps
         aero = 0.5 * c.density_kgpm3 * c.drag_area_m2 * air * np.abs(air)
         force = traction - rotating * c.accel_mps2 - aero + c.extra_N
-        usable = np.isfinite(force) & np.isfinite(c.speed_mps)
+        usable = (np.abs(force) <= MAX_FORCE_N) & (np.abs(c.speed_mps) <= MAX_SPEED_MPS)
         geared = geared | at_wheels
         return RawModel(c, c.speed_mps, force, traction, aero, per_torque, rotating, usable, geared)
 
@@ -239,9 +243,7 @@ class LongitudinalModel:
                 c.extra_N = c.extra_N + torque * self.vehicle.final_drive / c.radius_m
 
     def _speed_roles(self) -> tuple[str, ...]:
-        # finest first; engine speed through the gear is finer than a road speed in half miles per hour
-        order = ("output_shaft_speed", "undriven_speed", "engine_speed", "vehicle_speed", "gps_speed")
-        present = tuple(r for r in order if r in self.roles)
+        present = tuple(r for r in SPEED_ORDER if r in self.roles)
         if not present:
             raise ConfigError(
                 "signals: no speed", expected="output_shaft_speed, vehicle_speed or another speed"

@@ -1,0 +1,193 @@
+"""Forces against numbers worked out by hand, for a truck in third gear (total ratio 8) at 10 m/s."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from vehicle_helpers import (
+    DENSITY,
+    DRAG_AREA_M2,
+    EFFICIENCY,
+    ENGINE_INERTIA,
+    FINAL_DRIVE,
+    MU,
+    RADIUS_M,
+    WHEEL_INERTIA,
+    config,
+    ticks,
+)
+
+from canest.vehicle.model import LongitudinalModel, RawModel
+
+RATIO = 2.0 * FINAL_DRIVE
+#: speeds of two ticks: 1 m/s2 between them
+V = np.array([10.0, 10.02])
+ROTATING_KG = (WHEEL_INERTIA + ENGINE_INERTIA * RATIO**2 * EFFICIENCY) / RADIUS_M**2
+AERO_N = 0.5 * DENSITY * DRAG_AREA_M2 * V[1] ** 2
+
+
+def rpm(speed_mps: Any, ratio: float = FINAL_DRIVE) -> Any:
+    return speed_mps / RADIUS_M * ratio * 30 / math.pi
+
+
+SIGNALS = {
+    "engine_torque_pct": 55.0,  # less 5 % friction: 50 % of 2000 N m
+    "engine_speed": rpm(V, RATIO),
+    "output_shaft_speed": rpm(V),
+    "gear": 3.0,
+}
+
+
+def process(changes: dict[str, Any] | None = None, **more: Any) -> RawModel:
+    signals = SIGNALS | (changes or {})
+    signals = {r: v for r, v in signals.items() if v is not None}
+    return LongitudinalModel(config(list(signals), **more)).process(ticks(signals))
+
+
+def test_a_pulling_engine() -> None:
+    raw = process()
+    assert raw.traction_N[1] == pytest.approx(1000 * RATIO / RADIUS_M * EFFICIENCY)
+    assert raw.speed_mps == pytest.approx(V)
+    assert raw.columns.accel_mps2 == pytest.approx([0.0, 1.0])
+    assert raw.rotating_mass_kg == pytest.approx([ROTATING_KG] * 2)
+    assert raw.aero_N[1] == pytest.approx(AERO_N)
+    assert raw.force_per_torque_1pm == pytest.approx([RATIO / RADIUS_M * EFFICIENCY] * 2)
+    assert raw.force_N[1] == pytest.approx(14_400 - 1091.2 - AERO_N)
+    assert raw.columns.mu == pytest.approx([MU] * 2)
+    assert raw.usable.all()
+    assert raw.geared.all()
+
+
+def test_an_engine_on_the_overrun_pays_its_losses_too() -> None:
+    raw = process({"engine_torque_pct": 0.0})
+    assert raw.traction_N[1] == pytest.approx(-100 * RATIO / RADIUS_M / EFFICIENCY)
+
+
+def test_friction_and_reference_torque_from_the_bus_take_the_place_of_the_declared_ones() -> None:
+    raw = process({"engine_friction_pct": 10.0, "reference_torque": 1000.0})
+    assert raw.columns.torque_Nm[1] == pytest.approx(450.0)
+    raw = process({"engine_friction_pct": np.nan, "reference_torque": np.nan})
+    assert raw.columns.torque_Nm[1] == pytest.approx(1000.0)
+
+
+def test_torque_in_newton_metres_is_net() -> None:
+    raw = process({"engine_torque_pct": None, "engine_torque": 300.0})
+    assert raw.columns.torque_Nm[1] == pytest.approx(300.0)
+
+
+@pytest.mark.parametrize(
+    ("roles", "torque"),
+    [
+        ({"wheel_torque": 5000.0}, 5000.0),
+        ({"half_shaft_torque_left": 2000.0, "half_shaft_torque_right": 2500.0}, 4500.0),
+    ],
+)
+def test_torque_measured_at_the_wheels_needs_no_gear_and_no_engine_inertia(
+    roles: dict, torque: float
+) -> None:
+    raw = process({**dict.fromkeys(SIGNALS), "output_shaft_speed": rpm(V), **roles})
+    rotating = WHEEL_INERTIA / RADIUS_M**2
+    assert raw.traction_N[1] == pytest.approx(torque / RADIUS_M)
+    assert raw.rotating_mass_kg[1] == pytest.approx(rotating)
+    assert raw.force_N[1] == pytest.approx(torque / RADIUS_M - rotating - AERO_N)
+    assert raw.geared.all()
+
+
+@pytest.mark.parametrize("location", ["crank", "output_shaft"])
+def test_a_retarder_reports_negative_percent_and_takes_force(location: str) -> None:
+    vehicle = {"retarder": {"reference_torque_Nm": 1500, "location": location}}
+    raw = process({"retarder_torque_pct": -40.0}, vehicle=vehicle)
+    change = raw.force_N[1] - process().force_N[1]
+    if location == "crank":
+        assert change == pytest.approx(-600 * RATIO / RADIUS_M * EFFICIENCY)
+    else:
+        assert change == pytest.approx(-600 * FINAL_DRIVE / RADIUS_M)
+    assert process({"retarder_torque_pct": np.nan}, vehicle=vehicle).force_N[1] == process().force_N[1]
+
+
+def test_air_density_from_the_weather_where_it_is_plausible() -> None:
+    raw = process({"barometric_pressure": 90.0, "ambient_temperature": 0.0})
+    assert raw.columns.density_kgpm3[1] == pytest.approx(90_000 / (287.05 * 273.15))
+    for pressure, temperature in ((np.nan, 20.0), (90.0, np.nan), (5.0, 20.0), (90.0, -273.15)):
+        raw = process({"barometric_pressure": pressure, "ambient_temperature": temperature})
+        assert raw.columns.density_kgpm3[1] == DENSITY
+
+
+def test_the_wind_of_reversing_pushes() -> None:
+    raw = process({"output_shaft_speed": rpm(-V)})
+    assert raw.aero_N[1] == pytest.approx(-AERO_N)
+
+
+@pytest.mark.parametrize(
+    ("signals", "ratio", "gear"),
+    [
+        ({"gear_ratio": 3.3, "gear": 3.0}, 3.3, 3),  # what the transmission says counts
+        ({"gear_ratio": np.nan, "gear": 2.0}, 4.0, 2),
+        ({"gear_ratio": 0.0, "gear": 2.0}, 4.0, 2),
+        ({"gear": 1.0}, 8.0, 1),
+        ({"gear": np.nan}, 2.0, math.nan),  # from the shafts
+        ({"gear": None}, 2.0, 3),
+        ({"gear": None, "engine_speed": rpm(V, 4.05 * FINAL_DRIVE)}, 4.0, 2),  # snapped to the table
+        ({"gear": None, "engine_speed": rpm(V, 3.0 * FINAL_DRIVE)}, 0.0, 0),  # fits no gear
+        ({"gear": None, "gear_ratio": 4.1}, 4.1, 2),
+        ({"gear": 7.0, "engine_speed": np.nan}, 0.0, 7),  # no such gear
+        ({"gear": 0.0, "engine_speed": 600.0}, 0.0, 0),
+    ],
+)
+def test_where_the_ratio_comes_from(signals: dict[str, Any], ratio: float, gear: float) -> None:
+    raw = process(signals)
+    assert raw.columns.ratio[1] == pytest.approx(ratio * FINAL_DRIVE)
+    assert raw.columns.gear[1] == pytest.approx(gear, nan_ok=True)
+    assert raw.geared[1] == (ratio > 0)
+
+
+def test_a_reported_ratio_of_zero_is_neutral_whatever_its_neighbours_in_the_block_say() -> None:
+    signals = SIGNALS | {"gear_ratio": [0.0, math.nan]}
+    del signals["gear"]
+    model = LongitudinalModel(config(list(signals)))
+    assert model.process(ticks(signals)).geared.tolist() == [False, True]
+
+
+def test_a_vehicle_with_one_gear_needs_no_gear_signal() -> None:
+    raw = process({"gear": None, "engine_speed": None}, vehicle={"gear_ratios": {1: 2.0}})
+    assert raw.columns.ratio[1] == pytest.approx(RATIO)
+    raw = process({"gear": None, "engine_speed": None}, vehicle={"gear_ratios": {}})
+    assert raw.columns.ratio[1] == pytest.approx(FINAL_DRIVE)
+
+
+def test_efficiency_per_gear() -> None:
+    raw = process(vehicle={"gear_efficiency": {3: 0.95, 4: 0.98}})
+    assert raw.columns.efficiency == pytest.approx([0.95] * 2)
+
+
+def test_speed_falls_back_from_the_finest_to_the_coarsest() -> None:
+    speeds = {
+        "output_shaft_speed": rpm(V),
+        "undriven_speed": V + 1,
+        "engine_speed": rpm(V + 2, RATIO),
+        "vehicle_speed": V + 3,
+        "gps_speed": V + 4,
+    }
+    lost: dict[str, Any] = {}
+    for offset, role in enumerate(speeds):
+        raw = process({**speeds, **lost})
+        assert raw.speed_mps == pytest.approx(V + offset)
+        lost[role] = np.nan
+    raw = process({**speeds, **lost})
+    assert np.isnan(raw.speed_mps).all()
+    assert not raw.usable.any()
+
+
+def test_a_missing_torque_makes_a_tick_unusable() -> None:
+    assert process({"engine_torque_pct": [np.nan, 50.0]}).usable.tolist() == [False, True]
+
+
+def test_no_acceleration_across_a_gap() -> None:
+    model = LongitudinalModel(config(list(SIGNALS)))
+    model.process(ticks(SIGNALS))
+    faster = SIGNALS | {"output_shaft_speed": rpm(V + 5)}
+    assert model.process(ticks(faster, first=2, continues=True)).columns.accel_mps2[0] == pytest.approx(249.0)
+    assert model.process(ticks(SIGNALS, first=900)).columns.accel_mps2[0] == 0.0

@@ -1,0 +1,117 @@
+"""The filtered columns: the model's relation holds in them exactly, and damage never stays in them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from vehicle_helpers import (
+    DENSITY,
+    DRAG_AREA_M2,
+    EFFICIENCY,
+    ENGINE_INERTIA,
+    FINAL_DRIVE,
+    MU,
+    RADIUS_M,
+    WHEEL_INERTIA,
+    config,
+    ticks,
+)
+
+from canest.vehicle.regression import Regression
+from canest.vehicle.samples import GRAVITY_MPS2, STEP_S
+
+RATIO = 2.0 * FINAL_DRIVE
+ROLES = ("engine_torque", "vehicle_speed")
+FIXED_GEAR = {"gear_ratios": {1: 2.0}}
+ROTATING_KG = (WHEEL_INERTIA + ENGINE_INERTIA * RATIO**2 * EFFICIENCY) / RADIUS_M**2
+
+
+def torque_for(speed: np.ndarray, mass_kg: float, grade: float) -> np.ndarray:
+    """Crank torque that moves a vehicle so (2005 paper, eq. 1, solved for the torque)."""
+    beta = math.atan(grade)
+    accel = np.diff(speed, prepend=speed[0]) / STEP_S
+    road = GRAVITY_MPS2 * (math.sin(beta) + MU * math.cos(beta))
+    aero = 0.5 * DENSITY * DRAG_AREA_M2 * speed * np.abs(speed)
+    traction = mass_kg * (accel + road) + ROTATING_KG * accel + aero
+    return traction * RADIUS_M / RATIO / np.where(traction < 0, 1 / EFFICIENCY, EFFICIENCY)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    mass_kg=st.floats(8_000, 32_000),
+    grade=st.floats(-0.12, 0.12),
+    accel=st.lists(st.floats(-1.5, 1.5), min_size=60, max_size=120),
+    order=st.integers(1, 6),
+    cutoff_hz=st.floats(0.5, 20.0),
+    cut=st.integers(1, 59),
+)
+def test_the_relation_holds_exactly_for_constant_mass_and_grade(
+    mass_kg: float, grade: float, accel: list[float], order: int, cutoff_hz: float, cut: int
+) -> None:
+    speed = 15 + np.cumsum(accel) * STEP_S
+    torque = torque_for(speed, mass_kg, grade)
+    regression = Regression(
+        config(ROLES, vehicle=FIXED_GEAR, filter={"order": order, "cutoff_hz": cutoff_hz})
+    )
+    n = len(speed)
+    first = regression.process(ticks({"engine_torque": torque[:cut], "vehicle_speed": speed[:cut]}, cut))
+    second = regression.process(
+        ticks({"engine_torque": torque[cut:], "vehicle_speed": speed[cut:]}, n - cut, cut, continues=True)
+    )
+    beta = math.atan(grade)
+    for block in (first, second):
+        gravity = GRAVITY_MPS2 * (math.sin(beta) + block.mu * math.cos(beta))
+        left = mass_kg * (block.accel_mps2 + gravity)
+        scale = np.abs(block.raw_force_N).max() + mass_kg * GRAVITY_MPS2
+        assert np.abs(left - block.force_N).max() < 1e-9 * scale
+
+
+def test_the_filtered_acceleration_is_the_difference_of_the_filtered_speed() -> None:
+    speed = 15 + np.cumsum(np.random.default_rng(3).standard_normal(100)) * 0.01
+    block = Regression(config(ROLES, vehicle=FIXED_GEAR)).process(
+        ticks({"engine_torque": 500.0, "vehicle_speed": speed}, 100)
+    )
+    assert block.accel_mps2[0] == 0.0
+    assert np.array_equal(block.accel_mps2[1:], np.diff(block.speed_mps) / STEP_S)
+    assert np.array_equal(block.raw_speed_mps, speed)
+
+
+@pytest.mark.parametrize("damage", [math.nan, math.inf, -math.inf, 1e300, -1e308, 1e200])
+@pytest.mark.parametrize("role", ["engine_torque", "vehicle_speed", "longitudinal_accel", "undriven_speed"])
+def test_damage_leaves_no_trace_in_the_filters(role: str, damage: float) -> None:
+    roles = (*ROLES, "longitudinal_accel", "undriven_speed")
+    values = dict(zip(roles, (500.0, 15.0, 0.2, 15.0), strict=True))
+    column = np.full(300, values[role])
+    column[50:60] = damage
+    block = Regression(config(roles, vehicle=FIXED_GEAR)).process(ticks(values | {role: column}, 300))
+    assert np.isfinite(block.speed_mps).all()
+    assert np.isfinite(block.force_N).all()
+    assert np.isfinite(block.traction_N).all()
+    assert block.force_N[-1] == pytest.approx(block.force_N[49], rel=1e-9)
+    assert block.speed_mps[-1] == pytest.approx(15.0, rel=1e-9)
+    assert block.accelerometer_mps2[-1] == pytest.approx(0.2, rel=1e-9)
+    assert block.undriven_mps[-1] == pytest.approx(15.0, rel=1e-9)
+    assert np.isnan(block.accelerometer_mps2[50:60]).all() == (role == "longitudinal_accel")
+    if role in ROLES and not math.isnan(damage):  # without a speed of its own it takes the undriven one
+        assert (block.gate[50:60] != 0).all()
+
+
+def test_standing_and_what_is_not_measured() -> None:
+    block = Regression(config(ROLES, vehicle=FIXED_GEAR)).process(
+        ticks({"engine_torque": 0.0, "vehicle_speed": [0.0, 0.1, 0.3, math.nan]}, 4)
+    )
+    assert block.stopped.tolist() == [True, True, False, False]
+    for name in ("undriven_mps", "accelerometer_mps2", "slope", "altitude_m", "yaw_rate_radps"):
+        assert np.isnan(getattr(block, name)).all()
+    assert not block.ax_ok.any()
+
+
+def test_a_slope_sensor_gives_the_tangent() -> None:
+    block = Regression(config((*ROLES, "pitch"), vehicle=FIXED_GEAR)).process(
+        ticks({"engine_torque": 0.0, "vehicle_speed": 5.0, "pitch": [0.05, -0.1]})
+    )
+    assert block.slope == pytest.approx([math.tan(0.05), math.tan(-0.1)])
