@@ -9,10 +9,11 @@ import numpy as np
 from canest.config.schema import Config
 from canest.decode.signal_map import decoder_for
 from canest.frames import FloatColumn, FrameBlock, IntColumn
-from canest.grid.clock import Clock
+from canest.grid.clock import Clock, Stretch
 from canest.grid.grid import Channel, Feed, Grid
 from canest.roles import ROLES
 from canest.vehicle.model import effects_of
+from canest.vehicle.screen import DOUBT_S, JUMP, MOTION_JUMP, Screen, limits_of, motion_roles
 
 #: roles that the effect `torque_delay` finds late
 TORQUE_ROLES = ("engine_torque_pct", "engine_torque", "engine_friction_pct", "retarder_torque_pct")
@@ -21,18 +22,19 @@ EFFECT_SIGNAL_STALE_S = 5.0
 
 
 class Intake:
-    """Selects, puts in time order, decodes; carries the decoder's and the clock's state."""
+    """Selects, puts in time order, decodes, refuses jumps; carries the state of all that."""
 
     def __init__(self, config: Config) -> None:
         self.decoder = decoder_for(config)
         self.clock = Clock(hold_us(config), round(config.sampling.max_backward_s * 1e6))
+        self.screen = Screen(limits_of(config), motion_roles(config))
 
     def frames(self, block: FrameBlock) -> Iterator[Feed]:
         """Yield the stretches of a block of frames."""
         for stretch in self.clock.split(self.decoder.select(block)):
             t_us = stretch.frames.t_us
             samples = self.decoder.decode(stretch.frames).samples
-            yield Feed(samples, stretch.jump, stretch.before_us, int(t_us[0]), int(t_us[-1]))
+            yield self._feed(samples, stretch, t_us)
 
     def table(self, samples: Mapping[str, tuple[IntColumn, FloatColumn]], t_us: IntColumn) -> Iterator[Feed]:
         """Yield the stretches of table rows: ``t_us`` of every row, and one value per row and role."""
@@ -41,7 +43,15 @@ class Intake:
         for stretch in self.clock.split(rows):
             stamps, at = stretch.frames.t_us, stretch.frames.data.astype(np.int64)
             part = {role: (stamps, value[at]) for role, (_, value) in samples.items()}
-            yield Feed(part, stretch.jump, stretch.before_us, int(stamps[0]), int(stamps[-1]))
+            yield self._feed(part, stretch, stamps)
+
+    def _feed(
+        self, samples: Mapping[str, tuple[IntColumn, FloatColumn]], stretch: Stretch, t_us: IntColumn
+    ) -> Feed:
+        if stretch.jump == "back":
+            self.screen.restart()
+        kept = self.screen.apply(samples)
+        return Feed(kept, stretch.jump, stretch.before_us, int(t_us[0]), int(t_us[-1]))
 
 
 def hold_us(config: Config) -> int:
@@ -59,4 +69,5 @@ def grid_for(config: Config) -> Grid:
         stale_us = round(stale_s * 1e6) if np.isfinite(stale_s) else 1 << 61
         delay_s = source.delay_s + (late_s if role in TORQUE_ROLES else 0.0)
         channels.append(Channel(role, round(delay_s * 1e6), stale_us))
+    channels += [Channel(name, 0, round(DOUBT_S * 1e6)) for name in (JUMP, MOTION_JUMP)]
     return Grid(channels, hold_us(config))

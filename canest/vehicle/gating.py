@@ -7,17 +7,19 @@ from numpy.typing import NDArray
 
 from canest import fast
 from canest.config.schema import Config
+from canest.constant import constant
 from canest.frames import BoolColumn, FloatColumn
 from canest.gates import Gate
 from canest.grid.grid import GridBlock
 from canest.vehicle.model import LongitudinalModel, RawModel
-from canest.vehicle.samples import GRAVITY_MPS2, RATE_HZ, STEP_S
+from canest.vehicle.samples import GRAVITY_MPS2, RATE_HZ, STEP_US
+from canest.vehicle.screen import JUMP, MAX_ACCEL_MPS2, SPEED_SLACK_MPS
 
-#: no road vehicle accelerates harder than its tyres hold: a signal that says so is wrong
-MAX_ACCEL_MPS2 = 12.0
-#: two speeds of one vehicle may differ by slip and tyre size (share) and by timing (m/s)
-SPEED_MISMATCH_SHARE, SPEED_MISMATCH_MPS = 0.15, 1.5
+#: two speeds of one vehicle may differ by slip and tyre size, besides `SPEED_SLACK_MPS`
+SPEED_MISMATCH_SHARE = 0.15
 _NEVER = -(1 << 62)
+#: the gates that a cause closes; excitation has a rule of its own
+_CAUSES: list[Gate] = [g for g in Gate if g not in (Gate.OPEN, Gate.LOW_EXCITATION, Gate.RECOVERY)]
 
 
 class Gating:
@@ -25,25 +27,30 @@ class Gating:
 
     def __init__(self, config: Config, model: LongitudinalModel) -> None:
         self._gates, self._model = config.gates, model
-        self._watched = [r for r, s in config.signals.items() if not s.optional]
+        watched = (r for r, s in config.signals.items() if not s.optional)
+        self._needed = dict.fromkeys((*model.required_roles(), *watched))
         self._pedal_only = config.gates.brake.assume_when_pedal_released
+        sections = {g: getattr(config.gates, g.label) for g in _CAUSES}
+        self._dwell_ticks: dict[Gate, int] = {
+            g: round(s.recovery_s * RATE_HZ) for g, s in sections.items() if s.enabled
+        }
+        self._settle_ticks = round(config.gates.stale.recovery_s * RATE_HZ)
         self._until_tick = _NEVER
         self._last_ratio = np.nan
 
     def close(self, grid: GridBlock, raw: RawModel, accel_mps2: FloatColumn) -> NDArray[np.uint8]:
         """Return the gate code of every tick (uint8, 0 is open), the excitation gate aside."""
-        gates = self._gates
         code = np.zeros(len(grid), np.uint8)
-        tick = grid.t_us // round(STEP_S * 1e6)
-        settle = round(gates.stale.recovery_s * RATE_HZ)
+        tick = grid.t_us // STEP_US
         # after a gap the filters have just started: nothing to learn until they have settled
-        until = np.full(len(grid), self._until_tick if grid.continues else tick[0] + settle, np.int64)
+        until = np.full(
+            len(grid), self._until_tick if grid.continues else tick[0] + self._settle_ticks, np.int64
+        )
         for gate, closed in self._causes(grid, raw, accel_mps2):
-            section = getattr(gates, gate.label)
-            if not section.enabled or not closed.any():
+            dwell = self._dwell_ticks.get(gate)
+            if dwell is None or not np.count_nonzero(closed):
                 continue
             code = np.where((code == 0) & closed, np.uint8(gate), code)
-            dwell = round(section.recovery_s * RATE_HZ)
             until = np.maximum(until, np.where(closed, tick + dwell, _NEVER))
         if len(until) > 1:
             until = np.maximum.accumulate(until)
@@ -54,50 +61,46 @@ class Gating:
         self, grid: GridBlock, raw: RawModel, accel_mps2: FloatColumn
     ) -> list[tuple[Gate, BoolColumn]]:
         """Return each gate whose signals are there with where it is closed, in order of precedence."""
-        c, gates = raw.columns, self._gates
-        stale = np.zeros(len(grid), np.bool_)
-        for role in {*self._model.required_roles(), *self._watched}:
-            stale = stale | grid.stale[role]
-        speed_stale = np.ones(len(grid), np.bool_)
+        gates = self._gates
+        stale = constant(True, len(grid))
         for role in self._model.speed_roles:
-            speed_stale = speed_stale & grid.stale[role]
-        stale = stale | speed_stale
+            stale = stale & grid.stale[role]
+        for role in self._needed:
+            stale = stale | grid.stale[role]
         for role in ("gear_ratio", "gear"):
             if role in grid.stale:
                 stale = stale | (grid.stale[role] & ~raw.geared)
         causes = [(Gate.STALE, stale), (Gate.INVALID, ~raw.usable)]
         has = grid.values
         if "gear" in has:
-            causes.append((Gate.REVERSE, c.signal("gear") < 0))
+            causes.append((Gate.REVERSE, has["gear"] < 0))
         speed = np.where(raw.usable, raw.speed_mps, 0.0)
         causes.append((Gate.LOW_SPEED, speed < gates.low_speed.min_mps))
         causes.append((Gate.BRAKE, self._braking(raw, has)))
         causes.append((Gate.SHIFT, self._shifting(grid, raw, has)))
         causes.append((Gate.DRIVELINE, self._disengaged(raw, has)))
         if "retarder_torque_pct" in has:
-            closed = np.abs(c.signal("retarder_torque_pct")) > gates.retarder.torque_pct
+            closed = np.abs(has["retarder_torque_pct"]) > gates.retarder.torque_pct
             causes.append((Gate.RETARDER, closed))
         if "pto_state" in has:
-            causes.append((Gate.PTO, c.signal("pto_state") > 0))
-        lateral = np.zeros(len(grid))
+            causes.append((Gate.PTO, has["pto_state"] > 0))
         if "yaw_rate" in has:
-            lateral = np.abs(speed * c.signal("yaw_rate"))
+            causes.append((Gate.TURNING, np.abs(speed * has["yaw_rate"]) > gates.turning.lateral_mps2))
         elif "lateral_accel" in has:
-            lateral = np.abs(c.signal("lateral_accel"))
-        causes.append((Gate.TURNING, lateral > gates.turning.lateral_mps2))
+            causes.append((Gate.TURNING, np.abs(has["lateral_accel"]) > gates.turning.lateral_mps2))
         causes.append((Gate.IMPLAUSIBLE, self._implausible(raw, has, accel_mps2)))
         return causes
 
     def _braking(self, raw: RawModel, has: dict[str, FloatColumn]) -> BoolColumn:
         c = raw.columns
-        closed = np.zeros(len(c), np.bool_)
+        closed = constant(False, len(c))
         for role in ("brake_switch", "parking_brake", "abs_active"):
             if role in has:
                 closed = closed | c.on(role)
         if "brake_pedal" in has:
             closed = closed | c.on("brake_pedal", self._gates.brake.pedal_pct)
         if self._pedal_only and "accelerator" in has:
-            closed = closed | (c.signal("accelerator") < self._gates.brake.pedal_pct)
+            closed = closed | ~(has["accelerator"] >= self._gates.brake.pedal_pct)
         return closed
 
     def _shifting(self, grid: GridBlock, raw: RawModel, has: dict[str, FloatColumn]) -> BoolColumn:
@@ -116,7 +119,7 @@ class Gating:
         closed = ~raw.geared
         for role in ("driveline_engaged", "lockup_engaged"):
             if role in has:
-                closed = closed | (c.signal(role, missing=1.0) < 0.5)
+                closed = closed | (has[role] < 0.5)
         if "clutch_switch" in has:
             closed = closed | c.on("clutch_switch")
         if "clutch_slip" in has:
@@ -129,10 +132,12 @@ class Gating:
 
     def _implausible(self, raw: RawModel, has: dict[str, FloatColumn], accel_mps2: FloatColumn) -> BoolColumn:
         closed = np.abs(accel_mps2) > MAX_ACCEL_MPS2
+        if JUMP in has:
+            closed = closed | np.isfinite(has[JUMP])
         for role in ("undriven_speed", "vehicle_speed"):
             if role in has:
                 other = raw.columns.signals[role]
-                allowed = SPEED_MISMATCH_SHARE * np.abs(raw.speed_mps) + SPEED_MISMATCH_MPS
+                allowed = SPEED_MISMATCH_SHARE * np.abs(raw.speed_mps) + SPEED_SLACK_MPS
                 closed = closed | (np.abs(other - raw.speed_mps) > allowed)
         return closed
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from canest.config.schema import Config
+from canest.constant import constant
 from canest.filters import Filter
 from canest.frames import BoolColumn, FloatColumn
 from canest.gates import Gate
 from canest.grid.grid import GridBlock
 from canest.vehicle.columns import Columns
 from canest.vehicle.gating import Excitation, Gating
-from canest.vehicle.model import LongitudinalModel
+from canest.vehicle.model import MAX_SPEED_MPS, LongitudinalModel
 from canest.vehicle.samples import STEP_S, ModelBlock
+from canest.vehicle.screen import MOTION_JUMP
 
 #: slower than this (m/s) the vehicle stands: speed sensors give no pulses below
 STANDSTILL_MPS = 0.2
@@ -27,9 +31,9 @@ class _Held:
 
     def fill(self, x: FloatColumn, usable: BoolColumn) -> tuple[FloatColumn, BoolColumn]:
         """Return the filled column and where a filter must start anew (first usable sample)."""
-        if self._was_usable and usable.all():
+        if self._was_usable and np.count_nonzero(usable) == len(usable):
             self._last = float(x[-1])
-            return x, np.zeros(len(x), np.bool_)
+            return x, constant(False, len(x))
         before = np.empty(len(x), np.bool_)
         before[0], before[1:] = self._was_usable, usable[:-1]
         at = np.maximum.accumulate(np.where(usable, np.arange(len(x)), -1))
@@ -55,6 +59,7 @@ class Regression:
         #: the model's working columns of the last block (for reports and the diagnosis)
         self.last_columns: Columns
 
+    @np.errstate(all="ignore")  # signals may be any float: what is no sane number closes a gate
     def process(self, grid: GridBlock) -> ModelBlock:
         """Turn a block of ticks into model samples."""
         raw = self.model.process(grid)
@@ -74,7 +79,8 @@ class Regression:
         was_open = np.empty(len(gate), np.bool_)
         was_open[0], was_open[1:] = self._was_open and grid.continues, is_open[:-1]
         self._was_open = bool(is_open[-1])
-        nothing = np.full(len(grid), np.nan)
+        nothing = constant(math.nan, len(grid))
+        doubtful = np.isfinite(c.signal(MOTION_JUMP, np.nan))
         accelerometer = self._sensor("accelerometer", c.signals.get("longitudinal_accel"), grid)
         return ModelBlock(
             t_us=grid.t_us,
@@ -96,7 +102,7 @@ class Regression:
             gate=gate,
             restart=is_open & ~was_open,
             stopped=np.abs(raw.speed_mps) < STANDSTILL_MPS,
-            ax_ok=np.isfinite(accelerometer) & np.isfinite(raw.speed_mps),
+            ax_ok=np.isfinite(accelerometer) & np.isfinite(raw.speed_mps) & ~doubtful,
         )
 
     def _filtered(
@@ -111,7 +117,7 @@ class Regression:
     def _sensor(self, name: str, signal: FloatColumn | None, grid: GridBlock) -> FloatColumn:
         """Return a further signal filtered, NaN where it is not known."""
         if signal is None:
-            return np.full(len(grid), np.nan)
-        known = np.isfinite(signal)
+            return constant(math.nan, len(grid))
+        known = np.abs(signal) <= MAX_SPEED_MPS  # also far beyond any acceleration in m/s2
         filtered, _ = self._filtered(name, signal, known, grid)
         return np.where(known, filtered, np.nan)

@@ -1,0 +1,144 @@
+"""Refuses samples that jump further than the vehicle can: forged frames, broken sensors.
+
+A sample is compared with the last one that was believed. The longer ago that was, the more it may differ,
+so a value that has really changed (a locked wheel, a sensor that was replaced) is believed again after a
+while, and no forged start value keeps the truth out for long. Refused samples never reach the grid; while
+they come, the gate `implausible` is closed, since those that are forged and do not jump cannot be told.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from canest.config.schema import Config
+from canest.frames import FloatColumn, IntColumn
+
+Samples = dict[str, tuple[IntColumn, FloatColumn]]
+
+#: no road vehicle accelerates harder than its tyres hold
+MAX_ACCEL_MPS2 = 12.0
+#: two speeds of one vehicle may differ by noise, rounding to a mile per hour and timing
+SPEED_SLACK_MPS = 1.5
+#: channels that are 1 for `DOUBT_S` after a sample was refused, any one or one of the motion
+JUMP, MOTION_JUMP = "implausible_jump", "implausible_motion"
+DOUBT_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """A signal may differ by ``slack`` at once and by ``rate`` more in every second."""
+
+    slack: float
+    rate: float
+
+
+#: finest first; engine speed through the gear is finer than a road speed in half miles per hour
+SPEED_ORDER = ("output_shaft_speed", "undriven_speed", "engine_speed", "vehicle_speed", "gps_speed")
+
+#: in the units of `canest.roles`
+_ROAD_SPEED = Limit(SPEED_SLACK_MPS, MAX_ACCEL_MPS2)
+LIMITS: dict[str, Limit] = {
+    "vehicle_speed": _ROAD_SPEED,
+    "undriven_speed": _ROAD_SPEED,
+    "gps_speed": _ROAD_SPEED,
+    # friction follows engine speed and oil temperature, with steps when an auxiliary cuts in
+    "engine_friction_pct": Limit(5.0, 15.0),
+    # the full scale of the reported torque is a constant of the engine, but for another rating
+    "reference_torque": Limit(5.0, 5.0),
+    "retarder_reference_torque": Limit(5.0, 5.0),
+    # rough roads shake the sensor; a vehicle's own acceleration builds up at some 10 m/s3
+    "longitudinal_accel": Limit(4.0, 40.0),
+}
+
+
+def limits_of(config: Config) -> dict[str, Limit]:
+    """Return the limits of the roles that a config maps."""
+    vehicle = config.vehicle
+    rpm_per_mps = vehicle.final_drive / vehicle.wheel_radius_m * 30 / math.pi
+    shaft = Limit(SPEED_SLACK_MPS * rpm_per_mps, MAX_ACCEL_MPS2 * rpm_per_mps)
+    every = {**LIMITS, "output_shaft_speed": shaft}
+    return {role: every[role] for role in config.signals if role in every}
+
+
+def motion_roles(config: Config) -> set[str]:
+    """Return the speed in use and the accelerometer."""
+    speed = next((r for r in SPEED_ORDER if r in config.signals), "")
+    return {speed, "longitudinal_accel"}
+
+
+class Screen:
+    """Carries the last believed sample of every limited role; counts what it refused, per role.
+
+    limits: role -> Limit. motion: roles that the accelerometer is compared with, or the sensor itself.
+    """
+
+    def __init__(self, limits: Mapping[str, Limit], motion: Collection[str] = ()) -> None:
+        self._limits, self._motion = limits, motion
+        self._believed: dict[str, tuple[int, float]] = {}
+        self.refused: Counter[str] = Counter()
+
+    def restart(self) -> None:
+        """Forget the last samples: the clock was set back, their stamps mean nothing any more."""
+        self._believed.clear()
+
+    def apply(self, samples: Mapping[str, tuple[IntColumn, FloatColumn]]) -> Samples:
+        """Return the samples without the refused ones, and when those came as further roles (`JUMP`)."""
+        kept = dict(samples)
+        jumps: list[tuple[str, IntColumn]] = []
+        for role, limit in self._limits.items():
+            if role in kept:
+                t_us, values = kept[role]
+                refused = self._refused(role, limit, t_us, values)
+                if refused is not None:
+                    kept[role] = t_us[~refused], values[~refused]
+                    jumps.append((role, t_us[refused]))
+                    self.refused[role] += int(np.count_nonzero(refused))
+        for name, stamps in (
+            (JUMP, [t for _, t in jumps]),
+            (MOTION_JUMP, [t for role, t in jumps if role in self._motion]),
+        ):
+            if stamps:
+                t_us = np.sort(np.concatenate(stamps))
+                kept[name] = t_us, np.ones(len(t_us))
+        return kept
+
+    def _refused(
+        self, role: str, limit: Limit, t_us: IntColumn, values: FloatColumn
+    ) -> np.ndarray[tuple[int], np.dtype[np.bool_]] | None:
+        """Return which samples jump (n,), None when none does; "not available" never does."""
+        rows = None
+        known = np.isfinite(values)
+        if not known.all():
+            rows = np.flatnonzero(known)
+            t_us, values = t_us[rows], values[rows]
+        n = len(values)
+        if not n:
+            return None
+        before_us, before = self._believed.get(role, (int(t_us[0]), float(values[0])))
+        steps = np.diff(values, prepend=before)
+        allowed = limit.slack + limit.rate * 1e-6 * np.diff(t_us, prepend=before_us)
+        far = np.abs(steps) > allowed
+        if not far.any():
+            self._believed[role] = int(t_us[-1]), float(values[-1])
+            return None
+        jumped = np.zeros(n, np.bool_)
+        first = int(far.argmax())
+        if first:
+            before_us, before = int(t_us[first - 1]), float(values[first - 1])
+        rest = zip(t_us[first:].tolist(), values[first:].tolist(), strict=True)
+        for i, (stamp, value) in enumerate(rest, start=first):
+            if abs(value - before) > limit.slack + limit.rate * 1e-6 * (stamp - before_us):
+                jumped[i] = True
+            else:
+                before_us, before = stamp, value
+        self._believed[role] = before_us, before
+        if rows is None:
+            return jumped
+        refused = np.zeros(len(known), np.bool_)
+        refused[rows] = jumped
+        return refused
