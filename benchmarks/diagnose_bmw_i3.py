@@ -32,7 +32,14 @@ from canest.vehicle.model import effects_of
 
 SUFFIXES = (".csv", ".parquet")
 #: effects that are nearly constant forces at ordinary speeds
-STEADY = {"rolling_resistance", "rolling_warmup", "brake_drag", "torque_offset", "headwind"}
+STEADY = {
+    "rolling_resistance",
+    "rolling_resistance_temperature",
+    "rolling_warmup",
+    "brake_drag",
+    "torque_offset",
+    "headwind",
+}
 
 
 @dataclass(frozen=True)

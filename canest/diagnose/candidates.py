@@ -13,6 +13,8 @@ from canest.vehicle.samples import RATE_HZ
 
 #: seconds of open driving that a gear needs before its own loss can be told
 MIN_GEAR_S = 6
+#: drives must differ so much in temperature before its effect can be told
+MIN_TEMPERATURE_SPAN_K = 5.0
 #: effects that scale all traction, as an unknown mass does
 SCALE_EFFECTS = ("torque_gain", "driveline_loss", "wheel_radius")
 #: warm-up times tried, s; the best is refined afterwards
@@ -32,6 +34,7 @@ PLAUSIBILITY = (
     "retarder_unreported",
     "cornering_drag",
     "rolling_warmup",
+    "rolling_resistance_temperature",
     "brake_drag",
     "wheel_slip",
     "rolling_resistance_speed",
@@ -113,6 +116,9 @@ def candidates_for(
     ]
     shape = (("mass_kg", mass_kg or float(problem.parts[0].mass_w.mean())),)
     found.append(Candidate("wheel_slip", "wheel_slip", "slip_per_mps2", shape))
+    if _temperature_span_K(problem) > MIN_TEMPERATURE_SPAN_K:
+        name = "rolling_resistance_temperature"
+        found.append(Candidate(name, name, "crr_per_K"))
     if "yaw_rate" in roles:
         found.append(Candidate("cornering_drag", "cornering_drag", "coefficient_s2pm"))
     if "accelerator" in roles:
@@ -137,6 +143,16 @@ def candidates_for(
                 )
             )
     return found
+
+
+def _temperature_span_K(problem: Problem) -> float:
+    """Return how far the ambient temperature of the drives differs, 0 where it is not known."""
+    known = []
+    for part in problem.parts:
+        column = part.run.signals.get("ambient_temperature", np.empty(0))
+        if np.isfinite(column).any():
+            known.append(float(np.nanmean(column)))
+    return max(known) - min(known) if known else 0.0
 
 
 def _gears(problem: Problem) -> list[int]:

@@ -165,6 +165,7 @@ def not_tried(diagnosis: Diagnosis, found: Sequence[Entry]) -> dict[str, str]:
     reasons = {
         "cornering_drag": "the signal map names no yaw_rate",
         "retarder_unreported": "the signal map names no accelerator",
+        "rolling_resistance_temperature": "the ambient temperature is not known, or the same in all drives",
         "switched_load": "no signal of the bus that goes on and off explains anything",
         "payload_change": "a note about the load, not a force: the mass shows it",
     }

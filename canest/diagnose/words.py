@@ -12,6 +12,7 @@ SEPARATED_BY = {
     "drag_area": "a drive with long stretches at very different speeds",
     "rolling_resistance": "the same road with another load",
     "rolling_resistance_speed": "the same road in the other direction (wind turns round, tyres do not)",
+    "rolling_resistance_temperature": "drives in summer and in winter",
     "rolling_warmup": "a drive that starts warm",
     "brake_drag": "the same road with another load",
     "torque_gain": "a drive with much overrun, or a coast-down",
@@ -44,6 +45,8 @@ def said(chosen: Chosen) -> str:
         "rolling_resistance": f"a rolling resistance coefficient {value:+.2g} ± {chosen.std:.1g} "
         "beside the declared",
         "rolling_resistance_speed": f"rolling resistance that grows by {number} with speed",
+        "rolling_resistance_temperature": f"rolling resistance that grows by {value:.2g} ± "
+        f"{chosen.std:.1g} per kelvin below 20 °C",
         "rolling_warmup": f"cold tyres: {value:.2g} ± {chosen.std:.1g} more rolling resistance at the start, "
         f"gone with {float(str(shape.get('tau_s', 0))):.0f} s",
         "torque_gain": f"true torque {value:.3f} ± {chosen.std:.1g} of the reported",

@@ -167,6 +167,31 @@ class RollingResistanceSpeed(Effect):
         c.mu = c.mu + self.crr_per_mps * c.speed_mps
 
 
+#: ambient temperature at which a config's rolling resistance holds, degC
+ROLLING_REFERENCE_DEGC = 20.0
+
+
+@_register
+@dataclass(frozen=True)
+class RollingResistanceTemperature(Effect):
+    """Tyres and oil roll harder in the cold."""
+
+    name: ClassVar[str] = "rolling_resistance_temperature"
+    text: ClassVar[str] = "rolling resistance coefficient added per kelvin below 20 degC"
+    parameters: ClassVar[dict[str, Parameter]] = {"crr_per_K": Parameter("1/K", 0.0, -0.001, 0.001, 1e-5)}
+    crr_per_K: float = 0.0
+
+    @property
+    def signal(self) -> str | None:
+        """Return the ambient temperature's role."""
+        return "ambient_temperature"
+
+    def apply(self, c: Columns) -> None:
+        """Add to mu; nothing while the temperature is not known."""
+        below = ROLLING_REFERENCE_DEGC - c.signal("ambient_temperature", missing=ROLLING_REFERENCE_DEGC)
+        c.mu = c.mu + self.crr_per_K * below
+
+
 @_register
 @dataclass(frozen=True)
 class RollingWarmup(Effect):
