@@ -61,6 +61,7 @@ def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
         "other_senders": {_sender_name(key): frames for key, frames in _busiest(counters.other_senders)},
         "other_senders_count": len(counters.other_senders),
         "transport": dict(counters.transport),
+        "implausible_jumps": dict(pipeline.intake.screen.refused),
         "masses_of_others_kg": {f"0x{a:02X}": m.mass_kg for a, m in sorted(node.watch.other_masses.items())},
         "ticks": {
             "count": daemon.schedule.ticks,

@@ -70,7 +70,7 @@ def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str
         )
     if verbose:
         lines += [(sender, _counted(values)) for sender, values in snapshot["senders"].items()]
-        for name in ("clock", "transport", "files", "broadcast"):
+        for name in ("clock", "transport", "implausible_jumps", "files", "broadcast"):
             lines.append((name, _counted({k: v for k, v in snapshot[name].items() if isinstance(v, int)})))
     lines.append(("up", f"{snapshot['uptime_s'] / 3600:.1f} h, pid {snapshot['pid']}, {snapshot['config']}"))
     return lines

@@ -52,13 +52,22 @@ class Script:
     def drain(self):
         now_us = self._time.now_ns // 1000 + self.offset_us
         end = int(np.searchsorted(self._frames.t_us, now_us, side="right"))
-        frames, self._at = self._frames[self._at : end], max(self._at, end)
+        # copies, as from a socket: a view that somebody keeps would keep the whole drive
+        frames, self._at = self._frames[np.arange(self._at, end)], max(self._at, end)
         return Drained(frames, now_us - GUARD_US)
 
     def send(self, can_id, payload):
         self.counters["sent"] += 1
         self.sent.append((self._time.now_ns // 1000, can_id, payload))
         return True
+
+    def repeat(self, now_us):
+        """Hand the same frames out again, from now on."""
+        frames, now_us = self._frames, now_us + self.offset_us
+        shift = now_us - int(frames.t_us[0])
+        self._frames = FrameBlock(frames.t_us + shift, frames.can_id, frames.length, frames.data)
+        self._at = 0
+        self.sent.clear()
 
     def close(self):
         self.state = "absent"

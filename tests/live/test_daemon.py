@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from canest.frames import EXTENDED, FrameBlock
 from canest.live.address_claim import CLAIM_PGN
 from canest.live.daemon import MOST_FAILURES_IN_A_ROW
 from canest.live.estimate_frame import decode
+from canest.live.kernel_drain import Drained
 from canest.logs.reader import open_log
 from canest.pipeline import Pipeline
 from canest.vehicle.samples import Status
@@ -121,8 +123,6 @@ def test_a_clock_set_back_and_forward_leaves_a_valid_mass_valid(tmp_path, drive,
 
 
 def in_order(rig, frames, shift):
-    from canest.live.kernel_drain import Drained
-
     true_us, state, begin_us = frames.t_us - shift, {"at": 0}, rig.now_us
 
     def drain():
@@ -395,3 +395,60 @@ def test_an_impossible_bus_is_one_plain_error(tmp_path):
 
     with pytest.raises(BusError):
         Daemon(config(tmp_path, "bus.interface=no_such_thing"))
+
+
+def test_frames_that_come_too_late_are_used_when_they_come_and_the_recording_still_replays(
+    tmp_path, drive, monkeypatch
+):
+    settings = config(
+        tmp_path, f"service.record={tmp_path}/seen.log", f"service.log_estimates={tmp_path}/est.csv"
+    )
+    with Rig(monkeypatch, settings, drive[:20_000]) as rig:
+        drain, held = rig.script.drain, []
+
+        def late():
+            """A driver that hands every tenth batch over one drain later than it promised."""
+            drained = drain()
+            frames = FrameBlock.concatenate([*held, drained.frames])
+            held.clear()
+            if rig.daemon.schedule.ticks // 5 % 10 == 0 and len(frames):
+                held.append(frames)
+                frames = FrameBlock.empty()
+            return Drained(frames, drained.reached_us)
+
+        rig.script.drain = late
+        rig.run_out()
+        assert rig.daemon.late_frames > 100
+    from canest.replay import replay
+
+    replay(tmp_path / "seen.log", settings, output=tmp_path / "replayed.csv")
+    live, replayed = rows(tmp_path / "est.csv"), rows(tmp_path / "replayed.csv")
+    assert len(replayed) > 800
+    assert {t: live[t] for t in replayed} == replayed
+
+
+@pytest.mark.slow
+def test_a_quarter_of_an_hour_of_driving_leaves_nothing_behind(tmp_path, drive, monkeypatch):
+    import gc
+    import os
+
+    def resident_kb():
+        gc.collect()
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") // 1024
+
+    def descriptors():
+        return len(list(Path("/proc/self/fd").iterdir()))
+
+    settings = config(tmp_path, "service.learn='on+save'", f"service.residual_dir={tmp_path}/ring",
+                      f"service.metrics_file={tmp_path}/m.prom", "service.residual_max_mb=2")  # fmt: skip
+    with Rig(monkeypatch, settings, drive) as rig:
+        before = None
+        for minute in range(0, 16, 2):
+            rig.script.repeat(rig.now_us)
+            rig.run(120)
+            rig.daemon.background.flush(10)
+            if minute == 6:
+                before = resident_kb(), descriptors()
+        assert descriptors() <= before[1]
+        assert resident_kb() - before[0] < 2048
+        assert rig.daemon.failures == 0
