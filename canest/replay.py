@@ -84,7 +84,9 @@ def replay(
         summary["errors"] = score.errors()
     summary["wall_s"] = round(time.perf_counter() - begin, 4)
     snapshot = run.pipeline.snapshot()
-    innovations = {name: float(snapshot[name]) for name in ("nis", "runs_z", "windows") if name in snapshot}
+    innovations: dict[str, float] = {
+        name: float(snapshot[name]) for name in ("nis", "runs_z", "windows") if name in snapshot
+    }
     return ReplayResult(str(log), summary, score, _notes(run), innovations)
 
 
@@ -181,6 +183,10 @@ def _notes(run: LogRun) -> list[str]:
         notes.append(
             "time stamps: " + ", ".join(f"{n:,} {name.replace('_', ' ')}" for name, n in mended.items())
         )
+    refused = run.pipeline.intake.screen.refused
+    if refused:
+        counts = ", ".join(f"{n:,} of {role}" for role, n in sorted(refused.items()))
+        notes.append(f"jumps beyond physics, not used: {counts}")
     return notes
 
 
