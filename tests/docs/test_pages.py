@@ -103,3 +103,13 @@ def test_result_columns_in_the_readme_are_the_writers():
     from canest.logs.writer import HEADER
 
     assert HEADER.decode().strip() in (ROOT / "README.md").read_text()
+
+
+def test_every_page_can_be_reached_from_the_readme():
+    reached, waiting = set(), {ROOT / "README.md"}
+    while waiting:
+        page = waiting.pop()
+        reached.add(page)
+        targets = re.findall(r"\]\(([^)#:]+\.md)(?:#[^)]*)?\)", page.read_text())
+        waiting |= {(page.parent / target).resolve() for target in targets} - reached
+    assert set((ROOT / "docs").rglob("*.md")) - reached == set()
