@@ -21,8 +21,11 @@ from canest.estimators.status import StatusTracker
 from canest.frames import FloatColumn
 from canest.vehicle.samples import STEP_S, EstimateBlock, ModelBlock, Status, VehicleFacts
 
-#: a mass is trusted once its std is below this share of it
+#: a mass is trusted once its std is below this share of it ...
 VALID_SHARE = 0.04
+#: ... or below the larger one where the vehicle has accelerated: integral of a^2 dt since its load may have
+#: changed, m2/s3 (a launch gives 5 to 10, five minutes of motorway cruise 1 to 4)
+DRIVEN_SHARE, DRIVEN_EFFORT = 0.055, 5.0
 #: ... and while the vehicle has not stood long enough for its load to be changing
 UNLOADED_S = 10.0
 #: sine of the steepest slope given out; no road is steeper than 35 %
@@ -57,7 +60,6 @@ class Canest(Estimator):
         self._x = list(prior.mean)
         self._P = [[s * s if i == j else 0.0 for j in range(kernel.STATES)] for i, s in enumerate(prior.std)]
         self._memory = [0.0] * kernel.MEMORY
-        self._memory[kernel.FRESH] = 1.0
         slots = (kernel.SPEED_VAR, kernel.SENSED_VAR, kernel.UNDRIVEN_VAR)
         for slot, noise in zip(slots, prior.noise_start, strict=True):
             self._memory[slot] = noise * noise
@@ -138,7 +140,8 @@ class Canest(Estimator):
         sine = np.clip(held(output.SINE) + held(output.SINE_PER_M) * ahead_m, -STEEPEST, STEEPEST)
         learned = held(output.LEARNED) > 0.0
         standing = held(output.STANDING_S) > UNLOADED_S
-        status = self._status.update(learned & ~standing, mass, mass_std)
+        limit = np.where(held(output.EFFORT) >= DRIVEN_EFFORT, DRIVEN_SHARE, VALID_SHARE)
+        status = self._status.update(learned & ~standing, mass, mass_std * (VALID_SHARE / limit))
         status[learned & standing] = Status.CONVERGING
         grade = sine / np.sqrt(1.0 - sine * sine)
         grade_std = np.minimum(held(output.SINE_STD), 1.0)

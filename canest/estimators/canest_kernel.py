@@ -40,7 +40,7 @@ STATES = 12
 
 # carried beside the states
 (
-    FRESH,  # 1 where the momentum balance must start anew
+    SINCE,  # windows since the momentum balance began, 0 where it must begin anew
     STANDING_S,
     HAS_HEIGHT,
     LEARNED,
@@ -54,12 +54,13 @@ STATES = 12
     RUNS,
     SIGN,
     CALM_MPS,  # speed without its recent noise
-) = range(14)
-MEMORY = 14
+    EFFORT,  # integral of the squared acceleration since mass was opened, m2/s3
+) = range(15)
+MEMORY = 15
 
 # one window's outputs
-OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S = range(7)
-OUTPUTS = 7
+OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S, OUT_EFFORT = range(8)
+OUTPUTS = 8
 
 _G = GRAVITY_MPS2
 #: distance over which vertical curves last, m
@@ -75,8 +76,8 @@ _FORCE_SHARE, _OVERRUN_SHARE, _FORCE_S = 0.02, 0.1, 0.2
 _RETARDER_SHARE, _RETARDER_WINDOWS = 0.1, 25.0
 #: mass changes little by little (fuel, snow): relative variance per metre, (1 % in 10 km)^2
 _MASS_DRIFT = 1e-8
-#: weight of the newest window in the calm speed
-_CALM = 0.02
+#: weight of the newest window in the calm speed; all of it in the first windows of a balance
+_CALM, _FRESH = 0.02, 3.0
 #: slip is learned from every so many windows: wheel speeds come at 10 Hz and it changes slowly
 _UNDRIVEN_EVERY = 5.0
 #: the delay of reported torque changes from frame to frame by a part of its 20 ms cycle
@@ -85,6 +86,8 @@ _JITTER_S = 0.004
 _DELAY_S, _LEAST_SHARE = 0.1, 0.1
 #: a vehicle that stands this long may have been loaded
 _LOADING_S = 30.0
+#: share of its prior variance by which a new load changes delay, slip, bias and pitch
+_LOOSER = 0.1
 #: innovations beyond this many squared stds count as outliers and weigh less (Huber)
 _OUTLIER = 9.0
 #: memory of the noise levels and of the innovations' sign, in windows
@@ -224,11 +227,13 @@ def start(
 
 
 @fast.kernel
-def reopen(P: Container, active: Container, prior: Container) -> None:
-    """The load may have changed: any mass again; what hangs on mass or load is known less."""
-    widen(P, active, U, prior[U] * prior[U])
+def reopen(x: Container, P: Container, prior: Container, std: float) -> None:
+    """The load may have changed, u by `std`: what is a product with u goes along, less sure than before."""
+    for i in (U, DELAY, SLIP, WIND):
+        for j in (U, DELAY, SLIP, WIND):
+            P[i][j] += std * std * (x[i] / x[U]) * (x[j] / x[U])
     for i in (DELAY, SLIP, BIAS, PITCH):
-        P[i][i] += 0.25 * prior[i] * prior[i]
+        P[i][i] += _LOOSER * prior[i] * prior[i]
 
 
 @fast.kernel
@@ -292,12 +297,13 @@ def run(
         a = accel[k]
         standing = memory[STANDING_S] + gap_s[k] + stopped[k] * WINDOW_S
         if gap_s[k] > 0.0:
-            memory[FRESH] = 1.0
+            memory[SINCE] = 0.0
             ds += gap_s[k] * max(v, 0.0)
         if ds > 0.0:
             travel(x, P, active, ds, curvature_var, wind_var)
         if memory[STANDING_S] < _LOADING_S <= standing:
-            reopen(P, active, prior)
+            reopen(x, P, prior, prior[U])
+            memory[EFFORT] = 0.0
         if abs(memory[BIASED]) > _ONE_SIGNED:
             # the load has changed where nobody saw it, or the road has a step: let the next seconds tell
             P[U][U] += _DOUBT * _DOUBT * x[U] * x[U]
@@ -309,22 +315,23 @@ def run(
             inverse = max(x[U], _LEAST_SHARE * prior[U])
             # the delay's lever is the traction halfway through it (second order in the delay)
             half = 0.5 * min(max(x[DELAY] / inverse, -_DELAY_S), _DELAY_S)
-            if memory[FRESH] > 0.0:
+            calm = memory[CALM_MPS]
+            if memory[SINCE] == 0.0:
+                calm = before[k]
                 late = before_N[k] + half * before_rate[k]
-                start(x, P, active, before[k], memory[SPEED_VAR], before_N[k], late, rotating[k])
-                memory[FRESH] = 0.0
-                memory[CALM_MPS] = before[k]
+                start(x, P, active, calm, memory[SPEED_VAR], before_N[k], late, rotating[k])
+            memory[SINCE] += 1.0
+            # errors in variables: levers must not carry the noise that their innovation meets, or what
+            # they lift drifts; so they take a calm speed (an instrument), the innovation the expected one
+            motion = (x[U] * force[k] - roll[k] - _G * x[GRADE]) / (1.0 + x[U] * rotating[k])
+            calm += max(_CALM, min(1.0, _FRESH / memory[SINCE])) * (v - calm)
+            memory[CALM_MPS] = calm
             lacking = _FORCE_SHARE * t if t > 0.0 else -_OVERRUN_SHARE * t
             unknown = inverse * (torque_std * gear[k] + lacking)
             push(x, P, active, force[k], roll[k], drag[k], unknown * unknown * _FORCE_S * WINDOW_S)
             late = t + half * traction_rate[k]
             jitter = inverse * traction_rate[k] * _JITTER_S
-            # errors in variables: levers must not carry the noise that their innovation meets, or what
-            # they lift drifts; so they take a calm speed (an instrument), the innovation the expected one
-            calm = memory[CALM_MPS]
             expected = (x[Q] + late * x[DELAY] + calm * t * x[SLIP]) / (1.0 + x[U] * rotating[k])
-            calm += _CALM * (expected - calm)
-            memory[CALM_MPS] = calm
             z = v + rotating[k] * (expected - calm) * x[U]
             r = memory[SPEED_VAR] + jitter * jitter
             e, s = correct(
@@ -332,6 +339,7 @@ def run(
             )
             memory[SPEED_VAR] = level(memory[SPEED_VAR], e, s, floors[0], memory[COUNT])
             memory[LEARNED] = 1.0
+            memory[EFFORT] += a * a * WINDOW_S
             tally(memory, e, s)
             if t > 0.0:  # in overrun it may as well be a brake that nobody reports
                 z = min(max(e / math.sqrt(s), -_CLIP), _CLIP)
@@ -346,8 +354,9 @@ def run(
                 )
         else:
             first = FREE
-            memory[FRESH] = 1.0
+            memory[SINCE] = 0.0
             calm = v
+            motion = a
             if retarding[k] > 0.0:
                 unknown = _RETARDER_SHARE * x[U] * force[k]
                 r = 2.0 * memory[SPEED_VAR] / (WINDOW_S * WINDOW_S) + _RETARDER_WINDOWS * unknown * unknown
@@ -355,9 +364,6 @@ def run(
                 correct(x, P, active, w, FREE, -a - roll[k], r, GRADE, _G, U, -net, WIND, drag[k], Q, 0.0)
         if sensed[k] == sensed[k] and stopped[k] == 0.0:
             r = memory[SENSED_VAR]
-            motion = a
-            if first == 0:
-                motion = (x[U] * force[k] - roll[k] - _G * x[GRADE]) / (1.0 + x[U] * rotating[k])
             slip = calm * (t - before_N[k]) / WINDOW_S + t * motion
             if first > 0:  # the torque reported in a shift is not that of the wheels
                 r += slip * slip * (x[SLIP] * x[SLIP] + P[SLIP][SLIP])
@@ -384,3 +390,4 @@ def run(
         row[OUT_GRADE_VAR] = P[GRADE][GRADE]
         row[OUT_LEARNED] = memory[LEARNED]
         row[OUT_STANDING_S] = memory[STANDING_S]
+        row[OUT_EFFORT] = memory[EFFORT]

@@ -11,8 +11,8 @@ from canest.frames import FloatColumn
 from canest.vehicle.samples import VehicleFacts
 
 # columns of what is known after a window
-MASS_KG, MASS_STD_KG, SINE, SINE_PER_M, SINE_STD, LEARNED, STANDING_S, SPEED_MPS = range(8)
-COLUMNS = 8
+MASS_KG, MASS_STD_KG, SINE, SINE_PER_M, SINE_STD, LEARNED, STANDING_S, EFFORT, SPEED_MPS = range(9)
+COLUMNS = 9
 
 #: below this share of the mass its std is that of the inverse mass, to first order
 _NARROW = 0.04
@@ -32,6 +32,7 @@ def known(out: NDArray[np.float64], speed_mps: FloatColumn, facts: VehicleFacts)
     table[:, SINE_STD] = np.sqrt(np.maximum(out[:, kernel.OUT_GRADE_VAR], 0.0) + rolling * rolling)
     table[:, LEARNED] = out[:, kernel.OUT_LEARNED]
     table[:, STANDING_S] = out[:, kernel.OUT_STANDING_S]
+    table[:, EFFORT] = out[:, kernel.OUT_EFFORT]
     table[:, SPEED_MPS] = np.maximum(speed_mps, 0.0)
     return table
 

@@ -117,8 +117,7 @@ def test_momentum_balance_equals_the_dense_filter(compiled):
         share = k._FORCE_SHARE if c["traction_N"] > 0 else k._OVERRUN_SHARE
         unknown = inverse * (estimator._prior.torque_std_Nm * 7.0 + share * abs(c["traction_N"]))
         dense.push(c["force_N"], c["roll_mps2"], c["drag_N_per_mps"], unknown**2 * k._FORCE_S * WINDOW_S)
-        expected = h(Q=1.0, DELAY=c["traction_N"], SLIP=calm * c["traction_N"]) @ dense.x
-        calm += k._CALM * (expected - calm)
+        calm += max(k._CALM, min(1.0, k._FRESH / (i + 1))) * (c["speed_mps"] - calm)
         lever = h(Q=1.0, DELAY=c["traction_N"], SLIP=calm * c["traction_N"])
         e, s = dense.correct(lever, c["speed_mps"], noise_var)
         surplus = min(e * e, k._OUTLIER * s) - s
