@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from canest.constant import constant
+from canest.columns import constant
 from canest.frames import BoolColumn, FloatColumn, IntColumn
 from canest.vehicle.samples import STEP_US
 

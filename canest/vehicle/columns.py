@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from canest.constant import constant
+from canest.columns import constant
 from canest.frames import BoolColumn, FloatColumn, IntColumn
 
 

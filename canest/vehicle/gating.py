@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canest import fast
+from canest.columns import constant, shifted
 from canest.config.schema import Config
-from canest.constant import constant
 from canest.frames import BoolColumn, FloatColumn
 from canest.gates import Gate
 from canest.grid.grid import GridBlock
@@ -106,8 +106,7 @@ class Gating:
     def _shifting(self, grid: GridBlock, raw: RawModel, has: dict[str, FloatColumn]) -> BoolColumn:
         """Return where a shift is in process, or the ratio is not the one of the tick before."""
         ratio = raw.columns.ratio
-        before = np.empty(len(ratio))
-        before[0], before[1:] = self._last_ratio, ratio[:-1]
+        before = shifted(ratio, self._last_ratio)
         self._last_ratio = float(ratio[-1])
         closed = np.isfinite(before) & (np.abs(ratio - before) > 0.03 * before)
         if "shift_in_process" in has:

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from canest.columns import constant, shifted
 from canest.config.schema import Config
-from canest.constant import constant
 from canest.errors import ConfigError
 from canest.frames import BoolColumn, FloatColumn
 from canest.grid.grid import GridBlock
@@ -271,8 +271,7 @@ class LongitudinalModel:
         c.speed_mps = speed
         self._run("speed", c)
         speed = c.speed_mps
-        before = np.empty(len(c))
-        before[0], before[1:] = self._last_speed_mps, speed[:-1]
+        before = shifted(speed, self._last_speed_mps)
         c.accel_mps2 = np.where(np.isnan(before), 0.0, speed - before) / STEP_S
         self._last_speed_mps = float(speed[-1])
 

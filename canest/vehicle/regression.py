@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from canest.columns import constant, shifted
 from canest.config.schema import Config
-from canest.constant import constant
 from canest.filters import Filter
 from canest.frames import BoolColumn, FloatColumn
 from canest.gates import Gate
@@ -34,8 +34,7 @@ class _Held:
         if self._was_usable and np.count_nonzero(usable) == len(usable):
             self._last = float(x[-1])
             return x, constant(False, len(x))
-        before = np.empty(len(x), np.bool_)
-        before[0], before[1:] = self._was_usable, usable[:-1]
+        before = shifted(usable, self._was_usable)
         at = np.maximum.accumulate(np.where(usable, np.arange(len(x)), -1))
         filled = np.where(at >= 0, x[at], self._last)
         self._last, self._was_usable = float(filled[-1]), bool(usable[-1])
@@ -67,8 +66,7 @@ class Regression:
         speed, started = self._filtered("speed", raw.speed_mps, raw.usable, grid)
         force, _ = self._filtered("force", raw.force_N, raw.usable, grid)
         traction, _ = self._filtered("traction", raw.traction_N, raw.usable, grid)
-        before = np.empty(len(speed))
-        before[0], before[1:] = self._last_filtered_mps, speed[:-1]
+        before = shifted(speed, self._last_filtered_mps)
         accel = np.where(started | np.isnan(before), 0.0, speed - before) / STEP_S
         self._last_filtered_mps = float(speed[-1])
         gate = self._gating.close(grid, raw, accel)
@@ -76,8 +74,7 @@ class Regression:
             low = self._excitation.low(force, gate == 0)
             gate = np.where((gate == 0) & low, np.uint8(Gate.LOW_EXCITATION), gate)
         is_open = gate == 0
-        was_open = np.empty(len(gate), np.bool_)
-        was_open[0], was_open[1:] = self._was_open and grid.continues, is_open[:-1]
+        was_open = shifted(is_open, self._was_open and grid.continues)
         self._was_open = bool(is_open[-1])
         nothing = constant(math.nan, len(grid))
         doubtful = np.isfinite(c.signal(MOTION_JUMP, np.nan))

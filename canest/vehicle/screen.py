@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from canest.columns import shifted
 from canest.config.schema import Config
 from canest.frames import FloatColumn, IntColumn
 
@@ -120,8 +121,8 @@ class Screen:
         if not n:
             return None
         before_us, before = self._believed.get(role, (int(t_us[0]), float(values[0])))
-        steps = np.diff(values, prepend=before)
-        allowed = limit.slack + limit.rate * 1e-6 * np.diff(t_us, prepend=before_us)
+        steps = values - shifted(values, before)
+        allowed = limit.slack + limit.rate * 1e-6 * (t_us - shifted(t_us, before_us))
         far = np.abs(steps) > allowed
         if not far.any():
             self._believed[role] = int(t_us[-1]), float(values[-1])

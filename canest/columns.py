@@ -1,15 +1,18 @@
-"""Columns of one value, made once: live blocks are a few ticks long, and most facts never change."""
+"""Columns that many stages need: of one value, and shifted by one sample."""
 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import overload
+from typing import TypeVar, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from canest.frames import BoolColumn, FloatColumn
 
-#: longer columns are rare and large: made when needed, not kept
+T = TypeVar("T", bound=np.generic)
+
+#: live blocks are a few ticks long: their constants are made once; longer columns are rare and large
 _KEPT_LENGTH = 64
 
 
@@ -27,3 +30,10 @@ def _made(value: float, n: int) -> BoolColumn | FloatColumn:
 
 
 _kept = lru_cache(maxsize=4096, typed=True)(_made)
+
+
+def shifted(column: NDArray[T], first: float) -> NDArray[T]:
+    """Return each sample's predecessor (n,); ``first`` is the first one's, kept from the last block."""
+    before = np.empty_like(column)
+    before[0], before[1:] = first, column[:-1]
+    return before
