@@ -8,7 +8,6 @@ Nothing in the loop waits for the bus, the disk or a reader of its output.
 from __future__ import annotations
 
 import gc
-import math
 import os
 import signal
 import threading
@@ -22,20 +21,20 @@ import numpy as np
 from canest.config.schema import Config
 from canest.frames import FrameBlock
 from canest.live import metrics
+from canest.live.changes import Changes
 from canest.live.estimate_frame import Estimate
-from canest.live.files import Background, write_atomically
+from canest.live.files import Background
 from canest.live.journal import Journal
 from canest.live.link import Receiver, may_transmit, open_link
-from canest.live.memory import Memory, place
+from canest.live.memory import Memory
 from canest.live.node import Node
 from canest.live.notify import Notifier
+from canest.live.outputs import Outputs, open_status_server
 from canest.live.rates import Rates
-from canest.live.record import Ring, TextLog, candump_renderer, render_estimates
 from canest.live.schedule import Schedule
-from canest.live.snapshot import one_line, snapshot
-from canest.live.status_socket import StatusServer, socket_path
+from canest.live.snapshot import flat, one_line, snapshot
+from canest.live.status_socket import StatusServer
 from canest.live.watch import BusWatch
-from canest.logs.writer import HEADER
 from canest.pipeline import Estimates, Pipeline
 from canest.vehicle.samples import EstimateBlock, ModelBlock
 
@@ -48,6 +47,8 @@ FRESH_US = 200_000  #: an estimate older than this is no estimate of now
 CLOSE_S = 0.5  #: SIGTERM has to be over within a second, whatever the disk does
 #: errors inside the estimation are survived by starting the pipeline anew; this many in a row are not
 MOST_FAILURES_IN_A_ROW = 5
+#: sections of a config whose change means to leave the bus and join it anew
+_MAKES_THE_BUS = ("bus", "broadcast", "signals", "dbc")
 
 
 class Daemon:
@@ -83,14 +84,14 @@ class Daemon:
         self._work_at_us = 0
         self._metrics_at_s = self._save_at_s = self._chores_at_s = 0.0
         self._served: dict[str, Any] = {}
-        self._told: dict[str, object] = {}
         self._status_server: StatusServer | None = None
         self.pipeline = Pipeline(config, listener=self._listen)
         self.memory = Memory(config, self.background, self.journal)
         self.memory.restore(self.pipeline)
-        self.receiver, self.node = self._join(config)
+        self.receiver, self.node = self._join(config, self.pipeline)
         self._opened = self.receiver.opened
-        self._open_files()
+        self.outputs = Outputs(config, self.background)
+        self._changes = Changes(self)
 
     # -- life ---------------------------------------------------------------------------------------
 
@@ -98,7 +99,7 @@ class Daemon:
         """Work until `stop` (or SIGTERM, SIGINT)."""
         if handle_signals:
             self._install_signals()
-        self._status_server = self._open_status()
+        self._status_server = open_status_server(self.config, self.journal)
         if self.config.service.metrics_port is not None:
             metrics.serve(self.config.service.metrics_port, self._served)
         self.journal.notice(
@@ -155,7 +156,7 @@ class Daemon:
         if len(frames):
             self.rates.frames += len(frames)
             self.node.observe(frames, now_us)
-            self._record(frames, now_s)
+            self.outputs.frames(frames, now_s)
         try:
             self._estimate(frames, drained.reached_us, now_us, now_s)
             self._failures_in_a_row = 0
@@ -185,8 +186,7 @@ class Daemon:
         self._latest = last, now_us
         self.node.take(last, now_us)
         self.memory.note(last.mass_kg, last.mass_std_kg, last.status, self._standing)
-        if self._estimate_log is not None:
-            self._estimate_log.add(estimates, now_s)
+        self.outputs.estimates(estimates, now_s)
 
     def _listen(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
         self._standing = bool(samples.stopped[-1])
@@ -218,17 +218,7 @@ class Daemon:
         where = f"{trace.tb_frame.f_code.co_filename}:{trace.tb_lineno}" if trace else "?"
         self.journal.error("estimation-failed", error=f"{type(error).__name__}: {error}", where=where)
         self.pipeline = Pipeline(self.config, listener=self._listen)
-        learned = self.memory.learned
-        if learned is not None:
-            self.pipeline.restore(
-                learned.mass_kg,
-                math.hypot(learned.mass_std_kg, self.config.service.restore_std * learned.mass_kg),
-            )
-
-    def _record(self, frames: FrameBlock, now_s: float) -> None:
-        for log in (self._frame_log, self._ring):
-            if log is not None:
-                log.add(frames, now_s)
+        self.memory.give_to(self.pipeline)
 
     # -- once a second ------------------------------------------------------------------------------
 
@@ -236,7 +226,8 @@ class Daemon:
         self.rates.close(now_s)
         if self._status_server is not None:
             self._status_server.poll(lambda: snapshot(self, now_us))
-        self._tell_changes(now_us)
+        self.outputs.idle(now_s)
+        self._changes.tell(now_us)
         self.notifier.status(one_line(self, now_us))
         if now_s >= self._save_at_s:
             if self._save_at_s:
@@ -244,53 +235,21 @@ class Daemon:
             self._save_at_s = now_s + self.config.service.save_every_s
         if now_s >= self._metrics_at_s:
             self._metrics_at_s = now_s + METRICS_S
-            self._write_metrics(now_us)
+            if self.outputs.wants_metrics:
+                self._served.update(snapshot(self, now_us))
+                self.outputs.write_metrics(self._served)
         if self._wants_snapshot:
             self._wants_snapshot = False
-            self.journal.notice("counters", **_flat(snapshot(self, now_us)))
+            self.journal.notice("counters", **flat(snapshot(self, now_us)))
         if self._wants_reload:
             self._wants_reload = False
             self._reload(now_us)
 
-    def _tell_changes(self, now_us: int) -> None:
-        """Log what has changed since the last look."""
-        self._changed("bus", self.receiver.state, self.receiver.state != "up")
-        silence = self.node.silence(now_us)
-        self._changed("broadcast", silence or f"on from address {self.node.address:#04x}", "used" in silence)
-        status = self.estimate(now_us).status
-        self._changed("status", ("unestimated", "converging", "valid", "not available")[status], False)
-        others = self.pipeline.decoder.counters.other_senders
-        self._changed("other-senders", len(others), bool(others), quiet=not others)
-        masses = ", ".join(f"{a:#04x}" for a in sorted(self.node.watch.other_masses))
-        self._changed("masses-sent-by-others", masses, False, quiet=not masses)
-        for kind in ("state", "metrics", "record", "ring", "estimates"):
-            failure = self.background.failures.get(kind, "")
-            self._changed(f"writing-{kind}", failure or "works", bool(failure), quiet=not failure)
-
-    def _changed(self, what: str, value: object, bad: bool, *, quiet: bool = False) -> None:
-        """Log a value when it is another one than before; ``quiet``: not when it is the first one."""
-        if self._told.get(what) == value or (quiet and what not in self._told):
-            return
-        self._told[what] = value
-        (self.journal.warning if bad else self.journal.notice)(what, now=value)
-
-    def _write_metrics(self, now_us: int) -> None:
-        service = self.config.service
-        if service.metrics_file is None and service.metrics_port is None:
-            return
-        content = snapshot(self, now_us)
-        self._served.update(content)
-        if service.metrics_file is not None:
-            path, data = place(service.metrics_file, "RUNTIME_DIRECTORY"), metrics.text(content).encode()
-            self.background.submit(
-                "metrics", lambda: write_atomically(path, data, durable=False), newest_only=True
-            )
-
     # -- beginning, reload, end ---------------------------------------------------------------------
 
-    def _join(self, config: Config) -> tuple[Receiver, Node]:
+    def _join(self, config: Config, pipeline: Pipeline) -> tuple[Receiver, Node]:
         watch = BusWatch(config.broadcast.pgn)
-        filters = sorted({*self.pipeline.decoder.can_filters(), *watch.filters()})
+        filters = sorted({*pipeline.decoder.can_filters(), *watch.filters()})
         receiver, transmitter = open_link(
             config.bus, filters, transmit=may_transmit(config.bus, config.broadcast)
         )
@@ -299,70 +258,29 @@ class Daemon:
             node.attach(config, transmitter, time.monotonic_ns() // 1000)
         return receiver, node
 
-    def _open_files(self) -> None:
-        service, channel = self.config.service, self.config.bus.channel
-        self._frame_log: TextLog[FrameBlock] | None = None
-        self._estimate_log: TextLog[Estimates] | None = None
-        self._ring: Ring | None = None
-        if service.record is not None:
-            self._frame_log = TextLog(
-                place(service.record, "STATE_DIRECTORY"),
-                candump_renderer(channel),
-                self.background,
-                kind="record",
-            )
-        if service.log_estimates is not None:
-            self._estimate_log = TextLog(
-                place(service.log_estimates, "STATE_DIRECTORY"),
-                render_estimates,
-                self.background,
-                kind="estimates",
-                header=HEADER,
-            )
-        folder = service.residual_dir
-        if folder is None and "STATE_DIRECTORY" in os.environ:
-            folder = "recorded"  # a service keeps what it saw: `canest diagnose --recorded`
-        if folder is not None:
-            limit = int(service.residual_max_mb * 1e6)
-            self._ring = Ring(place(folder, "STATE_DIRECTORY"), channel, limit, self.background)
-
-    def _close_files(self) -> None:
-        for log in (self._frame_log, self._estimate_log, self._ring):
-            if log is not None:
-                log.close()
-
-    def _open_status(self) -> StatusServer | None:
-        path = socket_path(self.config)
-        try:
-            return StatusServer(path)
-        except OSError as error:
-            self.journal.warning("no-status-socket", path=path, error=error.strerror or error)
-            return None
-
     def _reload(self, now_us: int) -> None:
         """Take a changed config over without stopping; a broken one changes nothing."""
         if self._reload_config is None:
             return
         self.notifier.reloading()
+        old = self.config
         try:
             config = self._reload_config()
             pipeline = Pipeline(config, listener=self._listen)
+            same_bus = all(getattr(config, part) == getattr(old, part) for part in _MAKES_THE_BUS)
+            joined = None if same_bus else self._join(config, pipeline)
         except Exception as error:  # whatever is wrong with the new config, the old one stays in force
             self.journal.error("reload-refused", error=str(error) or type(error).__name__)
             self.notifier.ready()
             return
-        self.memory.save()
-        same_bus = self.config.bus, self.config.broadcast, self.config.signals, self.config.dbc
+        self.memory = self.memory.handed_over(config, pipeline)
         self.config, self.pipeline = config, pipeline
-        self.memory = Memory(config, self.background, self.journal)
-        self.background.flush(CLOSE_S)
-        self.memory.restore(pipeline)
-        if (config.bus, config.broadcast, config.signals, config.dbc) != same_bus:
+        if joined is not None:
             self.receiver.close()
-            self.receiver, self.node = self._join(config)
+            self.receiver, self.node = joined
             self._opened = self.receiver.opened
-        self._close_files()
-        self._open_files()
+        self.outputs.close()
+        self.outputs = Outputs(config, self.background)
         self.reloads += 1
         self.journal.notice("reloaded", config=self.config_name)
         self.notifier.ready()
@@ -382,7 +300,7 @@ class Daemon:
     def _end(self) -> None:
         self.notifier.stopping()
         self.memory.save()
-        self._close_files()
+        self.outputs.close()
         if not self.background.close(CLOSE_S):
             self.journal.error("disk-hangs", lost="what was still to be written")
         self.receiver.close()
@@ -390,14 +308,3 @@ class Daemon:
             self._status_server.close()
         self.journal.notice("stopped", frames=self.pipeline.decoder.counters.frames)
         self.notifier.close()
-
-
-def _flat(value: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return nested dictionaries as one level of dotted keys."""
-    flat: dict[str, Any] = {}
-    for key, inner in value.items():
-        if isinstance(inner, dict):
-            flat |= _flat(inner, f"{prefix}{key}.")
-        else:
-            flat[prefix + key] = inner
-    return flat

@@ -60,18 +60,35 @@ class Memory:
         restored = state.load(self.path, self._config, now_s)
         if restored.message:
             self._journal.warning("state-not-used", why=restored.message)
-        if restored.learned is not None:
-            learned = restored.learned
-            std_kg = state.widened_std_kg(learned, self._config, now_s)
-            pipeline.restore(learned.mass_kg, std_kg)
-            self._journal.notice(
-                "mass-restored",
-                mass_kg=round(learned.mass_kg),
-                std_kg=round(std_kg),
-                saved_std_kg=round(learned.mass_std_kg),
-                age_s=round(now_s - learned.saved_s),
-            )
-            self.learned = learned
+        self.learned = restored.learned
+        self.give_to(pipeline)
+
+    def give_to(self, pipeline: Pipeline) -> None:
+        """Start a pipeline from what was learned last, with the doubt that the time since then brings."""
+        learned = self.learned
+        if learned is None:
+            return
+        now_s = self._clock_s()
+        std_kg = state.widened_std_kg(learned, self._config, now_s)
+        pipeline.restore(learned.mass_kg, std_kg)
+        self._journal.notice(
+            "mass-restored",
+            mass_kg=round(learned.mass_kg),
+            std_kg=round(std_kg),
+            saved_std_kg=round(learned.mass_std_kg),
+            age_s=round(now_s - learned.saved_s),
+        )
+
+    def handed_over(self, config: Config, pipeline: Pipeline) -> Memory:
+        """Return the memory of a changed config: what this one learned, if it is the same vehicle."""
+        self.save()
+        following = Memory(config, self._background, self._journal, self._clock_s)
+        if self.learned is not None and following._key == self._key:
+            following.learned = self.learned
+            following.give_to(pipeline)
+        else:
+            following.restore(pipeline)
+        return following
 
     def note(self, mass_kg: float, mass_std_kg: float, status: int, standing: bool) -> None:
         """Remember the newest estimate if it is one to be trusted."""

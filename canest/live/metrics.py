@@ -22,6 +22,7 @@ METRICS: dict[str, tuple[str, str]] = {
     "canest_bus_events_total": ("counter", "What happened to the interface."),
     "canest_samples_total": ("counter", "50 Hz samples by gate; gate open: the estimator learned."),
     "canest_other_sender_frames_total": ("counter", "Frames of wanted groups from unexpected addresses."),
+    "canest_implausible_jumps_total": ("counter", "Samples refused: no vehicle changes so fast."),
     "canest_other_mass_kilograms": ("gauge", "Gross mass that another ECU sends (SPN 1760)."),
     "canest_node_events_total": ("counter", "What was sent, and what happened to us as a node."),
     "canest_clock_events_total": ("counter", "Irregular time stamps."),
@@ -59,6 +60,8 @@ def samples(snapshot: dict[str, Any]) -> Iterator[Sample]:
         yield "canest_samples_total", {"gate": gate}, count
     for sender, count in snapshot["other_senders"].items():
         yield "canest_other_sender_frames_total", {"sender": sender}, count
+    for signal, count in snapshot["implausible_jumps"].items():
+        yield "canest_implausible_jumps_total", {"signal": signal}, count
     for source, mass_kg in snapshot["masses_of_others_kg"].items():
         yield "canest_other_mass_kilograms", {"source": source}, mass_kg
     for event, count in snapshot["broadcast"].items():

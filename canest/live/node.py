@@ -81,6 +81,11 @@ class Node:
         return self._mute if self.citizen is None else self.citizen.silence(now_us)
 
     @property
+    def group_is_taken(self) -> bool:
+        """Return whether somebody else uses our group, so that we are silent."""
+        return self.citizen is not None and self.citizen.group_user is not None
+
+    @property
     def address(self) -> int | None:
         """Return the address we own."""
         return None if self.citizen is None else self.citizen.claim.address

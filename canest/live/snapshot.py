@@ -150,3 +150,14 @@ def _sender_name(key: tuple[int, int | None]) -> str:
 
 def _number(value: float, digits: int) -> float | None:
     return round(float(value), digits) if math.isfinite(value) else None
+
+
+def flat(value: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return nested dictionaries as one level of dotted keys, for a line of the log."""
+    level: dict[str, Any] = {}
+    for key, inner in value.items():
+        if isinstance(inner, dict):
+            level |= flat(inner, f"{prefix}{key}.")
+        else:
+            level[prefix + key] = inner
+    return level

@@ -1,0 +1,85 @@
+"""Everything the daemon writes besides its state: recordings, the log of estimates, metrics, the socket."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from canest.config.schema import Config
+from canest.frames import FrameBlock
+from canest.live import metrics
+from canest.live.files import Background, write_atomically
+from canest.live.journal import Journal
+from canest.live.memory import place
+from canest.live.record import Ring, TextLog, candump_renderer, render_estimates
+from canest.live.status_socket import StatusServer, socket_path
+from canest.logs.writer import HEADER
+from canest.pipeline import Estimates
+
+
+class Outputs:
+    """The files a config asks for, written by the background thread."""
+
+    def __init__(self, config: Config, background: Background) -> None:
+        service, channel = config.service, config.bus.channel
+        self._service, self._background = service, background
+        self._frames: list[TextLog[FrameBlock] | Ring] = []
+        self._estimates: TextLog[Estimates] | None = None
+        if service.record is not None:
+            path = place(service.record, "STATE_DIRECTORY")
+            self._frames.append(TextLog(path, candump_renderer(channel), background, kind="record"))
+        folder = service.residual_dir
+        if folder is None and "STATE_DIRECTORY" in os.environ:
+            folder = "recorded"  # a service keeps what it saw: `canest diagnose --recorded`
+        if folder is not None:
+            limit = int(service.residual_max_mb * 1e6)
+            self._frames.append(Ring(place(folder, "STATE_DIRECTORY"), channel, limit, background))
+        if service.log_estimates is not None:
+            path = place(service.log_estimates, "STATE_DIRECTORY")
+            self._estimates = TextLog(path, render_estimates, background, kind="estimates", header=HEADER)
+
+    def frames(self, frames: FrameBlock, now_s: float) -> None:
+        """Record received frames; an empty block brings what is held to the disk when its time has come."""
+        for log in self._frames:
+            log.add(frames, now_s)
+
+    def estimates(self, estimates: Estimates, now_s: float) -> None:
+        """Log estimates; an empty block as for `frames`."""
+        if self._estimates is not None:
+            self._estimates.add(estimates, now_s)
+
+    def idle(self, now_s: float) -> None:
+        """Bring what is held to the disk although nothing new comes."""
+        self.frames(FrameBlock.empty(), now_s)
+        self.estimates(Estimates.concatenate([]), now_s)
+
+    @property
+    def wants_metrics(self) -> bool:
+        """Return whether anybody reads metrics."""
+        return self._service.metrics_file is not None or self._service.metrics_port is not None
+
+    def write_metrics(self, snapshot: dict[str, Any]) -> None:
+        """Queue the metrics file, if there is one."""
+        if self._service.metrics_file is None:
+            return
+        path, data = place(self._service.metrics_file, "RUNTIME_DIRECTORY"), metrics.text(snapshot).encode()
+        self._background.submit(
+            "metrics", lambda: write_atomically(path, data, durable=False), newest_only=True
+        )
+
+    def close(self) -> None:
+        """Queue the end of every file."""
+        for log in self._frames:
+            log.close()
+        if self._estimates is not None:
+            self._estimates.close()
+
+
+def open_status_server(config: Config, journal: Journal) -> StatusServer | None:
+    """Open the socket for `canest status`; without it everything else works."""
+    path = socket_path(config)
+    try:
+        return StatusServer(path)
+    except OSError as error:
+        journal.warning("no-status-socket", path=path, error=error.strerror or error)
+        return None
