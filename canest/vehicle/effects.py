@@ -107,49 +107,65 @@ def _check(what: str, value: Any, hint: Any, bounds: Parameter | None, where: st
         raise ConfigError(what, where=where, found=value, expected=wanted)
 
 
+@dataclass(frozen=True)
+class _Added(Effect):
+    """Adds its one parameter to a working column (or takes it off)."""
+
+    column: ClassVar[str]
+    sign: ClassVar[float] = 1.0
+
+    def apply(self, c: Columns) -> None:
+        """Add to the column."""
+        (parameter,) = self.parameters
+        setattr(c, self.column, getattr(c, self.column) + self.sign * getattr(self, parameter))
+
+
+@dataclass(frozen=True)
+class _Scaled(Effect):
+    """Scales a working column by its one parameter."""
+
+    column: ClassVar[str]
+
+    def apply(self, c: Columns) -> None:
+        """Scale the column."""
+        (parameter,) = self.parameters
+        setattr(c, self.column, getattr(c, self.column) * getattr(self, parameter))
+
+
 @_register
 @dataclass(frozen=True)
-class Headwind(Effect):
+class Headwind(_Added):
     """Air moves against the vehicle."""
 
     name: ClassVar[str] = "headwind"
     text: ClassVar[str] = "steady wind, positive against the motion"
+    column: ClassVar[str] = "wind_mps"
     parameters: ClassVar[dict[str, Parameter]] = {"wind_mps": Parameter("m/s", 0.0, -30.0, 30.0, 1.0)}
     wind_mps: float = 0.0
-
-    def apply(self, c: Columns) -> None:
-        """Add to the wind column."""
-        c.wind_mps = c.wind_mps + self.wind_mps
 
 
 @_register
 @dataclass(frozen=True)
-class DragArea(Effect):
+class DragArea(_Added):
     """More (or less) drag area than declared."""
 
     name: ClassVar[str] = "drag_area"
     text: ClassVar[str] = "drag area Cd A beyond the config's"
+    column: ClassVar[str] = "drag_area_m2"
     parameters: ClassVar[dict[str, Parameter]] = {"cda_delta_m2": Parameter("m2", 0.0, -3.0, 20.0, 0.3)}
     cda_delta_m2: float = 0.0
-
-    def apply(self, c: Columns) -> None:
-        """Add to the drag area."""
-        c.drag_area_m2 = c.drag_area_m2 + self.cda_delta_m2
 
 
 @_register
 @dataclass(frozen=True)
-class RollingResistance(Effect):
+class RollingResistance(_Added):
     """A higher (or lower) rolling resistance coefficient."""
 
     name: ClassVar[str] = "rolling_resistance"
     text: ClassVar[str] = "rolling resistance coefficient beyond the config's"
+    column: ClassVar[str] = "mu"
     parameters: ClassVar[dict[str, Parameter]] = {"crr_delta": Parameter("", 0.0, -0.02, 0.1, 0.0005)}
     crr_delta: float = 0.0
-
-    def apply(self, c: Columns) -> None:
-        """Add to mu."""
-        c.mu = c.mu + self.crr_delta
 
 
 @_register
@@ -213,34 +229,29 @@ class RollingWarmup(Effect):
 
 @_register
 @dataclass(frozen=True)
-class TorqueGain(Effect):
+class TorqueGain(_Scaled):
     """The engine gives another torque than it reports, in proportion."""
 
     name: ClassVar[str] = "torque_gain"
     stage: ClassVar[Stage] = "crank"
     text: ClassVar[str] = "true over reported net torque"
+    column: ClassVar[str] = "torque_Nm"
     parameters: ClassVar[dict[str, Parameter]] = {"gain": Parameter("", 1.0, 0.3, 2.0, 0.01)}
     gain: float = 1.0
-
-    def apply(self, c: Columns) -> None:
-        """Scale the net torque."""
-        c.torque_Nm = c.torque_Nm * self.gain
 
 
 @_register
 @dataclass(frozen=True)
-class TorqueOffset(Effect):
+class TorqueOffset(_Added):
     """Something takes a constant torque at the crank."""
 
     name: ClassVar[str] = "torque_offset"
     stage: ClassVar[Stage] = "crank"
     text: ClassVar[str] = "torque lost at the crank"
+    column: ClassVar[str] = "torque_Nm"
+    sign: ClassVar[float] = -1.0
     parameters: ClassVar[dict[str, Parameter]] = {"torque_Nm": Parameter("Nm", 0.0, -1000.0, 1000.0, 10.0)}
     torque_Nm: float = 0.0
-
-    def apply(self, c: Columns) -> None:
-        """Take it off the net torque."""
-        c.torque_Nm = c.torque_Nm - self.torque_Nm
 
 
 @_register
@@ -275,49 +286,41 @@ class DrivelineLoss(Effect):
 
 @_register
 @dataclass(frozen=True)
-class WheelRadius(Effect):
+class WheelRadius(_Scaled):
     """The rolling radius is not the declared one."""
 
     name: ClassVar[str] = "wheel_radius"
     stage: ClassVar[Stage] = "geometry"
     text: ClassVar[str] = "true over declared rolling radius"
+    column: ClassVar[str] = "radius_m"
     parameters: ClassVar[dict[str, Parameter]] = {"factor": Parameter("", 1.0, 0.7, 1.3, 0.005)}
     factor: float = 1.0
-
-    def apply(self, c: Columns) -> None:
-        """Scale the radius (speed from shafts and force from torque follow)."""
-        c.radius_m = c.radius_m * self.factor
 
 
 @_register
 @dataclass(frozen=True)
-class RotatingInertia(Effect):
+class RotatingInertia(_Added):
     """More rotating inertia at the crank than declared."""
 
     name: ClassVar[str] = "rotating_inertia"
     stage: ClassVar[Stage] = "driveline"
     text: ClassVar[str] = "rotating inertia added at the crank"
+    column: ClassVar[str] = "crank_inertia_kgm2"
     parameters: ClassVar[dict[str, Parameter]] = {"inertia_kgm2": Parameter("kgm2", 0.0, -1.0, 50.0, 0.5)}
     inertia_kgm2: float = 0.0
-
-    def apply(self, c: Columns) -> None:
-        """Add to the crank inertia."""
-        c.crank_inertia_kgm2 = c.crank_inertia_kgm2 + self.inertia_kgm2
 
 
 @_register
 @dataclass(frozen=True)
-class BrakeDrag(Effect):
+class BrakeDrag(_Added):
     """A brake that does not quite release."""
 
     name: ClassVar[str] = "brake_drag"
     text: ClassVar[str] = "constant force against the motion"
+    column: ClassVar[str] = "extra_N"
+    sign: ClassVar[float] = -1.0
     parameters: ClassVar[dict[str, Parameter]] = {"force_N": Parameter("N", 0.0, 0.0, 20000.0, 100.0)}
     force_N: float = 0.0
-
-    def apply(self, c: Columns) -> None:
-        """Take it off the forces."""
-        c.extra_N = c.extra_N - self.force_N
 
 
 #: accelerator position below which a pedal counts as up, %: less than half a step of SPN 91
