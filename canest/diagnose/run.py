@@ -94,13 +94,18 @@ def diagnose(
     tell("before and after", 0.8)
     nothing = np.zeros(problem.rows)
     whole = np.ones(problem.rows, np.bool_)
-    bare = Search.__new__(Search)
-    bare.__dict__.update(search.__dict__ | {"chosen": []})
-    before_folds = two_folds(problem, bare) if not problem.mass_known else [Fold(search.base, nothing, whole)]
+    if problem.mass_known:
+        before_folds = [Fold(search.base, nothing, whole)]
+    else:
+        before_folds = two_folds(problem, search.without_choice())
     before, left_before, shown_before = score(problem, before_folds)
-    after, left_after, shown_after = (
-        score(problem, two_folds(problem, search)) if search.chosen else (before, left_before, shown_before)
-    )
+    after, left_after, shown_after = before, left_before, shown_before
+    if search.chosen:
+        after, left_after, shown_after = score(problem, two_folds(problem, search))
+        if after.residual_rms_N >= before.residual_rms_N:
+            # fitted on one half it makes the other worse: whatever it is, it must not go into a config
+            search = search.without_choice()
+            after, left_after, shown_after = before, left_before, shown_before
     verdict = _verdict(problem, search, before, after)
     hints = [r.name for r in ranked[:1] if r.explained > TRY_SIGNAL_SHARE]
     finding = finding_of(verdict, search.chosen, before.residual_rms_N, after.residual_rms_N, hints)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -142,6 +143,12 @@ class Search:
             self.chosen.append(Chosen(best, 0.0))
             self.refit()
         self._prune()
+
+    def without_choice(self) -> Search:
+        """Return the same search with nothing selected."""
+        bare = copy(self)
+        bare.chosen, bare.residual_N = [], self.first_residual_N
+        return bare
 
     def _best_start(self, c: Candidate, deviations: Sequence[float]) -> float:
         """Return the deviation, of those given, that leaves the smallest residual."""
