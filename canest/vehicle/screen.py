@@ -52,6 +52,9 @@ LIMITS: dict[str, Limit] = {
     # the full scale of the reported torque is a constant of the engine, but for another rating
     "reference_torque": Limit(5.0, 5.0),
     "retarder_reference_torque": Limit(5.0, 5.0),
+    # a mountain road changes the pressure by 0.05 kPa/s; faster, so that a replaced sensor is believed
+    "barometric_pressure": Limit(2.0, 2.0),
+    "ambient_temperature": Limit(3.0, 2.0),
     # rough roads shake the sensor; a vehicle's own acceleration builds up at some 10 m/s3
     "longitudinal_accel": Limit(4.0, 40.0),
 }
