@@ -214,16 +214,17 @@ def start(
     t: float,
     late: float,
     rotating: float,
+    whole: float,
 ) -> None:
-    """Begin a momentum balance at the measured speed z = q - u J z + delta T + sigma z T + noise r."""
-    hd, hs, hu = -late, -z * t, rotating * z
+    """Begin a balance at the measured speed: q = z + u J z - (1 + u J) (delta T + sigma z T + noise r)."""
+    hd, hs, hu = -late * whole, -z * t * whole, rotating * z
     x[Q] = z + hd * x[DELAY] + hs * x[SLIP] + hu * x[U]
     delay, slip, inverse = P[DELAY], P[SLIP], P[U]
     for j in active:
         P[Q][j] = hd * delay[j] + hs * slip[j] + hu * inverse[j]
     for j in active:
         P[j][Q] = P[Q][j]
-    P[Q][Q] = r + hd * P[Q][DELAY] + hs * P[Q][SLIP] + hu * P[Q][U]
+    P[Q][Q] = r * whole * whole + hd * P[Q][DELAY] + hs * P[Q][SLIP] + hu * P[Q][U]
 
 
 @fast.kernel
@@ -315,15 +316,16 @@ def run(
             inverse = max(x[U], _LEAST_SHARE * prior[U])
             # the delay's lever is the traction halfway through it (second order in the delay)
             half = 0.5 * min(max(x[DELAY] / inverse, -_DELAY_S), _DELAY_S)
+            whole = 1.0 + inverse * rotating[k]
             calm = memory[CALM_MPS]
             if memory[SINCE] == 0.0:
                 calm = before[k]
                 late = before_N[k] + half * before_rate[k]
-                start(x, P, active, calm, memory[SPEED_VAR], before_N[k], late, rotating[k])
+                start(x, P, active, calm, memory[SPEED_VAR], before_N[k], late, rotating[k], whole)
             memory[SINCE] += 1.0
             # errors in variables: levers must not carry the noise that their innovation meets, or what
-            # they lift drifts; so they take a calm speed (an instrument), the innovation the expected one
-            motion = (x[U] * force[k] - roll[k] - _G * x[GRADE]) / (1.0 + x[U] * rotating[k])
+            # they lift drifts; so they take a calm speed (an instrument), the innovation the measured one
+            motion = (x[U] * force[k] - roll[k] - _G * x[GRADE]) / whole
             calm += max(_CALM, min(1.0, _FRESH / memory[SINCE])) * (v - calm)
             memory[CALM_MPS] = calm
             lacking = _FORCE_SHARE * t if t > 0.0 else -_OVERRUN_SHARE * t
@@ -331,13 +333,13 @@ def run(
             push(x, P, active, force[k], roll[k], drag[k], unknown * unknown * _FORCE_S * WINDOW_S)
             late = t + half * traction_rate[k]
             jitter = inverse * traction_rate[k] * _JITTER_S
-            expected = (x[Q] + late * x[DELAY] + calm * t * x[SLIP]) / (1.0 + x[U] * rotating[k])
-            z = v + rotating[k] * (expected - calm) * x[U]
-            r = memory[SPEED_VAR] + jitter * jitter
+            z = v + rotating[k] * (v - calm) * x[U]
+            r = (memory[SPEED_VAR] + jitter * jitter) * whole * whole
             e, s = correct(
-                x, P, active, w, 0, z, r, Q, 1.0, DELAY, late, SLIP, calm * t, U, -rotating[k] * calm
-            )
-            memory[SPEED_VAR] = level(memory[SPEED_VAR], e, s, floors[0], memory[COUNT])
+                x, P, active, w, 0, z, r,
+                Q, 1.0, DELAY, late * whole, SLIP, calm * t * whole, U, -rotating[k] * calm,
+            )  # fmt: skip
+            memory[SPEED_VAR] = level(memory[SPEED_VAR], e / whole, s / whole**2, floors[0], memory[COUNT])
             memory[LEARNED] = 1.0
             memory[EFFORT] += a * a * WINDOW_S
             tally(memory, e, s)
