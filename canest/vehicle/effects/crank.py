@@ -1,0 +1,123 @@
+"""What acts at the crank or is reported of it: gain, offset, delay, retarder, switched loads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from canest.frames import BoolColumn
+from canest.vehicle.columns import Columns
+from canest.vehicle.effects.base import Added, Effect, Parameter, Scaled, Stage, register
+
+
+@register
+@dataclass(frozen=True)
+class TorqueGain(Scaled):
+    """The engine gives another torque than it reports, in proportion."""
+
+    name: ClassVar[str] = "torque_gain"
+    stage: ClassVar[Stage] = "crank"
+    text: ClassVar[str] = "true over reported net torque"
+    column: ClassVar[str] = "torque_Nm"
+    parameters: ClassVar[dict[str, Parameter]] = {"gain": Parameter("", 1.0, 0.3, 2.0, 0.01)}
+    gain: float = 1.0
+
+
+@register
+@dataclass(frozen=True)
+class TorqueOffset(Added):
+    """Something takes a constant torque at the crank."""
+
+    name: ClassVar[str] = "torque_offset"
+    stage: ClassVar[Stage] = "crank"
+    text: ClassVar[str] = "torque lost at the crank"
+    column: ClassVar[str] = "torque_Nm"
+    sign: ClassVar[float] = -1.0
+    parameters: ClassVar[dict[str, Parameter]] = {"torque_Nm": Parameter("Nm", 0.0, -1000.0, 1000.0, 10.0)}
+    torque_Nm: float = 0.0
+
+
+@register
+@dataclass(frozen=True)
+class TorqueDelay(Effect):
+    """Torque is reported later than it acts (the grid waits for it: see `canest.grid`)."""
+
+    name: ClassVar[str] = "torque_delay"
+    stage: ClassVar[Stage] = "sampling"
+    text: ClassVar[str] = "torque reported this much later than it acts"
+    parameters: ClassVar[dict[str, Parameter]] = {"delay_s": Parameter("s", 0.0, 0.0, 1.0, 0.04)}
+    delay_s: float = 0.0
+
+
+#: accelerator position below which a pedal counts as up, %: less than half a step of SPN 91
+PEDAL_UP_PCT = 0.2
+
+
+@register
+@dataclass(frozen=True)
+class RetarderUnreported(Effect):
+    """An engine brake or retarder that acts without reporting its torque."""
+
+    name: ClassVar[str] = "retarder_unreported"
+    stage: ClassVar[Stage] = "crank"
+    text: ClassVar[str] = "retarding torque at the crank while its cause is on"
+    parameters: ClassVar[dict[str, Parameter]] = {"torque_Nm": Parameter("Nm", 0.0, 0.0, 5000.0, 50.0)}
+    torque_Nm: float = 0.0
+    #: pedal_up, brake, or the name of a role that is on (above 0.5) while it acts
+    cause: str = "pedal_up"
+
+    @property
+    def signal(self) -> str | None:
+        """Return the role behind the cause."""
+        return {"pedal_up": "accelerator", "brake": "brake_switch"}.get(self.cause, self.cause)
+
+    def active(self, c: Columns) -> BoolColumn:
+        """Return where the cause is on."""
+        if self.cause == "pedal_up":
+            return c.signal("accelerator", missing=100.0) < PEDAL_UP_PCT
+        return c.on(self.signal or "")
+
+    def apply(self, c: Columns) -> None:
+        """Take it off the net torque while the cause is on."""
+        c.torque_Nm = c.torque_Nm - self.torque_Nm * self.active(c)
+
+
+@register
+@dataclass(frozen=True)
+class SwitchedLoad(Effect):
+    """Something takes power at the crank while a signal (fan, compressor, PTO) is on."""
+
+    name: ClassVar[str] = "switched_load"
+    stage: ClassVar[Stage] = "crank"
+    text: ClassVar[str] = "power taken at the crank while a signal or a regime is on"
+    parameters: ClassVar[dict[str, Parameter]] = {"power_kW": Parameter("kW", 0.0, 0.0, 400.0, 2.0)}
+    settings: ClassVar[dict[str, Parameter]] = {
+        "threshold": Parameter("", 0.5, -1e6, 1e6, 0.1),
+        "exponent": Parameter("", 0.0, -3.0, 3.0, 1.0),
+        "reference_rpm": Parameter("rpm", 1500.0, 100.0, 20_000.0, 100.0),
+    }
+    power_kW: float = 0.0
+    #: the role that switches it (as the signal map names it)
+    on_signal: str | None = None
+    #: on above this value of the signal
+    threshold: float = 0.5
+    #: power follows engine speed to this power, `power_kW` at `reference_rpm` (3 for a fan, 0 constant)
+    exponent: float = 0.0
+    reference_rpm: float = 1500.0
+
+    @property
+    def signal(self) -> str | None:
+        """Return the switching role."""
+        return self.on_signal
+
+    def apply(self, c: Columns) -> None:
+        """Take power / speed off the net torque while on."""
+        if self.on_signal is None:
+            return
+        # below idle there is no power to take: bounds the torque while the engine starts or stops
+        speed = np.maximum(c.engine_radps, 50.0)
+        reference = self.reference_rpm * np.pi / 30
+        power_W = 1000.0 * self.power_kW * (speed / reference) ** self.exponent
+        c.torque_Nm = c.torque_Nm - power_W / speed * c.on(self.on_signal, self.threshold)

@@ -1,0 +1,73 @@
+"""Between crank and road: losses, inertia, rolling radius, slip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from canest.vehicle.columns import Columns
+from canest.vehicle.effects.base import Added, Effect, Parameter, Scaled, Stage, register
+
+
+@register
+@dataclass(frozen=True)
+class DrivelineLoss(Effect):
+    """Traction lost beyond the declared efficiency, in one gear or in all."""
+
+    name: ClassVar[str] = "driveline_loss"
+    stage: ClassVar[Stage] = "driveline"
+    text: ClassVar[str] = "fraction of traction lost beyond the config's efficiency"
+    parameters: ClassVar[dict[str, Parameter]] = {"loss": Parameter("", 0.0, -0.03, 0.5, 0.01)}
+    loss: float = 0.0
+    gear: int | None = None
+
+    def apply(self, c: Columns) -> None:
+        """Scale the efficiency where the gear matches."""
+        here = 1.0 if self.gear is None else (c.gear == self.gear)
+        c.efficiency = c.efficiency * (1.0 - self.loss * here)
+
+
+@register
+@dataclass(frozen=True)
+class WheelRadius(Scaled):
+    """The rolling radius is not the declared one."""
+
+    name: ClassVar[str] = "wheel_radius"
+    stage: ClassVar[Stage] = "geometry"
+    text: ClassVar[str] = "true over declared rolling radius"
+    column: ClassVar[str] = "radius_m"
+    parameters: ClassVar[dict[str, Parameter]] = {"factor": Parameter("", 1.0, 0.7, 1.3, 0.005)}
+    factor: float = 1.0
+
+
+@register
+@dataclass(frozen=True)
+class RotatingInertia(Added):
+    """More rotating inertia at the crank than declared."""
+
+    name: ClassVar[str] = "rotating_inertia"
+    stage: ClassVar[Stage] = "driveline"
+    text: ClassVar[str] = "rotating inertia added at the crank"
+    column: ClassVar[str] = "crank_inertia_kgm2"
+    parameters: ClassVar[dict[str, Parameter]] = {"inertia_kgm2": Parameter("kgm2", 0.0, -1.0, 50.0, 0.5)}
+    inertia_kgm2: float = 0.0
+
+
+@register
+@dataclass(frozen=True)
+class WheelSlip(Effect):
+    """Driven wheels turn faster than the road passes, in proportion to their traction."""
+
+    name: ClassVar[str] = "wheel_slip"
+    stage: ClassVar[Stage] = "speed"
+    text: ClassVar[str] = "driven-wheel slip per m/s2 of traction"
+    parameters: ClassVar[dict[str, Parameter]] = {"slip_per_mps2": Parameter("s2/m", 0.0, 0.0, 0.2, 0.002)}
+    slip_per_mps2: float = 0.0
+    settings: ClassVar[dict[str, Parameter]] = {"mass_kg": Parameter("kg", 0.0, 50.0, 500_000.0, 1000.0)}
+    #: mass by which traction becomes an acceleration; None: the geometric mean of the config's bounds
+    mass_kg: float | None = None
+
+    def apply(self, c: Columns) -> None:
+        """Take the slip off the speed measured at the driven wheels."""
+        mass = c.notes["nominal_mass_kg"] if self.mass_kg is None else self.mass_kg
+        c.speed_mps = c.speed_mps * (1.0 - self.slip_per_mps2 * c.notes["traction_N"] / mass)

@@ -1,0 +1,140 @@
+"""What the road and the air take: wind, drag, tyres, brakes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from canest.vehicle.columns import Columns
+from canest.vehicle.effects.base import Added, Effect, Parameter, register
+from canest.vehicle.samples import GRAVITY_MPS2
+
+
+@register
+@dataclass(frozen=True)
+class Headwind(Added):
+    """Air moves against the vehicle."""
+
+    name: ClassVar[str] = "headwind"
+    text: ClassVar[str] = "steady wind, positive against the motion"
+    column: ClassVar[str] = "wind_mps"
+    parameters: ClassVar[dict[str, Parameter]] = {"wind_mps": Parameter("m/s", 0.0, -30.0, 30.0, 1.0)}
+    wind_mps: float = 0.0
+
+
+@register
+@dataclass(frozen=True)
+class DragArea(Added):
+    """More (or less) drag area than declared."""
+
+    name: ClassVar[str] = "drag_area"
+    text: ClassVar[str] = "drag area Cd A beyond the config's"
+    column: ClassVar[str] = "drag_area_m2"
+    parameters: ClassVar[dict[str, Parameter]] = {"cda_delta_m2": Parameter("m2", 0.0, -3.0, 20.0, 0.3)}
+    cda_delta_m2: float = 0.0
+
+
+@register
+@dataclass(frozen=True)
+class RollingResistance(Added):
+    """A higher (or lower) rolling resistance coefficient."""
+
+    name: ClassVar[str] = "rolling_resistance"
+    text: ClassVar[str] = "rolling resistance coefficient beyond the config's"
+    column: ClassVar[str] = "mu"
+    parameters: ClassVar[dict[str, Parameter]] = {"crr_delta": Parameter("", 0.0, -0.02, 0.1, 0.0005)}
+    crr_delta: float = 0.0
+
+
+@register
+@dataclass(frozen=True)
+class RollingResistanceSpeed(Effect):
+    """Rolling resistance that grows with speed."""
+
+    name: ClassVar[str] = "rolling_resistance_speed"
+    text: ClassVar[str] = "rolling resistance coefficient added per m/s"
+    parameters: ClassVar[dict[str, Parameter]] = {"crr_per_mps": Parameter("s/m", 0.0, -0.002, 0.005, 2e-5)}
+    crr_per_mps: float = 0.0
+
+    def apply(self, c: Columns) -> None:
+        """Add to mu in proportion to speed."""
+        c.mu = c.mu + self.crr_per_mps * c.speed_mps
+
+
+#: ambient temperature at which a config's rolling resistance holds, degC
+ROLLING_REFERENCE_DEGC = 20.0
+
+
+@register
+@dataclass(frozen=True)
+class RollingResistanceTemperature(Effect):
+    """Tyres and oil roll harder in the cold."""
+
+    name: ClassVar[str] = "rolling_resistance_temperature"
+    text: ClassVar[str] = "rolling resistance coefficient added per kelvin below 20 degC"
+    parameters: ClassVar[dict[str, Parameter]] = {"crr_per_K": Parameter("1/K", 0.0, -0.001, 0.001, 1e-5)}
+    crr_per_K: float = 0.0
+
+    @property
+    def signal(self) -> str | None:
+        """Return the ambient temperature's role."""
+        return "ambient_temperature"
+
+    def apply(self, c: Columns) -> None:
+        """Add to mu; nothing while the temperature is not known."""
+        below = ROLLING_REFERENCE_DEGC - c.signal("ambient_temperature", missing=ROLLING_REFERENCE_DEGC)
+        c.mu = c.mu + self.crr_per_K * below
+
+
+@register
+@dataclass(frozen=True)
+class RollingWarmup(Effect):
+    """Cold tyres roll harder until they are warm."""
+
+    name: ClassVar[str] = "rolling_warmup"
+    text: ClassVar[str] = "rolling resistance coefficient added at the start, decaying"
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "crr_cold": Parameter("", 0.0, 0.0, 0.05, 0.0005),
+        "tau_s": Parameter("s", 300.0, 10.0, 7200.0, 30.0),
+    }
+    crr_cold: float = 0.0
+    tau_s: float = 300.0
+
+    def apply(self, c: Columns) -> None:
+        """Add to mu, decaying with the time since the start."""
+        c.mu = c.mu + self.crr_cold * np.exp(-c.elapsed_s / self.tau_s)
+
+
+@register
+@dataclass(frozen=True)
+class BrakeDrag(Added):
+    """A brake that does not quite release."""
+
+    name: ClassVar[str] = "brake_drag"
+    text: ClassVar[str] = "constant force against the motion"
+    column: ClassVar[str] = "extra_N"
+    sign: ClassVar[float] = -1.0
+    parameters: ClassVar[dict[str, Parameter]] = {"force_N": Parameter("N", 0.0, 0.0, 20000.0, 100.0)}
+    force_N: float = 0.0
+
+
+@register
+@dataclass(frozen=True)
+class CorneringDrag(Effect):
+    """Tyres that corner also drag."""
+
+    name: ClassVar[str] = "cornering_drag"
+    text: ClassVar[str] = "force per kg per (speed x yaw rate) squared"
+    parameters: ClassVar[dict[str, Parameter]] = {"coefficient_s2pm": Parameter("s2/m", 0.0, 0.0, 2.0, 0.005)}
+    coefficient_s2pm: float = 0.0
+
+    @property
+    def signal(self) -> str | None:
+        """Return the yaw rate's role."""
+        return "yaw_rate"
+
+    def apply(self, c: Columns) -> None:
+        """Add to mu: like rolling resistance it is a force in proportion to mass."""
+        c.mu = c.mu + self.coefficient_s2pm / GRAVITY_MPS2 * (c.speed_mps * c.signal("yaw_rate")) ** 2
