@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import live
 import pytest
+import rig
 
 pytestmark = pytest.mark.vcan
 
@@ -30,7 +30,7 @@ Record = Callable[[str, object], None]
 
 @pytest.fixture(scope="module")
 def bus() -> Iterator[str]:
-    live.add_vcan(BUS)
+    rig.add_vcan(BUS)
     yield BUS
     subprocess.run(["ip", "link", "delete", BUS], check=False, capture_output=True)
 
@@ -41,16 +41,16 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def running(bus: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[live.Daemon]:
+def running(bus: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[rig.Daemon]:
     folder = tmp_path_factory.mktemp("faults") / "state"
-    daemon = live.Daemon(bus, folder, "--set", "service.save_every_s=1")
-    daemon.remember(live.TRUE_MASS_KG, 300.0)
+    daemon = rig.Daemon(bus, folder, "--set", "service.save_every_s=1")
+    daemon.remember(rig.TRUE_MASS_KG, 300.0)
     with daemon:
         yield daemon
 
 
 @pytest.fixture
-def daemon(running: live.Daemon) -> live.Daemon:
+def daemon(running: rig.Daemon) -> rig.Daemon:
     """The daemon, started again should the test before have been the end of it."""
     if not running.alive:
         running.start()
@@ -59,14 +59,14 @@ def daemon(running: live.Daemon) -> live.Daemon:
 
 @pytest.fixture
 def drive(bus: str, logs: Path) -> Iterator[None]:
-    with live.playing(bus, live.cycle_log(logs)):
+    with rig.playing(bus, rig.cycle_log(logs)):
         yield
 
 
 @pytest.fixture
-def ears(daemon: live.Daemon, drive: None) -> Iterator[live.Ears]:
+def ears(daemon: rig.Daemon, drive: None) -> Iterator[rig.Ears]:
     """Ears on a bus where all is well."""
-    with live.Ears(BUS) as ears:
+    with rig.Ears(BUS) as ears:
         ears.until(lambda heard: heard.fresh, 60.0, "an estimate before the fault")
         yield ears
 
@@ -80,56 +80,54 @@ def cangen(*options: str) -> None:
     subprocess.run(["cangen", BUS, "-e", "-i", *options], check=True, timeout=60, stderr=subprocess.DEVNULL)
 
 
-def test_interface_down_and_up(daemon: live.Daemon, ears: live.Ears, record_property: Record) -> None:
-    live.ip("link", "set", BUS, "down")
+def test_interface_down_and_up(daemon: rig.Daemon, ears: rig.Ears, record_property: Record) -> None:
+    rig.ip("link", "set", BUS, "down")
     time.sleep(1.0)
-    live.ip("link", "set", BUS, "up")
+    rig.ip("link", "set", BUS, "up")
     record_property("recovered_s", ears.fresh(time.monotonic(), RECOVERY_S, "the interface came up"))
     assert daemon.alive
 
 
-def test_interface_deleted_and_made_anew(
-    daemon: live.Daemon, ears: live.Ears, record_property: Record
-) -> None:
-    live.ip("link", "delete", BUS)
+def test_interface_deleted_and_made_anew(daemon: rig.Daemon, ears: rig.Ears, record_property: Record) -> None:
+    rig.ip("link", "delete", BUS)
     time.sleep(1.0)
     assert daemon.alive
-    live.add_vcan(BUS)
+    rig.add_vcan(BUS)
     back_s = time.monotonic()
-    with live.Ears(BUS) as new_ears:  # the old socket is bound to the interface that is gone
+    with rig.Ears(BUS) as new_ears:  # the old socket is bound to the interface that is gone
         record_property("recovered_s", new_ears.fresh(back_s, RECOVERY_S, "the interface came back"))
     assert daemon.status()["bus"]["interface_lost"] >= 1
 
 
-def test_silent_bus_is_told_and_is_no_fault(daemon: live.Daemon, logs: Path, record_property: Record) -> None:
-    with live.Ears(BUS) as ears:
-        with live.playing(BUS, live.cycle_log(logs)):
+def test_silent_bus_is_told_and_is_no_fault(daemon: rig.Daemon, logs: Path, record_property: Record) -> None:
+    with rig.Ears(BUS) as ears:
+        with rig.playing(BUS, rig.cycle_log(logs)):
             ears.until(lambda heard: heard.fresh, 60.0, "an estimate before the silence")
         quiet = ears.until(lambda heard: heard.signals["EstimateStatus"] == 3, 60.0, "the silence to be told")
         assert quiet.mass_kg is None
         assert "quiet" in daemon.status()["why_not_valid"]
-        with live.playing(BUS, live.cycle_log(logs)):
+        with rig.playing(BUS, rig.cycle_log(logs)):
             record_property("recovered_s", ears.fresh(time.monotonic(), RECOVERY_S, "traffic came back"))
 
 
-def test_one_silent_ecu_freezes_the_estimate(daemon: live.Daemon, logs: Path) -> None:
+def test_one_silent_ecu_freezes_the_estimate(daemon: rig.Daemon, logs: Path) -> None:
     """Without the engine's torque nothing is learned, the mass stays, and the gate says why."""
-    stale = live.gate_code("stale")
-    with live.Ears(BUS) as ears:
-        with live.playing(BUS, live.cycle_log(logs)):
+    stale = rig.gate_code("stale")
+    with rig.Ears(BUS) as ears:
+        with rig.playing(BUS, rig.cycle_log(logs)):
             ears.until(lambda heard: heard.fresh, 60.0, "an estimate before the fault")
-        with live.playing(BUS, live.cycle_log(logs, without=(ENGINE_EEC1,))):
+        with rig.playing(BUS, rig.cycle_log(logs, without=(ENGINE_EEC1,))):
             gated = ears.until(
                 lambda heard: heard.fresh and heard.signals["EstimateGate"] == stale, 60.0, "the gate"
             )
             time.sleep(1.0)
             later = ears.until(lambda heard: heard.fresh, 60.0, "a frozen estimate")
             assert later.mass_kg == gated.mass_kg
-        with live.playing(BUS, live.cycle_log(logs)):
+        with rig.playing(BUS, rig.cycle_log(logs)):
             ears.until(lambda heard: heard.fresh and heard.signals["EstimateGate"] != stale, 60.0, "its end")
 
 
-def test_flood_of_random_frames_changes_nothing(daemon: live.Daemon, ears: live.Ears) -> None:
+def test_flood_of_random_frames_changes_nothing(daemon: rig.Daemon, ears: rig.Ears) -> None:
     """As many as a full bus of 250 kbit/s carries in a minute, as fast as vcan takes them."""
     before = ears.until(lambda heard: heard.fresh, 60.0, "an estimate")
     cangen("-g", "0", "-n", "114000", "-I", "r", "-L", "r", "-D", "r")
@@ -137,30 +135,30 @@ def test_flood_of_random_frames_changes_nothing(daemon: live.Daemon, ears: live.
     assert daemon.alive
 
 
-def test_spoofed_address_is_counted_and_not_used(daemon: live.Daemon, ears: live.Ears) -> None:
+def test_spoofed_address_is_counted_and_not_used(daemon: rig.Daemon, ears: rig.Ears) -> None:
     """Wild torque and engine speed in the engine's group, but from another address."""
     before = ears.until(lambda heard: heard.fresh, 60.0, "an estimate")
     cangen("-g", "1", "-n", "1000", "-I", f"{FOREIGN_EEC1:08X}", "-L", "8", "-D", "r")
     after = ears.until(lambda heard: heard.fresh, 60.0, "an estimate after the fault")
     assert_unmoved(before, after)
     foreign = "PGN 61444 from 0x31"
-    live.wait_until(
+    rig.wait_until(
         lambda: daemon.status()["other_senders"].get(foreign) == 1000, 30.0, "the foreign frames' count"
     )
 
 
-def test_wild_values_from_the_right_address_do_not_move_a_mass(daemon: live.Daemon, ears: live.Ears) -> None:
+def test_wild_values_from_the_right_address_do_not_move_a_mass(daemon: rig.Daemon, ears: rig.Ears) -> None:
     """Random bytes under the engine's own identifier, between its true frames: implausible jumps."""
     before = ears.until(lambda heard: heard.fresh, 60.0, "an estimate")
     cangen("-g", "30", "-n", "60", "-I", f"{ENGINE_EEC1:08X}", "-L", "8", "-D", "r")
     assert_unmoved(before, ears.until(lambda heard: heard.fresh, 60.0, "an estimate after the jumps"))
 
 
-def test_short_frames_and_stray_transport_packets_are_counted(daemon: live.Daemon, ears: live.Ears) -> None:
+def test_short_frames_and_stray_transport_packets_are_counted(daemon: rig.Daemon, ears: rig.Ears) -> None:
     before = daemon.status()
     cansend("0CF00400#F1B7", "18EBFF00#07AABBCCDDEEFF00", "18ECFF00#20FF", "18ECFF00#FFFFFFFFFFFFFFFF")
     engine = "PGN 61444 from 0x00"
-    live.wait_until(
+    rig.wait_until(
         lambda: (
             daemon.status()["senders"][engine]["wrong_length"] > before["senders"][engine]["wrong_length"]
         ),
@@ -172,17 +170,17 @@ def test_short_frames_and_stray_transport_packets_are_counted(daemon: live.Daemo
     ears.fresh(time.monotonic(), SOON_S, "malformed frames")
 
 
-def test_bus_off_is_told_and_over_with_the_next_frame(daemon: live.Daemon, ears: live.Ears) -> None:
+def test_bus_off_is_told_and_over_with_the_next_frame(daemon: rig.Daemon, ears: rig.Ears) -> None:
     """A vcan cannot go bus-off, but the error frames of a controller that does can be sent on it."""
     cansend("20000040#0000000000000000")
-    live.wait_until(lambda: daemon.status()["bus"].get("bus_off", 0) >= 1, 30.0, "the bus-off count")
+    rig.wait_until(lambda: daemon.status()["bus"].get("bus_off", 0) >= 1, 30.0, "the bus-off count")
     cansend("20000100#0000000000000000")
     ears.fresh(time.monotonic(), SOON_S, "the controller restarted")
     assert daemon.status()["bus"]["state"] == "up"
 
 
 def test_address_lost_to_a_lower_name_is_left_and_another_claimed(
-    daemon: live.Daemon, ears: live.Ears, record_property: Record
+    daemon: rig.Daemon, ears: rig.Ears, record_property: Record
 ) -> None:
     ours = ears.until(lambda heard: True, 60.0, "a broadcast").source
     cansend(f"18EEFF{ours:02X}#0000000000000000")  # NAME 0 wins against everybody
@@ -193,7 +191,7 @@ def test_address_lost_to_a_lower_name_is_left_and_another_claimed(
     assert daemon.status()["broadcast"]["addresses_lost"] >= 1
 
 
-def test_stopped_and_continued(daemon: live.Daemon, ears: live.Ears, record_property: Record) -> None:
+def test_stopped_and_continued(daemon: rig.Daemon, ears: rig.Ears, record_property: Record) -> None:
     """What arrived meanwhile waits in the socket; it is worked through, not answered one by one."""
     daemon.signal(signal.SIGSTOP)
     time.sleep(5.0)
@@ -205,7 +203,7 @@ def test_stopped_and_continued(daemon: live.Daemon, ears: live.Ears, record_prop
 
 @pytest.mark.guest
 @pytest.mark.parametrize("hours", [-24, 24])
-def test_clock_set(daemon: live.Daemon, ears: live.Ears, hours: int, record_property: Record) -> None:
+def test_clock_set(daemon: rig.Daemon, ears: rig.Ears, hours: int, record_property: Record) -> None:
     now_s = time.time()
     begin_s = time.monotonic()
     try:
@@ -219,19 +217,19 @@ def test_clock_set(daemon: live.Daemon, ears: live.Ears, hours: int, record_prop
 
 
 @pytest.mark.guest
-def test_full_disk_and_read_only_directory_cost_only_the_saving(daemon: live.Daemon, ears: live.Ears) -> None:
+def test_full_disk_and_read_only_directory_cost_only_the_saving(daemon: rig.Daemon, ears: rig.Ears) -> None:
     folder = str(daemon.folder)
     begin = daemon.log.stat().st_size
     subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", folder], check=True)
     try:
         subprocess.run(["dd", "if=/dev/zero", f"of={folder}/ballast"], check=False, capture_output=True)
-        live.wait_until(lambda: "No space left" in daemon.messages(begin), 60.0, "the full disk to be told")
+        rig.wait_until(lambda: "No space left" in daemon.messages(begin), 60.0, "the full disk to be told")
         ears.fresh(time.monotonic(), SOON_S, "the disk was full")
         Path(folder, "ballast").unlink()
         saved = Path(folder, f"learned-{BUS}.json")
-        live.wait_until(saved.exists, 60.0, "the mass to be saved once there is space")
+        rig.wait_until(saved.exists, 60.0, "the mass to be saved once there is space")
         subprocess.run(["mount", "-o", "remount,ro", folder], check=True)
-        live.wait_until(
+        rig.wait_until(
             lambda: "Read-only file system" in daemon.messages(begin), 60.0, "the read-only disk to be told"
         )
         ears.fresh(time.monotonic(), SOON_S, "the disk was read-only")
@@ -239,7 +237,7 @@ def test_full_disk_and_read_only_directory_cost_only_the_saving(daemon: live.Dae
         subprocess.run(["umount", "-l", folder], check=True)
 
 
-def test_survivor_is_the_one_that_was_started(running: live.Daemon) -> None:
+def test_survivor_is_the_one_that_was_started(running: rig.Daemon) -> None:
     """All of the above in one life, without an exception caught on the way."""
     status = running.status()
     assert status["failures"] == 0
@@ -247,7 +245,7 @@ def test_survivor_is_the_one_that_was_started(running: live.Daemon) -> None:
     assert running.stop()[0] == 0
 
 
-def assert_unmoved(before: live.Heard, after: live.Heard) -> None:
+def assert_unmoved(before: rig.Heard, after: rig.Heard) -> None:
     """A valid mass may not move by more than 2 %."""
     assert before.mass_kg is not None
     assert after.mass_kg == pytest.approx(before.mass_kg, rel=0.02)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import can
 import pytest
+import rig
 
 pytestmark = pytest.mark.vcan
 
@@ -23,10 +24,12 @@ def test_canplayer_replays_what_candump_recorded(vcan: str, tmp_path: Path) -> N
     log = tmp_path / "drive.log"
     frames = [f"({n / 1000:.6f}) can0 18FEF127#{n:016X}" for n in range(200)]
     log.write_text("\n".join(frames) + "\n")
-    with subprocess.Popen(["candump", "-L", "-n", "200", vcan], stdout=subprocess.PIPE, text=True) as dump:
+    with rig.recording(vcan, tmp_path / "seen.log") as recorded:
         subprocess.run(["canplayer", "-I", str(log), f"{vcan}=can0"], check=True, timeout=30)
-        recorded, _ = dump.communicate(timeout=30)
-    assert [line.split()[2] for line in recorded.splitlines()] == [line.split()[2] for line in frames]
+        seen = rig.wait_until(
+            lambda: len(lines := recorded.read_text().splitlines()) == 200 and lines, 30.0, "all"
+        )
+    assert [line.split()[2] for line in seen] == [line.split()[2] for line in frames]
 
 
 @pytest.mark.guest

@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import live
 import pytest
+import rig
 
 pytestmark = [pytest.mark.vcan, pytest.mark.guest]
 
@@ -51,7 +51,7 @@ def journal() -> str:
 
 
 def config_text(**broken: str) -> str:
-    text = (live.ROOT / "configs" / "vcan.yaml").read_text().replace("channel: vcan0", f"channel: {BUS}")
+    text = (rig.ROOT / "configs" / "vcan.yaml").read_text().replace("channel: vcan0", f"channel: {BUS}")
     text = text.replace('service: {learn: "on"}', 'service: {learn: "on+save", save_every_s: 1}')
     assert BUS in text
     assert "save_every_s" in text
@@ -61,20 +61,20 @@ def config_text(**broken: str) -> str:
 @pytest.fixture(scope="module")
 def unit() -> Iterator[str]:
     """The unit installed as on a vehicle, but for where this Python lives, and started."""
-    live.add_vcan(BUS)
-    (UNITS / "canest@.service").write_text((live.ROOT / "systemd" / "canest@.service").read_text())
+    rig.add_vcan(BUS)
+    (UNITS / "canest@.service").write_text((rig.ROOT / "systemd" / "canest@.service").read_text())
     CONFIG.parent.mkdir(exist_ok=True)
     CONFIG.write_text(config_text())
     program = Path("/opt/canest/bin/canest")
     program.parent.mkdir(parents=True, exist_ok=True)
-    program.write_text(f'#!/bin/sh\ncd {shlex.quote(str(live.ROOT))}\nexec {sys.executable} -m canest "$@"\n')
+    program.write_text(f'#!/bin/sh\ncd {shlex.quote(str(rig.ROOT))}\nexec {sys.executable} -m canest "$@"\n')
     program.chmod(0o755)
-    for place in (sys.prefix, sys.base_prefix, str(live.ROOT)):
+    for place in (sys.prefix, sys.base_prefix, str(rig.ROOT)):
         for folder in (Path(place), *Path(place).parents):
             folder.chmod(folder.stat().st_mode | 0o555)  # to be read by the unit's own user
     drop_in = UNITS / "canest@.service.d" / "guest.conf"
     drop_in.parent.mkdir()
-    places = " ".join({sys.prefix, sys.base_prefix, str(live.ROOT)})
+    places = " ".join({sys.prefix, sys.base_prefix, str(rig.ROOT)})
     # An emulated Python takes long to start; and this one may live in a home or below /tmp.
     drop_in.write_text(
         f"[Service]\nTimeoutStartSec=300\nTimeoutStopSec=20\nProtectHome=tmpfs\nBindReadOnlyPaths={places}\n"
@@ -86,26 +86,26 @@ def unit() -> Iterator[str]:
 
 
 @pytest.fixture
-def ears(unit: str, tmp_path: Path) -> Iterator[live.Ears]:
+def ears(unit: str, tmp_path: Path) -> Iterator[rig.Ears]:
     """Ears on a bus on which a drive is played."""
-    with live.playing(BUS, live.cycle_log(tmp_path)), live.Ears(BUS) as ears:
+    with rig.playing(BUS, rig.cycle_log(tmp_path)), rig.Ears(BUS) as ears:
         yield ears
 
 
 def await_new_life(pid: int, since_s: float, limit_s: float) -> float:
     """Wait until the main process is another one; return the seconds that took from ``since_s`` on."""
-    live.wait_until(lambda: main_pid() not in (0, pid), 120.0, "systemd to start it again")
+    rig.wait_until(lambda: main_pid() not in (0, pid), 120.0, "systemd to start it again")
     took_s = time.monotonic() - since_s
-    assert took_s <= limit_s * live.slowness(), f"started again after {took_s:.1f} s, limit {limit_s} s"
-    live.wait_until(lambda: show("ActiveState") == "active", live.START_S, "the new life to be ready")
+    assert took_s <= limit_s * rig.slowness(), f"started again after {took_s:.1f} s, limit {limit_s} s"
+    rig.wait_until(lambda: show("ActiveState") == "active", rig.START_S, "the new life to be ready")
     return took_s
 
 
-def test_started_by_the_unit_it_is_ready_and_broadcasts(ears: live.Ears) -> None:
+def test_started_by_the_unit_it_is_ready_and_broadcasts(ears: rig.Ears) -> None:
     assert show("ActiveState") == "active"
     heard = ears.until(lambda heard: heard.signals["EstimateStatus"] == 2, 120.0, "a valid estimate")
-    assert heard.mass_kg == pytest.approx(live.TRUE_MASS_KG, rel=0.05)
-    live.wait_until(
+    assert heard.mass_kg == pytest.approx(rig.TRUE_MASS_KG, rel=0.05)
+    rig.wait_until(
         lambda: re.search(r"valid: mass 2[01]\.\d t", show("StatusText")), 10.0, "a STATUS to read"
     )
 
@@ -119,12 +119,12 @@ def test_it_runs_as_nobody_in_particular_with_nothing_it_could_use(unit: str) ->
 
 
 def test_status_socket_answers_in_the_runtime_directory(unit: str) -> None:
-    status = live.ask(Path(f"/run/canest/guest/status-{BUS}.sock"))
+    status = rig.ask(Path(f"/run/canest/guest/status-{BUS}.sock"))
     assert status["pid"] == main_pid()
     assert status["failures"] == 0
 
 
-def test_killed_process_is_restarted_with_the_saved_mass(ears: live.Ears, record_property: Record) -> None:
+def test_killed_process_is_restarted_with_the_saved_mass(ears: rig.Ears, record_property: Record) -> None:
     before = ears.until(lambda heard: heard.signals["EstimateStatus"] == 2, 120.0, "a valid estimate")
     time.sleep(2.0)  # saved every second
     lives = journal().count("mass-restored")
@@ -136,12 +136,12 @@ def test_killed_process_is_restarted_with_the_saved_mass(ears: live.Ears, record
     assert journal().count("mass-restored") == lives + 1
 
 
-def test_reload_of_a_broken_config_is_refused_without_stopping(ears: live.Ears) -> None:
+def test_reload_of_a_broken_config_is_refused_without_stopping(ears: rig.Ears) -> None:
     pid = main_pid()
     CONFIG.write_text(config_text(vehicel="{}"))
     try:
         systemctl("reload", UNIT)
-        live.wait_until(lambda: "reload-refused" in journal(), 30.0, "the refusal")
+        rig.wait_until(lambda: "reload-refused" in journal(), 30.0, "the refusal")
         assert "vehicel" in journal()
         ears.fresh(time.monotonic(), RECOVERY_S, "a reload was refused")
         assert main_pid() == pid
@@ -149,15 +149,15 @@ def test_reload_of_a_broken_config_is_refused_without_stopping(ears: live.Ears) 
         CONFIG.write_text(config_text())
 
 
-def test_reload_of_a_good_config_is_taken(ears: live.Ears) -> None:
+def test_reload_of_a_good_config_is_taken(ears: rig.Ears) -> None:
     pid = main_pid()
     systemctl("reload", UNIT)
-    live.wait_until(lambda: "reloaded" in journal(), 30.0, "the reload")
+    rig.wait_until(lambda: "reloaded" in journal(), 30.0, "the reload")
     ears.fresh(time.monotonic(), RECOVERY_S, "a reload")
     assert main_pid() == pid
 
 
-def test_stopped_process_is_restarted_by_the_watchdog(ears: live.Ears, record_property: Record) -> None:
+def test_stopped_process_is_restarted_by_the_watchdog(ears: rig.Ears, record_property: Record) -> None:
     pid = main_pid()
     os.kill(pid, signal.SIGSTOP)
     # The deadline, then 0.5 s before the next start (RestartSec) and what systemd itself takes.
@@ -167,33 +167,33 @@ def test_stopped_process_is_restarted_by_the_watchdog(ears: live.Ears, record_pr
     ears.until(lambda heard: heard.fresh, 60.0, "an estimate of the new life")
 
 
-def test_interface_deleted_and_made_anew(ears: live.Ears, record_property: Record) -> None:
+def test_interface_deleted_and_made_anew(ears: rig.Ears, record_property: Record) -> None:
     ears.until(lambda heard: heard.fresh, 60.0, "an estimate before the fault")
     pid = main_pid()
-    live.ip("link", "delete", BUS)
+    rig.ip("link", "delete", BUS)
     time.sleep(1.0)
-    live.add_vcan(BUS)
+    rig.add_vcan(BUS)
     back_s = time.monotonic()
-    with live.Ears(BUS) as new_ears:
+    with rig.Ears(BUS) as new_ears:
         record_property("recovered_s", new_ears.fresh(back_s, RECOVERY_S, "the interface came back"))
     assert main_pid() == pid
 
 
 def test_counters_come_with_sigusr1(unit: str) -> None:
     os.kill(main_pid(), signal.SIGUSR1)
-    live.wait_until(lambda: "bus.late_frames=" in journal(), 30.0, "the counters")
+    rig.wait_until(lambda: "bus.late_frames=" in journal(), 30.0, "the counters")
 
 
-def test_sigterm_ends_within_a_second_with_the_mass_saved(ears: live.Ears) -> None:
+def test_sigterm_ends_within_a_second_with_the_mass_saved(ears: rig.Ears) -> None:
     ears.until(lambda heard: heard.fresh, 60.0, "an estimate")
     pid = main_pid()
     begin_s, begin_wall_s = time.monotonic(), time.time()
     os.kill(pid, signal.SIGTERM)
-    live.wait_until(lambda: not Path(f"/proc/{pid}").exists(), 20.0, "its end")
+    rig.wait_until(lambda: not Path(f"/proc/{pid}").exists(), 20.0, "its end")
     took_s = time.monotonic() - begin_s
-    assert took_s <= 1.0 * live.slowness()
+    assert took_s <= 1.0 * rig.slowness()
     assert next(STATE.glob("learned-*.json")).stat().st_mtime >= begin_wall_s - 0.1
-    live.wait_until(lambda: show("ActiveState") == "inactive", 20.0, "systemd to note it")
+    rig.wait_until(lambda: show("ActiveState") == "inactive", 20.0, "systemd to note it")
     assert (show("Result"), show("ExecMainStatus")) == ("success", "0")
 
 
@@ -203,7 +203,7 @@ def test_networkd_knows_every_key_of_the_example(name: str) -> None:
     networkd = Path("/lib/systemd/systemd-networkd")
     folder = Path("/etc/systemd/network")
     folder.mkdir(parents=True, exist_ok=True)
-    lines = (live.ROOT / "systemd" / name).read_text()
+    lines = (rig.ROOT / "systemd" / name).read_text()
     (folder / name).write_text(lines)
     (folder / "typo.network").write_text(lines.replace("BitRate=", "BitRaet="))
     done = subprocess.run(
