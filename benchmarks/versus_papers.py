@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from calibration import FAMILIES, Family
+from calibration import FAMILIES, Family, draw
 
 from canest import fast
 from canest.compare import compare
@@ -34,7 +34,7 @@ def one_drive(job: tuple[Family, int]) -> list[dict[str, Any]]:
     """Simulate a drive, compare from each start; return rows of mass RMS (percent) by estimator."""
     fast.enable()
     family, seed = job
-    scenario = family.scenario(np.random.default_rng(seed))
+    scenario, _ = draw(family, seed)
     for change in scenario["mass_kg"]:
         change["mass_kg"] = float(np.clip(change["mass_kg"], *LOADS_KG))
     rows = []
@@ -64,7 +64,7 @@ def page(rows: list[dict[str, Any]], command: str) -> str:
         "# Beside the papers' methods",
         "",
         "Mass RMS in percent of the true mass from 60 s on, after a wrong start, on simulated drives with",
-        "loads of 13 to 30 t; starred drives carry undeclared errors (torque, wind, rolling resistance, slip,",
+        "loads of 13 to 30 t; starred ones carry undeclared errors (torque, wind, rolling resistance, slip,",
         "delay). In town the load changes twice while the truck stands, and nobody can know before it moves:",
         "part of every method's error there is that time. Launches without a star are on a road without any",
         "slope and with nothing undeclared: the one place where assuming a constant grade is exactly right.",
