@@ -29,6 +29,8 @@ SHARE_WINDOWS = 4
 EQUIVALENT_SIGMAS = 2.0
 #: and below this share of what is left
 EQUIVALENT_SHARE = 0.1
+#: or while it says nearly all that the chosen one says: what it misses is below this share of it
+EQUIVALENT_MISS = 0.05
 #: or while its regressor is the chosen one's mirror image up to this correlation
 EQUIVALENT_CORRELATION = 0.998
 MAX_EFFECTS = 5
@@ -150,6 +152,10 @@ class Search:
         bare.chosen, bare.residual_N = [], self.first_residual_N
         return bare
 
+    def _left(self, residual: FloatColumn, columns: list[FloatColumn]) -> FloatColumn:
+        """Return the squared held-out residual of every window (n,)."""
+        return np.asarray(held_out(residual, self._matrix(columns), self.problem.chunk) ** 2)
+
     def _best_start(self, c: Candidate, deviations: Sequence[float]) -> float:
         """Return the deviation, of those given, that leaves the smallest residual."""
         left = []
@@ -164,7 +170,7 @@ class Search:
     def _best_addition(self) -> Candidate | None:
         residual, columns = self._now()
         chunk = self.problem.chunk
-        before = held_out(residual, self._matrix(columns), chunk) ** 2
+        before = self._left(residual, columns)
         total = before.sum()
         options: list[tuple[float, Candidate, FloatColumn]] = []
         for c in self.candidates:
@@ -174,7 +180,7 @@ class Search:
             if not column.any():
                 continue
             matrix = self._matrix([*columns, column])
-            left = held_out(residual, matrix, chunk) ** 2
+            left = self._left(residual, [*columns, column])
             share = 1.0 - left.sum() / total
             if share < MIN_SHARE:
                 continue
@@ -301,18 +307,20 @@ class Search:
         columns: list[FloatColumn],
     ) -> list[Candidate]:
         """Return the candidates that do as well in the place of the chosen one."""
-        chunk = self.problem.chunk
-        best_left = held_out(residual, self._matrix(columns), chunk) ** 2
+        best_left = self._left(residual, columns)
+        best, missed = float(best_left.sum()), self._held_out_sum(without, others)
         mine = self._rest(columns[at], others)
         found = []
         for c in self.candidates:
             column = self._columns[c.label]
             if c.label == self.chosen[at].candidate.label or not column.any():
                 continue
-            left = held_out(without, self._matrix([*others, column]), chunk) ** 2
+            left = self._left(without, [*others, column])
             theirs = self._rest(column, others)
             alike = abs(mine @ theirs) > EQUIVALENT_CORRELATION * np.sqrt((mine @ mine) * (theirs @ theirs))
-            if alike or self._as_good(left, best_left):
+            worse = float(left.sum()) - best
+            nearly = worse < min(EQUIVALENT_SHARE * best, EQUIVALENT_MISS * (missed - best))
+            if alike or nearly or self._as_good(left, best_left):
                 found.append(c)
         return sorted(found, key=lambda c: c.rank)
 
@@ -325,7 +333,7 @@ class Search:
         return np.asarray(column - matrix @ p)
 
     def _held_out_sum(self, residual: FloatColumn, columns: list[FloatColumn]) -> float:
-        return float((held_out(residual, self._matrix(columns), self.problem.chunk) ** 2).sum())
+        return float(self._left(residual, columns).sum())
 
     def alike(self, c: Candidate) -> list[Candidate]:
         """Return the candidates whose regressors this data cannot tell from this one's."""
@@ -376,7 +384,7 @@ class Search:
     def held_out_rms(self, *, after: bool) -> tuple[float, float]:
         """Return the held-out residual's RMS (whitened units) and its standard error by chunk bootstrap."""
         residual, columns = self._now() if after else (self._first, [])
-        left = held_out(residual, self._matrix(columns), self.problem.chunk) ** 2
+        left = self._left(residual, columns)
         sums = chunk_sums(left, self.problem.chunk)
         counts = chunk_sums(np.ones(len(left)), self.problem.chunk)
         draw = np.random.default_rng(0).integers(0, len(sums), (400, len(sums)))
