@@ -181,7 +181,10 @@ def recording(interface: str, log: Path) -> Iterator[Path]:
     """Record an interface with candump, from the moment the block begins, not some time after."""
     listeners = Path("/proc/net/can/rcvlist_all")
     before = listeners.read_text().count(f" {interface} ")
-    with log.open("w") as file, subprocess.Popen(["candump", "-L", interface], stdout=file) as dump:
+    with (
+        log.open("w") as file,
+        subprocess.Popen(["candump", "-r", "4194304", "-L", interface], stdout=file) as dump,
+    ):
         try:
             wait_until(
                 lambda: listeners.read_text().count(f" {interface} ") > before, START_S, "candump to listen"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import itertools
+import statistics
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -20,8 +21,8 @@ import rig
 pytestmark = pytest.mark.vcan
 
 CYCLES = 2
-#: Between a tick and the broadcast that tells it: a tick, the kernel's stamps, and a slow machine.
-LAG_S = 1.0
+#: Between a tick and the broadcast that tells it, in the median: a tick and an emulated processor's work.
+LAG_S = 0.3
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,7 @@ class Run:
     exit_s: float
     status: dict[str, Any]
     messages: str
+    slowness: float
 
     @property
     def broadcasts(self) -> list[tuple[float, int, bytes]]:
@@ -60,7 +62,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
         ):
             player = ["canplayer", "-l", str(CYCLES), "-I", str(log), f"{interface}=can0"]
             subprocess.run(player, check=True, timeout=120)
-            status = daemon.status()
+            status, slowness = daemon.status(), rig.slowness()
             exit_status, exit_s = daemon.stop()
             messages = daemon.messages()
     finally:
@@ -72,7 +74,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
         stamp, _, frame = line.split()
         can_id, payload = frame.split("#")
         dumped.append((float(stamp[1:-1]), int(can_id, 16), bytes.fromhex(payload)))
-    yield Run(folder, dumped, exit_status, exit_s, status, messages)
+    yield Run(folder, dumped, exit_status, exit_s, status, messages, slowness)
 
 
 def test_mass_and_grade_settle_on_the_truth(run: Run) -> None:
@@ -83,21 +85,25 @@ def test_mass_and_grade_settle_on_the_truth(run: Run) -> None:
 
 
 def test_every_broadcast_number_is_the_replays_within_the_frames_resolution(run: Run) -> None:
+    """Broadcasts and estimates both go forward in time, so one pass through the replay finds them all."""
     rows = [row for row in run.estimates("replayed.csv") if row["mass_kg"]]
     times = [float(row["t_s"]) for row in rows]
-    at, told = 0, 0
+    at = 0
+    lags_s = []
     for t_s, _, payload in run.broadcasts:
         heard = rig.decode(payload)
-        if heard["EstimatedMass"] is None or not times[0] + LAG_S <= t_s <= times[-1]:
+        if heard["EstimatedMass"] is None or t_s > times[-1]:
             continue
-        # broadcasts and estimates both go forward in time, so one pass finds them all; rows that say the
-        # same for long (a closed gate) are passed over by their time
-        while at < len(rows) and (times[at] < t_s - LAG_S or not _says(heard, rows[at])):
+        while at < len(rows) and not _says(heard, rows[at]):
             at += 1
-        assert at < len(rows), f"no estimate at or before {t_s} equals the broadcast {heard}"
-        assert t_s - LAG_S <= times[at] <= t_s
-        told += 1
-    assert told > 100
+        assert at < len(rows), f"no estimate equals the broadcast of {t_s}: {heard}"
+        assert times[at] <= t_s
+        newest = at  # while a gate is closed, many rows say the same
+        while newest + 1 < len(rows) and times[newest + 1] <= t_s and _says(heard, rows[newest + 1]):
+            newest += 1
+        lags_s.append(t_s - times[newest])
+    assert len(lags_s) > 100 / run.slowness
+    assert statistics.median(lags_s) <= LAG_S * run.slowness
 
 
 def _says(heard: dict[str, Any], row: dict[str, str]) -> bool:
@@ -147,7 +153,7 @@ def test_rate_is_never_above_what_the_config_says(run: Run) -> None:
     """Below it only as far as the machine cannot keep up; how well it can is the live benchmark's to say."""
     times = [t for t, _, _ in run.broadcasts]
     rate_hz = (len(times) - 1) / (times[-1] - times[0])
-    assert 2.0 < rate_hz < 10.2
+    assert 5.0 / run.slowness < rate_hz < 10.2
 
 
 def test_address_is_claimed_before_anything_is_said(run: Run) -> None:
@@ -159,6 +165,6 @@ def test_address_is_claimed_before_anything_is_said(run: Run) -> None:
 
 def test_sigterm_ends_within_a_second_with_the_mass_saved(run: Run) -> None:
     assert run.exit_status == 0
-    assert run.exit_s <= 1.0 * rig.slowness()
+    assert run.exit_s <= 1.0 * run.slowness
     saved = (run.folder / "state").glob("learned-*.json")
     assert '"mass_kg": 2' in next(saved).read_text()

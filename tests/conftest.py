@@ -1,0 +1,15 @@
+"""Under pytest-xdist, tests that must share a worker do, without another word on the command line."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Schedule by ``xdist_group``: all guest tests in one worker, so in one guest."""
+    from xdist.scheduler import LoadGroupScheduling
+
+    return LoadGroupScheduling(config, log)
