@@ -43,6 +43,8 @@ BIAS_STD_MPS2 = 0.3
 PITCH_RAD_PER_MPS2, PITCH_STD_RAD_PER_MPS2, PITCH_SHARE_STD = 0.006, 0.006, 0.2
 #: a speed's noise is at first taken this many times coarser than its resolution: drivelines swing
 CAREFUL = 20.0
+#: speed that a driveline's oscillation may leave in one window until the data says how much, m/s
+OSCILLATION_MPS = 0.05
 #: grades of roads: std of the grade, and of its change per metre (vertical curves of 3 to 10 km radius)
 GRADE_STD, CURVATURE_STD_1PM = 0.03, 1.5e-4
 
@@ -92,5 +94,5 @@ def prior_of(facts: VehicleFacts, mass_kg: float | None = None, mass_std_kg: flo
         facts.accelerometer_step_mps2 / 2.0,
         facts.speed_step_mps,
     )
-    start = (CAREFUL * floors[0], 2.0 * floors[1], 2.0 * floors[2])
+    start = (max(CAREFUL * floors[0], OSCILLATION_MPS), 2.0 * floors[1], 2.0 * floors[2])
     return Prior(mean, std, floors, start, facts.torque_step_Nm / math.sqrt(12.0))
