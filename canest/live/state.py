@@ -143,8 +143,9 @@ def _judge(content: bytes, config: Config, now_s: float) -> tuple[Learned | None
     if learned.saved_s > now_s + _CLOCK_TOLERANCE_S:
         return None, "future", f"is dated {learned.saved_s - now_s:.0f} s in the future"
     low, high = config.vehicle.mass_min_kg, config.vehicle.mass_max_kg
-    if not low <= learned.mass_kg <= high:
-        return None, "range", f"says {learned.mass_kg:g} kg, expected {low:g}..{high:g}"
+    if not (low <= learned.mass_kg <= high and learned.mass_std_kg <= high):
+        found = f"{learned.mass_kg:g} +- {learned.mass_std_kg:g} kg"
+        return None, "range", f"says {found}, expected {low:g}..{high:g}"
     return learned, "", ""
 
 

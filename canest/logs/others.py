@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import logging
 import math
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from canest.errors import LogError
-from canest.frames import ERROR, EXTENDED, REMOTE, FrameBlock
+from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.logs.base import LogReader
 from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
 from canest.logs.compression import Source
@@ -20,6 +22,32 @@ _TEXT_BYTES = 1 << 18
 _SECONDS_MAX = 9e12
 _TEXT_SUFFIXES = (".asc", ".trc", ".csv")
 _HEADER_LINES_MAX = 200
+_BYTES_MAX = 64  #: payload of CAN FD
+
+
+class _Complaints(logging.Handler):
+    """Takes what python-can logs on its way: a line that it passes over is one more skipped line of ours."""
+
+    def __init__(self, skip: Callable[[], None]) -> None:
+        super().__init__(logging.WARNING)
+        self._skip = skip
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Count a line that could not be parsed; nothing is printed."""
+        if "Failed to parse message" in str(record.msg):
+            self._skip()
+
+
+@contextlib.contextmanager
+def _listening(skip: Callable[[], None]) -> Iterator[None]:
+    logger, handler = logging.getLogger("can.io"), _Complaints(skip)
+    before, logger.propagate = logger.propagate, False
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = before
 
 
 class PythonCanReader(LogReader):
@@ -90,7 +118,7 @@ class PythonCanReader(LogReader):
         make: Any = {".blf": can.BLFReader, ".mf4": can.MF4Reader, ".db": can.SqliteReader}[self._suffix]
         source = file.name if self._suffix == ".db" else file  # sqlite opens by name only
         try:
-            with self._reader(make, source) as reader:
+            with _listening(lambda: None), self._reader(make, source) as reader:
                 yield from reader
                 declared = getattr(reader, "file_size", 0)
         except LogError:
@@ -110,13 +138,17 @@ class PythonCanReader(LogReader):
         kind = {".asc": can.ASCReader, ".trc": can.TRCReader, ".csv": can.CSVReader}[self._suffix]
         lines = _Lines(self._source, self._head, self._suffix)
         while not lines.ended:
+            seen = lines.number
             lines.rewind_header()
             try:
-                yield from self._reader(kind, lines)
+                with _listening(lambda: self._skip(lines.number, lines.current.strip(), "not readable")):
+                    yield from self._reader(kind, lines)
             except LogError:
                 raise
             except Exception as error:  # as above
                 self._skip(lines.number, lines.current.strip(), _reason(error))
+            if lines.number == seen:  # it stumbles over the header itself, and would do so for ever
+                lines.drop_header()
 
     def _reader(self, make: Any, source: Any) -> Any:
         try:
@@ -129,20 +161,26 @@ class PythonCanReader(LogReader):
             ) from None
 
     def _frame(self, message: Any) -> tuple[int, int, int, int] | None:
-        stamp = float(message.timestamp)
+        try:
+            stamp, can_id = float(message.timestamp), int(message.arbitration_id)
+            payload = bytes(message.data or b"")
+            length = int(message.dlc) if message.is_remote_frame else len(payload)
+        except (TypeError, ValueError, OverflowError) as error:  # a damaged database holds anything anywhere
+            self._skip(self._frames + 1, "", _reason(error))
+            return None
         if not math.isfinite(stamp) or abs(stamp) > _SECONDS_MAX:
             self._skip(self._frames + 1, str(stamp), "impossible time stamp")
+            return None
+        if not (0 <= can_id <= ID_MASK and 0 <= length <= _BYTES_MAX):
+            self._skip(self._frames + 1, f"{can_id:x}", "no CAN frame")
             return None
         self._frames += 1
         channel = str(message.channel)
         self.channels[channel] = self.channels.get(channel, 0) + 1
         if self._channel is not None and channel != self._channel:
             return None
-        can_id = int(message.arbitration_id)
         can_id |= EXTENDED * message.is_extended_id if not message.is_error_frame else ERROR
         can_id |= REMOTE * message.is_remote_frame
-        payload = bytes(message.data or b"")
-        length = int(message.dlc) if message.is_remote_frame else len(payload)
         return round(stamp * 1e6), can_id, length, int.from_bytes(payload[:8], "little")
 
     def _select(self, frames: list[tuple[int, int, int, int]]) -> FrameBlock:
@@ -174,6 +212,11 @@ class _Lines:
     def rewind_header(self) -> None:
         """Let a new reader begin: header first, then the lines nobody has seen."""
         self._replay = list(self._header)
+
+    def drop_header(self) -> None:
+        """Go on without a header, behind the next line."""
+        self._header, self._replay = [], []
+        next(self, None)
 
     def __iter__(self) -> _Lines:
         return self
