@@ -15,24 +15,26 @@ def shipped(kind: str) -> Path:
     return installed if installed.is_dir() else _PACKAGE.parent / kind
 
 
-def find(kind: str, name: str, beside: Path | None = None) -> Path:
-    """Return the file ``name``: as given, beside the config that names it, or among the shipped ones.
+def find(kind: str, name: str) -> Path:
+    """Return the file ``name``: as given, or among the shipped ones.
 
     Errors: ConfigError that lists the shipped names.
     """
-    candidates = [Path(name)] if beside is None else [beside / name, Path(name)]
     folder = shipped(kind)
-    candidates.append(folder / name)
+    candidates = [Path(name), folder / name]
     if kind == "configs" and not name.endswith((".yaml", ".yml")):
         candidates.append(folder / f"{name}.yaml")
     for path in candidates:
-        if _is_file(path):
+        if is_file(path):
             return path
     names = ", ".join(sorted(p.name for p in folder.glob("*") if p.is_file()))
-    raise ConfigError(f"no such {kind} file", where=name, expected=f"a path or a shipped name ({names})")
+    raise ConfigError(
+        f"no such {kind.removesuffix('s')} file", where=name, expected=f"a path or a shipped name ({names})"
+    )
 
 
-def _is_file(path: Path) -> bool:
+def is_file(path: Path) -> bool:
+    """Return whether ``path`` is a file that can be seen."""
     try:
         return path.is_file()
     except OSError:  # a name too long, or a folder that may not be entered

@@ -22,7 +22,9 @@ class TableMap:
         self.roles: dict[str, tuple[str, float, float]] = {}
         for role, source in config.signals.items():
             if source.column is not None:
-                factor, offset = factor_and_offset(role, source, source.unit or "")
+                factor, offset = factor_and_offset(
+                    role, source, source.unit or "", config.at(f"signals.{role}")
+                )
                 self.roles[role] = source.column, factor, offset
 
     @property

@@ -28,13 +28,14 @@ def command(write: bool, config_name: str | None, name: str | None, root: str) -
     if not write:
         print(unit_text(), end="")
         return
-    path = None
+    path, databases = None, []
     if config_name is not None:
         from canest.resources import find
 
-        load(config_name)  # a config that is refused must not become a service
+        config = load(config_name)  # a config that is refused must not become a service
         path = find("configs", config_name)
-    done = install(path, name, Path(root))
+        databases = [Path(dbc) for dbc in config.dbc if Path(dbc).parent == path.resolve().parent]
+    done = install(path, name, Path(root), databases)
     for written in done.written:
         print(f"written  {written}")
     for note in done.notes:

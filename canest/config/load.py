@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from canest.config.schema import Config, MisplacedError
 from canest.errors import ConfigError
-from canest.resources import find
+from canest.resources import find, is_file
 
 #: libyaml's safe loader where PyYAML was built with it (ten times faster), else the one in Python
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -27,7 +27,15 @@ def load_config(name: str | Path, overrides: Iterable[str] = ()) -> Config:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"cannot be read ({error})", where=str(path)) from error
-    return parse_config(text, str(path), overrides)
+    config = parse_config(text, str(path), overrides)
+    local = _beside(path, config.dbc)
+    return config if local == config.dbc else config.model_copy(update={"dbc": local})
+
+
+def _beside(config: Path, names: Iterable[str]) -> tuple[str, ...]:
+    """Return the DBC names, those of files beside the config as paths that hold in any directory."""
+    files = ((name, config.parent / name) for name in names)
+    return tuple(str(file.resolve()) if is_file(file) else name for name, file in files)
 
 
 def parse_config(text: str, where: str = "config", overrides: Iterable[str] = ()) -> Config:
@@ -57,9 +65,12 @@ def parse_config(text: str, where: str = "config", overrides: Iterable[str] = ()
         raise ConfigError(f"key given twice: {duplicate[0]}", where=f"{where}:{duplicate[1]}")
     changed = _apply_overrides(raw, overrides)
     try:
-        return Config.model_validate(raw)
+        config = Config.model_validate(raw)
     except ValidationError as error:
         raise _explain(error, node, where, changed) from error
+    paths = [["signals", role] for role in config.signals]
+    config.note_origins({".".join(path): _origin(path, node, where, changed) for path in paths})
+    return config
 
 
 def _apply_overrides(raw: dict[str, Any], overrides: Iterable[str]) -> set[str]:
@@ -94,8 +105,7 @@ def _explain(error: ValidationError, node: yaml.Node | None, where: str, changed
         if p != "[key]"
     ]
     key = ".".join(path) or "(whole config)"
-    overridden = any(f"{key}.".startswith(f"{c}.") or c.startswith(f"{key}.") for c in changed)
-    origin = "--set" if overridden else f"{where}:{_line_of(node, path)}"
+    origin = _origin(path, node, where, changed)
     message = first["msg"].removeprefix("Value error, ")
     if first["type"] == "missing":
         return ConfigError(f"{key}: is missing", where=origin, expected="a value" + _more(problems))
@@ -106,6 +116,13 @@ def _explain(error: ValidationError, node: yaml.Node | None, where: str, changed
     found = first.get("input")
     shown = found if isinstance(found, str | int | float | bool) or found is None else type(found).__name__
     return ConfigError(key, where=origin, found=shown, expected=_plain(message) + _more(problems))
+
+
+def _origin(path: list[str], node: yaml.Node | None, where: str, changed: set[str]) -> str:
+    """Return where the key of ``path`` was written: "truck.yaml:31", or the command line."""
+    key = ".".join(path)
+    overridden = any(f"{key}.".startswith(f"{c}.") or c.startswith(f"{key}.") for c in changed)
+    return "--set" if overridden else f"{where}:{_line_of(node, path)}"
 
 
 #: pydantic's words -> words for somebody who writes YAML

@@ -5,9 +5,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 
 from canest.errors import ConfigError
 from canest.roles import KNOWN_UNITS, ROLES
@@ -303,8 +304,22 @@ class Service(Section):
     residual_max_mb: Number = Field(200.0, gt=0)
 
 
+class Origins(dict[str, str]):
+    """Where keys were written: "signals.gear" -> "truck.yaml:31".
+
+    All are equal: configs that say the same are the same config, whoever wrote them.
+    """
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Origins)
+
+    __hash__ = None
+
+
 class Config(Section):
     """A whole config."""
+
+    _origins: Origins = PrivateAttr(default_factory=Origins)
 
     vehicle: Vehicle
     dbc: tuple[str, ...] = ("j1939.dbc",)
@@ -317,6 +332,14 @@ class Config(Section):
     bus: Bus = Bus()
     broadcast: Broadcast = Broadcast()
     service: Service = Service()
+
+    def note_origins(self, origins: Mapping[str, str]) -> None:
+        """Remember where keys were written, for messages."""
+        self._origins.update(origins)
+
+    def at(self, key: str) -> str:
+        """Return a key behind the place where it was written: "truck.yaml:31: signals.gear"."""
+        return ": ".join(part for part in (self._origins.get(key), key) if part)
 
     @model_validator(mode="after")
     def _roles_known(self) -> Config:

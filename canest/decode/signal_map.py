@@ -21,11 +21,11 @@ def decoder_for(config: Config) -> Decoder:
     for role, source in config.signals.items():
         if source.message is None or source.signal is None:
             continue
-        where = f"signals.{role}"
+        where = config.at(f"signals.{role}")
         if not databases:
             raise ConfigError("names a DBC signal, but the config has no dbc: file", where=where)
         _, signal = find_signal(databases, source.message, source.signal, where)
-        factor, offset = factor_and_offset(role, source, source.unit or signal.unit or "")
+        factor, offset = factor_and_offset(role, source, source.unit or signal.unit or "", where)
         wants[role] = Want(
             role=role,
             message=source.message,
@@ -38,7 +38,7 @@ def decoder_for(config: Config) -> Decoder:
     return Decoder(wants, databases)
 
 
-def factor_and_offset(role: str, source: Source, unit: str) -> tuple[float, float]:
+def factor_and_offset(role: str, source: Source, unit: str, where: str = "") -> tuple[float, float]:
     """Return how a source's numbers become the role's (config's ``scale`` included).
 
     Errors: ConfigError for a unit of another dimension.
@@ -48,7 +48,7 @@ def factor_and_offset(role: str, source: Source, unit: str) -> tuple[float, floa
         known = ROLES[role].unit
         raise ConfigError(
             "unit does not fit the role",
-            where=f"signals.{role}",
+            where=where or f"signals.{role}",
             found=unit,
             expected="one of " + ", ".join(u or "no unit" for u in UNITS[known]),
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -46,10 +47,13 @@ def this_executable() -> Path:
     return Path(found) if found else beside
 
 
-def install(config: Path | None, name: str | None, root: Path = Path("/")) -> Installed:
+def install(
+    config: Path | None, name: str | None, root: Path = Path("/"), databases: Iterable[Path] = ()
+) -> Installed:
     """Write the unit below ``root``, and the config as the instance ``name`` (default: the file's name).
 
-    An existing config of that instance is kept. Errors: ConfigError, OutputError.
+    databases: DBC files that lie beside the config, and shall again. Files that exist are kept.
+    Errors: ConfigError, OutputError.
     """
     done = Installed()
     executable = this_executable()
@@ -63,13 +67,14 @@ def install(config: Path | None, name: str | None, root: Path = Path("/")) -> In
     if instance is not None and ("/" in instance or not instance.isprintable() or " " in instance):
         raise ConfigError("is no name for an instance", where="--name", found=instance, expected="e.g. truck")
     try:
-        _write(unit, unit_text(executable), done)
+        _write(unit, unit_text(executable).encode(), done)
         if config is not None:
-            target = root / "etc/canest" / f"{instance}.yaml"
-            if target.exists():
-                done.notes.append(f"{target} exists and was kept")
-            else:
-                _write(target, config.read_text(encoding="utf-8"), done)
+            folder = root / "etc/canest"
+            for source, file in ((config, f"{instance}.yaml"), *((d, d.name) for d in databases)):
+                if (folder / file).exists():
+                    done.notes.append(f"{folder / file} exists and was kept")
+                else:
+                    _write(folder / file, source.read_bytes(), done)
     except OSError as error:
         raise OutputError(
             f"cannot be written ({error.strerror})", where=str(error.filename or unit), expected="root: sudo"
@@ -83,9 +88,9 @@ def install(config: Path | None, name: str | None, root: Path = Path("/")) -> In
     return done
 
 
-def _write(path: Path, text: str, done: Installed) -> None:
+def _write(path: Path, content: bytes, done: Installed) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
+    path.write_bytes(content)
     done.written.append(path)
 
 

@@ -251,10 +251,29 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     ],
 )
 def test_a_signal_that_the_dbc_does_not_have(old: str, new: str, words: list[str]) -> None:
-    config = parse_config(TRUCK.replace(old, new, 1))
+    text = TRUCK.replace(old, new, 1)
+    config = parse_config(text, "truck.yaml")
     with pytest.raises(ConfigError) as caught:
         decoder_for(config)
     assert all(word in str(caught.value) for word in words), str(caught.value)
+    if "signal" in new or "message" in new or "unit" in new:
+        assert str(caught.value).startswith(f"truck.yaml:{line_with(text, new)}: signals.")
+
+
+def test_a_dbc_beside_its_config_is_found_from_anywhere_and_comes_before_the_shipped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "truck"
+    folder.mkdir()
+    ours = (shipped("dbc") / "j1939.dbc").read_text().replace(" EngSpeed ", " Revolutions ")
+    (folder / "j1939.dbc").write_text(ours)
+    (folder / "truck.yaml").write_text(TRUCK.replace("signal: EngSpeed,", "signal: Revolutions,"))
+    monkeypatch.chdir(tmp_path)
+    config = load_config("truck/truck.yaml")
+    monkeypatch.chdir("/")
+    decoder_for(config)
+    assert config.dbc == (str(folder / "j1939.dbc"),)
+    assert load_config("class8").dbc == ("j1939.dbc",)
 
 
 def test_a_model_without_torque_or_speed_says_what_it_needs() -> None:

@@ -17,6 +17,7 @@ from canest.cli.main import run
 from canest.config import load_config
 from canest.live.install import install, unit_text
 from canest.live.status_socket import StatusServer, ask, socket_path
+from canest.resources import shipped
 from tests.live.rig import Rig, wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -245,6 +246,16 @@ def test_the_service_is_installed_below_a_root_and_keeps_an_existing_config(tmp_
     second = install(truck, "bus1", tmp_path)
     assert (tmp_path / "etc/canest/bus1.yaml").read_text() == "mine"
     assert any("kept" in note for note in second.notes)
+
+
+def test_the_dbc_beside_a_config_is_installed_with_it(tmp_path):
+    folder, root = tmp_path / "here", tmp_path / "image"
+    folder.mkdir()
+    (folder / "mine.dbc").write_bytes((shipped("dbc") / "j1939.dbc").read_bytes())
+    text = (shipped("configs") / "class8.yaml").read_text().replace("[j1939.dbc]", "[mine.dbc]")
+    (folder / "truck.yaml").write_text(text)
+    assert run(["install-service", "--install", "-c", f"{folder}/truck.yaml", "--root", str(root)]) == 0
+    assert load_config(root / "etc/canest/truck.yaml").dbc == (str(root / "etc/canest/mine.dbc"),)
 
 
 def test_a_place_that_cannot_be_written_is_one_plain_error(tmp_path, capsys, truck):
