@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from canest.cli.options import config_option, load, override_options
+from canest.cli.options import Number, config_option, load, override_options
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,7 +49,7 @@ SHOWN = 6
 @config_option()
 @click.option("--truth", metavar="CSV", help="Table with t_s and mass_kg or grade or both; "
               "'auto' takes NAME.truth.csv beside each log.")  # fmt: skip
-@click.option("--mass", "mass_kg", type=float, metavar="KG", help="The true mass, if constant.")
+@click.option("--mass", "mass_kg", type=Number(1.0), metavar="KG", help="The true mass, if constant.")
 @click.option("--recorded", metavar="DIR", help="Recording that `canest run` keeps (service.residual_dir); "
               "its segments join the logs, oldest first.")  # fmt: skip
 @click.option("-o", "--output", required=True, metavar="DIR", help="Directory for the three files.")
@@ -69,8 +69,6 @@ def command(
     context = click.get_current_context()
     if not logs and recorded is None:
         raise click.UsageError("nothing to diagnose: give a LOG or --recorded DIR", context)
-    if mass_kg is not None and not 0 < mass_kg < float("inf"):
-        raise click.UsageError(f"--mass must be above 0, found {mass_kg:g}", context)
     config = load(config_name, overrides, estimator, initial_mass)
     paths = [Path(log) for log in logs] + (_segments(Path(recorded)) if recorded is not None else [])
     if truth not in (None, "auto") and len(paths) > 1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -13,6 +14,20 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 
 CONFIG_HELP = "Config file, or the name of a shipped one (class8, kenworth, bmw-i3, ...)."
+
+
+class Number(click.types.FloatParamType):
+    """A finite number, not below ``least``."""
+
+    def __init__(self, least: float) -> None:
+        self._least = least
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number; anything else is a usage error."""
+        number: float = super().convert(value, param, ctx)
+        if not self._least <= number < math.inf:
+            self.fail(f"found {number:g}, expected a number from {self._least:g} on.", param, ctx)
+        return number
 
 
 def config_option(required: bool = True) -> Callable[[F], F]:
@@ -37,9 +52,9 @@ def override_options(function: F) -> F:
 def truth_options(function: F) -> F:
     """Add the options that say what the right answer is."""
     for option in (
-        click.option("--after", "after_s", type=float, default=60.0, show_default=True, metavar="S",
+        click.option("--after", "after_s", type=Number(0.0), default=60.0, show_default=True, metavar="S",
                      help="Count errors from this many seconds after the first sample on."),
-        click.option("--mass", "mass_kg", type=float, metavar="KG", help="The true mass, if constant."),
+        click.option("--mass", "mass_kg", type=Number(1.0), metavar="KG", help="The true mass, if constant."),
         click.option("--truth", metavar="CSV", help="Table with t_s and grade or mass_kg or both; "
                      "'auto' takes NAME.truth.csv beside each log."),
     ):  # fmt: skip

@@ -101,7 +101,12 @@ def _one(job: Job, config: Config, output: str | None, report: str | None, json_
 
     if output is not None:
         path = Path(output)
-        job = replace(job, output=path / f"{job.name}.csv" if path.is_dir() else path)
+        if path.is_dir() or output.endswith("/"):
+            from canest.fleet import with_outputs
+
+            job = with_outputs([job], path, None)[0]
+        else:
+            job = replace(job, output=path)
     if report is not None:
         job = replace(job, report=Path(report))
     with Bar(job.name) as bar:

@@ -100,6 +100,16 @@ class TestBundledDrive:
         assert errors["mass_rms_pct"] < 6
         assert errors["grade_rms_deg"] is None
 
+    @pytest.mark.parametrize("option", ["--mass=nan", "--mass=0", "--mass=inf", "--after=-1"])
+    def test_a_truth_that_cannot_be_is_refused(self, canest, option):
+        done = canest("replay", KENWORTH, "-c", "kenworth", option)
+        assert done.code == 2
+        assert "expected a number from" in done.err
+
+    def test_a_folder_for_one_log_is_made(self, canest, tmp_path):
+        assert canest("replay", KENWORTH, "-c", "kenworth", "-o", f"{tmp_path}/new/").code == 0
+        assert (tmp_path / "new" / "normal.csv").is_file()
+
     def test_truth_auto_beside_the_log(self, canest, tmp_path):
         (tmp_path / "a.log.xz").write_bytes(DRIVE.read_bytes())
         (tmp_path / "a.truth.csv.xz").write_bytes(TRUTH.read_bytes())
