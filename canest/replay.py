@@ -112,7 +112,7 @@ class LogRun:
         if not mapped:
             self.reader.close()
             kinds = (
-                ("DBC signals", "decoded table")
+                ("DBC signals", "a decoded table")
                 if self.reader.kind == "table"
                 else ("table columns", "frames")
             )

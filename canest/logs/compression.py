@@ -22,12 +22,8 @@ _MAGIC_BYTES = 6
 
 
 def _zstd() -> Any:
-    try:
-        import zstandard
-    except ImportError:
-        raise LogError(
-            "log is compressed with zstd", expected="the zstandard package: pip install canest[formats]"
-        ) from None
+    import zstandard
+
     return zstandard.ZstdDecompressor().decompressobj()
 
 
@@ -46,7 +42,7 @@ class Source:
     bytes_done, bytes_total: of the file as stored (for a progress bar); total is 0 for a pipe.
     damage: '' or why the archive ended before its end.
 
-    Errors: LogError when the file cannot be opened, read, or decompressed for want of a package.
+    Errors: LogError when the file cannot be opened or read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -112,11 +108,7 @@ class Source:
         return out
 
     def _start(self) -> Any:
-        try:
-            return self._make() if self._make else None
-        except LogError as error:
-            self._file.close()
-            raise LogError(error.what, where=str(self.path), expected=error.expected) from None
+        return self._make() if self._make else None
 
     def _raw(self, size: int) -> bytes:
         try:

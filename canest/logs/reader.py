@@ -12,6 +12,7 @@ from canest.logs.compression import Source
 from canest.logs.lines import Line, is_ignorable, parse_line
 
 _HEAD_BYTES = 1 << 16
+_BLANK = 0x20  #: what stands before it in ASCII steers a terminal
 #: content that tells itself -> suffix under which python-can knows it
 _BINARY = {b"LOGG": ".blf", b"MDF     ": ".mf4", b"UnFinMF ": ".mf4", b"SQLite format 3\0": ".db"}
 _PARQUET = b"PAR1"
@@ -88,8 +89,8 @@ def _text_format(head: bytes, suffix: str) -> str:
     """Return the suffix under which python-can knows a text log, "table", or ''."""
     lines = [line.strip() for line in head.removeprefix(b"\xef\xbb\xbf").split(b"\n")[:20]]
     first = next((line for line in lines if line), b"")
-    if b"\0" in first or not first:
-        return ""
+    if not first or any(byte < _BLANK and byte not in b"\t\r" for byte in first):
+        return ""  # no text: bytes of some other kind may well hold a comma
     if first.lower().startswith((b"date ", b"base hex", b"base dec")) or suffix == ".asc":
         return ".asc"
     if first.startswith(b";$FILEVERSION") or suffix == ".trc":

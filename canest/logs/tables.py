@@ -68,6 +68,14 @@ class TableReader(LogReader):
             )
         names = list(dict.fromkeys(name for name in self.columns if name and name != self._time_column))
         chosen = [name for name in names if self._wanted is None or name in self._wanted]
+        twice = [name for name in (self._time_column, *chosen) if self.columns.count(name) > 1]
+        if twice and self._wanted is not None:
+            raise LogError(
+                "the table has columns of one name",
+                where=str(self.path),
+                found=twice[0],
+                expected="one of each",
+            )
         return [self.columns.index(name) for name in (self._time_column, *chosen)]
 
     def _block(self, names: list[str], values: NDArray[np.float64], numbers: NDArray[np.int64]) -> TableBlock:

@@ -3,7 +3,6 @@ from __future__ import annotations
 import bz2
 import gzip
 import lzma
-import sys
 
 import pytest
 import zstandard
@@ -69,11 +68,3 @@ def test_a_damaged_archive_never_escapes(tmp_path_factory, suffix, position, val
         FrameBlock.concatenate(list(reader))
     except LogError as error:
         assert "\n" not in str(error)
-
-
-def test_zstd_without_its_package_names_the_extra(tmp_path, monkeypatch):
-    path = tmp_path / "drive.log.zst"
-    path.write_bytes(PACK[".zst"](TEXT))
-    monkeypatch.setitem(sys.modules, "zstandard", None)
-    with pytest.raises(LogError, match=r"drive\.log\.zst.*pip install canest\[formats\]"):
-        open_log(path)

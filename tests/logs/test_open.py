@@ -59,3 +59,13 @@ def test_content_counts_more_than_the_name(tmp_path: Path):
     path.write_text("(1.000000) can0 123#11\n")
     with open_log(path) as reader:
         assert reader.format == "candump"
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("a.log", "not a candump line"), ("a.foo", "no log that canest knows")]
+)
+def test_bytes_that_are_no_text_are_no_table_although_they_hold_commas(tmp_path, name, words):
+    path = tmp_path / name
+    path.write_bytes(bytes([7, 44, 200, 59, 44, 3, 31, 250, 10]) * 100)
+    with pytest.raises(LogError, match=words):
+        list(open_log(path))

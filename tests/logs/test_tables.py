@@ -94,6 +94,13 @@ def test_random_bytes_below_a_header_never_escape(tmp_path_factory, noise):
     assert sum(len(block) for block in reader) == reader.frames >= 1
 
 
+def test_a_wanted_column_that_stands_twice_is_refused(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("t_s,v,v,w,w\n0,1,2,3,4\n")
+    with pytest.raises(LogError, match=r"a\.csv: the table has columns of one name, found 'v'"):
+        list(open_log(path, columns=["v"]))
+
+
 def test_no_time_column_names_what_there_is(tmp_path):
     with pytest.raises(LogError, match=r"a\.csv: the table has no time column 't_s', found 'time, v'"):
         list(open_log(write(tmp_path / "a.csv", "time,v\n1,2\n")))
