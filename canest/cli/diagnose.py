@@ -69,6 +69,9 @@ def command(
     context = click.get_current_context()
     if not logs and recorded is None:
         raise click.UsageError("nothing to diagnose: give a LOG or --recorded DIR", context)
+    from canest.report.page import require_packages
+
+    require_packages(Path(output) / "report.html")
     config = load(config_name, overrides, estimator, initial_mass)
     paths = [Path(log) for log in logs] + (_segments(Path(recorded)) if recorded is not None else [])
     if truth not in (None, "auto") and len(paths) > 1:
