@@ -2,10 +2,10 @@
 
     python benchmarks/fuzz.py [--minutes 10] [--target NAME] [--plain]
 
-Targets: logs, bam, decoder, pipeline, node, state, config, or all. A mutation that reaches a line of canest not
-reached before joins the seeds; with atheris installed (`pip install atheris`; needed only here) libFuzzer does
+Targets: logs, bam, decoder, pipeline, node, state, config, or all. A mutation that reaches new lines
+of canest joins the seeds; with atheris installed (`pip install atheris`; needed only here) libFuzzer does
 the same, faster, unless --plain. A finding is an exception other than CanestError, an input that takes over a
-second of CPU, an estimate nobody could believe, or memory that grows by more than 300 MB. Its input is kept in
+second of CPU, an estimate nobody could believe, or memory that grows by over 300 MB. Its input is kept in
 --keep, and the exit code is 1.
 `tests/fuzz` runs the same targets for seconds, and every input that was ever found.
 """

@@ -150,6 +150,6 @@ def fuzz(target: Target, seconds: float, seed: int = 0) -> str:
     if growth_mb > MOST_GROWTH_MB:
         raise Finding(target.name, b"", f"memory grew by {growth_mb:.0f} MB in {count} inputs")
     return (
-        f"{target.name}: {count:,} inputs in {seconds:.0f} s, {len(coverage.lines)} lines reached ({by_seeds} "
+        f"{target.name}: {count:,} inputs in {seconds:.0f} s, {len(coverage.lines)} lines ({by_seeds} "
         f"by the seeds), slowest {1e3 * slowest_s:.0f} ms, memory +{growth_mb:.0f} MB, nothing found"
     )

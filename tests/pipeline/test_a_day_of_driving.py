@@ -1,0 +1,65 @@
+"""A day of driving through the pipeline: it remembers the vehicle, not the day."""
+
+from __future__ import annotations
+
+import gc
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from canest import fast
+from canest.config import load_config
+from canest.frames import FrameBlock
+from canest.pipeline import Pipeline
+from canest.simulate.reading import load_scenario
+from canest.simulate.run import simulate
+from canest.vehicle.samples import RATE_HZ, Status
+
+DAY_S, WARM_S = 86_400, 600
+DRIVE_S, BREAK_S = 300, 20  #: a drive, then a silent bus, over and over
+PIECE_S = 5
+MOST_GROWTH_KB = 2048
+
+
+def resident_kb() -> int:
+    gc.collect()
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") // 1024
+
+
+def descriptors() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+@pytest.fixture
+def compiled():
+    """Kernels compiled where numba is installed: the same bits in a fraction of the time."""
+    fast.enable()
+    yield
+    fast.enable(False)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("compiled")
+def test_a_day_leaves_nothing_behind():
+    config = load_config("class8")
+    scenario = load_scenario("demo").model_copy(update={"duration_s": float(DRIVE_S)})
+    drive = Pipeline(config).decoder.select(simulate(scenario).frames)
+    cuts = np.searchsorted(drive.t_us, drive.t_us[0] + 1_000_000 * np.arange(0, DRIVE_S + PIECE_S, PIECE_S))
+    pieces = [drive[a:b] for a, b in zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True)]
+    lap_s = DRIVE_S + BREAK_S
+    pipeline, before, valid = Pipeline(config), None, 0
+    for lap in range(DAY_S // lap_s):
+        if before is None and lap * lap_s >= WARM_S:
+            before = resident_kb(), descriptors()
+        for piece in pieces:
+            t_us = piece.t_us + lap * lap_s * 1_000_000
+            e = pipeline.push(FrameBlock(t_us, piece.can_id, piece.length, piece.data))
+            valid += int(np.count_nonzero(e.status == Status.VALID))
+    assert descriptors() == before[1]
+    growth_kb = resident_kb() - before[0]
+    print(f"resident memory grew by {growth_kb} kB after the first {WARM_S} s")
+    assert growth_kb < MOST_GROWTH_KB
+    assert pipeline.samples > 0.9 * DAY_S * RATE_HZ
+    assert valid > 0.5 * pipeline.samples
