@@ -114,7 +114,7 @@ def test_a_log_without_open_gates_says_so(tmp_path, capsys):
     [
         (["-c", "kenworth"], 2, "nothing to diagnose"),
         ([KENWORTH], 2, "--config"),
-        ([KENWORTH, "-c", "kenworth", "--mass", "-3"], 2, "above 0"),
+        ([KENWORTH, "-c", "kenworth", "--mass", "-3"], 2, "expected a number from 1 on"),
         ([KENWORTH, KENWORTH, "-c", "kenworth", "--truth", "x.csv"], 2, "auto"),
         ([KENWORTH, "-c", "no-such"], 2, "no-such"),
         ([KENWORTH, "-c", "kenworth", "--truth", "auto"], 1, "truth.csv"),
