@@ -19,6 +19,7 @@ from canest.vehicle.screen import DOUBT_S, JUMP, MOTION_JUMP, Screen, limits_of,
 TORQUE_ROLES = ("engine_torque_pct", "engine_torque", "engine_friction_pct", "retarder_torque_pct")
 #: staleness limit of a signal that only an effect knows
 EFFECT_SIGNAL_STALE_S = 5.0
+FOREVER_US = 1 << 61  #: older than any sample can be
 
 
 class Intake:
@@ -66,7 +67,7 @@ def grid_for(config: Config) -> Grid:
     for role, source in config.signals.items():
         known = ROLES[role].stale_s if role in ROLES else EFFECT_SIGNAL_STALE_S
         stale_s = known if source.stale_s is None else source.stale_s
-        stale_us = round(stale_s * 1e6) if np.isfinite(stale_s) else 1 << 61
+        stale_us = round(min(stale_s * 1e6, FOREVER_US))
         delay_s = source.delay_s + (late_s if role in TORQUE_ROLES else 0.0)
         channels.append(Channel(role, round(delay_s * 1e6), stale_us))
     channels += [Channel(name, 0, round(DOUBT_S * 1e6)) for name in (JUMP, MOTION_JUMP)]

@@ -134,7 +134,7 @@ def _judge(content: bytes, config: Config, now_s: float) -> tuple[Learned | None
         learned = Learned(**raw)
         _check_types(learned)
     except (ValueError, TypeError, OverflowError, RecursionError) as error:
-        return None, "corrupt", f"is not a whole state file ({str(error)[:100]})"
+        return None, "corrupt", f"is not a whole state file ({' '.join(str(error)[:100].split())})"
     if valid is not True:
         return None, "invalid", "was not valid when it was saved"
     if learned.vehicle_key != vehicle_key(config):
