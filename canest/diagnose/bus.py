@@ -49,7 +49,7 @@ def rank_bus_signals(config: Config, problem: Problem, search: Search) -> list[R
     base = search.local_matrix()
     left = held_out(residual, base, problem.chunk)
     total = float((left**2).sum())
-    ranked = []
+    ranked, tried = [], 0
     for name in sorted(names):
         source = per_drive[0][name][0]
         if (source.message, source.signal or source.column, source.source) in used:
@@ -57,6 +57,7 @@ def rank_bus_signals(config: Config, problem: Problem, search: Search) -> list[R
         column = _windowed(problem, [found[name][1:] for found in per_drive])
         if column is None:
             continue
+        tried += 1
         explained = 0.0
         for shaped in _shapes(problem, column):
             matrix = np.column_stack([base, problem.whiten(shaped)])
@@ -64,7 +65,9 @@ def rank_bus_signals(config: Config, problem: Problem, search: Search) -> list[R
             explained = max(explained, share)
         if explained > 0.01:
             ranked.append(Ranked(name, source, explained, _switches(column)))
-    return sorted(ranked, key=lambda r: -r.explained)[:20]
+    # of so many signals that have nothing to do with it, the best one explains about this much by chance
+    chance = 2.0 * np.log(max(tried, 1)) / problem.rows
+    return sorted((r for r in ranked if r.explained > chance), key=lambda r: -r.explained)[:20]
 
 
 def _shapes(problem: Problem, column: FloatColumn) -> list[FloatColumn]:
