@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from canest.config import load_config
 from canest.simulate.reading import load_scenario
 from canest.simulate.run import simulate
-from tests.live.rig import Rig
+from tests.live.rig import Rig, descriptors
 
 DRIVE_S, STOP_S = 600.0, 20.0
 WARM_S = 600.0
@@ -44,10 +44,6 @@ def resident_mb() -> float:
         return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
-def descriptors() -> int:
-    return sum(1 for _ in Path("/proc/self/fd").iterdir())
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--hours", type=float, default=24.0)
@@ -56,6 +52,7 @@ def main() -> int:
     scenario = load_scenario("mixed-36t").model_copy(update={"duration_s": DRIVE_S})
     frames = simulate(scenario).frames
     with tempfile.TemporaryDirectory() as folder:
+        ring = Path(folder, "ring")
         changes = [
             "service.learn='on+save'",
             "service.residual_max_mb=5",
@@ -73,23 +70,21 @@ def main() -> int:
                 rig.daemon.background.flush(10)
                 passed_s += DRIVE_S + STOP_S
                 if warm is None and passed_s >= WARM_S:
-                    warm = resident_mb(), descriptors()
+                    warm = resident_mb(), descriptors(ring)
                 if warm is not None and passed_s >= told_h * 3600:
                     told_h += 1
                     learned, counted = rig.daemon.memory.learned, rig.daemon.pipeline.decoder.counters
                     print(
                         f"{passed_s / 3600:5.1f} h: {resident_mb():.1f} MB ({resident_mb() - warm[0]:+.2f}), "
-                        f"{descriptors()} descriptors, {counted.frames:,} frames, "
+                        f"{descriptors(ring)} descriptors, {counted.frames:,} frames, "
                         f"learned {learned.mass_kg if learned else 0:,.0f} kg, "
                         f"failures {rig.daemon.failures}, {time.monotonic() - begin:.0f} s",
                         flush=True,
                     )
             assert warm is not None
-            grown, opened = resident_mb() - warm[0], descriptors() - warm[1]
-            ring = sum(p.stat().st_size for p in (Path(folder) / "ring").iterdir())
-    print(
-        f"after {passed_s / 3600:.1f} h: {grown:+.2f} MB, {opened:+d} descriptors, ring {ring / 1e6:.1f} MB"
-    )
+            grown, opened = resident_mb() - warm[0], descriptors(ring) - warm[1]
+            recorded = sum(p.stat().st_size for p in ring.iterdir())
+    print(f"{passed_s / 3600:.1f} h: {grown:+.2f} MB, {opened:+d} descriptors, ring {recorded / 1e6:.1f} MB")
     return 1 if grown >= LIMIT_MB or opened > 0 else 0
 
 

@@ -22,7 +22,7 @@ from canest.live.kernel_drain import Drained
 from canest.logs.reader import open_log
 from canest.pipeline import Pipeline
 from canest.vehicle.samples import Status
-from tests.live.rig import Rig, kenworth, wait_for
+from tests.live.rig import Rig, descriptors, kenworth, wait_for
 
 OWN_PGN = 0xFF5A
 
@@ -436,10 +436,8 @@ def test_a_quarter_of_an_hour_of_driving_leaves_nothing_behind(tmp_path, drive, 
         gc.collect()
         return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") // 1024
 
-    def descriptors():
-        return len(list(Path("/proc/self/fd").iterdir()))
-
-    settings = config(tmp_path, "service.learn='on+save'", f"service.residual_dir={tmp_path}/ring",
+    ring = tmp_path / "ring"
+    settings = config(tmp_path, "service.learn='on+save'", f"service.residual_dir={ring}",
                       f"service.metrics_file={tmp_path}/m.prom", "service.residual_max_mb=2")  # fmt: skip
     with Rig(monkeypatch, settings, drive) as rig:
         before = None
@@ -448,7 +446,7 @@ def test_a_quarter_of_an_hour_of_driving_leaves_nothing_behind(tmp_path, drive, 
             rig.run(120)
             rig.daemon.background.flush(10)
             if minute == 6:
-                before = resident_kb(), descriptors()
-        assert descriptors() <= before[1]
+                before = resident_kb(), descriptors(ring)
+        assert descriptors(ring) <= before[1]
         assert resident_kb() - before[0] < 2048
         assert rig.daemon.failures == 0
