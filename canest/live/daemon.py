@@ -14,14 +14,13 @@ import threading
 import time
 from collections.abc import Callable
 from types import FrameType
-from typing import Any
 
 import numpy as np
 
 from canest.config.schema import Config
 from canest.frames import FrameBlock
-from canest.live import metrics
 from canest.live.changes import Changes
+from canest.live.doors import Doors
 from canest.live.estimate_frame import Estimate
 from canest.live.files import Background
 from canest.live.journal import Journal
@@ -29,11 +28,10 @@ from canest.live.link import Receiver, may_transmit, open_link
 from canest.live.memory import Memory
 from canest.live.node import Node
 from canest.live.notify import Notifier
-from canest.live.outputs import Outputs, open_status_server
+from canest.live.outputs import Outputs
 from canest.live.rates import Rates
 from canest.live.schedule import Schedule
 from canest.live.snapshot import flat, one_line, snapshot
-from canest.live.status_socket import StatusServer
 from canest.live.watch import BusWatch
 from canest.pipeline import Estimates, Pipeline
 from canest.vehicle.samples import EstimateBlock, ModelBlock
@@ -83,8 +81,7 @@ class Daemon:
         self._reached_us = -(1 << 62)
         self._work_at_us = 0
         self._metrics_at_s = self._save_at_s = self._chores_at_s = 0.0
-        self._served: dict[str, Any] = {}
-        self._status_server: StatusServer | None = None
+        self.doors: Doors | None = None
         self.pipeline = Pipeline(config, listener=self._listen)
         self.memory = Memory(config, self.background, self.journal)
         self.memory.restore(self.pipeline)
@@ -99,9 +96,7 @@ class Daemon:
         """Work until `stop` (or SIGTERM, SIGINT)."""
         if handle_signals:
             self._install_signals()
-        self._status_server = open_status_server(self.config, self.journal)
-        if self.config.service.metrics_port is not None:
-            metrics.serve(self.config.service.metrics_port, self._served)
+        self.doors = Doors(self.config, self.journal, self.background)
         self.journal.notice(
             "started",
             config=self.config_name,
@@ -224,8 +219,8 @@ class Daemon:
 
     def _chores(self, now_us: int, now_s: float) -> None:
         self.rates.close(now_s)
-        if self._status_server is not None:
-            self._status_server.poll(lambda: snapshot(self, now_us))
+        if self.doors is not None and self.doors.status is not None:
+            self.doors.status.poll(lambda: snapshot(self, now_us))
         self.outputs.idle(now_s)
         self._changes.tell(now_us)
         self.notifier.status(one_line(self, now_us))
@@ -236,8 +231,10 @@ class Daemon:
         if now_s >= self._metrics_at_s:
             self._metrics_at_s = now_s + METRICS_S
             if self.outputs.wants_metrics:
-                self._served.update(snapshot(self, now_us))
-                self.outputs.write_metrics(self._served)
+                told = snapshot(self, now_us)
+                self.outputs.write_metrics(told)
+                if self.doors is not None:
+                    self.doors.latest.update(told)
         if self._wants_snapshot:
             self._wants_snapshot = False
             self.journal.notice("counters", **flat(snapshot(self, now_us)))
@@ -263,13 +260,17 @@ class Daemon:
         if self._reload_config is None:
             return
         self.notifier.reloading()
-        old = self.config
+        old, joined = self.config, None
         try:
             config = self._reload_config()
             pipeline = Pipeline(config, listener=self._listen)
-            same_bus = all(getattr(config, part) == getattr(old, part) for part in _MAKES_THE_BUS)
-            joined = None if same_bus else self._join(config, pipeline)
+            if any(getattr(config, part) != getattr(old, part) for part in _MAKES_THE_BUS):
+                joined = self._join(config, pipeline)
+            if self.doors is not None:
+                self.doors.follow(config)
         except Exception as error:  # whatever is wrong with the new config, the old one stays in force
+            if joined is not None:
+                joined[0].close()
             self.journal.error("reload-refused", error=str(error) or type(error).__name__)
             self.notifier.ready()
             return
@@ -304,7 +305,7 @@ class Daemon:
         if not self.background.close(CLOSE_S):
             self.journal.error("disk-hangs", lost="what was still to be written")
         self.receiver.close()
-        if self._status_server is not None:
-            self._status_server.close()
+        if self.doors is not None:
+            self.doors.close()
         self.journal.notice("stopped", frames=self.pipeline.decoder.counters.frames)
         self.notifier.close()

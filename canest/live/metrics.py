@@ -93,32 +93,41 @@ def text(snapshot: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def serve(port: int, latest: dict[str, Any]) -> None:
-    """Serve ``latest`` (a dictionary that the daemon keeps up to date) over HTTP on this machine.
+class MetricsServer:
+    """Serves ``latest`` (a dictionary that the daemon keeps up to date) over HTTP on this machine.
 
     Errors: UsageError without the extra ``metrics``, OSError when the port is taken.
     """
-    try:
-        from prometheus_client import CollectorRegistry, start_http_server
-        from prometheus_client.core import Metric
-    except ImportError:
-        raise UsageError(
-            "service.metrics_port needs prometheus-client", expected="pip install canest[metrics]"
-        ) from None
 
-    class _Collector:
-        def collect(self) -> Iterator[Any]:
-            families: dict[str, Any] = {}
-            for name, labels, value in samples(dict(latest)) if latest else ():
-                if name not in families:
-                    kind, about = METRICS[name]
-                    families[name] = Metric(name.removesuffix("_total"), about, kind)
-                families[name].add_sample(name, labels, value)
-            yield from families.values()
+    def __init__(self, port: int, latest: dict[str, Any]) -> None:
+        try:
+            from prometheus_client import CollectorRegistry, start_http_server
+            from prometheus_client.core import Metric
+        except ImportError:
+            raise UsageError(
+                "service.metrics_port needs prometheus-client", expected="pip install canest[metrics]"
+            ) from None
 
-    registry = CollectorRegistry()
-    registry.register(_Collector())
-    start_http_server(port, addr="127.0.0.1", registry=registry)
+        class _Collector:
+            def collect(self) -> Iterator[Any]:
+                families: dict[str, Any] = {}
+                for name, labels, value in samples(dict(latest)) if latest else ():
+                    if name not in families:
+                        kind, about = METRICS[name]
+                        families[name] = Metric(name.removesuffix("_total"), about, kind)
+                    families[name].add_sample(name, labels, value)
+                yield from families.values()
+
+        registry = CollectorRegistry()
+        registry.register(_Collector())
+        self.port = port
+        self._server, self._thread = start_http_server(port, addr="127.0.0.1", registry=registry)
+
+    def close(self) -> None:
+        """Stop serving and free the port; takes up to half a second."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
 
 
 def _value(value: float) -> str:

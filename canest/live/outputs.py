@@ -1,4 +1,4 @@
-"""Everything the daemon writes besides its state: recordings, the log of estimates, metrics, the socket."""
+"""The files the daemon writes besides its state: recordings, the log of estimates, metrics."""
 
 from __future__ import annotations
 
@@ -9,10 +9,8 @@ from canest.config.schema import Config
 from canest.frames import FrameBlock
 from canest.live import metrics
 from canest.live.files import Background, write_atomically
-from canest.live.journal import Journal
 from canest.live.memory import place
 from canest.live.record import Ring, TextLog, candump_renderer, render_estimates
-from canest.live.status_socket import StatusServer, socket_path
 from canest.logs.writer import HEADER
 from canest.pipeline import Estimates
 
@@ -34,6 +32,10 @@ class Outputs:
         if folder is not None:
             limit = int(service.residual_max_mb * 1e6)
             self._frames.append(Ring(place(folder, "STATE_DIRECTORY"), channel, limit, background))
+        metrics_file = service.metrics_file
+        if metrics_file is None and "RUNTIME_DIRECTORY" in os.environ:
+            metrics_file = "canest.prom"  # for whoever runs a node_exporter
+        self._metrics = None if metrics_file is None else place(metrics_file, "RUNTIME_DIRECTORY")
         if service.log_estimates is not None:
             path = place(service.log_estimates, "STATE_DIRECTORY")
             self._estimates = TextLog(path, render_estimates, background, kind="estimates", header=HEADER)
@@ -56,13 +58,14 @@ class Outputs:
     @property
     def wants_metrics(self) -> bool:
         """Return whether anybody reads metrics."""
-        return self._service.metrics_file is not None or self._service.metrics_port is not None
+        return self._metrics is not None or self._service.metrics_port is not None
 
     def write_metrics(self, snapshot: dict[str, Any]) -> None:
         """Queue the metrics file, if there is one."""
-        if self._service.metrics_file is None:
+        path = self._metrics
+        if path is None:
             return
-        path, data = place(self._service.metrics_file, "RUNTIME_DIRECTORY"), metrics.text(snapshot).encode()
+        data = metrics.text(snapshot).encode()
         self._background.submit(
             "metrics", lambda: write_atomically(path, data, durable=False), newest_only=True
         )
@@ -73,13 +76,3 @@ class Outputs:
             log.close()
         if self._estimates is not None:
             self._estimates.close()
-
-
-def open_status_server(config: Config, journal: Journal) -> StatusServer | None:
-    """Open the socket for `canest status`; without it everything else works."""
-    path = socket_path(config)
-    try:
-        return StatusServer(path)
-    except OSError as error:
-        journal.warning("no-status-socket", path=path, error=error.strerror or error)
-        return None

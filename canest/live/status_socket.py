@@ -14,7 +14,8 @@ from typing import Any
 from canest.config.schema import Config
 from canest.live.memory import state_dir
 
-ANSWER_S = 2.0  #: a daemon that works answers within a tick
+ANSWER_S = 3.0  #: a daemon that works looks for clients every second
+_CLIENTS = 4  #: waiting at once
 _SYSTEM_FOLDERS = ("/run/canest", "/run")
 
 
@@ -29,30 +30,32 @@ class StatusServer:
     """Answers whoever connects. `poll` costs one system call when nobody does."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
         path.unlink(missing_ok=True)  # left behind by a daemon that was killed
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.setblocking(False)
         self._socket.bind(str(path))
         path.chmod(0o666)  # to look is allowed to everybody who reaches the directory
-        self._socket.listen(4)
+        self._socket.listen(_CLIENTS)
 
     def poll(self, content: Callable[[], dict[str, Any]]) -> None:
-        """Answer one client, if there is one."""
-        try:
-            client, _ = self._socket.accept()
-        except OSError:
-            return
-        with client, contextlib.suppress(OSError):  # a client that left, or does not read
-            client.setblocking(False)
-            client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 18)
-            client.send(json.dumps(content()).encode())
+        """Answer the clients that wait."""
+        for _ in range(_CLIENTS):
+            try:
+                client, _ = self._socket.accept()
+            except OSError:
+                return
+            with client, contextlib.suppress(OSError):  # a client that left, or does not read
+                client.setblocking(False)
+                client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 18)
+                client.send(json.dumps(content()).encode())
 
-    def close(self) -> None:
-        """Stop answering and take the socket's name away."""
+    def close(self, *, keep_name: bool = False) -> None:
+        """Stop answering and take the socket's name away, unless it is another server's by now."""
         self._socket.close()
-        self._path.unlink(missing_ok=True)
+        if not keep_name:
+            self.path.unlink(missing_ok=True)
 
 
 def ask(path: Path) -> dict[str, Any]:

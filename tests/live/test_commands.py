@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -102,6 +103,71 @@ def test_a_life_under_systemd(tmp_path, truck):
         assert not path.exists()
 
 
+def free_port():
+    with socket.socket() as sock:
+        sock.bind(("127.0.0.1", 0))
+        return sock.getsockname()[1]
+
+
+def served(port):
+    """Return what Prometheus would read, '' where nobody serves."""
+    try:
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=5) as answer:
+            return answer.read().decode()
+    except OSError:
+        return ""
+
+
+def test_a_reload_moves_the_metrics_port_and_the_status_socket(tmp_path, truck):
+    pytest.importorskip("prometheus_client")
+    text, first, second = truck.read_text(), free_port(), free_port()
+    quiet = ["--set", "bus.interface=virtual", "--set", "estimator.name=rlsmf"]
+
+    def reload(daemon, **changes):
+        service = f'service: {{learn: "on+save", metrics_port: {changes["port"]}}}'
+        changed = text.replace('service: {learn: "on+save"}', service)
+        truck.write_text(changed.replace("channel: vcan0", f"channel: {changes.get('channel', 'vcan0')}"))
+        daemon.process.send_signal(signal.SIGHUP)
+        daemon.heard("RELOADING=1")
+        daemon.heard("READY=1")
+
+    with Process(tmp_path, "-c", str(truck), *quiet) as daemon, socket.socket() as occupied:
+        daemon.heard("READY=1")
+        assert wait_for((tmp_path / "run" / "canest.prom").exists)  # what a service writes without being told
+        reload(daemon, port=first)
+        assert wait_for(lambda: "canest_uptime_seconds" in served(first), 15)
+        reload(daemon, port=second)
+        assert wait_for(lambda: "canest_uptime_seconds" in served(second) and not served(first))
+        occupied.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        occupied.bind(("127.0.0.1", first))
+        occupied.listen()
+        reload(daemon, port=first, channel="elsewhere")
+        assert wait_for(lambda: "service.metrics_port: cannot be opened" in daemon.said())
+        assert "canest_uptime_seconds" in served(second)
+        assert ask(tmp_path / "run" / "status-vcan0.sock")["reloads"] == 2
+        occupied.close()
+        reload(daemon, port=first, channel="elsewhere")
+        assert wait_for((tmp_path / "run" / "status-elsewhere.sock").exists)
+        assert ask(tmp_path / "run" / "status-elsewhere.sock")["reloads"] == 3
+        assert not (tmp_path / "run" / "status-vcan0.sock").exists()
+        reload(daemon, port="null")
+        assert wait_for(lambda: served(first) == "")
+        daemon.process.terminate()
+        assert daemon.process.wait(5) == 0
+
+
+def test_a_metrics_port_that_is_taken_at_the_start_is_told_and_done_without(tmp_path, truck):
+    pytest.importorskip("prometheus_client")
+    with socket.socket() as occupied:
+        occupied.bind(("127.0.0.1", 0))
+        occupied.listen()
+        port = f"service.metrics_port={occupied.getsockname()[1]}"
+        with Process(tmp_path, "-c", str(truck), *QUIET, "--set", port) as daemon:
+            daemon.heard("READY=1")
+            daemon.heard("WATCHDOG=1")
+            assert "no-metrics-port" in daemon.said()
+
+
 def test_a_daemon_imports_neither_what_is_heavy_nor_what_cannot_run_hardened(tmp_path):
     code = (
         "import sys; from canest.config import load_config; from canest.live.daemon import Daemon;"
@@ -187,6 +253,13 @@ def test_a_status_socket_left_behind_is_replaced_and_a_client_that_leaves_is_sur
         client.connect(str(path))
     server.poll(lambda: {"a": "x" * 100_000})
     server.poll(lambda: {})
+    waiting = [socket.socket(socket.AF_UNIX) for _ in range(3)]
+    for client in waiting:
+        client.connect(str(path))
+    server.poll(lambda: {})
+    assert [client.recv(10) for client in waiting] == [b"{}"] * 3  # all of one look
+    for client in waiting:
+        client.close()
     server.close()
     assert not path.exists()
 
