@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from canest.vehicle import screen as module
 from canest.vehicle.screen import JUMP, MOTION_JUMP, Limit, Screen
 
 
@@ -61,10 +63,11 @@ def test_other_roles_are_left_alone():
 
 @settings(max_examples=60, deadline=None)
 @given(
-    st.lists(st.tuples(st.integers(0, 300_000), st.sampled_from([0.0, 0.5, 2.0, 3.5, 40.0, np.nan]))),
+    st.lists(st.tuples(st.integers(0, 300_000), st.sampled_from([0.0, 0.5, 2.0, 3.5, 40.0, np.nan, np.inf]))),
     st.lists(st.integers(0, 40)),
+    st.sampled_from([0, 3, 50]),
 )
-def test_any_cut_refuses_the_same_samples(steps, cuts):
+def test_any_cut_refuses_the_same_samples(steps, cuts, few):
     t_us, pairs = 0, []
     for step, value in steps:
         t_us += step
@@ -77,8 +80,10 @@ def test_any_cut_refuses_the_same_samples(steps, cuts):
 
     edges = sorted({0, len(pairs), *(c for c in cuts if c < len(pairs))})
     one, cut = screen(), screen()
-    whole = flat([one.apply({"x": column(pairs)})])
-    parts = flat([cut.apply({"x": column(pairs[a:b])}) for a, b in pairwise(edges)] or [{}])
+    with patch.object(module, "_FEW", 0):
+        whole = flat([one.apply({"x": column(pairs)})])
+    with patch.object(module, "_FEW", few):  # walked, or in columns
+        parts = flat([cut.apply({"x": column(pairs[a:b])}) for a, b in pairwise(edges)] or [{}])
     assert parts == whole
     assert one.refused == cut.refused
     assert sum(one.refused.values()) == len(pairs) - len(whole[0]) // 8
