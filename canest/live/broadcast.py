@@ -6,6 +6,8 @@ Sending never waits: a frame that the interface does not take at once is dropped
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Set
 
 from canest.config.schema import Broadcast
 from canest.decode import j1939
@@ -34,6 +36,7 @@ class Broadcaster:
         self._counter = 0
         self._estimate = Estimate()
         self._estimated_us: int | None = None
+        self.counters: Counter[str] = Counter()
         self._beats = {broadcast.pgn: _Beat(round(1e6 / broadcast.rate_hz))}
         if broadcast.cvw:
             self._beats[CVW_PGN] = _Beat(_CVW_PERIOD_US)
@@ -59,12 +62,20 @@ class Broadcaster:
         """Return True when `frames` has something to send now."""
         return any(beat.is_on_time(now_us) for beat in self._beats.values())
 
-    def frames(self, now_us: int, address: int, requested: set[int]) -> list[Frame]:
-        """Return the frames due now, sent from ``address``; groups in ``requested`` are due at once."""
+    def frames(
+        self, now_us: int, address: int, requested: Set[int], taken: Set[int] = frozenset()
+    ) -> list[Frame]:
+        """Return the frames due now, sent from ``address``.
+
+        Groups in ``requested`` are due at once; those in ``taken`` are others' to send, and left to them.
+        """
         estimate = self.current(now_us)
         frames = []
         for pgn, beat in self._beats.items():
             if beat.due(now_us, pgn in requested):
+                if pgn in taken:
+                    self.counters["left_to_other_senders"] += 1
+                    continue
                 frame = self._frame(pgn, address, estimate)
                 if frame is not None:
                     frames.append(frame)

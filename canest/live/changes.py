@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canest.live.impostors import contested
+from canest.live.snapshot import sender_name
+
 if TYPE_CHECKING:
     from canest.live.daemon import Daemon
 
@@ -28,6 +31,12 @@ class Changes:
         self._tell("status", _STATUSES[daemon.estimate(now_us).status])
         others = len(daemon.pipeline.decoder.counters.other_senders)
         self._tell("other-senders", others, bad=True, unless_first=not others)
+        doubted = ", ".join(sorted(contested(daemon.pipeline.decoder.counters)))
+        self._tell("contested-signals", doubted, bad=True, unless_first=not doubted)
+        faster = ", ".join(sorted(map(sender_name, daemon.paces.faster)))
+        self._tell("senders-faster-than-usual", faster or "none", bad=bool(faster), unless_first=not faster)
+        lost = daemon.node.watch.counters["cannot_claim_heard"]
+        self._tell("addresses-lost-by-others", lost, bad=True, unless_first=not lost)
         masses = ", ".join(f"{a:#04x}" for a in sorted(daemon.node.watch.other_masses))
         self._tell("masses-sent-by-others", masses, unless_first=not masses)
         for kind in _KINDS:

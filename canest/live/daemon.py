@@ -23,6 +23,7 @@ from canest.live.changes import Changes
 from canest.live.doors import Doors
 from canest.live.estimate_frame import Estimate
 from canest.live.files import Background
+from canest.live.impostors import Paces
 from canest.live.journal import Journal
 from canest.live.link import Receiver, may_transmit, open_link
 from canest.live.memory import Memory
@@ -69,7 +70,7 @@ class Daemon:
         self.journal = journal or Journal()
         self.notifier = notifier or Notifier()
         self.pid = os.getpid()
-        self.schedule, self.rates = Schedule(), Rates()
+        self.schedule, self.rates, self.paces = Schedule(), Rates(), Paces()
         self.started_us = time.monotonic_ns() // 1000
         self.background = Background()
         self.late_frames = self.failures = self.reloads = 0
@@ -180,7 +181,8 @@ class Daemon:
         )
         self._latest = last, now_us
         self.node.take(last, now_us)
-        self.memory.note(last.mass_kg, last.mass_std_kg, last.status, self._standing)
+        distance_km = self.node.watch.distance_km
+        self.memory.note(last.mass_kg, last.mass_std_kg, last.status, self._standing, distance_km)
         self.outputs.estimates(estimates, now_s)
 
     def _listen(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
@@ -219,6 +221,7 @@ class Daemon:
 
     def _chores(self, now_us: int, now_s: float) -> None:
         self.rates.close(now_s)
+        self.paces.look(self.pipeline.decoder.counters, now_s)
         if self.doors is not None and self.doors.status is not None:
             self.doors.status.poll(lambda: snapshot(self, now_us))
         self.outputs.idle(now_s)

@@ -90,8 +90,10 @@ class Memory:
             following.restore(pipeline)
         return following
 
-    def note(self, mass_kg: float, mass_std_kg: float, status: int, standing: bool) -> None:
-        """Remember the newest estimate if it is one to be trusted."""
+    def note(
+        self, mass_kg: float, mass_std_kg: float, status: int, standing: bool, distance_km: float | None
+    ) -> None:
+        """Remember the newest estimate if it is one to be trusted; ``distance_km``: odometer, if known."""
         if (
             status == Status.VALID
             and math.isfinite(mass_kg)
@@ -99,7 +101,13 @@ class Memory:
             and mass_std_kg > 0
         ):
             self.learned = state.Learned(
-                self._key, self._fingerprint, float(mass_kg), float(mass_std_kg), self._clock_s(), standing
+                self._key,
+                self._fingerprint,
+                float(mass_kg),
+                float(mass_std_kg),
+                self._clock_s(),
+                standing,
+                distance_km,
             )
 
     def save(self) -> None:

@@ -22,6 +22,10 @@ METRICS: dict[str, tuple[str, str]] = {
     "canest_bus_events_total": ("counter", "What happened to the interface."),
     "canest_samples_total": ("counter", "50 Hz samples by gate; gate open: the estimator learned."),
     "canest_other_sender_frames_total": ("counter", "Frames of wanted groups from unexpected addresses."),
+    "canest_contested_samples_total": ("counter", "Samples refused: another address owns the signal."),
+    "canest_sender_faster_seconds_total": ("counter", "For how long a sender was much faster than usual."),
+    "canest_address_claims_total": ("counter", "Claims of an address (PGN 60928)."),
+    "canest_torque_commands_total": ("counter", "Engine and retarder commands (TSC1) by sender."),
     "canest_implausible_jumps_total": ("counter", "Samples refused: no vehicle changes so fast."),
     "canest_other_mass_kilograms": ("gauge", "Gross mass that another ECU sends (SPN 1760)."),
     "canest_node_events_total": ("counter", "What was sent, and what happened to us as a node."),
@@ -60,6 +64,15 @@ def samples(snapshot: dict[str, Any]) -> Iterator[Sample]:
         yield "canest_samples_total", {"gate": gate}, count
     for sender, count in snapshot["other_senders"].items():
         yield "canest_other_sender_frames_total", {"sender": sender}, count
+    for signal, refused in snapshot["contested_signals"].items():
+        for source, count in refused.items():
+            yield "canest_contested_samples_total", {"signal": signal, "source": source}, count
+    for sender, count in snapshot["sent_faster_s"].items():
+        yield "canest_sender_faster_seconds_total", {"sender": sender}, count
+    for source, count in snapshot["claims"].items():
+        yield "canest_address_claims_total", {"source": source}, count
+    for source, count in snapshot["torque_commands"].items():
+        yield "canest_torque_commands_total", {"source": source}, count
     for signal, count in snapshot["implausible_jumps"].items():
         yield "canest_implausible_jumps_total", {"signal": signal}, count
     for source, mass_kg in snapshot["masses_of_others_kg"].items():

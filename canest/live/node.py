@@ -8,7 +8,7 @@ from canest.live.broadcast import Broadcaster
 from canest.live.citizen import Citizen
 from canest.live.estimate_frame import Estimate
 from canest.live.link import Filters, Transmitter
-from canest.live.watch import BusWatch
+from canest.live.watch import CVW_PGN, BusWatch
 
 LISTENING_ONLY = "listening only (broadcast.listen_only)"
 NOT_ENABLED = "broadcast is off (a physical bus needs broadcast.enabled: true)"
@@ -72,7 +72,8 @@ class Node:
         address = citizen.address_to_speak_from(now_us)
         if address is None:
             return
-        for can_id, payload in broadcaster.frames(now_us, address, citizen.requested):
+        taken = {CVW_PGN} if self.watch.mass_is_sent_by_others(now_us) else set()
+        for can_id, payload in broadcaster.frames(now_us, address, citizen.requested, taken):
             transmitter.send(can_id, payload)
         citizen.requested.clear()
 
@@ -96,6 +97,8 @@ class Node:
         if self.citizen is not None:
             counted |= self.citizen.counters
             counted |= self.citizen.claim.counters
+        if self.broadcaster is not None:
+            counted |= self.broadcaster.counters
         if self._transmitter is not None:
             counted |= self._transmitter.counters
         return counted

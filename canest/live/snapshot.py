@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from canest.gates import LABELS
+from canest.live.impostors import contested
 from canest.vehicle.samples import STATUS_LABELS
 from canest.verdict import why_no_signal
 
@@ -58,11 +59,22 @@ def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
             **node.counters(),
         },
         "senders": _senders(daemon),
-        "other_senders": {_sender_name(key): frames for key, frames in _busiest(counters.other_senders)},
+        "other_senders": {sender_name(key): frames for key, frames in _busiest(counters.other_senders)},
         "other_senders_count": len(counters.other_senders),
+        "contested_signals": {
+            role: {_address(a): n for a, n in sorted(refused.items(), key=_by_count)[:MOST_OTHERS]}
+            for role, refused in contested(counters).items()
+        },
+        "sends_faster": {
+            sender_name(key): [round(usual, 1), round(now, 1)]
+            for key, (usual, now) in daemon.paces.faster.items()
+        },
+        "sent_faster_s": {sender_name(key): round(s) for key, s in daemon.paces.seconds.items()},
+        "claims": {_address(a): n for a, n in sorted(node.watch.claimed.items())},
+        "torque_commands": {_address(a): n for a, n in sorted(node.watch.torque_commands.items())},
         "transport": dict(counters.transport),
         "implausible_jumps": dict(pipeline.intake.screen.refused),
-        "masses_of_others_kg": {f"0x{a:02X}": m.mass_kg for a, m in sorted(node.watch.other_masses.items())},
+        "masses_of_others_kg": {_address(a): m.mass_kg for a, m in sorted(node.watch.other_masses.items())},
         "ticks": {
             "count": daemon.schedule.ticks,
             "missed": daemon.schedule.missed,
@@ -79,7 +91,11 @@ def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
     }
     learned = daemon.memory.learned
     if learned is not None:
-        result["learned"] = {"mass_kg": round(learned.mass_kg, 1), "saved_s": round(learned.saved_s, 1)}
+        result["learned"] = {
+            "mass_kg": round(learned.mass_kg, 1),
+            "saved_s": round(learned.saved_s, 1),
+            "distance_km": learned.distance_km,
+        }
     return result
 
 
@@ -122,7 +138,7 @@ def _senders(daemon: Daemon) -> dict[str, dict[str, Any]]:
     senders: dict[str, dict[str, Any]] = {}
     for key, counted in sorted(daemon.pipeline.decoder.counters.senders.items(), key=_by_id):
         if counted.used and len(senders) < MOST_SENDERS:
-            senders[_sender_name(key)] = {
+            senders[sender_name(key)] = {
                 "frames": counted.frames,
                 "rate_hz": None if counted.rate_Hz is None else round(counted.rate_Hz, 1),
                 "not_available": counted.not_available,
@@ -143,9 +159,18 @@ def _by_id(item: tuple[tuple[int, int | None], Any]) -> tuple[int, int]:
     return group, -1 if source is None else source
 
 
-def _sender_name(key: tuple[int, int | None]) -> str:
+def _by_count(item: tuple[int | None, int]) -> int:
+    return -item[1]
+
+
+def sender_name(key: tuple[int, int | None]) -> str:
+    """Return a sender in words: its group (or identifier) and address."""
     group, source = key
-    return f"0x{group & 0x1FFF_FFFF:X}" if source is None else f"PGN {group} from 0x{source:02X}"
+    return f"0x{group & 0x1FFF_FFFF:X}" if source is None else f"PGN {group} from {_address(source)}"
+
+
+def _address(source: int | None) -> str:
+    return "?" if source is None else f"0x{source:02X}"
 
 
 def _number(value: float, digits: int) -> float | None:

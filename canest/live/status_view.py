@@ -55,6 +55,7 @@ def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str
         lines.append(("mass by others", told))
     if snapshot["other_senders"]:
         lines.append(("unexpected", _counted(snapshot["other_senders"], 4)))
+    lines += _doubts(snapshot)
     lines.append(
         (
             "ticks",
@@ -70,9 +71,37 @@ def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str
         )
     if verbose:
         lines += [(sender, _counted(values)) for sender, values in snapshot["senders"].items()]
-        for name in ("clock", "transport", "implausible_jumps", "files", "broadcast"):
+        for name in (
+            "clock",
+            "transport",
+            "implausible_jumps",
+            "files",
+            "broadcast",
+            "claims",
+            "torque_commands",
+        ):
             lines.append((name, _counted({k: v for k, v in snapshot[name].items() if isinstance(v, int)})))
     lines.append(("up", f"{snapshot['uptime_s'] / 3600:.1f} h, pid {snapshot['pid']}, {snapshot['config']}"))
+    return lines
+
+
+def _doubts(snapshot: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return what says that a sender may not be who it says it is."""
+    lines = []
+    for role, refused in snapshot["contested_signals"].items():
+        senders = _counted({f"from {address}": n for address, n in refused.items()}, 4)
+        text = f"{role} comes from several addresses; refused: {senders}. Name the right one (source:)"
+        lines.append(("contested", text))
+    for sender, (usual_hz, now_hz) in snapshot["sends_faster"].items():
+        text = f"{sender}: {now_hz:g} Hz, usually {usual_hz:g}. Does somebody else send under this address?"
+        lines.append(("doubtful", text))
+    past = {k: s for k, s in snapshot["sent_faster_s"].items() if k not in snapshot["sends_faster"]}
+    if past:
+        lines.append(("was doubtful", _counted({f"{sender}, seconds:": s for sender, s in past.items()}, 4)))
+    lost = snapshot["broadcast"].get("cannot_claim_heard", 0)
+    if lost:
+        claims = _counted(snapshot["claims"], 8)
+        lines.append(("addresses lost", f"{lost} times an ECU had to give its own up; claims: {claims}"))
     return lines
 
 

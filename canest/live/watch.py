@@ -1,4 +1,4 @@
-"""What the daemon notices on the bus besides the signals: claims, requests, masses that others send."""
+"""What the daemon notices on the bus besides the signals: claims, commands, masses and the odometer."""
 
 from __future__ import annotations
 
@@ -13,6 +13,13 @@ from canest.live.link import Filters
 CVW_PGN = 65136  #: Combination Vehicle Weight
 _CVW_STEP_KG = 10.0  #: SPN 1760, bytes 3-4
 _CVW_LARGEST = 0xFAFF
+SENT_BY_OTHERS_US = 60_000_000  #: who has sent a mass within this time still does
+TSC1_PGN = 0  #: Torque/Speed Control 1: somebody commands the engine or the retarder
+_VD_PGN, _VDHR_PGN = 65248, 65217  #: Vehicle Distance, the same in high resolution
+#: group -> first bit and km per step of the total distance (SPN 245, SPN 917), both of 32 bits
+_ODOMETERS = {_VD_PGN: (32, 0.125), _VDHR_PGN: (0, 0.005)}
+_DISTANCE_LARGEST = 0xFAFF_FFFF
+_NO_ADDRESS = 0xFE  #: the source of "cannot claim"
 _IDS_REMEMBERED = 4096  #: a bus has some hundreds of identifiers, noise has millions
 _NO_PGN = -1
 
@@ -23,6 +30,7 @@ class OtherMass:
 
     mass_kg: float
     t_us: int
+    heard_us: int = 0  #: monotonic
     frames: int = 0
 
 
@@ -50,6 +58,12 @@ class BusWatch:
         self.other_masses: dict[int, OtherMass] = {}
         #: source address -> monotonic time (us) of its last frame in our group
         self.group_users: dict[int, int] = {}
+        #: source address -> claims of it, and engine or retarder commands from it
+        self.claimed: Counter[int] = Counter()
+        self.torque_commands: Counter[int] = Counter()
+        #: total distance of the vehicle, by the first sender heard; None where nobody tells
+        self.distance_km: float | None = None
+        self._odometer: tuple[int, int] | None = None
         self.counters: Counter[str] = Counter()
 
     def filters(self) -> Filters:
@@ -58,7 +72,11 @@ class BusWatch:
 
     @property
     def _watched(self) -> set[int]:
-        return {CLAIM_PGN, REQUEST_PGN, CVW_PGN, self._own_pgn}
+        return {CLAIM_PGN, REQUEST_PGN, CVW_PGN, TSC1_PGN, *_ODOMETERS, self._own_pgn}
+
+    def mass_is_sent_by_others(self, now_us: int) -> bool:
+        """Return whether another ECU sends its gross mass (SPN 1760)."""
+        return any(now_us - m.heard_us < SENT_BY_OTHERS_US for m in self.other_masses.values())
 
     def observe(self, frames: FrameBlock, now_us: int) -> None:
         """Take the next frames; ``now_us`` is the time of a monotonic clock."""
@@ -91,15 +109,34 @@ class BusWatch:
         elif length != 8:
             self.counters["wrong_length"] += 1
         elif pgn == CLAIM_PGN:
-            self.counters["claims_heard"] += 1
-            self.claims.append((source, word))
+            self._note_claim(source, word)
+        elif pgn == TSC1_PGN:
+            self.torque_commands[source] += 1
+        elif pgn in _ODOMETERS:
+            self._note_distance(pgn, source, word)
         else:
-            self._note_mass(source, word >> 16 & 0xFFFF, t_us)
+            self._note_mass(source, word >> 16 & 0xFFFF, t_us, now_us)
 
-    def _note_mass(self, source: int, raw: int, t_us: int) -> None:
+    def _note_claim(self, source: int, name: int) -> None:
+        self.claims.append((source, name))
+        if source == _NO_ADDRESS:
+            self.counters["cannot_claim_heard"] += 1
+        else:
+            self.counters["claims_heard"] += 1
+            self.claimed[source] += 1
+
+    def _note_distance(self, pgn: int, source: int, word: int) -> None:
+        if self._odometer is None:
+            self._odometer = pgn, source
+        first_bit, km = _ODOMETERS[pgn]
+        raw = word >> first_bit & 0xFFFF_FFFF
+        if self._odometer == (pgn, source) and raw <= _DISTANCE_LARGEST:
+            self.distance_km = raw * km
+
+    def _note_mass(self, source: int, raw: int, t_us: int, now_us: int) -> None:
         # some senders say 0 kg while they stand: no estimate, not a weight
         if not 0 < raw <= _CVW_LARGEST:
             return
         known = self.other_masses.setdefault(source, OtherMass(0.0, 0))
-        known.mass_kg, known.t_us = raw * _CVW_STEP_KG, t_us
+        known.mass_kg, known.t_us, known.heard_us = raw * _CVW_STEP_KG, t_us, now_us
         known.frames += 1

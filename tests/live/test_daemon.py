@@ -167,6 +167,9 @@ def test_full_load_noise_and_wrong_senders_do_not_move_a_valid_estimate(tmp_path
 
 
 def test_the_real_attack_logs_are_survived_and_counted(tmp_path, data, monkeypatch):
+    from canest.live.snapshot import snapshot
+
+    told = {}
     for name in ("tsc1", "address_claim"):
         frames = FrameBlock.concatenate(list(open_log(data / "kenworth" / f"{name}.log.xz")))
         with Rig(monkeypatch, config(tmp_path, "broadcast.enabled=true", name="kenworth"), frames) as rig:
@@ -175,6 +178,11 @@ def test_the_real_attack_logs_are_survived_and_counted(tmp_path, data, monkeypat
             assert rig.daemon.pipeline.decoder.counters.frames > 0
             claims = [s for s in rig.script.sent if j1939.pgn_of(s[1]) == CLAIM_PGN]
             assert len(claims) < 5 * frames.t_us[-1] / 1e6
+            told[name] = snapshot(rig.daemon, rig.now_us)
+    assert told["tsc1"]["torque_commands"] == {"0x03": 619, "0x0B": 923}
+    assert told["address_claim"]["claims"] == {"0x00": 1}
+    assert told["address_claim"]["broadcast"]["cannot_claim_heard"] == 1
+    assert "addresses-lost-by-others now=1" in rig.log.getvalue()
 
 
 def test_a_quiet_bus_is_progress_for_the_watchdog(tmp_path, monkeypatch):
@@ -230,6 +238,7 @@ def test_a_mass_learned_survives_a_restart_with_more_doubt(tmp_path, drive, monk
         learned = rig.daemon.estimate(rig.now_us)
     saved = json.loads((tmp_path / "learned-vcan0.json").read_text())
     assert abs(saved["mass_kg"] - learned.mass_kg) < 100 and saved["valid"] is True
+    assert saved["distance_km"] == rig.daemon.node.watch.distance_km is not None
     with Rig(monkeypatch, settings, drive) as rig:
         assert "mass-restored" in rig.log.getvalue()
         rig.run(3)

@@ -16,7 +16,7 @@ from canest.live.broadcast import PCC1_PGN, Broadcaster, cvw_payload, pcc1_paylo
 from canest.live.citizen import LISTEN_US, QUIET_US
 from canest.live.estimate_frame import Estimate, decode
 from canest.live.node import Node
-from canest.live.watch import CVW_PGN, BusWatch
+from canest.live.watch import CVW_PGN, SENT_BY_OTHERS_US, BusWatch
 from canest.vehicle.samples import Status
 
 GOOD = Estimate(20_000.0, 200.0, 0.02, 0.002, Status.VALID, 0)
@@ -191,6 +191,31 @@ def test_standard_places_carry_only_what_is_valid():
     bus.estimate = Estimate(20_000.0, 4_000.0, 0.02, 0.002, Status.CONVERGING, 0)
     bus.run(3_000_000)
     assert set(bus.wire.groups()) == {OWN_PGN}
+
+
+def test_the_gross_mass_of_another_ecu_is_not_talked_over():
+    bus = Bus("broadcast.cvw=true").run(LISTEN_US)
+    theirs = j1939.pack(CVW_PGN, 0x0B), b"\xff\xff" + (2100).to_bytes(2, "little") + b"\xff" * 4
+    bus.run(TICK_US, [theirs])
+    bus.wire.sent.clear()
+    bus.run(SENT_BY_OTHERS_US - 2_000_000, [request(CVW_PGN)])
+    assert set(bus.wire.groups()) == {OWN_PGN}
+    assert bus.node.counters()["left_to_other_senders"] > 50
+    bus.run(5_000_000)
+    assert CVW_PGN in bus.wire.groups()
+
+
+def test_the_odometer_is_read_from_the_first_sender_that_tells_it():
+    watch = BusWatch(OWN_PGN)
+    assert watch.distance_km is None
+    unknown, known = b"\xff" * 8, (200_000).to_bytes(4, "little") + b"\xff" * 4
+    for source, payload in ((0x17, unknown), (0x17, known), (0x00, bytes(8))):
+        watch.observe(FrameBlock.from_frames([(0, j1939.pack(65217, source), payload)]), 0)
+    assert watch.distance_km == pytest.approx(1000.0)
+    other = BusWatch(OWN_PGN)
+    low = b"\xff" * 4 + (8000).to_bytes(4, "little")
+    other.observe(FrameBlock.from_frames([(0, j1939.pack(65248, 0x00), low)]), 0)
+    assert other.distance_km == pytest.approx(1000.0)
 
 
 @pytest.mark.parametrize("mass_kg", [float("nan"), -1.0, 642_600.0])
