@@ -52,7 +52,7 @@ class _LazyGroup(click.Group):
             from difflib import get_close_matches
 
             near = get_close_matches(args[0], COMMANDS, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"one of {', '.join(COMMANDS)}"
+            hint = f"a command, perhaps {near[0]}" if near else f"one of {', '.join(COMMANDS)}"
             raise click.UsageError(f"no such command, found '{args[0]}', expected {hint}", ctx)
         return super().resolve_command(ctx, args)
 

@@ -79,4 +79,13 @@ def load(
         changes.append(f"estimator.name={estimator}")
     if initial_mass is not None:
         changes.append(f"estimator.initial_mass_kg={initial_mass!r}")
-    return load_config(config_name, changes)
+    config = load_config(config_name, changes)
+    low, high = config.vehicle.mass_min_kg, config.vehicle.mass_max_kg
+    if initial_mass is not None and not low <= initial_mass <= high:
+        from canest.errors import UsageError
+
+        bounds = f"{low:g} to {high:g} kg (vehicle.mass_min_kg, mass_max_kg)"
+        raise UsageError(
+            "no mass of this vehicle", where="--initial-mass", found=initial_mass, expected=bounds
+        )
+    return config

@@ -88,9 +88,24 @@ def command(
         Job(log, truth=found, mass_kg=mass_kg, after_s=after_s, channel=channel)
         for log, found in zip(paths, truths, strict=True)
     ]
+    if len(jobs) > 1:
+        _refuse_a_file("-o", output, (".csv", ".parquet"))
+        _refuse_a_file("--report", report, (".html", ".htm"))
     if len(jobs) == 1:
         return _one(jobs[0], config, output, report, json_path)
     return _many(jobs, config, output, report, json_path, workers)
+
+
+def _refuse_a_file(option: str, name: str | None, endings: tuple[str, ...]) -> None:
+    """Refuse a name that is a file's where several logs need a directory."""
+    if name is None or name.endswith("/"):
+        return
+    path = Path(name)
+    if path.is_file() or (path.suffix.lower() in endings and not path.is_dir()):
+        context = click.get_current_context()
+        raise click.UsageError(
+            f"{option}: found the file {name}, expected a directory for several logs", context
+        )
 
 
 def _one(job: Job, config: Config, output: str | None, report: str | None, json_path: str | None) -> int:

@@ -93,11 +93,9 @@ def _near(name: str, names: Iterable[str]) -> str:
     if not spelled:  # cantools reads a DBC that ends in mid-line without complaint
         return "a name, but there are none: is the file cut short?"
     near = [spelled[n] for n in difflib.get_close_matches(name.lower(), spelled, n=3, cutoff=0.5)]
-    return (
-        ("did you mean " + " or ".join(near) + "?")
-        if near
-        else "one of " + ", ".join(sorted(spelled.values()))
-    )
+    if near:
+        return "a name of the DBC, perhaps " + " or ".join(near)
+    return "one of " + ", ".join(sorted(spelled.values()))
 
 
 def is_j1939(message: Message) -> bool:

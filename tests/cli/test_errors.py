@@ -35,7 +35,7 @@ class TestUsage:
     def test_no_such_command_names_the_nearest(self, canest):
         done = canest("reply", "x.log")
         assert done.code == 2
-        assert "did you mean replay" in one_line(done)
+        assert "expected a command, perhaps replay" in one_line(done)
 
     def test_unknown_option(self, canest):
         done = canest("replay", KENWORTH, "-c", "kenworth", "--wat")
@@ -61,6 +61,22 @@ class TestUsage:
         done = canest("replay", KENWORTH, KENWORTH, "-c", "kenworth", "--truth", "truth.csv")
         assert done.code == 2
         assert "--truth auto" in one_line(done)
+
+    @pytest.mark.parametrize("command", [["replay"], ["compare", "--mass", "9000"]])
+    @pytest.mark.parametrize("mass_kg", ["1e9", "39000", "300"])
+    def test_a_start_mass_that_the_vehicle_cannot_have(self, canest, command, mass_kg):
+        done = canest(*command, KENWORTH, "-c", "kenworth", "--initial-mass", mass_kg)
+        assert done.code == 2
+        assert "--initial-mass: no mass of this vehicle" in one_line(done)
+        assert "expected 4000 to 36000 kg" in done.err
+
+    @pytest.mark.parametrize("option", [["-o", "est.csv"], ["-o", "est.parquet"], ["--report", "est.html"]])
+    def test_one_file_for_several_logs(self, canest, tmp_path, monkeypatch, option):
+        monkeypatch.chdir(tmp_path)
+        done = canest("replay", KENWORTH, KENWORTH, "-c", "kenworth", *option)
+        assert done.code == 2
+        assert f"{option[0]}: found the file {option[1]}, expected a directory" in one_line(done)
+        assert not list(tmp_path.iterdir())
 
     def test_no_truth_beside_the_log(self, canest):
         done = canest("replay", KENWORTH, "-c", "kenworth", "--truth", "auto")

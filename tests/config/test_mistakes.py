@@ -245,7 +245,7 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     [
         ("dbc: [j1939.dbc]", "dbc: [j1989.dbc]", ["j1989.dbc: no such dbc file", "canest.dbc"]),
         ("dbc: [j1939.dbc]", "dbc: []", ["signals.", "no dbc: file"]),
-        ("message: EEC2", "message: EEC22", ["signals.accelerator: no such message", "did you mean", "EEC2"]),
+        ("message: EEC2", "message: EEC22", ["signals.accelerator: no such message", "perhaps", "EEC2"]),
         ("signal: EngSpeed", "signal: EngSped", ["signals.engine_speed: no such signal in EEC1", "EngSpeed"]),
         ("EngSpeed, source", "EngSpeed, unit: kg, source", ["signals.engine_speed: unit", "'kg'", "rpm"]),
     ],

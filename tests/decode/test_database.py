@@ -63,10 +63,11 @@ def test_file_cut_in_mid_line(tmp_path):
 def test_missing_message_and_signal_name_what_is_near():
     databases = [shipped_database()]
     with pytest.raises(
-        ConfigError, match=r"signals\.gear: no such message, found 'ETC22'.*did you mean ETC2"
+        ConfigError,
+        match=r"signals\.gear: no such message, found 'ETC22'.*expected a name of the DBC, perhaps ETC2",
     ):
         find_signal(databases, "ETC22", "TransCurrentGear", "signals.gear")
-    with pytest.raises(ConfigError, match=r"no such signal in ETC2.*did you mean TransCurrentGear"):
+    with pytest.raises(ConfigError, match=r"no such signal in ETC2.*perhaps TransCurrentGear"):
         find_signal(databases, "ETC2", "TransCurentGear", "signals.gear")
     with pytest.raises(ConfigError, match="one of AGW"):
         find_signal(databases, "zzzzzzzz", "x")
