@@ -62,6 +62,7 @@ class Decoder:
         self._transport = Transport(self._is_wanted, self._transport_error)
         self.counters.transport = self._transport.counts
         self._routes: dict[int, _Route] = {}
+        self._is_wanted_id: dict[int, bool] = {}  #: identifiers of data frames in short blocks
         self._transport_pgns = (
             {j1939.TP_CM_PGN, j1939.TP_DT_PGN} if any(g.multi_packet for g in self._groups) else set()
         )
@@ -90,6 +91,21 @@ class Decoder:
         """
         ids = block.can_id
         self.counters.frames += len(block)
+        known = self._known_rows(ids.tolist()) if len(block) <= SHORT_BLOCK else None
+        rows: list[int] | IntColumn = self._find_rows(ids) if known is None else known
+        self.counters.wanted += len(rows)
+        return block if len(rows) == len(block) else block[np.asarray(rows, np.int64)]
+
+    def _known_rows(self, ids: list[int]) -> list[int] | None:
+        """Return the rows of the wanted frames, None when an identifier has not been seen before."""
+        wanted = self._is_wanted_id
+        try:
+            return [row for row, can_id in enumerate(ids) if wanted[can_id]]
+        except KeyError:
+            return None
+
+    def _find_rows(self, ids: NDArray[np.uint32]) -> IntColumn:
+        """Return the rows of the wanted frames (k,), and remember the identifiers of a short block."""
         odd = (ids >> np.uint32(29)) != np.uint32(EXTENDED >> 29)
         wanted = self._table[(ids >> np.uint32(8)) & np.uint32(j1939.PGN_MASK)] != _UNWANTED
         if odd.any():
@@ -97,9 +113,12 @@ class Decoder:
             self._count_odd(ids[odd])
         for exact_id in self._by_exact:
             wanted |= ids == np.uint32(exact_id)
-        rows = np.flatnonzero(wanted)
-        self.counters.wanted += len(rows)
-        return block if len(rows) == len(block) else block[rows]
+        if len(ids) <= SHORT_BLOCK:
+            if len(self._is_wanted_id) >= _IDS_REMEMBERED:
+                self._is_wanted_id.clear()
+            data = (ids & np.uint32(ERROR | REMOTE)) == 0  # the others are counted each time
+            self._is_wanted_id.update(zip(ids[data].tolist(), wanted[data].tolist(), strict=True))
+        return np.flatnonzero(wanted)
 
     def decode(self, block: FrameBlock) -> RoleSamples:
         """Decode frames that `select` has let through.

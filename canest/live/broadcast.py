@@ -20,6 +20,7 @@ PCC1_PGN = 61651  #: Predictive Cruise Control 1
 FRESH_US = 200_000  #: an estimate older than this is not sent as one
 
 _NONE_8 = 0xFF
+_AT_ONCE = -(1 << 62)
 _CVW_STEP_KG, _CVW_LARGEST, _CVW_PRIORITY = 10.0, 0xFAFF, 6  #: SPN 1760, bytes 3-4
 _GRADE_STEP, _GRADE_OFFSET, _GRADE_LARGEST, _PCC1_PRIORITY = 0.00125, -0.16, 0xFA, 3  #: SPN 7432, byte 4
 _CVW_PERIOD_US, _PCC1_PERIOD_US = 1_000_000, 100_000
@@ -42,6 +43,7 @@ class Broadcaster:
             self._beats[CVW_PGN] = _Beat(_CVW_PERIOD_US)
         if broadcast.pcc1:
             self._beats[PCC1_PGN] = _Beat(_PCC1_PERIOD_US)
+        self._due_us = _AT_ONCE
 
     @property
     def groups(self) -> frozenset[int]:
@@ -60,7 +62,7 @@ class Broadcaster:
 
     def is_due(self, now_us: int) -> bool:
         """Return True when `frames` has something to send now."""
-        return any(beat.is_on_time(now_us) for beat in self._beats.values())
+        return now_us >= self._due_us
 
     def frames(
         self, now_us: int, address: int, requested: Set[int], taken: Set[int] = frozenset()
@@ -79,6 +81,7 @@ class Broadcaster:
                 frame = self._frame(pgn, address, estimate)
                 if frame is not None:
                     frames.append(frame)
+        self._due_us = min(beat.next_us for beat in self._beats.values())
         return frames
 
     def _frame(self, pgn: int, address: int, estimate: Estimate) -> Frame | None:
@@ -120,18 +123,15 @@ class _Beat:
 
     def __init__(self, period_us: int) -> None:
         self._period_us = period_us
-        self._next_us: int | None = None
+        self.next_us = _AT_ONCE
         self._sent_us = 0
 
-    def is_on_time(self, now_us: int) -> bool:
-        return self._next_us is None or now_us >= self._next_us
-
     def due(self, now_us: int, requested: bool) -> bool:
-        if self._next_us is None or now_us - self._next_us > 10 * self._period_us:
-            self._next_us = now_us
-        on_time = now_us >= self._next_us
+        if now_us - self.next_us > 10 * self._period_us:
+            self.next_us = now_us
+        on_time = now_us >= self.next_us
         if on_time:
-            self._next_us += self._period_us
+            self.next_us += self._period_us
         elif not (requested and now_us - self._sent_us >= min(_PCC1_PERIOD_US, self._period_us)):
             return False
         self._sent_us = now_us

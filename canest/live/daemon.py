@@ -127,16 +127,15 @@ class Daemon:
     # -- the loop -----------------------------------------------------------------------------------
 
     def _tick(self, now_ns: int) -> None:
-        begin_ns = time.thread_time_ns()
         now_us, now_s = now_ns // 1000, now_ns * 1e-9
-        emptied = self.receiver.collect()
-        if not emptied or now_us >= self._work_at_us or self.node.wants_estimate(now_us):
+        due = now_us >= self._work_at_us or self.node.wants_estimate(now_us)
+        if due or not self.receiver.collect():
             self._work_at_us = now_us + LONGEST_WAIT_US
             self._work(now_us, now_s)
         if now_s >= self._chores_at_s:
             self._chores_at_s = now_s + CHORES_S
             self._chores(now_us, now_s)
-        self.rates.count(time.thread_time_ns() - begin_ns)
+        self.rates.count(time.thread_time_ns())
 
     def _work(self, now_us: int, now_s: float) -> None:
         """Bring everything up to date with what has arrived, and say what is due.

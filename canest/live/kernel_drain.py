@@ -107,6 +107,9 @@ class KernelDrain:
         messages["controllen"] = _CONTROL.itemsize
         self._iovecs, self._headers = iovecs, headers
         self._controllen, self._received = messages["controllen"], headers["received"]
+        # views of every field, made once: a field of a structured array costs more than its few numbers
+        self._s, self._ns, self._drops = (self._control[name] for name in ("s", "ns", "drops"))
+        self._id, self._length, self._data = (self._frames[name] for name in ("can_id", "length", "data"))
         self._headers_at: int = headers.ctypes.data
         self._recvmmsg = _recvmmsg()
         self._used = 0
@@ -138,17 +141,16 @@ class KernelDrain:
             raise error
         if not count:
             return Drained(_NOTHING, before_us)
-        drops = int(self._control["drops"][count - 1]) if self._controllen[count - 1] > _STAMP_SPACE else None
+        drops = int(self._drops[count - 1]) if self._controllen[count - 1] > _STAMP_SPACE else None
         frames = self._take(count, before_us)
         self._controllen[:count] = _CONTROL.itemsize
         return Drained(frames, before_us if emptied else None, drops)
 
     def _take(self, count: int, now_us: int) -> FrameBlock:
-        frames, control = self._frames[:count], self._control[:count]
-        t_us = control["s"] * 1_000_000 + control["ns"] // 1000
+        t_us = self._s[:count] * 1_000_000 + self._ns[:count] // 1000
         if self._controllen[:count].min() < _STAMP_SPACE:  # a socket family without stamps
             t_us = np.full(count, now_us, np.int64)
-        can_id, length, data = frames["can_id"].copy(), frames["length"].copy(), frames["data"].copy()
+        can_id, length, data = (field[:count].copy() for field in (self._id, self._length, self._data))
         if self._received[:count].min() < FRAME.itemsize:  # not a whole frame: nothing believable in it
             whole = self._received[:count] == FRAME.itemsize
             t_us, can_id, length, data = t_us[whole], can_id[whole], length[whole], data[whole]

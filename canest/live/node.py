@@ -57,9 +57,10 @@ class Node:
 
     def wants_estimate(self, now_us: int) -> bool:
         """Return True when the next `speak` is going to send an estimate."""
-        if self.citizen is None or self.broadcaster is None or self.citizen.silence(now_us):
+        citizen, broadcaster = self.citizen, self.broadcaster
+        if citizen is None or broadcaster is None:
             return False
-        return bool(self.citizen.requested) or self.broadcaster.is_due(now_us)
+        return (broadcaster.is_due(now_us) or bool(citizen.requested)) and not citizen.silence(now_us)
 
     def speak(self, now_us: int) -> None:
         """Send what is due."""

@@ -11,13 +11,17 @@ class Rates:
         self.cpu_us_per_tick = 0.0
         self.cpu_us_max = 0.0
         self.frames = self._ticks = self._cpu_ns = self._cpu_max_ns = 0
+        self._used_ns: int | None = None
         self._since_s: float | None = None
 
-    def count(self, cpu_ns: int) -> None:
-        """Take one tick: its CPU time. (Frames are added to `frames` as they come.)"""
-        self._ticks += 1
-        self._cpu_ns += cpu_ns
-        self._cpu_max_ns = max(self._cpu_max_ns, cpu_ns)
+    def count(self, used_ns: int) -> None:
+        """Take one tick: the CPU time used so far. (Frames are added to `frames` as they come.)"""
+        if self._used_ns is not None:
+            cpu_ns = used_ns - self._used_ns
+            self._ticks += 1
+            self._cpu_ns += cpu_ns
+            self._cpu_max_ns = max(self._cpu_max_ns, cpu_ns)
+        self._used_ns = used_ns
 
     def close(self, now_s: float) -> None:
         """End the period at ``now_s`` (monotonic)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from bisect import bisect_left
 from collections.abc import Callable
 
 from canest.vehicle.samples import STEP_US
@@ -32,8 +33,7 @@ class Schedule:
             self._sleep(delay_ns * 1e-9)
         now_ns = self._clock_ns()
         late_ns = now_ns - self._next_ns
-        late_ms = late_ns * 1e-6
-        self.late[next((i for i, b in enumerate(LATE_BOUNDS_MS) if late_ms <= b), -1)] += 1
+        self.late[bisect_left(LATE_BOUNDS_MS, late_ns * 1e-6)] += 1
         missed = max(0, late_ns) // STEP_NS
         self.missed += missed
         self.ticks += 1

@@ -21,7 +21,6 @@ _ODOMETERS = {_VD_PGN: (32, 0.125), _VDHR_PGN: (0, 0.005)}
 _DISTANCE_LARGEST = 0xFAFF_FFFF
 _NO_ADDRESS = 0xFE  #: the source of "cannot claim"
 _IDS_REMEMBERED = 4096  #: a bus has some hundreds of identifiers, noise has millions
-_NO_PGN = -1
 
 
 @dataclass(slots=True)
@@ -52,7 +51,8 @@ class BusWatch:
 
     def __init__(self, own_pgn: int) -> None:
         self._own_pgn = own_pgn
-        self._kinds: dict[int, int] = {}
+        self._watched = frozenset({CLAIM_PGN, REQUEST_PGN, CVW_PGN, TSC1_PGN, *_ODOMETERS, own_pgn})
+        self._signals: set[int] = set()  #: identifiers that do not concern a node
         self.claims: list[tuple[int, int]] = []
         self.requests: list[Request] = []
         self.other_masses: dict[int, OtherMass] = {}
@@ -70,10 +70,6 @@ class BusWatch:
         """Return the kernel filters for what is watched."""
         return [j1939.kernel_filter(p) for p in sorted(self._watched)]
 
-    @property
-    def _watched(self) -> set[int]:
-        return {CLAIM_PGN, REQUEST_PGN, CVW_PGN, TSC1_PGN, *_ODOMETERS, self._own_pgn}
-
     def mass_is_sent_by_others(self, now_us: int) -> bool:
         """Return whether another ECU sends its gross mass (SPN 1760)."""
         return any(now_us - m.heard_us < SENT_BY_OTHERS_US for m in self.other_masses.values())
@@ -81,23 +77,23 @@ class BusWatch:
     def observe(self, frames: FrameBlock, now_us: int) -> None:
         """Take the next frames; ``now_us`` is the time of a monotonic clock."""
         self.claims, self.requests = [], []
-        kinds = self._kinds
-        for row, can_id in enumerate(frames.can_id.tolist()):
-            pgn = kinds.get(can_id)
-            if pgn is None:
-                pgn = self._resolve(can_id)
-            if pgn != _NO_PGN:
+        ids = frames.can_id.tolist()
+        if self._signals.issuperset(ids):
+            return
+        for row, can_id in enumerate(ids):
+            if can_id not in self._signals and (pgn := self._watched_pgn(can_id)) is not None:
                 length, word = int(frames.length[row]), int(frames.data[row])
                 self._note(pgn, can_id, length, word, int(frames.t_us[row]), now_us)
 
-    def _resolve(self, can_id: int) -> int:
+    def _watched_pgn(self, can_id: int) -> int | None:
+        """Return the group of an identifier, None (and remembered) when it does not concern a node."""
         pgn = j1939.pgn_of(can_id)
-        if not can_id & EXTENDED or can_id & (REMOTE | ERROR) or pgn not in self._watched:
-            pgn = _NO_PGN
-        if len(self._kinds) >= _IDS_REMEMBERED:
-            self._kinds.clear()
-        self._kinds[can_id] = pgn
-        return pgn
+        if can_id & EXTENDED and not can_id & (REMOTE | ERROR) and pgn in self._watched:
+            return pgn
+        if len(self._signals) >= _IDS_REMEMBERED:
+            self._signals.clear()
+        self._signals.add(can_id)
+        return None
 
     def _note(self, pgn: int, can_id: int, length: int, word: int, t_us: int, now_us: int) -> None:
         source = j1939.source_of(can_id)

@@ -268,7 +268,7 @@ def test_noise_of_every_identifier_does_not_make_the_watch_grow():
         watch.observe(
             FrameBlock.from_frames([(0, 0x8000_0000 | 7919 * i, b"") for i in range(begin, begin + 5000)]), 0
         )
-    assert len(watch._kinds) <= 4096
+    assert len(watch._signals) <= 4096
 
 
 def test_the_group_set_of_a_broadcaster_follows_the_config():
