@@ -95,8 +95,8 @@ MEANINGS: dict[str, str] = {
     "service.state_dir": "null: systemd's $STATE_DIRECTORY, else ~/.local/state/canest",
     "service.save_every_s": "how often what was learned is saved, s",
     "service.restore_std": "least relative doubt of a remembered mass",
-    "service.metrics_file": "Prometheus text file for node_exporter; null: canest.prom in the runtime directory under "
-    "systemd, else none",
+    "service.metrics_file": "Prometheus text file for node_exporter; null: canest.prom in the runtime "
+    "directory under systemd, else none",
     "service.metrics_port": "serve the same over HTTP on this port",
     "service.record": "candump log of everything received",
     "service.log_estimates": "est.csv of every estimate, 50 Hz",
