@@ -103,7 +103,9 @@ class SocketCanReceiver:
             self.close()
             if index is not None:
                 self._open()
-        elif self.state == "down" and self._is_up():
+        elif index is not None and not self._is_up():
+            self.state = "down"
+        elif self.state == "down":
             self.state = "up"
         self._look_at_s = now_s + (RETRY_S if self.state in ("absent", "down") else WATCH_S)
 
@@ -209,6 +211,8 @@ class SocketCanTransmitter:
         except OSError as error:
             full = error.errno in _FULL
             self.counters["dropped_buffer_full" if full else "dropped_interface_down"] += 1
+            if not full:  # a socket tells an error once, and it has told us, not the receiver
+                self._receiver._look_at_s = 0.0
             return False
         self.counters["sent"] += 1
         return True

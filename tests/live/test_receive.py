@@ -237,6 +237,35 @@ def test_an_interface_that_goes_down_keeps_its_socket_and_comes_back(interface):
     assert interface.state == "up" and interface.opened == 1
 
 
+def test_an_error_that_only_the_sender_was_told_is_no_secret(interface):
+    """A socket hands an error to whoever calls first; a link that is down must not pass for up."""
+
+    class Socket:
+        def send(self, frame):
+            raise OSError(errno.ENETDOWN, "no")
+
+    real = interface._socket
+    interface.drain()
+    interface.up = False
+    interface._socket = Socket()
+    SocketCanTransmitter(interface).send(ID, bytes(8))
+    interface._socket = real
+    interface.drain()
+    assert interface.state == "down"
+    interface.up = True
+    time.sleep(0.025)
+    interface.drain()
+    assert interface.state == "up" and interface.opened == 1
+
+
+@pytest.mark.parametrize("state", ["up", "bus-off", "error-passive"])
+def test_a_link_set_down_without_any_error_is_noticed(interface, state):
+    interface.state, interface.up = state, False
+    interface._look_at_s = 0.0
+    interface.drain()
+    assert interface.state == "down"
+
+
 def test_an_unknown_socket_error_leads_to_a_new_socket(interface):
     interface.fails_with(errno.EBADF)
     interface.drain()
