@@ -29,6 +29,8 @@ class Gating:
         self._gates, self._model = config.gates, model
         watched = (r for r, s in config.signals.items() if not s.optional)
         self._needed = dict.fromkeys((*model.required_roles(), *watched))
+        self._gearing = [role for role in ("gear_ratio", "gear") if role in config.signals]
+        self._aging = {*model.speed_roles, *self._needed, *self._gearing}
         self._pedal_only = config.gates.brake.assume_when_pedal_released
         sections = {g: getattr(config.gates, g.label) for g in _CAUSES}
         self._dwell_ticks: dict[Gate, int] = {
@@ -46,11 +48,12 @@ class Gating:
         until = np.full(
             len(grid), self._until_tick if grid.continues else tick[0] + self._settle_ticks, np.int64
         )
-        for gate, closed in self._causes(grid, raw, accel_mps2):
+        # backwards: the cause that comes first has the last word
+        for gate, closed in reversed(self._causes(grid, raw, accel_mps2)):
             dwell = self._dwell_ticks.get(gate)
             if dwell is None or not np.count_nonzero(closed):
                 continue
-            code = np.where((code == 0) & closed, np.uint8(gate), code)
+            code = np.where(closed, np.uint8(gate), code)
             until = np.maximum(until, np.where(closed, tick + dwell, _NEVER))
         if len(until) > 1:
             until = np.maximum.accumulate(until)
@@ -62,14 +65,7 @@ class Gating:
     ) -> list[tuple[Gate, BoolColumn]]:
         """Return each gate whose signals are there with where it is closed, in order of precedence."""
         gates = self._gates
-        stale = constant(True, len(grid))
-        for role in self._model.speed_roles:
-            stale = stale & grid.stale[role]
-        for role in self._needed:
-            stale = stale | grid.stale[role]
-        for role in ("gear_ratio", "gear"):
-            if role in grid.stale:
-                stale = stale | (grid.stale[role] & ~raw.geared)
+        stale = self._stale(grid, raw)
         causes = [(Gate.STALE, stale), (Gate.INVALID, ~raw.usable)]
         has = grid.values
         if "gear" in has:
@@ -90,6 +86,19 @@ class Gating:
             causes.append((Gate.TURNING, np.abs(has["lateral_accel"]) > gates.turning.lateral_mps2))
         causes.append((Gate.IMPLAUSIBLE, self._implausible(raw, has, accel_mps2)))
         return causes
+
+    def _stale(self, grid: GridBlock, raw: RawModel) -> BoolColumn:
+        never = constant(False, len(grid))
+        if all(grid.stale[role] is never for role in self._aging):  # as a rule, in short blocks
+            return never
+        stale = constant(True, len(grid))
+        for role in self._model.speed_roles:
+            stale = stale & grid.stale[role]
+        for role in self._needed:
+            stale = stale | grid.stale[role]
+        for role in self._gearing:
+            stale = stale | (grid.stale[role] & ~raw.geared)
+        return stale
 
     def _braking(self, raw: RawModel, has: dict[str, FloatColumn]) -> BoolColumn:
         c = raw.columns
@@ -133,10 +142,10 @@ class Gating:
         closed = np.abs(accel_mps2) > MAX_ACCEL_MPS2
         if JUMP in has:
             closed = closed | np.isfinite(has[JUMP])
-        for role in ("undriven_speed", "vehicle_speed"):
-            if role in has:
-                other = raw.columns.signals[role]
-                allowed = SPEED_MISMATCH_SHARE * np.abs(raw.speed_mps) + SPEED_SLACK_MPS
+        others = [has[role] for role in ("undriven_speed", "vehicle_speed") if role in has]
+        if others:
+            allowed = SPEED_MISMATCH_SHARE * np.abs(raw.speed_mps) + SPEED_SLACK_MPS
+            for other in others:
                 closed = closed | (np.abs(other - raw.speed_mps) > allowed)
         return closed
 
