@@ -168,6 +168,7 @@ def test_full_load_noise_and_wrong_senders_do_not_move_a_valid_estimate(tmp_path
 
 def test_the_real_attack_logs_are_survived_and_counted(tmp_path, data, monkeypatch):
     from canest.live.snapshot import snapshot
+    from canest.live.status_view import rows as rows_of
 
     told = {}
     for name in ("tsc1", "address_claim"):
@@ -182,6 +183,9 @@ def test_the_real_attack_logs_are_survived_and_counted(tmp_path, data, monkeypat
     assert told["tsc1"]["torque_commands"] == {"0x03": 619, "0x0B": 923}
     assert told["address_claim"]["claims"] == {"0x00": 1}
     assert told["address_claim"]["broadcast"]["cannot_claim_heard"] == 1
+    assert ("addresses lost", "1 times an ECU had to give its own up; claims: 0x00 1") in rows_of(
+        told["address_claim"]
+    )
     assert "addresses-lost-by-others now=1" in rig.log.getvalue()
 
 
