@@ -42,10 +42,18 @@ class Kernel:
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        self.interpreted = function
+        self._source = function
         self.__doc__ = function.__doc__
         self.__name__ = function.__name__
+        self._interpreted: Callable[..., Any] | None = None
         self._compiled: Callable[..., Any] | None = None
+
+    @property
+    def interpreted(self) -> Callable[..., Any]:
+        """The function as it stands; kernels that it calls are called straight."""
+        if self._interpreted is None:
+            self._interpreted = self._bound("interpreted")
+        return self._interpreted
 
     @property
     def compiled(self) -> Callable[..., Any]:
@@ -53,15 +61,18 @@ class Kernel:
         if self._compiled is None:
             import numba
 
-            # kernels that this one calls: numba must meet them compiled
-            scope: Any = getattr(self.interpreted, "__globals__", {})
-            for name, value in list(scope.items()):
-                if isinstance(value, Kernel) and name in self.interpreted.__code__.co_names:
-                    scope = {**scope, name: value.compiled}
-            function = FunctionType(self.interpreted.__code__, scope, self.__name__)
-            function.__module__ = self.interpreted.__module__
-            self._compiled = numba.njit(cache=True, error_model="numpy")(function)
+            self._compiled = numba.njit(cache=True, error_model="numpy")(self._bound("compiled"))
         return self._compiled
+
+    def _bound(self, form: str) -> Callable[..., Any]:
+        """Return the function with every kernel that it calls replaced by its ``form``."""
+        scope: Any = getattr(self._source, "__globals__", {})
+        for name, value in list(scope.items()):
+            if isinstance(value, Kernel) and name in self._source.__code__.co_names:
+                scope = {**scope, name: getattr(value, form)}
+        function = FunctionType(self._source.__code__, scope, self.__name__)
+        function.__module__ = self._source.__module__
+        return function
 
     def __call__(self, *args: Any) -> Any:
         """Run the kernel, compiled when `enabled`."""

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from canest import fast
 from canest.estimators import canest_kernel as kernel
 from canest.estimators import canest_output as output
+from canest.estimators import canest_states as at
 from canest.estimators.base import Estimator
 from canest.estimators.canest_prior import prior_of
+from canest.estimators.canest_roads import CURVED_M, STRAIGHT_M
 from canest.estimators.canest_windows import COLUMNS, SHIFT, Windows
 from canest.estimators.columns import give, state_in, state_out
 from canest.estimators.options import Options, parse
@@ -22,16 +24,14 @@ from canest.frames import FloatColumn
 from canest.vehicle.samples import STEP_S, EstimateBlock, ModelBlock, Status, VehicleFacts
 
 #: a mass is trusted once its std is below this share of it ...
-VALID_SHARE = 0.04
-#: ... or below the larger one where the vehicle has accelerated: integral of a^2 dt since its load may have
-#: changed, m2/s3 (a launch gives 5 to 10, five minutes of motorway cruise 1 to 4)
-DRIVEN_SHARE, DRIVEN_EFFORT = 0.055, 5.0
+VALID_SHARE = 0.045
 #: ... and while the vehicle has not stood long enough for its load to be changing
 UNLOADED_S = 10.0
+#: effort that a remembered mass stands for: its std says all that is in doubt, m2/s3
+REMEMBERED = 10.0
 #: sine of the steepest slope given out; no road is steeper than 35 %
 STEEPEST = 0.33
-_SENSED, _UNDRIVEN, _ALTITUDE = (COLUMNS.index(c) for c in ("sensed_mps2", "undriven_mps", "altitude_m"))
-_SPEED = COLUMNS.index("speed_mps")
+_SPEED, _SENSED = COLUMNS.index("speed_mps"), COLUMNS.index("sensed_mps2")
 
 
 class CanestOptions(Options):
@@ -57,19 +57,23 @@ class Canest(Estimator):
         wide = prior_of(self.facts)
         prior = prior_of(self.facts, mass_kg, mass_std_kg)
         self._prior = wide
-        self._x = list(prior.mean)
-        self._P = [[s * s if i == j else 0.0 for j in range(kernel.STATES)] for i, s in enumerate(prior.std)]
-        self._memory = [0.0] * kernel.MEMORY
-        slots = (kernel.SPEED_VAR, kernel.SENSED_VAR, kernel.UNDRIVEN_VAR)
+        self._X = [list(prior.mean[: at.BASE_STATES]) for _ in range(at.ROADS)]
+        self._PP = [_diagonal(prior.std[: at.BASE_STATES]) for _ in range(at.ROADS)]
+        self._PP[at.STRAIGHT][at.CURVATURE][at.CURVATURE] = 0.0
+        total = STRAIGHT_M + CURVED_M
+        self._weight = [STRAIGHT_M / total, CURVED_M / total]
+        self._axle, self._axle_P = list(prior.axle_mean), _diagonal(prior.axle_std)
+        self._memory = [0.0] * at.MEMORY
+        slots = (at.SPEED_VAR, at.SENSED_VAR, at.UNDRIVEN_VAR)
         for slot, noise in zip(slots, prior.noise_start, strict=True):
             self._memory[slot] = noise * noise
-        self._extra: set[int] = set()
         self._windows = Windows()
         self._status = StatusTracker(VALID_SHARE)
-        start = np.zeros((1, kernel.OUTPUTS))
-        start[0, kernel.OUT_U], start[0, kernel.OUT_U_VAR] = prior.mean[kernel.U], prior.std[kernel.U] ** 2
-        start[0, kernel.OUT_GRADE] = prior.mean[kernel.GRADE]
-        start[0, kernel.OUT_GRADE_VAR] = prior.std[kernel.GRADE] ** 2
+        start = np.zeros((1, at.OUTPUTS))
+        start[0, at.OUT_U], start[0, at.OUT_U_VAR] = prior.mean[at.U], prior.std[at.U] ** 2
+        start[0, at.OUT_EFFORT] = REMEMBERED
+        start[0, at.OUT_GRADE] = prior.mean[at.GRADE]
+        start[0, at.OUT_GRADE_VAR] = prior.std[at.GRADE] ** 2
         self._last = output.known(start, np.zeros(1), self.facts)[0]
         self._since = 0
 
@@ -87,36 +91,44 @@ class Canest(Estimator):
     def _filter(self, windows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Run the kernel over windows (columns, w); return its outputs (w, OUTPUTS)."""
         n = windows.shape[1]
-        for row, states in (
-            (_SENSED, {kernel.BIAS, kernel.PITCH}),
-            (_UNDRIVEN, {kernel.LAG, kernel.SCALE}),
-            (_ALTITUDE, {kernel.HEIGHT}),
-        ):
-            if np.isfinite(windows[row]).any():
-                self._extra |= states
-        always = (
-            kernel.Q, kernel.U, kernel.DELAY, kernel.SLIP, kernel.WIND, kernel.GRADE, kernel.CURVATURE,
-        )  # fmt: skip
-        active = sorted({*always, *self._extra})
+        if len(self._X[0]) < at.STATES and np.isfinite(windows[_SENSED]).any():
+            self._grow()
         compiled = fast.enabled()
-        x, memory = state_in(self._x), state_in(self._memory)
-        P = np.array(self._P) if compiled else self._P
-        out: Any = np.zeros((n, kernel.OUTPUTS)) if compiled else [[0.0] * kernel.OUTPUTS for _ in range(n)]
+        X: Any = self._X
+        PP: Any = self._PP
+        axle_P: Any = self._axle_P
+        out: Any = [[0.0] * at.OUTPUTS for _ in range(n)]
+        if compiled:
+            X, PP, axle_P, out = np.array(X), np.array(PP), np.array(axle_P), np.zeros((n, at.OUTPUTS))
+        weight, axle, memory = (state_in(s) for s in (self._weight, self._axle, self._memory))
         kernel.run(
             n,
             windows if compiled else windows.tolist(),
-            x,
-            P,
+            X,
+            PP,
+            weight,
+            axle,
+            axle_P,
             memory,
-            np.array(active) if compiled else active,
             *give(np.array(self._prior.std), np.array(self._prior.noise_floor)),
             self._prior.torque_std_Nm,
-            state_in([0.0] * kernel.STATES),
+            state_in([0.0] * len(X[0])),
             out,
         )
-        self._x, self._memory = state_out(x), state_out(memory)
-        self._P = [state_out(row) for row in P]
+        self._weight, self._axle, self._memory = (state_out(s) for s in (weight, axle, memory))
+        if compiled:
+            self._X, self._PP, self._axle_P = X.tolist(), PP.tolist(), axle_P.tolist()
         return np.asarray(out)
+
+    def _grow(self) -> None:
+        """Make room for the states of an accelerometer, once there is one."""
+        mean, std = self._prior.mean, self._prior.std
+        for x, P in zip(self._X, self._PP, strict=True):
+            for i in range(len(x), at.STATES):
+                x.append(mean[i])
+                for row in P:
+                    row.append(0.0)
+                P.append([0.0] * i + [std[i] * std[i]])
 
     def _ticks_since(self, finished: NDArray[np.int64]) -> FloatColumn:
         """Return how many ticks each sample lies behind the end of its last window."""
@@ -130,21 +142,16 @@ class Canest(Estimator):
 
     def _estimates(self, known: NDArray[np.float64], finished: NDArray[np.int64]) -> EstimateBlock:
         """Give every sample what was known after its last window, the grade carried on to where it is."""
-
-        def held(column: int) -> FloatColumn:
-            value: FloatColumn = known[:, column][finished]
-            return value
-
-        mass, mass_std = held(output.MASS_KG), held(output.MASS_STD_KG)
-        ahead_m = held(output.SPEED_MPS) * (self._ticks_since(finished) + SHIFT) * STEP_S
-        sine = np.clip(held(output.SINE) + held(output.SINE_PER_M) * ahead_m, -STEEPEST, STEEPEST)
-        learned = held(output.LEARNED) > 0.0
-        standing = held(output.STANDING_S) > UNLOADED_S
-        limit = np.where(held(output.EFFORT) >= DRIVEN_EFFORT, DRIVEN_SHARE, VALID_SHARE)
-        status = self._status.update(learned & ~standing, mass, mass_std * (VALID_SHARE / limit))
+        held = known.T[:, finished]
+        mass, mass_std = held[output.MASS_KG], held[output.MASS_STD_KG]
+        ahead_m = held[output.SPEED_MPS] * (self._ticks_since(finished) + SHIFT) * STEP_S
+        sine = np.clip(held[output.SINE] + held[output.SINE_PER_M] * ahead_m, -STEEPEST, STEEPEST)
+        learned = held[output.LEARNED] > 0.0
+        standing = held[output.STANDING_S] > UNLOADED_S
+        status = self._status.update(learned & ~standing, mass, mass_std)
         status[learned & standing] = Status.CONVERGING
         grade = sine / np.sqrt(1.0 - sine * sine)
-        grade_std = np.minimum(held(output.SINE_STD), 1.0)
+        grade_std = np.minimum(held[output.SINE_STD], 1.0)
         if self.facts.initial_mass_kg is None and not learned.all():
             mass, mass_std, grade, grade_std = (
                 np.where(learned, column, np.nan) for column in (mass, mass_std, grade, grade_std)
@@ -156,7 +163,7 @@ class Canest(Estimator):
         return {
             "mass_kg": float(self._last[output.MASS_KG]),
             "mass_std_kg": float(self._last[output.MASS_STD_KG]),
-            "learned": self._memory[kernel.LEARNED] > 0.0,
+            "learned": self._memory[at.LEARNED] > 0.0,
             **self.consistency(),
         }
 
@@ -165,20 +172,27 @@ class Canest(Estimator):
 
         Runs test: Wald and Wolfowitz (1940), of the innovations' signs; far below -3 means one-signed.
         """
-        count, positive = self._memory[kernel.COUNT], self._memory[kernel.POSITIVE]
+        count, positive = self._memory[at.COUNT], self._memory[at.POSITIVE]
         negative = count - positive
         if count < 20 or not positive or not negative:
             return {"nis": float("nan"), "runs_z": float("nan"), "windows": count}
         expected = 1.0 + 2.0 * positive * negative / count
         variance = (expected - 1.0) * (expected - 2.0) / (count - 1.0)
         return {
-            "nis": self._memory[kernel.NIS_SUM] / count,
-            "runs_z": (self._memory[kernel.RUNS] - expected) / math.sqrt(variance),
+            "nis": self._memory[at.NIS_SUM] / count,
+            "runs_z": (self._memory[at.RUNS] - expected) / math.sqrt(variance),
             "windows": count,
         }
 
     def restore(self, mass_kg: float, mass_std_kg: float) -> None:
         """Start from a remembered mass with its (already widened) standard deviation."""
         self._begin(mass_kg, mass_std_kg)
-        self._memory[kernel.LEARNED] = 1.0
+        self._memory[at.LEARNED] = 1.0
+        self._memory[at.EFFORT] = REMEMBERED
         self._last[output.LEARNED] = 1.0
+
+
+def _diagonal(std: list[float]) -> list[list[float]]:
+    """Return a covariance of independent states as a list of rows."""
+    n = len(std)
+    return [[std[i] * std[i] if i == j else 0.0 for j in range(n)] for i in range(n)]

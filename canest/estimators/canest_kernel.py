@@ -1,4 +1,4 @@
-"""The filter of `canest`: one Kalman filter over momentum, height and the accelerometer, window by window.
+"""The filter of `canest`: momentum, height and the accelerometer, window by window, on two kinds of road.
 
 Newton's law divided by the mass is linear in the inverse mass u = 1/M, so the filter is exact and forgets
 its start value; mass never enters a linearisation:
@@ -7,8 +7,8 @@ its start value; mass never enters a linearisation:
     q = (1 + u J) v                                J mass of what rotates, in this gear
     v measured = v + delta T + sigma v T           delta = u x delay left, sigma = u x slip, T traction
     undriven speed = v measured - sigma v T - lag dv/dt - scale v
-    accelerometer - dv/dt = g theta + bias + p dv/dt
-    dtheta/ds = kappa,  dkappa/ds = -kappa / L + noise      grade lives in distance, not in time
+    accelerometer - dv/dt = g theta + bias + p dv/dt - late d2v/dt2
+    dtheta/ds = kappa                              grade lives in distance, not in time; see `canest_roads`
     dh/ds = theta,  altitude = h
 
 Integrated over a window the first line is a momentum balance, free of the colour that filters give to
@@ -18,7 +18,8 @@ noise that looks like force which moves nothing, and so like mass (errors in var
 States that a closed gate must not move are only considered (Schmidt): their covariance widens what else is
 learned, their values stay as they are to the last bit.
 
-Plain scalar Python on lists, or the same source compiled on arrays (`canest.fast`).
+Plain scalar Python on lists, or the same source compiled on arrays (`canest.fast`). numba's cache looks at
+this file's age only: touch it after a change in a kernel that it calls.
 """
 
 from __future__ import annotations
@@ -27,232 +28,123 @@ import math
 from typing import Any
 
 from canest import fast
+from canest.estimators.canest_filter import OUTLIER, correct, push, reopen, start, travel, widen
+from canest.estimators.canest_roads import likelihood, mix, weigh
+from canest.estimators.canest_states import (
+    AXLE_LAG,
+    AXLE_SCALE,
+    AXLE_SLIP,
+    BIAS,
+    BIASED,
+    CALM_MPS,
+    COUNT,
+    CURVATURE,
+    CURVED,
+    DELAY,
+    EFFORT,
+    FREE,
+    GRADE,
+    HAS_HEIGHT,
+    HEIGHT,
+    HELD_U,
+    LAST_MPS2,
+    LEARNED,
+    NIS_SUM,
+    OUT_CURVATURE,
+    OUT_EFFORT,
+    OUT_GRADE,
+    OUT_GRADE_VAR,
+    OUT_LEARNED,
+    OUT_STANDING_S,
+    OUT_U,
+    OUT_U_VAR,
+    PITCH,
+    POSITIVE,
+    RUNS,
+    SENSE_LAG,
+    SENSED_VAR,
+    SIGN,
+    SINCE,
+    SLIP,
+    SPEED_VAR,
+    STANDING_S,
+    STEADY_MPS2,
+    STRAIGHT,
+    STRETCH_M,
+    UNDRIVEN_VAR,
+    UNMIXED,
+    WIND,
+    Q,
+    U,
+)
 from canest.estimators.canest_windows import WINDOW_S
 from canest.vehicle.samples import GRAVITY_MPS2
 
 Container = Any  #: list interpreted, array compiled
 
-# states; those below FREE are the driveline's, which closed gates freeze
-Q, U, DELAY, SLIP, LAG, SCALE, WIND = range(7)
-GRADE, CURVATURE, BIAS, PITCH, HEIGHT = range(7, 12)
-FREE = GRADE
-STATES = 12
-
-# carried beside the states
-(
-    SINCE,  # windows since the momentum balance began, 0 where it must begin anew
-    STANDING_S,
-    HAS_HEIGHT,
-    LEARNED,
-    SPEED_VAR,
-    SENSED_VAR,
-    UNDRIVEN_VAR,
-    BIASED,  # running mean of the normalised innovation
-    COUNT,
-    NIS_SUM,
-    POSITIVE,
-    RUNS,
-    SIGN,
-    CALM_MPS,  # speed without its recent noise
-    EFFORT,  # integral of the squared acceleration since mass was opened, m2/s3
-) = range(15)
-MEMORY = 15
-
-# one window's outputs
-OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S, OUT_EFFORT = range(8)
-OUTPUTS = 8
-
 _G = GRAVITY_MPS2
-#: distance over which vertical curves last, m
-_CURVE_M = 100.0
-#: distance over which the wind along the road changes, m
+#: a straight is not quite straight: variance of the grade per metre, (0.1 % in 100 m)^2
+_ROUGHNESS = 1e-8
+#: distance over which the curvature within a curve changes, m
+_CURVE_M = 300.0
+#: distance over which the mean wind along the road changes, m
 _WIND_M = 5000.0
+#: gusts: m/s, and how long they last
+_GUST_MPS, _GUST_S = 0.15, 5.0
 #: drift of a GPS altitude beyond its noise, m2 per m; and the std of one reading, m
 _HEIGHT_DRIFT, _HEIGHT_STD_M = 0.004, 2.5
 #: force that the model lacks: share of the traction, correlated over this time (torque holes, oscillation);
 #: more in overrun, where friction torque is coarse and brakes blend in
 _FORCE_SHARE, _OVERRUN_SHARE, _FORCE_S = 0.02, 0.1, 0.2
+#: reported torque is rounded, and the rounding error stays until the torque has moved on by a step
+_STEP_STD, _LONGEST_WINDOWS = math.sqrt(12.0), 25.0
 #: a retarder's force is known to this share, for as long as it brakes
 _RETARDER_SHARE, _RETARDER_WINDOWS = 0.1, 25.0
+#: brakes and torque holes pitch the body otherwise than the drive does: share of the acceleration
+_OTHER_PITCH = 0.1
 #: mass changes little by little (fuel, snow): relative variance per metre, (1 % in 10 km)^2
 _MASS_DRIFT = 1e-8
 #: weight of the newest window in the calm speed; all of it in the first windows of a balance
 _CALM, _FRESH = 0.02, 3.0
 #: slip is learned from every so many windows: wheel speeds come at 10 Hz and it changes slowly
 _UNDRIVEN_EVERY = 5.0
+#: the two roads are mixed every so many windows, and an accelerometer is read
+_MIX_EVERY, _SEE_EVERY = 6.0, 2.0
 #: the delay of reported torque changes from frame to frame by a part of its 20 ms cycle
 _JITTER_S = 0.004
 #: the remaining delay is trusted to, s; the inverse mass is taken for it at least this share of its prior std
 _DELAY_S, _LEAST_SHARE = 0.1, 0.1
+#: forces that change within this time are the engine's, not the road's; with an accelerometer, which feels
+#: the road, those that change faster than its bias
+_ROAD_S, _BIAS_S = 2.0, 30.0
 #: a vehicle that stands this long may have been loaded
 _LOADING_S = 30.0
 #: share of its prior variance by which a new load changes delay, slip, bias and pitch
 _LOOSER = 0.1
-#: innovations beyond this many squared stds count as outliers and weigh less (Huber)
-_OUTLIER = 9.0
 #: memory of the noise levels and of the innovations' sign, in windows
 _NOISE_MEMORY, _NOISE_START, _SIGN_MEMORY = 300.0, 10.0, 15.0
 #: innovations this one-signed for seconds open mass (by this share) and grade again
-_ONE_SIGNED, _CLIP, _DOUBT = 1.5, 5.0, 0.3
+_ONE_SIGNED, _CLIP, _DOUBT = 1.5, 5.0, 1.0
 
 
 @fast.kernel
-def correct(
-    x: Container,
-    P: Container,
-    active: Container,
-    w: Container,
-    first: int,
-    z: float,
-    r: float,
-    i0: int,
-    h0: float,
-    i1: int,
-    h1: float,
-    i2: int,
-    h2: float,
-    i3: int,
-    h3: float,
-) -> tuple[float, float]:
-    """Measure z = h0 x[i0] + ... + h3 x[i3] + noise of variance r; move only the states from `first` on.
-
-    Kalman update in the symmetric form P -= w w', w = P h / sqrt(s); for states before `first` the gain is
-    zero and their block of P stays (Schmidt-Kalman). Returns the innovation and its variance.
-    """
-    p0, p1, p2, p3 = P[i0], P[i1], P[i2], P[i3]
-    for i in active:
-        w[i] = h0 * p0[i] + h1 * p1[i] + h2 * p2[i] + h3 * p3[i]
-    s = max(r + h0 * w[i0] + h1 * w[i1] + h2 * w[i2] + h3 * w[i3], r)
-    e = z - h0 * x[i0] - h1 * x[i1] - h2 * x[i2] - h3 * x[i3]
-    weight = max(s, e * e / _OUTLIER)
-    root = 1.0 / math.sqrt(weight)
-    for i in active:
-        w[i] *= root
-    gain = e * root
-    for i in active:
-        wi = w[i]
-        row = P[i]
-        if i >= first:
-            x[i] += gain * wi
-            for j in active:
-                row[j] -= wi * w[j]
-        else:
-            for j in active:
-                if j >= first:
-                    row[j] -= wi * w[j]
-    return e, s
+def surplus(e: float, s: float) -> float:
+    """Return an innovation's square less what the states explain of it, outliers cut."""
+    return min(e * e, OUTLIER * s) - s
 
 
 @fast.kernel
-def widen(P: Container, active: Container, i: int, variance: float) -> None:
-    """Forget state i: only its variance is left."""
-    for j in active:
-        P[i][j] = 0.0
-        P[j][i] = 0.0
-    P[i][i] = variance
-
-
-@fast.kernel
-def travel(
-    x: Container, P: Container, active: Container, ds: float, curvature_var: float, wind_var: float
-) -> None:
-    """Move `ds` metres along the road: height, grade, curvature, wind."""
-    keep = math.exp(-ds / _CURVE_M)
-    calm = math.exp(-ds / _WIND_M)
-    x[HEIGHT] += ds * x[GRADE]
-    x[GRADE] += ds * x[CURVATURE]
-    x[CURVATURE] *= keep
-    x[WIND] *= calm
-    for i in active:
-        row = P[i]
-        row[HEIGHT] += ds * row[GRADE]
-        row[GRADE] += ds * row[CURVATURE]
-        row[CURVATURE] *= keep
-        row[WIND] *= calm
-    height, grade, curve, wind = P[HEIGHT], P[GRADE], P[CURVATURE], P[WIND]
-    for j in active:
-        height[j] += ds * grade[j]
-        grade[j] += ds * curve[j]
-        curve[j] *= keep
-        wind[j] *= calm
-    q = curvature_var * (1.0 - keep * keep)
-    curve[CURVATURE] += q
-    cross = 0.5 * q * ds
-    grade[CURVATURE] += cross
-    curve[GRADE] += cross
-    grade[GRADE] += q * ds * ds / 3.0
-    wind[WIND] += wind_var * (1.0 - calm * calm)
-    height[HEIGHT] += _HEIGHT_DRIFT * ds
-    P[U][U] += _MASS_DRIFT * ds * x[U] * x[U]
-
-
-@fast.kernel
-def push(
-    x: Container, P: Container, active: Container, force: float, roll: float, drag: float, noise: float
-) -> None:
-    """Add a window's momentum per mass: dq = dt (u F - g mu - g theta - c omega) + noise."""
-    fu = WINDOW_S * force
-    fg = -WINDOW_S * _G
-    fw = -WINDOW_S * drag
-    x[Q] += fu * x[U] + fg * x[GRADE] + fw * x[WIND] - WINDOW_S * roll
-    for i in active:
-        row = P[i]
-        row[Q] += fu * row[U] + fg * row[GRADE] + fw * row[WIND]
-    momentum, inverse, grade, wind = P[Q], P[U], P[GRADE], P[WIND]
-    for j in active:
-        momentum[j] += fu * inverse[j] + fg * grade[j] + fw * wind[j]
-    momentum[Q] += noise
-
-
-@fast.kernel
-def start(
-    x: Container,
-    P: Container,
-    active: Container,
-    z: float,
-    r: float,
-    t: float,
-    late: float,
-    rotating: float,
-    whole: float,
-) -> None:
-    """Begin a balance at the measured speed: q = z + u J z - (1 + u J) (delta T + sigma z T + noise r)."""
-    hd, hs, hu = -late * whole, -z * t * whole, rotating * z
-    x[Q] = z + hd * x[DELAY] + hs * x[SLIP] + hu * x[U]
-    delay, slip, inverse = P[DELAY], P[SLIP], P[U]
-    for j in active:
-        P[Q][j] = hd * delay[j] + hs * slip[j] + hu * inverse[j]
-    for j in active:
-        P[j][Q] = P[Q][j]
-    P[Q][Q] = r * whole * whole + hd * P[Q][DELAY] + hs * P[Q][SLIP] + hu * P[Q][U]
-
-
-@fast.kernel
-def reopen(x: Container, P: Container, prior: Container, std: float) -> None:
-    """The load may have changed, u by `std`: what is a product with u goes along, less sure than before."""
-    for i in (U, DELAY, SLIP, WIND):
-        for j in (U, DELAY, SLIP, WIND):
-            P[i][j] += std * std * (x[i] / x[U]) * (x[j] / x[U])
-    for i in (DELAY, SLIP, BIAS, PITCH):
-        P[i][i] += _LOOSER * prior[i] * prior[i]
-
-
-@fast.kernel
-def level(variance: float, e: float, s: float, floor: float, count: float) -> float:
-    """Follow a noise level: the innovation's square less what the states explain of it.
-
-    The memory grows with the count of measurements so far, so that a wrong first guess is soon forgotten.
-    """
-    surplus = min(e * e, _OUTLIER * s) - s
+def level(variance: float, surplus: float, floor: float, count: float) -> float:
+    """Follow a noise level. The memory grows with the count so far: a wrong first guess is soon forgotten."""
     return max(floor * floor, variance + surplus / min(_NOISE_MEMORY, _NOISE_START + count))
 
 
 @fast.kernel
-def tally(memory: Container, e: float, s: float) -> None:
+def tally(memory: Container, sign: float, nis: float) -> None:
     """Count the normalised innovation squared, its signs and runs (Wald and Wolfowitz 1940)."""
     memory[COUNT] += 1.0
-    memory[NIS_SUM] += e * e / s
-    sign = 1.0 if e > 0.0 else -1.0
+    memory[NIS_SUM] += nis
+    sign = 1.0 if sign > 0.0 else -1.0
     if sign > 0.0:
         memory[POSITIVE] += 1.0
     if sign != memory[SIGN]:
@@ -261,13 +153,39 @@ def tally(memory: Container, e: float, s: float) -> None:
 
 
 @fast.kernel
+def slip_seen(
+    y: Container, Y: Container, w: Container, memory: Container, floor: float, v: float, calm: float,
+    t: float, a: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Take v = driven less undriven speed into the axle's filter; return what is new about slip, as z and r.
+
+    Lag and scale of the axle concern nothing else, so its own filter can settle them; what it adds to the
+    knowledge of slip is a measurement of slip alone. r is 0 where nothing was added.
+    """
+    before, mean = Y[AXLE_SLIP][AXLE_SLIP], y[AXLE_SLIP]
+    e, s = correct(
+        y, Y, w, 0, v, memory[UNDRIVEN_VAR],
+        AXLE_SLIP, calm * t, AXLE_LAG, a, AXLE_SCALE, calm, AXLE_SLIP, 0.0, AXLE_SLIP, 0.0,
+    )  # fmt: skip
+    count = memory[COUNT] / _UNDRIVEN_EVERY
+    memory[UNDRIVEN_VAR] = level(memory[UNDRIVEN_VAR], surplus(e, s), floor, count)
+    after = Y[AXLE_SLIP][AXLE_SLIP]
+    if after <= 0.0 or before - after < 1e-9 * before:
+        return 0.0, 0.0
+    r = before * after / (before - after)
+    return mean + (y[AXLE_SLIP] - mean) * before / (before - after), r
+
+
+@fast.kernel
 def run(
     n: int,
     windows: Container,
-    x: Container,
-    P: Container,
+    X: Container,
+    PP: Container,
+    weight: Container,
+    y: Container,
+    Y: Container,
     memory: Container,
-    active: Container,
     prior: Container,
     floors: Container,
     torque_std: float,
@@ -276,120 +194,190 @@ def run(
 ) -> None:
     """Filter n windows, the rows of `canest_windows.COLUMNS`; out[k] holds what is known after window k.
 
-    w is scratch space of STATES numbers.
+    X, PP, weight: states, covariances and probability of the filter for each kind of road. y, Y: the undriven
+    axle's own. w: scratch, as long as a state vector.
     """
-    gap_s, distance, before, before_N, before_rate = (
-        windows[0],
-        windows[1],
-        windows[2],
-        windows[3],
-        windows[4],
-    )
-    speed, force, traction, traction_rate, roll = windows[5], windows[6], windows[7], windows[8], windows[9]
-    accel, drag, gear, rotating, undriven = windows[10], windows[11], windows[12], windows[13], windows[14]
-    sensed, altitude = windows[15], windows[16]
-    open_, retarding, stopped = windows[17], windows[18], windows[19]
-    curvature_var = prior[CURVATURE] * prior[CURVATURE]
-    wind_var = prior[WIND] * prior[WIND]
+    gap_s, distance, before, before_N = windows[0], windows[1], windows[2], windows[3]
+    before_rate, speed, force, traction = windows[4], windows[5], windows[6], windows[7]
+    traction_rate, roll, accel, drag = windows[8], windows[9], windows[10], windows[11]
+    gear, rotating, undriven, sensed = windows[12], windows[13], windows[14], windows[15]
+    altitude, open_, retarding, stopped = windows[16], windows[17], windows[18], windows[19]
+    curvature_var, wind_var = prior[CURVATURE] * prior[CURVATURE], prior[WIND] * prior[WIND]
+    least = _LEAST_SHARE * prior[U]
     for k in range(n):
-        v = speed[k]
-        t = traction[k]
+        v, t, a, J = speed[k], traction[k], accel[k], rotating[k]
         ds = distance[k]
-        a = accel[k]
+        is_open = open_[k] > 0.0
+        first = 0 if is_open else FREE
+        # -- what happened since the window before
         standing = memory[STANDING_S] + gap_s[k] + stopped[k] * WINDOW_S
+        loaded = memory[STANDING_S] < _LOADING_S <= standing
+        memory[STANDING_S] = standing * stopped[k]
         if gap_s[k] > 0.0:
             memory[SINCE] = 0.0
             ds += gap_s[k] * max(v, 0.0)
-        if ds > 0.0:
-            travel(x, P, active, ds, curvature_var, wind_var)
-        if memory[STANDING_S] < _LOADING_S <= standing:
-            reopen(x, P, prior, prior[U])
+        memory[UNMIXED] += 1.0
+        memory[STRETCH_M] += ds
+        if memory[UNMIXED] >= _MIX_EVERY:
+            memory[UNMIXED] = 0.0
+            if memory[STRETCH_M] > 0.0:
+                mix(X, PP, weight, memory[STRETCH_M], curvature_var)
+                memory[STRETCH_M] = 0.0
+        if loaded:
             memory[EFFORT] = 0.0
-        if abs(memory[BIASED]) > _ONE_SIGNED:
-            # the load has changed where nobody saw it, or the road has a step: let the next seconds tell
-            P[U][U] += _DOUBT * _DOUBT * x[U] * x[U]
-            P[GRADE][GRADE] += prior[GRADE] * prior[GRADE]
-            memory[BIASED] = 0.0
-        memory[STANDING_S] = standing * stopped[k]
-        if open_[k] > 0.0:
-            first = 0
-            inverse = max(x[U], _LEAST_SHARE * prior[U])
-            # the delay's lever is the traction halfway through it (second order in the delay)
-            half = 0.5 * min(max(x[DELAY] / inverse, -_DELAY_S), _DELAY_S)
-            whole = 1.0 + inverse * rotating[k]
-            calm = memory[CALM_MPS]
-            if memory[SINCE] == 0.0:
-                calm = before[k]
-                late = before_N[k] + half * before_rate[k]
-                start(x, P, active, calm, memory[SPEED_VAR], before_N[k], late, rotating[k], whole)
+            Y[AXLE_SLIP][AXLE_SLIP] += _LOOSER * prior[SLIP] * prior[SLIP] + y[AXLE_SLIP] * y[AXLE_SLIP]
+        # the load has changed where nobody saw it, or the road has a step: let the next seconds tell
+        doubted = abs(memory[BIASED]) > _ONE_SIGNED
+        if doubted:
+            memory[BIASED] = memory[EFFORT] = 0.0
+        # -- what both filters share of this window
+        begins = is_open and memory[SINCE] == 0.0
+        calm = v
+        if is_open:
+            calm = before[k] if begins else memory[CALM_MPS]
             memory[SINCE] += 1.0
+        began = calm
+        if is_open:
             # errors in variables: levers must not carry the noise that their innovation meets, or what
             # they lift drifts; so they take a calm speed (an instrument), the innovation the measured one
-            motion = (x[U] * force[k] - roll[k] - _G * x[GRADE]) / whole
             calm += max(_CALM, min(1.0, _FRESH / memory[SINCE])) * (v - calm)
             memory[CALM_MPS] = calm
-            lacking = _FORCE_SHARE * t if t > 0.0 else -_OVERRUN_SHARE * t
-            unknown = inverse * (torque_std * gear[k] + lacking)
-            push(x, P, active, force[k], roll[k], drag[k], unknown * unknown * _FORCE_S * WINDOW_S)
-            late = t + half * traction_rate[k]
-            jitter = inverse * traction_rate[k] * _JITTER_S
-            z = v + rotating[k] * (v - calm) * x[U]
-            r = (memory[SPEED_VAR] + jitter * jitter) * whole * whole
-            e, s = correct(
-                x, P, active, w, 0, z, r,
-                Q, 1.0, DELAY, late * whole, SLIP, calm * t * whole, U, -rotating[k] * calm,
-            )  # fmt: skip
-            memory[SPEED_VAR] = level(memory[SPEED_VAR], e / whole, s / whole**2, floors[0], memory[COUNT])
-            memory[LEARNED] = 1.0
-            memory[EFFORT] += a * a * WINDOW_S
-            tally(memory, e, s)
-            if t > 0.0:  # in overrun it may as well be a brake that nobody reports
-                z = min(max(e / math.sqrt(s), -_CLIP), _CLIP)
-                memory[BIASED] += (z - memory[BIASED]) / _SIGN_MEMORY
-            if undriven[k] == undriven[k] and memory[COUNT] % _UNDRIVEN_EVERY == 0.0:
-                e, s = correct(
-                    x, P, active, w, 0, v - undriven[k], memory[UNDRIVEN_VAR],
-                    SLIP, calm * t, LAG, a, SCALE, calm, Q, 0.0,
-                )  # fmt: skip
-                memory[UNDRIVEN_VAR] = level(
-                    memory[UNDRIVEN_VAR], e, s, floors[2], memory[COUNT] / _UNDRIVEN_EVERY
-                )
         else:
-            first = FREE
             memory[SINCE] = 0.0
-            calm = v
+        torque_rate = (t - before_N[k]) / WINDOW_S
+        moved = abs(t - before_N[k])
+        step = torque_std * gear[k]
+        lasts = min(max(_STEP_STD * step / max(moved, 1.0), 1.0), _LONGEST_WINDOWS) * WINDOW_S
+        lacking = _FORCE_SHARE * t if t > 0.0 else -_OVERRUN_SHARE * t
+        gust = _GUST_MPS * drag[k]
+        unknown = lacking * lacking * _FORCE_S + 2.0 * (step * step * lasts + gust * gust * _GUST_S)
+        bent, calms = math.exp(-ds / _CURVE_M), math.exp(-ds / _WIND_M)
+        bends = curvature_var * (1.0 - bent * bent)
+        fresh_wind = wind_var * (1.0 - calms * calms)
+        uneven, drift, fuel = _ROUGHNESS * ds, _HEIGHT_DRIFT * ds, _MASS_DRIFT * ds
+        speed_var = memory[SPEED_VAR]
+        slip_z = slip_r = 0.0
+        if is_open and undriven[k] == undriven[k] and (memory[COUNT] + 1.0) % _UNDRIVEN_EVERY == 0.0:
+            slip_z, slip_r = slip_seen(y, Y, w, memory, floors[2], v - undriven[k], calm, t, a)
+        sees = sensed[k] == sensed[k] and stopped[k] == 0.0 and memory[UNMIXED] % _SEE_EVERY == 0.0
+        climbs = altitude[k] == altitude[k]
+        # -- each filter by itself
+        odds = 0.0  # log-likelihood of a straight less that of a curve
+        speed_surplus = sensed_surplus = bias = nis = 0.0
+        for m in (STRAIGHT, CURVED):
+            x, P = X[m], PP[m]
+            told = 0.0
+            speed_found = sensed_found = found = found2 = 0.0
+            if ds > 0.0:
+                travel(x, P, ds, bent, calms, bends if m == CURVED else 0.0, fresh_wind, uneven, drift)
+                P[U][U] += fuel * x[U] * x[U]
+            if loaded:
+                reopen(x, P, prior, prior[U], _LOOSER)
+            if doubted:
+                P[U][U] += _DOUBT * _DOUBT * x[U] * x[U]
+                P[GRADE][GRADE] += prior[GRADE] * prior[GRADE]
             motion = a
-            if retarding[k] > 0.0:
-                unknown = _RETARDER_SHARE * x[U] * force[k]
-                r = 2.0 * memory[SPEED_VAR] / (WINDOW_S * WINDOW_S) + _RETARDER_WINDOWS * unknown * unknown
-                net = force[k] - rotating[k] * a
-                correct(x, P, active, w, FREE, -a - roll[k], r, GRADE, _G, U, -net, WIND, drag[k], Q, 0.0)
-        if sensed[k] == sensed[k] and stopped[k] == 0.0:
-            r = memory[SENSED_VAR]
-            slip = calm * (t - before_N[k]) / WINDOW_S + t * motion
-            if first > 0:  # the torque reported in a shift is not that of the wheels
-                r += slip * slip * (x[SLIP] * x[SLIP] + P[SLIP][SLIP])
-            e, s = correct(
-                x, P, active, w, first, sensed[k] - a, r, GRADE, _G, BIAS, 1.0, PITCH, motion, SLIP, -slip
-            )
-            if first == 0:
-                memory[SENSED_VAR] = level(memory[SENSED_VAR], e, s, floors[1], memory[COUNT])
-        if altitude[k] == altitude[k]:
-            if memory[HAS_HEIGHT] > 0.0:
-                correct(
-                    x, P, active, w, first, altitude[k], _HEIGHT_STD_M * _HEIGHT_STD_M,
-                    HEIGHT, 1.0, Q, 0.0, Q, 0.0, Q, 0.0,
+            if is_open:
+                inverse = max(x[U], least)
+                # the delay's lever is the traction halfway through it (second order in the delay)
+                half = 0.5 * min(max(x[DELAY] / inverse, -_DELAY_S), _DELAY_S)
+                whole = 1.0 + inverse * J
+                if begins:
+                    late = before_N[k] + half * before_rate[k]
+                    start(x, P, began, speed_var, before_N[k], late, J, whole)
+                motion = (x[U] * force[k] - roll[k] - _G * x[GRADE]) / whole
+                push(x, P, force[k], roll[k], drag[k], inverse * inverse * unknown * WINDOW_S)
+                late = t + half * traction_rate[k]
+                jitter = inverse * traction_rate[k] * _JITTER_S
+                z = v + J * (v - calm) * x[U]
+                r = (speed_var + jitter * jitter) * whole * whole
+                e, s = correct(
+                    x, P, w, 0, z, r,
+                    Q, 1.0, DELAY, late * whole, SLIP, calm * t * whole, U, -J * calm, Q, 0.0,
                 )  # fmt: skip
-            else:
-                widen(P, active, HEIGHT, _HEIGHT_STD_M * _HEIGHT_STD_M)
-                x[HEIGHT] = altitude[k]
-                memory[HAS_HEIGHT] = 1.0
+                told += likelihood(e, s)
+                speed_found = surplus(e / whole, s / (whole * whole))
+                found, found2 = e / math.sqrt(s), e * e / s
+                if slip_r > 0.0:
+                    correct(
+                        x, P, w, 0, slip_z, slip_r,
+                        SLIP, 1.0, Q, 0.0, Q, 0.0, Q, 0.0, Q, 0.0,
+                    )  # fmt: skip
+            elif retarding[k] > 0.0:
+                share = _RETARDER_SHARE * x[U] * force[k]
+                r = 2.0 * speed_var / (WINDOW_S * WINDOW_S) + _RETARDER_WINDOWS * share * share
+                correct(
+                    x, P, w, FREE, -a - roll[k], r,
+                    GRADE, _G, U, J * a - force[k], WIND, drag[k], Q, 0.0, Q, 0.0,
+                )  # fmt: skip
+            if sees:
+                r = memory[SENSED_VAR]
+                slip = calm * torque_rate + t * motion
+                jerk = x[U] * torque_rate
+                if not is_open:  # the torque reported in a shift is not that of the wheels
+                    jerk = (a - memory[LAST_MPS2]) / WINDOW_S
+                    r += slip * slip * (x[SLIP] * x[SLIP] + P[SLIP][SLIP])
+                    r += jerk * jerk * (x[SENSE_LAG] * x[SENSE_LAG] + P[SENSE_LAG][SENSE_LAG])
+                    r += _OTHER_PITCH * _OTHER_PITCH * a * a
+                    jerk = 0.0
+                e, s = correct(
+                    x, P, w, first, sensed[k] - a, r,
+                    GRADE, _G, BIAS, 1.0, PITCH, motion, SLIP, -slip, SENSE_LAG, -jerk,
+                )  # fmt: skip
+                told += likelihood(e, s)
+                sensed_found = surplus(e, s)
+            if climbs:
+                if memory[HAS_HEIGHT] > 0.0:
+                    e, s = correct(
+                        x, P, w, first, altitude[k], _HEIGHT_STD_M * _HEIGHT_STD_M,
+                        HEIGHT, 1.0, Q, 0.0, Q, 0.0, Q, 0.0, Q, 0.0,
+                    )  # fmt: skip
+                    told += likelihood(e, s)
+                else:
+                    widen(P, HEIGHT, _HEIGHT_STD_M * _HEIGHT_STD_M)
+                    x[HEIGHT] = altitude[k]
+            odds += told if m == STRAIGHT else -told
+            share = weight[m]
+            speed_surplus += share * speed_found
+            sensed_surplus += share * sensed_found
+            bias += share * found
+            nis += share * found2
+        # -- what they learned together
+        if is_open:
+            memory[SPEED_VAR] = level(speed_var, speed_surplus, floors[0], memory[COUNT])
+            if sees:
+                memory[SENSED_VAR] = level(memory[SENSED_VAR], sensed_surplus, floors[1], memory[COUNT])
+            memory[LEARNED] = 1.0
+            # under a steady hand force follows the road, and no filter can tell the two apart by itself
+            pull = max(memory[HELD_U], least) * force[k]
+            brisk = pull - memory[STEADY_MPS2]
+            if begins and memory[COUNT] == 0.0:
+                brisk = 0.0
+                memory[STEADY_MPS2] = pull
+            lasting = _ROAD_S if sensed[k] != sensed[k] else _BIAS_S
+            memory[STEADY_MPS2] += brisk * WINDOW_S / lasting
+            memory[EFFORT] += brisk * brisk * WINDOW_S
+            tally(memory, bias, nis)
+            if t > 0.0:  # in overrun it may as well be a brake that nobody reports
+                memory[BIASED] += (min(max(bias, -_CLIP), _CLIP) - memory[BIASED]) / _SIGN_MEMORY
+        if climbs:
+            memory[HAS_HEIGHT] = 1.0
+        memory[LAST_MPS2] = a
+        weigh(weight, odds, 0.0)
+        # -- one Gaussian of the two
+        p = weight[STRAIGHT]
+        b, c = X[STRAIGHT], X[CURVED]
+        B, C = PP[STRAIGHT], PP[CURVED]
+        apart, steeper = b[U] - c[U], b[GRADE] - c[GRADE]
         row = out[k]
-        row[OUT_U] = x[U]
-        row[OUT_U_VAR] = P[U][U]
-        row[OUT_GRADE] = x[GRADE]
-        row[OUT_CURVATURE] = x[CURVATURE]
-        row[OUT_GRADE_VAR] = P[GRADE][GRADE]
+        if is_open or memory[HELD_U] == 0.0:
+            memory[HELD_U] = c[U] + p * apart
+        row[OUT_U] = memory[HELD_U]
+        row[OUT_U_VAR] = C[U][U] + p * (B[U][U] - C[U][U]) + p * (1.0 - p) * apart * apart
+        row[OUT_GRADE] = c[GRADE] + p * steeper
+        row[OUT_GRADE_VAR] = C[GRADE][GRADE] + p * (B[GRADE][GRADE] - C[GRADE][GRADE])
+        row[OUT_GRADE_VAR] += p * (1.0 - p) * steeper * steeper
+        row[OUT_CURVATURE] = (1.0 - p) * c[CURVATURE]
         row[OUT_LEARNED] = memory[LEARNED]
         row[OUT_STANDING_S] = memory[STANDING_S]
         row[OUT_EFFORT] = memory[EFFORT]

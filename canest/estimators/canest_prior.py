@@ -10,14 +10,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from canest.estimators.canest_kernel import (
+from canest.estimators.canest_states import (
     BIAS,
     CURVATURE,
     DELAY,
     GRADE,
-    LAG,
     PITCH,
-    SCALE,
+    SENSE_LAG,
     SLIP,
     STATES,
     WIND,
@@ -37,6 +36,10 @@ DELAY_S, DELAY_STD_S = 0.06, 0.04
 SLIP_STD_PER_MPS2 = 0.005
 #: an undriven axle's speed comes later (100 ms cycle) and from another tyre radius
 LAG_S, LAG_STD_S, SCALE_STD = 0.05, 0.05, 0.02
+#: the axle's own filter begins this much less sure of slip than the main one: it only adds what it measures
+UNSURE = 100.0
+#: an accelerometer is this much later than the speed, its own filter and the body's springs included
+SENSE_LAG_STD_S = 0.06
 #: accelerometer offset, tilt of its mounting included
 BIAS_STD_MPS2 = 0.3
 #: body pitch per m/s2: as declared within 20 %, else what springs do
@@ -45,20 +48,23 @@ PITCH_RAD_PER_MPS2, PITCH_STD_RAD_PER_MPS2, PITCH_SHARE_STD = 0.006, 0.006, 0.2
 CAREFUL = 20.0
 #: speed that a driveline's oscillation may leave in one window until the data says how much, m/s
 OSCILLATION_MPS = 0.05
-#: grades of roads: std of the grade, and of its change per metre (vertical curves of 3 to 10 km radius)
-GRADE_STD, CURVATURE_STD_1PM = 0.03, 1.5e-4
+#: grades of roads: std of the grade, and of its change per metre on a crest or in a sag (radii from 2 km)
+GRADE_STD, CURVATURE_STD_1PM = 0.03, 2.5e-4
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
     """Mean and standard deviation of every state, shape (STATES,), and the floors of the noise levels.
 
+    axle_mean, axle_std: the same of the undriven axle's own filter, shape (AXLE_STATES,).
     Noise levels are standard deviations of one window's measurement: speed (m/s), accelerometer (m/s2),
     undriven speed (m/s). force_step_N_per_1pm: std of the reported crank torque within its resolution.
     """
 
     mean: list[float]
     std: list[float]
+    axle_mean: list[float]
+    axle_std: list[float]
     noise_floor: tuple[float, float, float]
     noise_start: tuple[float, float, float]
     torque_std_Nm: float
@@ -79,10 +85,10 @@ def prior_of(facts: VehicleFacts, mass_kg: float | None = None, mass_std_kg: flo
     std[DELAY] = typical * DELAY_STD_S
     std[SLIP] = typical * SLIP_STD_PER_MPS2
     std[WIND] = typical * WIND_STD_MPS
-    mean[LAG], std[LAG], std[SCALE] = LAG_S, LAG_STD_S, SCALE_STD
     mean[GRADE], std[GRADE] = facts.initial_grade or 0.0, GRADE_STD
     std[CURVATURE] = CURVATURE_STD_1PM
     std[BIAS] = BIAS_STD_MPS2
+    std[SENSE_LAG] = SENSE_LAG_STD_S
     if facts.pitch_rad_per_mps2 is None:
         mean[PITCH] = GRAVITY_MPS2 * PITCH_RAD_PER_MPS2
         std[PITCH] = GRAVITY_MPS2 * PITCH_STD_RAD_PER_MPS2
@@ -94,5 +100,10 @@ def prior_of(facts: VehicleFacts, mass_kg: float | None = None, mass_std_kg: flo
         facts.accelerometer_step_mps2 / 2.0,
         facts.speed_step_mps,
     )
-    start = (max(CAREFUL * floors[0], OSCILLATION_MPS), 2.0 * floors[1], 2.0 * floors[2])
-    return Prior(mean, std, floors, start, facts.torque_step_Nm / math.sqrt(12.0))
+    start = (
+        max(CAREFUL * floors[0], OSCILLATION_MPS),
+        2.0 * floors[1],
+        max(CAREFUL * floors[2], OSCILLATION_MPS),
+    )
+    axle_mean, axle_std = [0.0, LAG_S, 0.0], [UNSURE * std[SLIP], LAG_STD_S, SCALE_STD]
+    return Prior(mean, std, axle_mean, axle_std, floors, start, facts.torque_step_Nm / math.sqrt(12.0))

@@ -46,16 +46,16 @@ COLUMNS = (
 )
 
 (
+    _SENSED,
     _SPEED,
-    _FORCE,
-    _TRACTION,
+    _REST,  # known forces less traction
     _MU,
     _ACCEL,
     _AERO,
+    _TRACTION,
     _GEAR,
     _ROTATING,
     _UNDRIVEN,
-    _SENSED,
     _ALTITUDE,
     _GATE,
     _STOPPED,
@@ -63,8 +63,10 @@ COLUMNS = (
     _BROKEN,
 ) = range(15)
 _COLUMNS = 15
-#: columns as they are SHIFT ticks back
-_LATE = (_SPEED, _MU, _ACCEL, _AERO, _UNDRIVEN, _SENSED)
+_LATE = slice(_SENSED, _AERO + 1)  #: columns whose mean is taken SHIFT ticks back
+_NEEDED = slice(_SPEED, _ROTATING + 1)  #: columns without which a sample is broken
+_BOUNDED = slice(_SENSED, _ALTITUDE + 1)
+_BACK = np.arange(TICKS - 1, -1, -1)[:, None]  #: from a window's end to its samples, in order of time
 
 
 class Windows:
@@ -105,52 +107,48 @@ class Windows:
         self, rows: NDArray[np.float64], ticks: NDArray[np.int64], ends: NDArray[np.int64]
     ) -> NDArray[np.float64]:
         def at(column: int, back: int) -> FloatColumn:
-            shift = SHIFT if column in _LATE else 0
-            value: FloatColumn = rows[column][ends - back - shift]
+            value: FloatColumn = rows[column][ends - back]
             return value
 
-        def mean(column: int) -> FloatColumn:
-            total = at(column, TICKS - 1)
-            for back in range(TICKS - 2, -1, -1):
-                total = total + at(column, back)
-            return total / TICKS
-
-        speed, traction, rotating = at(_SPEED, 0), at(_TRACTION, 0), at(_ROTATING, 0)
+        samples = ends - _BACK
+        sensed, mean_speed, rest, mu, accel, aero = mean_of(rows[_LATE][:, samples - SHIFT])
+        (mean_traction,) = mean_of(rows[_TRACTION : _TRACTION + 1][:, samples])
+        traction, rotating = at(_TRACTION, 0), at(_ROTATING, 0)
+        first_N = at(_TRACTION, TICKS)
         before = np.empty(len(ends), np.int64)
         before[0] = ticks[ends[0]] - TICKS if self._last_end is None else self._last_end
         before[1:] = ticks[ends[:-1]]
-        mean_speed = mean(_SPEED)
-        # traction is not shifted, the rest of the force is: force = (F - T)[k - SHIFT] + T[k]
-        rest = mean_of(rows[_FORCE] - rows[_TRACTION], ends - SHIFT)
-        closed = [rows[_GATE][ends - back] for back in range(TICKS)]
-        is_open = np.logical_and.reduce([c == Gate.OPEN for c in closed])
+        gates = rows[_GATE][samples]
+        open_ = gates == Gate.OPEN
+        is_open = open_.all(axis=0)
         if rows[_BROKEN].any():
             broken = np.concatenate(([0.0], np.cumsum(rows[_BROKEN])))
             is_open &= broken[ends + 1] == broken[ends - _REACH]
-        retarding = np.logical_and.reduce([(c == Gate.RETARDER) | (c == Gate.OPEN) for c in closed])
+        retarding = ((gates == Gate.RETARDER) | open_).all(axis=0)
         columns = [
             (ticks[ends] - before - TICKS) * STEP_S,
             np.maximum(mean_speed, 0.0) * WINDOW_S,
-            at(_SPEED, TICKS),
-            at(_TRACTION, TICKS),
-            (at(_TRACTION, TICKS) - at(_TRACTION, TICKS + 1)) / STEP_S,
-            speed,
-            rest + mean(_TRACTION) + rotating * mean(_ACCEL),
+            at(_SPEED, TICKS + SHIFT),
+            first_N,
+            (first_N - at(_TRACTION, TICKS + 1)) / STEP_S,
+            at(_SPEED, SHIFT),
+            # traction is not shifted, the rest of the force is: force = (F - T)[k - SHIFT] + T[k]
+            rest + mean_traction + rotating * accel,
             traction,
             (traction - at(_TRACTION, 1)) / STEP_S,
-            GRAVITY_MPS2 * mean(_MU),
-            mean(_ACCEL),
-            2.0 * mean(_AERO) / np.maximum(mean_speed, 1.0),
+            GRAVITY_MPS2 * mu,
+            accel,
+            2.0 * aero / np.maximum(mean_speed, 1.0),
             at(_GEAR, 0),
             rotating,
-            at(_UNDRIVEN, 0),
-            mean(_SENSED),
+            at(_UNDRIVEN, SHIFT),
+            sensed,
             self._new_altitudes(at(_ALTITUDE, 0)),
             is_open,
             retarding & ~is_open,
             at(_STOPPED, 0),
         ]
-        return np.stack([np.asarray(c, np.float64) for c in columns])
+        return np.array(columns, np.float64)
 
     def _new_altitudes(self, altitude_m: FloatColumn) -> FloatColumn:
         """Return altitudes where they differ from the one before, else NaN."""
@@ -159,42 +157,44 @@ class Windows:
         return np.where(altitude_m != before, altitude_m, np.nan)
 
 
-def mean_of(column: FloatColumn, ends: NDArray[np.int64]) -> FloatColumn:
-    """Return the mean over the `TICKS` samples that end at each index, summed in order of time."""
-    total = column[ends - TICKS + 1]
-    for back in range(TICKS - 2, -1, -1):
-        total = total + column[ends - back]
-    return total / TICKS
+def mean_of(samples: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the means (columns, w) of samples (columns, `TICKS`, w), summed in order of time."""
+    means: NDArray[np.float64] = np.cumsum(samples, axis=1)[:, -1] / TICKS
+    return means
 
 
-#: beyond these no vehicle goes: m/s, N, -, m/s2, N, 1/m, kg, m
-_MAX_MPS, _MAX_N, _MAX_MU, _MAX_MPS2, _MAX_1PM, _MAX_KG, _MAX_M = 150.0, 1e7, 1.0, 50.0, 1e4, 1e6, 1e4
+#: beyond these no vehicle goes, in the order of the columns: m/s2, m/s, N, -, m/s2, N, N, 1/m, kg, m/s, m
+_MOST = np.array([[50.0], [150.0], [1e7], [1.0], [50.0], [1e7], [1e7], [1e4], [1e6], [150.0], [1e4]])
 
 
 def _rows(block: ModelBlock) -> NDArray[np.float64]:
     """Stack the needed columns; a sample with a number missing or beyond physics is closed as invalid."""
-    accelerometer = np.where(block.ax_ok, block.accelerometer_mps2, np.nan)
-    columns = [
-        (block.speed_mps, _MAX_MPS),
-        (block.force_N, _MAX_N),
-        (block.traction_N, _MAX_N),
-        (block.mu, _MAX_MU),
-        (block.accel_mps2, _MAX_MPS2),
-        (block.aero_N, _MAX_N),
-        (block.force_per_torque_1pm, _MAX_1PM),
-        (block.rotating_mass_kg, _MAX_KG),
-        (block.undriven_mps, _MAX_MPS),
-        (accelerometer, _MAX_MPS2),
-        (block.altitude_m, _MAX_M),
-    ]
-    rows = np.empty((_COLUMNS, len(block)))
-    for row, (column, most) in zip(rows, columns, strict=False):
-        row[:] = np.where(np.abs(column) <= most, column, np.nan)
-    rows[_GATE], rows[_STOPPED], rows[_TICK] = block.gate, block.stopped, block.t_us // STEP_US
-    broken = np.isnan(rows[: _ROTATING + 1]).any(axis=0)
-    rows[_BROKEN] = broken
+    rows = np.array(
+        [
+            np.where(block.ax_ok, block.accelerometer_mps2, np.nan),
+            block.speed_mps,
+            block.force_N,
+            block.mu,
+            block.accel_mps2,
+            block.aero_N,
+            block.traction_N,
+            block.force_per_torque_1pm,
+            block.rotating_mass_kg,
+            block.undriven_mps,
+            block.altitude_m,
+            block.gate,
+            block.stopped,
+            block.t_us // STEP_US,
+            block.stopped,  # the place of `_BROKEN`
+        ],
+        np.float64,
+    )
+    bounded = rows[_BOUNDED]
+    bounded[~(np.abs(bounded) <= _MOST)] = np.nan
+    rows[_BROKEN] = broken = np.isnan(rows[_NEEDED]).any(axis=0)
     if broken.any():
-        rows[: _ROTATING + 1, broken] = 0.0
+        rows[_NEEDED, broken] = 0.0
         rows[_SENSED, broken] = np.nan
         rows[_GATE, broken] = np.where(rows[_GATE, broken] == 0, Gate.INVALID, rows[_GATE, broken])
+    rows[_REST] -= rows[_TRACTION]
     return rows

@@ -7,7 +7,10 @@ import pytest
 
 from canest import fast
 from canest.estimators import canest_kernel as k
+from canest.estimators import canest_states as at
 from canest.estimators.canest import Canest
+from canest.estimators.canest_filter import OUTLIER, correct
+from canest.estimators.canest_roads import CURVED_M, STRAIGHT_M, mix
 from canest.estimators.canest_windows import COLUMNS, WINDOW_S
 from canest.vehicle.samples import GRAVITY_MPS2
 
@@ -39,110 +42,205 @@ def random_windows(n, seed=0, **columns):
 
 
 class Dense:
-    """The textbook filter on 12 states: x = F x, P = F P F' + Q; K = P h / s; nothing clever."""
+    """The textbook filter on all states: x = F x, P = F P F' + Q; K = P h / s; nothing clever."""
 
-    def __init__(self, estimator):
-        self.x, self.P = np.array(estimator._x), np.array(estimator._P)
-        self.wind_var = estimator._prior.std[k.WIND] ** 2
-        self.curvature_var = estimator._prior.std[k.CURVATURE] ** 2
+    def __init__(self, estimator, road):
+        self.x, self.P = np.array(estimator._X[road]), np.array(estimator._PP[road])
+        self.n = len(self.x)
+        self.wind_var = estimator._prior.std[at.WIND] ** 2
+        self.bend_var = estimator._prior.std[at.CURVATURE] ** 2 if road == at.CURVED else 0.0
 
     def predict(self, F, Q):
         self.x, self.P = F @ self.x, F @ self.P @ F.T + Q
 
     def travel(self, ds):
-        F, Q = np.eye(12), np.zeros((12, 12))
-        F[k.HEIGHT, k.GRADE] = F[k.GRADE, k.CURVATURE] = ds
-        keep, calm = np.exp(-ds / k._CURVE_M), np.exp(-ds / k._WIND_M)
-        F[k.CURVATURE, k.CURVATURE], F[k.WIND, k.WIND] = keep, calm
-        q = self.curvature_var * (1 - keep**2)
-        Q[k.CURVATURE, k.CURVATURE], Q[k.GRADE, k.GRADE] = q, q * ds * ds / 3
-        Q[k.GRADE, k.CURVATURE] = Q[k.CURVATURE, k.GRADE] = q * ds / 2
-        Q[k.WIND, k.WIND] = self.wind_var * (1 - calm**2)
-        Q[k.HEIGHT, k.HEIGHT] = k._HEIGHT_DRIFT * ds
-        Q[k.U, k.U] = k._MASS_DRIFT * ds * self.x[k.U] ** 2
-        self.predict(F, Q)
+        Q = np.zeros((self.n, self.n))
+        bent, calm = np.exp(-ds / k._CURVE_M), np.exp(-ds / k._WIND_M)
+        Q[at.CURVATURE, at.CURVATURE] = self.bend_var * (1 - bent**2)
+        Q[at.GRADE, at.GRADE] = k._ROUGHNESS * ds
+        Q[at.WIND, at.WIND] = self.wind_var * (1 - calm**2)
+        Q[at.HEIGHT, at.HEIGHT] = k._HEIGHT_DRIFT * ds
+        Q[at.U, at.U] = k._MASS_DRIFT * ds * self.x[at.U] ** 2
+        # one after the other, as the filter does: height with the grade before it changes
+        first, second = np.eye(self.n), np.eye(self.n)
+        first[at.HEIGHT, at.GRADE] = ds
+        second[at.GRADE, at.CURVATURE] = ds
+        second[at.CURVATURE, at.CURVATURE], second[at.WIND, at.WIND] = bent, calm
+        self.predict(second @ first, Q)
 
     def push(self, force, roll, drag, noise):
-        F, Q = np.eye(12), np.zeros((12, 12))
-        F[k.Q, k.U], F[k.Q, k.GRADE] = WINDOW_S * force, -WINDOW_S * GRAVITY_MPS2
-        F[k.Q, k.WIND], Q[k.Q, k.Q] = -WINDOW_S * drag, noise
+        F, Q = np.eye(self.n), np.zeros((self.n, self.n))
+        F[at.Q, at.U], F[at.Q, at.GRADE] = WINDOW_S * force, -WINDOW_S * GRAVITY_MPS2
+        F[at.Q, at.WIND], Q[at.Q, at.Q] = -WINDOW_S * drag, noise
         self.predict(F, Q)
-        self.x[k.Q] -= WINDOW_S * roll
+        self.x[at.Q] -= WINDOW_S * roll
+
+    def begin(self, z, t, noise_var):
+        lever = h(DELAY=-t, SLIP=-z * t)
+        self.x[at.Q] = z + lever @ self.x
+        cross = self.P @ lever
+        self.P[at.Q, :], self.P[:, at.Q] = cross, cross
+        self.P[at.Q, at.Q] = noise_var + lever @ cross
 
     def correct(self, h, z, r, first=0):
         s = h @ self.P @ h + r
         e = z - h @ self.x
-        gain = self.P @ h / max(s, e * e / k._OUTLIER)
+        gain = self.P @ h / max(s, e * e / OUTLIER)
         gain[:first] = 0.0
-        total = r + max(s, e * e / k._OUTLIER) - s  # an outlier counts as a noisier measurement
-        A = np.eye(12) - np.outer(gain, h)
+        total = r + max(s, e * e / OUTLIER) - s  # an outlier counts as a noisier measurement
+        A = np.eye(self.n) - np.outer(gain, h)
         self.x = self.x + gain * e
         self.P = A @ self.P @ A.T + total * np.outer(gain, gain)
         return e, s
 
 
-def h(**at):
-    out = np.zeros(12)
-    for name, value in at.items():
-        out[getattr(k, name)] = value
+def moments(weights, xs, Ps):
+    """Return the mean and covariance of a mixture of Gaussians."""
+    mean = sum(w * x for w, x in zip(weights, xs, strict=True))
+    spread = (np.outer(x - mean, x - mean) for x in xs)
+    return mean, sum(w * (P + S) for w, P, S in zip(weights, Ps, spread, strict=True))
+
+
+def redrawn(x, P, variance):
+    """Return a Gaussian whose curvature is drawn anew."""
+    x, P = x.copy(), P.copy()
+    x[at.CURVATURE], P[at.CURVATURE, :], P[:, at.CURVATURE] = 0.0, 0.0, 0.0
+    P[at.CURVATURE, at.CURVATURE] = variance
+    return x, P
+
+
+def mixed(straight, curved, weight, far_m, variance):
+    """Mix two dense filters by the book (Blom and Bar-Shalom 1988); return the new probabilities."""
+    bends, ends = 1 - np.exp(-far_m / STRAIGHT_M), 1 - np.exp(-far_m / CURVED_M)
+    stay = np.array([[1 - bends, bends], [ends, 1 - ends]])
+    joint = weight[:, None] * stay
+    after = joint.sum(axis=0)
+    to_straight = [(straight.x, straight.P), redrawn(curved.x, curved.P, 0.0)]
+    to_curved = [redrawn(straight.x, straight.P, variance), (curved.x, curved.P)]
+    results = []
+    for road, sources in enumerate((to_straight, to_curved)):
+        xs, Ps = zip(*sources, strict=True)
+        results.append(moments(joint[:, road] / after[road], xs, Ps))
+    (straight.x, straight.P), (curved.x, curved.P) = results
+    return after
+
+
+def h(n=at.BASE_STATES, **levers):
+    out = np.zeros(n)
+    for name, value in levers.items():
+        out[getattr(at, name)] = value
     return out
 
 
 @pytest.mark.parametrize("compiled", [False, True])
-def test_momentum_balance_equals_the_dense_filter(compiled):
+def test_momentum_balance_equals_two_dense_filters(compiled):
     fast.enable(compiled)
     try:
         n = 60
         w = random_windows(n)
         estimator = Canest("canest", FACTS)
-        dense = Dense(estimator)
+        roads = [Dense(estimator, at.STRAIGHT), Dense(estimator, at.CURVED)]
+        weight = np.array(estimator._weight)
         out = estimator._filter(w)
     finally:
         fast.enable(False)
-    noise_var = estimator._prior.noise_start[0] ** 2
+    prior = estimator._prior
+    noise_var, stretch_m, calm = prior.noise_start[0] ** 2, 0.0, w[AT["before_mps"], 0]
     for i in range(n):
         memory = min(k._NOISE_MEMORY, k._NOISE_START + i)
         c = {name: w[AT[name], i] for name in COLUMNS}
-        dense.travel(c["distance_m"])
-        inverse = max(dense.x[k.U], k._LEAST_SHARE * estimator._prior.std[k.U])
-        if i == 0:
-            z, t = c["before_mps"], c["before_N"]
-            lever = h(U=0.0, DELAY=-t, SLIP=-z * t)
-            lever[k.Q] = 0.0
-            dense.x[k.Q] = z + lever @ dense.x
-            cross = dense.P @ lever
-            dense.P[k.Q, :], dense.P[:, k.Q] = cross, cross
-            dense.P[k.Q, k.Q] = noise_var + lever @ cross
-            calm = z
-        share = k._FORCE_SHARE if c["traction_N"] > 0 else k._OVERRUN_SHARE
-        unknown = inverse * (estimator._prior.torque_std_Nm * 7.0 + share * abs(c["traction_N"]))
-        dense.push(c["force_N"], c["roll_mps2"], c["drag_N_per_mps"], unknown**2 * k._FORCE_S * WINDOW_S)
+        stretch_m += c["distance_m"]
+        if (i + 1) % k._MIX_EVERY == 0:
+            weight = mixed(*roads, weight, stretch_m, prior.std[at.CURVATURE] ** 2)
+            stretch_m = 0.0
+        began = calm
         calm += max(k._CALM, min(1.0, k._FRESH / (i + 1))) * (c["speed_mps"] - calm)
-        lever = h(Q=1.0, DELAY=c["traction_N"], SLIP=calm * c["traction_N"])
-        e, s = dense.correct(lever, c["speed_mps"], noise_var)
-        surplus = min(e * e, k._OUTLIER * s) - s
-        noise_var = max(estimator._prior.noise_floor[0] ** 2, noise_var + surplus / memory)
-        assert out[i, k.OUT_U] == pytest.approx(dense.x[k.U], rel=1e-6), i
-        assert out[i, k.OUT_U_VAR] == pytest.approx(dense.P[k.U, k.U], rel=1e-5)
-        assert out[i, k.OUT_GRADE] == pytest.approx(dense.x[k.GRADE], abs=1e-7)
-        assert out[i, k.OUT_GRADE_VAR] == pytest.approx(dense.P[k.GRADE, k.GRADE], rel=1e-5)
+        t = c["traction_N"]
+        share = k._FORCE_SHARE if t > 0 else k._OVERRUN_SHARE
+        step = prior.torque_std_Nm * c["gear_1pm"]
+        lasts = min(max(np.sqrt(12) * step / abs(t - c["before_N"]), 1), k._LONGEST_WINDOWS) if i else 25.0
+        persistent = step**2 * lasts * WINDOW_S + (k._GUST_MPS * c["drag_N_per_mps"]) ** 2 * k._GUST_S
+        unknown = (share * t) ** 2 * k._FORCE_S + 2 * persistent
+        found = []
+        for dense in roads:
+            dense.travel(c["distance_m"])
+            inverse = max(dense.x[at.U], k._LEAST_SHARE * prior.std[at.U])
+            if i == 0:
+                dense.begin(began, c["before_N"], noise_var)
+            dense.push(c["force_N"], c["roll_mps2"], c["drag_N_per_mps"], inverse**2 * unknown * WINDOW_S)
+            found.append(dense.correct(h(Q=1.0, DELAY=t, SLIP=calm * t), c["speed_mps"], noise_var))
+        told = np.array([-0.5 * (min(e * e / s, OUTLIER) + np.log(s)) for e, s in found])
+        surplus = sum(p * (min(e * e, OUTLIER * s) - s) for p, (e, s) in zip(weight, found, strict=True))
+        noise_var = max(prior.noise_floor[0] ** 2, noise_var + surplus / memory)
+        weight = weight * np.exp(told - told.max())
+        weight /= weight.sum()
+        mean, cov = moments(weight, [d.x for d in roads], [d.P for d in roads])
+        assert out[i, at.OUT_U] == pytest.approx(mean[at.U], rel=1e-6), i
+        assert out[i, at.OUT_U_VAR] == pytest.approx(cov[at.U, at.U], rel=1e-5)
+        assert out[i, at.OUT_GRADE] == pytest.approx(mean[at.GRADE], abs=1e-7)
+        assert out[i, at.OUT_GRADE_VAR] == pytest.approx(cov[at.GRADE, at.GRADE], rel=1e-5)
 
 
-def test_a_considered_state_keeps_its_value_and_variance_but_widens_the_others():
-    rng = np.random.default_rng(3)
-    A = rng.normal(size=(12, 12))
-    P0 = A @ A.T
-    x0 = rng.normal(size=12)
-    lever = h(GRADE=2.0, U=0.5, BIAS=1.0)
-    dense = Dense(Canest("canest", FACTS))
-    dense.x, dense.P = x0.copy(), P0.copy()
-    dense.correct(lever, 0.3, 5.0, first=k.FREE)
-    x, P, w = list(x0), [list(row) for row in P0], [0.0] * 12
-    k.correct(x, P, list(range(12)), w, k.FREE, 0.3, 5.0, k.GRADE, 2.0, k.U, 0.5, k.BIAS, 1.0, k.Q, 0.0)
+def random_gaussian(rng, n=at.STATES):
+    A = rng.normal(size=(n, n))
+    return rng.normal(size=n), A @ A.T
+
+
+def test_mixing_equals_the_moments_of_the_mixtures():
+    rng = np.random.default_rng(5)
+    dense = [Dense(Canest("canest", FACTS), road) for road in (at.STRAIGHT, at.CURVED)]
+    for d in dense:
+        d.x, d.P = random_gaussian(rng)
+    dense[0].x, dense[0].P = redrawn(dense[0].x, dense[0].P, 0.0)  # a straight knows no curvature
+    X, PP, weight = [list(d.x) for d in dense], [d.P.tolist() for d in dense], [0.7, 0.3]
+    mix(X, PP, weight, 40.0, 2.5)
+    after = mixed(*dense, np.array([0.7, 0.3]), 40.0, 2.5)
+    np.testing.assert_allclose(weight, after, rtol=1e-12)
+    for x, P, d in zip(X, PP, dense, strict=True):
+        np.testing.assert_allclose(x, d.x, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(P, d.P, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("first", [0, at.FREE])
+def test_a_considered_state_keeps_its_value_and_variance_but_widens_the_others(first):
+    n = at.STATES
+    x0, P0 = random_gaussian(np.random.default_rng(3))
+    dense = Dense(Canest("canest", FACTS), at.CURVED)
+    dense.x, dense.P, dense.n = x0.copy(), P0.copy(), n
+    dense.correct(h(n, GRADE=2.0, U=0.5, BIAS=1.0, PITCH=0.3), 0.3, 5.0, first=first)
+    x, P = list(x0), [list(row) for row in P0]
+    levers = (at.GRADE, 2.0, at.U, 0.5, at.BIAS, 1.0, at.PITCH, 0.3, at.Q, 0.0)
+    correct(x, P, [0.0] * n, first, 0.3, 5.0, *levers)
     np.testing.assert_allclose(x, dense.x, rtol=1e-9)
     np.testing.assert_allclose(P, dense.P, rtol=1e-9, atol=1e-12)
-    assert x[: k.FREE] == list(x0[: k.FREE])
-    np.testing.assert_array_equal(np.array(P)[: k.FREE, : k.FREE], P0[: k.FREE, : k.FREE])
+    assert x[:first] == list(x0[:first])
+    np.testing.assert_array_equal(np.array(P)[:first, :first], P0[:first, :first])
+
+
+def test_the_axle_filter_tells_slip_as_one_filter_of_all_would():
+    """What the small filter adds, summed up, is what a joint filter of slip, lag and scale knows."""
+    rng = np.random.default_rng(8)
+    prior = Canest("canest", FACTS)._prior
+    y, Y = list(prior.axle_mean), np.diag(np.square(prior.axle_std)).tolist()
+    memory = [0.0] * at.MEMORY
+    memory[at.UNDRIVEN_VAR] = noise_var = 0.01**2
+    floor = 0.01  # and so the noise level stays where it is
+    slip_std, slip = prior.std[at.SLIP], 0.0
+    x, P = np.array([0.0, prior.axle_mean[1], 0.0]), np.diag([slip_std**2, *np.square(prior.axle_std[1:])])
+    info, told = 1 / slip_std**2, 0.0
+    for _ in range(50):
+        v, t, a = rng.uniform(5, 25), rng.uniform(-5e3, 3e4), rng.normal(0, 0.5)
+        lever = np.array([v * t, a, v])
+        seen = lever @ np.array([1.5e-7, 0.06, 0.003]) + rng.normal(0, 0.002)
+        s = lever @ P @ lever + noise_var
+        gain = P @ lever / s
+        x, P = x + gain * (seen - lever @ x), P - np.outer(gain, P @ lever)
+        z, r = k.slip_seen(y, Y, [0.0] * 3, memory, floor, seen, v, t, a)
+        memory[at.UNDRIVEN_VAR] = noise_var
+        info, told = info + 1 / r, told + z / r
+    slip = told / info
+    assert slip == pytest.approx(x[0], rel=1e-3)
+    assert 1 / info == pytest.approx(P[0, 0], rel=1e-3)
 
 
 def test_noise_free_windows_give_the_exact_mass_and_grade():
@@ -153,6 +251,6 @@ def test_noise_free_windows_give_the_exact_mass_and_grade():
     w[AT["speed_mps"]], w[AT["before_mps"]] = speed, speed - accel * WINDOW_S
     estimator = Canest("canest", FACTS)
     out = estimator._filter(w)
-    assert 1 / out[-1, k.OUT_U] == pytest.approx(21000, rel=3e-3)
-    assert out[-1, k.OUT_GRADE] == pytest.approx(0.01, abs=1e-3)
+    assert 1 / out[-1, at.OUT_U] == pytest.approx(21000, rel=3e-3)
+    assert out[-1, at.OUT_GRADE] == pytest.approx(0.01, abs=1e-3)
     assert estimator.consistency()["nis"] < 1.0

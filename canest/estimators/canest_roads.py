@@ -1,0 +1,81 @@
+"""Two filters, two kinds of road: straight, or on a crest or sag; and how they share what they know.
+
+Roads are built of straight grades joined by vertical curves of constant curvature. A filter told that the
+grade wanders all the time would be unsure on the straights and surprised by the curves; two filters, one for
+each, weighed by how well they foretold what was measured (interacting multiple models, Blom and Bar-Shalom
+1988), are neither. Who goes from one to the other draws its curvature anew.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from canest import fast
+from canest.estimators.canest_filter import OUTLIER
+from canest.estimators.canest_states import CURVATURE, CURVED, STRAIGHT
+
+Container = Any
+
+#: how far straights and curves go on the average, m
+STRAIGHT_M, CURVED_M = 500.0, 150.0
+#: no kind of road is ever out of the question
+_LEAST = 1e-9
+
+
+@fast.kernel
+def mix(X: Container, PP: Container, weight: Container, far_m: float, curvature_var: float) -> None:
+    """Let each filter take over from the other what went from one road to the other over `far_m` metres.
+
+    X: two state vectors; PP: two covariances; weight: two probabilities; all change in place. curvature_var:
+    of a curve just begun (a straight has none).
+    """
+    n = len(X[STRAIGHT])
+    bends = 1.0 - math.exp(-far_m / STRAIGHT_M)
+    ends = 1.0 - math.exp(-far_m / CURVED_M)
+    straight = weight[STRAIGHT] * (1.0 - bends) + weight[CURVED] * ends
+    curved = weight[STRAIGHT] * bends + weight[CURVED] * (1.0 - ends)
+    stays = weight[STRAIGHT] * (1.0 - bends) / straight
+    bent = weight[STRAIGHT] * bends / curved
+    weight[STRAIGHT], weight[CURVED] = straight, curved
+    between, among = stays * (1.0 - stays), bent * (1.0 - bent)
+    a, b, A, B = X[STRAIGHT], X[CURVED], PP[STRAIGHT], PP[CURVED]
+    kappa, keep = b[CURVATURE], 1.0 - bent
+    b[CURVATURE] = 0.0
+    for i in range(n):
+        if i != CURVATURE:
+            row, other = A[i], B[i]
+            d = a[i] - b[i]
+            for j in range(i + 1):
+                if j != CURVATURE:
+                    p, q = row[j], other[j]
+                    dd = d * (a[j] - b[j])
+                    p_new = q + stays * (p - q) + between * dd
+                    q_new = q + bent * (p - q) + among * dd
+                    A[i][j], A[j][i] = p_new, p_new
+                    B[i][j], B[j][i] = q_new, q_new
+            cross = keep * other[CURVATURE] - among * kappa * d
+            B[i][CURVATURE], B[CURVATURE][i] = cross, cross
+    B[CURVATURE][CURVATURE] = keep * B[CURVATURE][CURVATURE] + bent * curvature_var + among * kappa * kappa
+    for i in range(n):
+        d = a[i] - b[i]
+        a[i] = b[i] + stays * d
+        b[i] = b[i] + bent * d
+    b[CURVATURE] = keep * kappa
+    a[CURVATURE] = 0.0
+
+
+@fast.kernel
+def weigh(weight: Container, straight: float, curved: float) -> None:
+    """Weigh the two filters by the log-likelihoods of what they have just foretold."""
+    best = max(straight, curved)
+    s = weight[STRAIGHT] * math.exp(straight - best)
+    c = weight[CURVED] * math.exp(curved - best)
+    weight[CURVED] = min(max(c / (s + c), _LEAST), 1.0 - _LEAST)
+    weight[STRAIGHT] = 1.0 - weight[CURVED]
+
+
+@fast.kernel
+def likelihood(e: float, s: float) -> float:
+    """Return the logarithm of an innovation's likelihood (less a constant), outliers counting no more."""
+    return -0.5 * (min(e * e / s, OUTLIER) + math.log(s))

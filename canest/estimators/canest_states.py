@@ -1,0 +1,47 @@
+"""Where things lie in the containers of `canest`'s kernels: states, memory, outputs."""
+
+from __future__ import annotations
+
+# states of one filter; those below FREE are the driveline's, which closed gates freeze
+Q, U, DELAY, SLIP, WIND = range(5)
+GRADE, CURVATURE, HEIGHT, BIAS, PITCH, SENSE_LAG = range(5, 11)
+FREE = GRADE
+#: without an accelerometer the last three have no use
+BASE_STATES, STATES = 8, 11
+
+# kinds of road: of constant grade, or a crest or sag of constant curvature
+STRAIGHT, CURVED = range(2)
+ROADS = 2
+
+# states of the undriven axle's own small filter
+AXLE_SLIP, AXLE_LAG, AXLE_SCALE = range(3)
+AXLE_STATES = 3
+
+# carried beside the states
+(
+    SINCE,  # windows since the momentum balance began, 0 where it must begin anew
+    STANDING_S,
+    HAS_HEIGHT,
+    LEARNED,
+    SPEED_VAR,
+    SENSED_VAR,
+    UNDRIVEN_VAR,
+    BIASED,  # running mean of the normalised innovation
+    COUNT,
+    NIS_SUM,
+    POSITIVE,
+    RUNS,
+    SIGN,
+    CALM_MPS,  # speed without its recent noise
+    EFFORT,  # what torque has told of mass since it was opened, m2/s3
+    STEADY_MPS2,  # specific force that changes no faster than roads do
+    LAST_MPS2,  # acceleration in the window before
+    STRETCH_M,  # travelled since the roads were last mixed
+    UNMIXED,  # windows since then
+    HELD_U,  # the inverse mass of the last open window: a closed gate moves no mass
+) = range(20)
+MEMORY = 20
+
+# one window's outputs
+OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S, OUT_EFFORT = range(8)
+OUTPUTS = 8
