@@ -316,6 +316,13 @@ class Origins(dict[str, str]):
     __hash__ = None
 
 
+def _named(signals: object) -> object:
+    """Leave out roles that are set to nothing: `--set signals.altitude=null` takes a signal away."""
+    if isinstance(signals, dict):
+        return {role: source for role, source in signals.items() if source is not None}
+    return signals
+
+
 class Config(Section):
     """A whole config."""
 
@@ -323,7 +330,7 @@ class Config(Section):
 
     vehicle: Vehicle
     dbc: tuple[str, ...] = ("j1939.dbc",)
-    signals: dict[str, Source]
+    signals: Annotated[dict[str, Source], BeforeValidator(_named)]
     sampling: Sampling = Sampling()
     filter: FilterSection = FilterSection()
     gates: Gates = Gates()

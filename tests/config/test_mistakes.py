@@ -193,6 +193,13 @@ def test_a_signal_that_only_an_effect_knows_is_a_role() -> None:
     assert "my_compressor" in config.signals
 
 
+def test_a_role_set_to_nothing_is_taken_away() -> None:
+    with_altitude = load_config("class8")
+    assert "altitude" in with_altitude.signals
+    without = load_config("class8", ["signals.altitude=null"])
+    assert set(without.signals) == set(with_altitude.signals) - {"altitude"}
+
+
 @pytest.mark.parametrize(
     ("override", "words"),
     [
