@@ -24,6 +24,8 @@ import cantools
 ROOT = Path(__file__).parents[2]
 #: One cycle of a truck of 21 t on 1 % grade (`make_drive.py`).
 CYCLE = ROOT / "tests" / "data" / "vcan" / "cycle.log.xz"
+#: Thirty seconds each of a real truck, with real attacks.
+KENWORTH = ROOT / "tests" / "data" / "kenworth"
 TRUE_MASS_KG, TRUE_GRADE = 21_000.0, 0.01
 PGN, ADDRESS = 0xFF5A, 158
 #: Python starts some 20 times slower in an emulated machine, and more slowly still on a busy one.
@@ -42,12 +44,15 @@ def slowness() -> float:
     return max(1.0, (time.perf_counter() - begin_s) / _IDLE_GUEST_S)
 
 
-def wait_until(condition: Callable[[], Any], timeout_s: float, what: str) -> Any:
-    """Return the condition's first truthy value; fail past the time, saying ``what`` did not come."""
+def wait_until(condition: Callable[[], Any], timeout_s: float, what: str, every_s: float = 0.05) -> Any:
+    """Return the condition's first truthy value; fail past the time, saying ``what`` did not come.
+
+    every_s: where looking starts a process, long enough to leave the one processor to who is waited for.
+    """
     deadline_s = time.monotonic() + timeout_s
     while not (value := condition()):
         assert time.monotonic() < deadline_s, f"{what}: not within {timeout_s:g} s"
-        time.sleep(0.05)
+        time.sleep(every_s)
     return value
 
 
@@ -131,6 +136,10 @@ class Ears:
             while True:
                 self._socket.recv(16)
 
+    def waiting(self) -> list[Heard]:
+        """Return what has been heard and not been asked for yet."""
+        return list(iter(lambda: self.hear(0.0), None))
+
     def until(self, wanted: Callable[[Heard], bool], timeout_s: float, what: str) -> Heard:
         """Return the first broadcast from now on that is ``wanted``; fail past the time."""
         self.flush()
@@ -154,19 +163,41 @@ class Ears:
         return took_s
 
 
-def cycle_log(folder: Path, *, without: tuple[int, ...] = ()) -> Path:
-    """Unpack the cycle, without the frames of some identifiers, and return the log."""
-    path = folder / f"cycle{''.join(f'-{can_id:08X}' for can_id in without)}.log"
-    dropped = tuple(f"{can_id:08X}#" for can_id in without)
+def cycle_log(folder: Path, *, without: tuple[int, ...] = (), frozen: tuple[int, ...] = ()) -> Path:
+    """Unpack the cycle, without the frames of some identifiers, those of others all alike; return the log."""
+    path = folder / f"cycle{''.join(f'-{can_id:08X}' for can_id in (*without, *frozen))}.log"
+    dropped = {f"{can_id:08X}" for can_id in without}
+    kept = {f"{can_id:08X}": "" for can_id in frozen}
+    lines = []
     with lzma.open(CYCLE, "rt") as log:
-        path.write_text("".join(line for line in log if not line.split()[2].startswith(dropped or ("-",))))
+        for line in log:
+            stamp, channel, frame = line.split()
+            name, payload = frame.split("#")
+            if name in kept:
+                payload = kept[name] = kept[name] or payload
+            if name not in dropped:
+                lines.append(f"{stamp} {channel} {name}#{payload}\n")
+    path.write_text("".join(lines))
+    return path
+
+
+def kenworth_log(folder: Path, name: str, groups: tuple[str, ...] = ()) -> Path:
+    """Unpack a real log as canplayer wants it, of some groups (PF in hexadecimal) only or all of them."""
+    path = folder / f"{name}{'-'.join(groups)}.log"
+    lines = []
+    with lzma.open(KENWORTH / f"{name}.log.xz", "rt") as log:
+        for line in log:
+            stamp, _, can_id, _, *payload = line.split()
+            if not groups or can_id[2:4] in groups:
+                lines.append(f"{stamp} can0 {can_id}#{''.join(payload)}\n")
+    path.write_text("".join(lines))
     return path
 
 
 @contextlib.contextmanager
-def playing(interface: str, log: Path) -> Iterator[None]:
-    """Play a log round and round, as often as the interface comes and goes."""
-    player = shlex.join(["canplayer", "-l", "i", "-I", str(log), f"{interface}=can0"])
+def playing(interface: str, log: Path, beat_ms: int = 1) -> Iterator[None]:
+    """Play a log round and round, as often as the interface comes and goes; looks every ``beat_ms``."""
+    player = shlex.join(["canplayer", "-g", str(beat_ms), "-l", "i", "-I", str(log), f"{interface}=can0"])
     loop = f"while :; do {player}; sleep 0.05; done"
     process = subprocess.Popen(["bash", "-c", loop], stderr=subprocess.DEVNULL, start_new_session=True)
     try:
@@ -195,25 +226,43 @@ def recording(interface: str, log: Path) -> Iterator[Path]:
 
 
 class Daemon:
-    """``canest run -c vcan`` on one interface, its messages in ``log``, its state in ``folder``."""
+    """``canest run`` on one interface, its messages in ``log``, its state in ``folder``.
 
-    def __init__(self, interface: str, folder: Path, *options: str) -> None:
+    prefix: words before the command, e.g. to take privileges away.
+    """
+
+    def __init__(
+        self, interface: str, folder: Path, *options: str, config: str = "vcan", prefix: tuple[str, ...] = ()
+    ) -> None:
         self.interface, self.folder = interface, folder
         folder.mkdir(exist_ok=True)
         self.log = folder.with_suffix(".err")  # beside, since tests mount over the folder
+        self._config = config
         changes = [f"bus.channel={interface}", f"service.state_dir={folder}", "service.learn='on+save'"]
-        self._command = [sys.executable, "-m", "canest", "run", "-c", "vcan"]
+        # a mass that was restored with much doubt would move by learning alone
+        changes.append("service.restore_std=0.002")
+        self._command = [*prefix, sys.executable, "-m", "canest", "run", "-c", config]
         self._command += [word for change in changes for word in ("--set", change)] + list(options)
         self.process: subprocess.Popen[bytes] | None = None
 
-    def start(self) -> Daemon:
-        """Start and wait until it works."""
-        begun = self.log.stat().st_size if self.log.exists() else 0
+    def launch(self) -> None:
+        """Start without waiting; `started` waits."""
+        self._begun = self.log.stat().st_size if self.log.exists() else 0
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(self._command, cwd=ROOT, stderr=log, stdout=log)
-        wait_until(lambda: not self.alive or "started" in self.messages(begun), START_S, "daemon to start")
+
+    def started(self, timeout_s: float = START_S) -> Daemon:
+        """Wait until it works."""
+        wait_until(
+            lambda: not self.alive or "started" in self.messages(self._begun), timeout_s, "daemon to start"
+        )
         assert self.alive, self.messages()
         return self
+
+    def start(self) -> Daemon:
+        """Start and wait until it works."""
+        self.launch()
+        return self.started()
 
     def __enter__(self) -> Daemon:
         return self.start()
@@ -225,9 +274,14 @@ class Daemon:
 
     def remember(self, mass_kg: float, mass_std_kg: float) -> None:
         """Leave a learned mass for the next start to find, as an earlier life would have."""
-        learned = {"vehicle_key": "class8-demo", "config": "", "standing": False, "saved_s": time.time()}
-        learned |= {"version": 1, "valid": True, "mass_kg": mass_kg, "mass_std_kg": mass_std_kg}
-        (self.folder / f"learned-{self.interface}.json").write_text(json.dumps(learned))
+        from canest.config import load_config
+        from canest.live.state import Learned, fingerprint, save, vehicle_key
+
+        config = load_config(self._config)
+        learned = Learned(
+            vehicle_key(config), fingerprint(config), mass_kg, mass_std_kg, time.time(), standing=False
+        )
+        save(self.folder / f"learned-{self.interface}.json", learned)
 
     @property
     def alive(self) -> bool:

@@ -25,6 +25,8 @@ UNITS = Path("/etc/systemd/system")
 #: As the unit says.
 WATCHDOG_S = 10.0
 RECOVERY_S = 2.0
+#: How often systemctl and journalctl are asked, each a process that takes the emulated processor a while.
+ASK_S = 0.5
 
 Record = Callable[[str, object], None]
 
@@ -48,6 +50,10 @@ def main_pid() -> int:
 def journal() -> str:
     words = ["journalctl", "--no-pager", "-o", "cat", "-u", UNIT]
     return subprocess.run(words, capture_output=True, text=True, timeout=60, check=False).stdout
+
+
+def other_senders() -> dict[str, int]:
+    return rig.ask(Path(f"/run/canest/guest/status-{BUS}.sock"))["other_senders"]
 
 
 def config_text(**broken: str) -> str:
@@ -94,10 +100,12 @@ def ears(unit: str, tmp_path: Path) -> Iterator[rig.Ears]:
 
 def await_new_life(pid: int, since_s: float, limit_s: float) -> float:
     """Wait until the main process is another one; return the seconds that took from ``since_s`` on."""
-    rig.wait_until(lambda: main_pid() not in (0, pid), 120.0, "systemd to start it again")
+    rig.wait_until(lambda: main_pid() not in (0, pid), 120.0, "systemd to start it again", ASK_S)
     took_s = time.monotonic() - since_s
     assert took_s <= limit_s * rig.slowness(), f"started again after {took_s:.1f} s, limit {limit_s} s"
-    rig.wait_until(lambda: show("ActiveState") == "active", rig.START_S, "the new life to be ready")
+    rig.wait_until(
+        lambda: show("ActiveState") == "active", rig.START_S, "the new life to be ready", 2 * ASK_S
+    )
     return took_s
 
 
@@ -106,7 +114,7 @@ def test_started_by_the_unit_it_is_ready_and_broadcasts(ears: rig.Ears) -> None:
     heard = ears.until(lambda heard: heard.signals["EstimateStatus"] == 2, 120.0, "a valid estimate")
     assert heard.mass_kg == pytest.approx(rig.TRUE_MASS_KG, rel=0.05)
     rig.wait_until(
-        lambda: re.search(r"valid: mass 2[01]\.\d t", show("StatusText")), 10.0, "a STATUS to read"
+        lambda: re.search(r"valid: mass 2[01]\.\d t", show("StatusText")), 10.0, "a STATUS to read", ASK_S
     )
 
 
@@ -116,6 +124,13 @@ def test_it_runs_as_nobody_in_particular_with_nothing_it_could_use(unit: str) ->
     assert re.search(r"^CapEff:\s+0+$", status, re.M)
     assert re.search(r"^NoNewPrivs:\s+1$", status, re.M)
     assert re.search(r"^Seccomp:\s+2$", status, re.M)
+
+
+def test_metrics_file_lies_where_a_node_exporter_reads_it(ears: rig.Ears) -> None:
+    metrics = Path("/run/canest/guest/canest.prom")
+    line = 'canest_status{status="valid"} 1.0\n'
+    rig.wait_until(lambda: metrics.exists() and line in metrics.read_text(), 30.0, "the metrics")
+    assert metrics.stat().st_mode & 0o777 == 0o644
 
 
 def test_status_socket_answers_in_the_runtime_directory(unit: str) -> None:
@@ -133,6 +148,9 @@ def test_killed_process_is_restarted_with_the_saved_mass(ears: rig.Ears, record_
     record_property("restarted_s", await_new_life(pid, begin_s, 3.0))
     first = ears.until(lambda heard: heard.fresh, 60.0, "an estimate of the new life")
     assert first.mass_kg == pytest.approx(before.mass_kg, rel=0.03)
+    foreign = ["cangen", BUS, "-e", "-i", "-g", "2", "-n", "300", "-I", "0CF00453", "-L", "8", "-D", "r"]
+    subprocess.run(foreign, check=True, timeout=60)  # what is sent after its return is counted, all of it
+    rig.wait_until(lambda: other_senders().get("PGN 61444 from 0x53") == 300, 30.0, "all frames to count")
     assert journal().count("mass-restored") == lives + 1
 
 
@@ -141,7 +159,7 @@ def test_reload_of_a_broken_config_is_refused_without_stopping(ears: rig.Ears) -
     CONFIG.write_text(config_text(vehicel="{}"))
     try:
         systemctl("reload", UNIT)
-        rig.wait_until(lambda: "reload-refused" in journal(), 30.0, "the refusal")
+        rig.wait_until(lambda: "reload-refused" in journal(), 30.0, "the refusal", ASK_S)
         assert "vehicel" in journal()
         ears.fresh(time.monotonic(), RECOVERY_S, "a reload was refused")
         assert main_pid() == pid
@@ -152,7 +170,7 @@ def test_reload_of_a_broken_config_is_refused_without_stopping(ears: rig.Ears) -
 def test_reload_of_a_good_config_is_taken(ears: rig.Ears) -> None:
     pid = main_pid()
     systemctl("reload", UNIT)
-    rig.wait_until(lambda: "reloaded" in journal(), 30.0, "the reload")
+    rig.wait_until(lambda: "reloaded" in journal(), 30.0, "the reload", ASK_S)
     ears.fresh(time.monotonic(), RECOVERY_S, "a reload")
     assert main_pid() == pid
 
@@ -181,7 +199,7 @@ def test_interface_deleted_and_made_anew(ears: rig.Ears, record_property: Record
 
 def test_counters_come_with_sigusr1(unit: str) -> None:
     os.kill(main_pid(), signal.SIGUSR1)
-    rig.wait_until(lambda: "bus.late_frames=" in journal(), 30.0, "the counters")
+    rig.wait_until(lambda: "bus.late_frames=" in journal(), 30.0, "the counters", ASK_S)
 
 
 def test_sigterm_ends_within_a_second_with_the_mass_saved(ears: rig.Ears) -> None:
@@ -193,7 +211,7 @@ def test_sigterm_ends_within_a_second_with_the_mass_saved(ears: rig.Ears) -> Non
     took_s = time.monotonic() - begin_s
     assert took_s <= 1.0 * rig.slowness()
     assert next(STATE.glob("learned-*.json")).stat().st_mtime >= begin_wall_s - 0.1
-    rig.wait_until(lambda: show("ActiveState") == "inactive", 20.0, "systemd to note it")
+    rig.wait_until(lambda: show("ActiveState") == "inactive", 20.0, "systemd to note it", ASK_S)
     assert (show("Result"), show("ExecMainStatus")) == ("success", "0")
 
 

@@ -14,7 +14,7 @@ import pytest
 from guest.machine import Guest, GuestError
 
 #: From boot to the end of the last test; the guest is killed past it.
-GUEST_TIMEOUT_S = 540.0
+GUEST_TIMEOUT_S = 900.0
 _REPORTS = "reports.jsonl"
 _INSIDE = "CANEST_INSIDE_GUEST"
 
