@@ -112,6 +112,8 @@ class Canest(Estimator):
             memory,
             *give(np.array(self._prior.std), np.array(self._prior.noise_floor)),
             self._prior.torque_std_Nm,
+            self.facts.mass_min_kg,
+            self.facts.mass_max_kg,
             state_in([0.0] * len(X[0])),
             out,
         )

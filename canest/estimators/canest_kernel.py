@@ -28,7 +28,7 @@ import math
 from typing import Any
 
 from canest import fast
-from canest.estimators.canest_filter import OUTLIER, correct, push, reopen, start, travel, widen
+from canest.estimators.canest_filter import OUTLIER, correct, hold_within, push, reopen, start, travel, widen
 from canest.estimators.canest_roads import likelihood, mix, weigh
 from canest.estimators.canest_states import (
     AXLE_LAG,
@@ -56,6 +56,7 @@ from canest.estimators.canest_states import (
     OUT_GRADE_VAR,
     OUT_LEARNED,
     OUT_STANDING_S,
+    OUT_STEADY_MPS2,
     OUT_U,
     OUT_U_VAR,
     PITCH,
@@ -189,13 +190,15 @@ def run(
     prior: Container,
     floors: Container,
     torque_std: float,
+    lightest: float,
+    heaviest: float,
     w: Container,
     out: Container,
 ) -> None:
     """Filter n windows, the rows of `canest_windows.COLUMNS`; out[k] holds what is known after window k.
 
     X, PP, weight: states, covariances and probability of the filter for each kind of road. y, Y: the undriven
-    axle's own. w: scratch, as long as a state vector.
+    axle's own. lightest, heaviest: bounds of the mass. w: scratch, as long as a state vector.
     """
     gap_s, distance, before, before_N = windows[0], windows[1], windows[2], windows[3]
     before_rate, speed, force, traction = windows[4], windows[5], windows[6], windows[7]
@@ -303,6 +306,8 @@ def run(
                         x, P, w, 0, slip_z, slip_r,
                         SLIP, 1.0, Q, 0.0, Q, 0.0, Q, 0.0, Q, 0.0,
                     )  # fmt: skip
+                # or an endless mass on a straight road would explain every cruise
+                hold_within(x, P, U, 1.0 / heaviest, 1.0 / lightest)
             elif retarding[k] > 0.0:
                 share = _RETARDER_SHARE * x[U] * force[k]
                 r = 2.0 * speed_var / (WINDOW_S * WINDOW_S) + _RETARDER_WINDOWS * share * share
@@ -381,3 +386,4 @@ def run(
         row[OUT_LEARNED] = memory[LEARNED]
         row[OUT_STANDING_S] = memory[STANDING_S]
         row[OUT_EFFORT] = memory[EFFORT]
+        row[OUT_STEADY_MPS2] = memory[STEADY_MPS2]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from canest.estimators import canest_states as at
 from canest.estimators.canest_prior import ROLLING_SHARE_STD, TORQUE_GAIN_STD
 from canest.frames import FloatColumn
-from canest.vehicle.samples import VehicleFacts
+from canest.vehicle.samples import GRAVITY_MPS2, VehicleFacts
 
 # columns of what is known after a window
 MASS_KG, MASS_STD_KG, SINE, SINE_PER_M, SINE_STD, LEARNED, STANDING_S, SPEED_MPS = range(8)
@@ -34,7 +34,10 @@ def known(out: NDArray[np.float64], speed_mps: FloatColumn, facts: VehicleFacts)
     table[:, SINE_PER_M] = out[:, at.OUT_CURVATURE]
     # a tyre that rolls harder looks like a hill, for ever
     rolling = ROLLING_SHARE_STD * facts.rolling_resistance
-    table[:, SINE_STD] = np.sqrt(np.maximum(out[:, at.OUT_GRADE_VAR], 0.0) + rolling * rolling)
+    # what mass leaves in doubt of the steady force, the hill has to bear
+    borne = untold * out[:, at.OUT_STEADY_MPS2] / GRAVITY_MPS2
+    grade_var = np.maximum(out[:, at.OUT_GRADE_VAR], 0.0)
+    table[:, SINE_STD] = np.sqrt(grade_var + rolling * rolling + borne * borne)
     table[:, LEARNED] = out[:, at.OUT_LEARNED]
     table[:, STANDING_S] = out[:, at.OUT_STANDING_S]
     table[:, SPEED_MPS] = np.maximum(speed_mps, 0.0)

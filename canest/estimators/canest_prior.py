@@ -49,7 +49,7 @@ CAREFUL = 20.0
 #: speed that a driveline's oscillation may leave in one window until the data says how much, m/s
 OSCILLATION_MPS = 0.05
 #: grades of roads: std of the grade, and of its change per metre on a crest or in a sag (radii from 2 km)
-GRADE_STD, CURVATURE_STD_1PM = 0.03, 2.5e-4
+GRADE_STD, CURVATURE_STD_1PM = 0.03, 2e-4
 
 
 @dataclass(frozen=True, slots=True)
