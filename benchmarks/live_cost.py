@@ -1,6 +1,6 @@
 """What the daemon costs while it runs: CPU, memory, punctuality, at 1,000 and 4,000 frames/s.
 
-    python benchmarks/live_cost.py [--seconds 20] [--rates 1000,4000] [--config kenworth]
+    python benchmarks/live_cost.py [--seconds 20] [--rates 1000,4000] [--config kenworth] [--broadcast-hz 10]
 
 The whole daemon runs in real time in a process of its own; another process sends the frames of the bundled
 Kenworth drive, sped up to the rate. With SocketCAN in this kernel the bus is vcan0 (bring it up first) and
@@ -77,7 +77,9 @@ def send(port: int, rate: float, seconds: float, filters: list[tuple[int, int]] 
         time.sleep(BATCH_S)
 
 
-def daemon(config_name: str, seconds: float, port_to: object, result_to: object) -> None:
+def daemon(
+    config_name: str, seconds: float, broadcast_hz: float | None, port_to: object, result_to: object
+) -> None:
     """Run the daemon in this process and report what it cost."""
     from canest.config import load_config
     from canest.live import daemon as module
@@ -113,6 +115,8 @@ def daemon(config_name: str, seconds: float, port_to: object, result_to: object)
         return receiver, UdpSender(receiver)
 
     changes = ["service.learn='off'", "broadcast.enabled=true", "service.state_dir=/tmp/canest-live-cost"]
+    if broadcast_hz is not None:
+        changes.append(f"broadcast.rate_hz={broadcast_hz}")
     if has_socketcan():
         changes += ["bus.interface=socketcan", "bus.channel=vcan0"]
     else:
@@ -161,6 +165,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--rates", default="1000,4000")
     parser.add_argument("--config", default="kenworth")
+    parser.add_argument("--broadcast-hz", type=float, help="instead of the default rate of the config")
     arguments = parser.parse_args()
     context = mp.get_context("spawn")
     way = "vcan0, kernel filters" if has_socketcan() else "UDP STAND-IN for the CAN socket"
@@ -170,7 +175,8 @@ def main() -> None:
         for filtered in (True, False) if not has_socketcan() else (True,):
             ports, results = context.Queue(), context.Queue()
             worker = context.Process(
-                target=daemon, args=(arguments.config, arguments.seconds, ports, results)
+                target=daemon,
+                args=(arguments.config, arguments.seconds, arguments.broadcast_hz, ports, results),
             )
             worker.start()
             port, filters = ports.get(timeout=60)

@@ -266,7 +266,8 @@ class Broadcast(Section):
     listen_only: bool = False
     pgn: Whole = Field(0xFF5A, ge=0xFF00, le=0x1FFFF)
     priority: Whole = Field(6, ge=0, le=7)
-    rate_hz: Number = Field(10.0, gt=0, le=50)
+    #: `canest` learns five times a second; between, grade is carried on
+    rate_hz: Number = Field(5.0, gt=0, le=50)
     preferred_address: Whole = Field(158, ge=128, le=247)
     name: Name = Name()
     #: also as SPN 1760 in PGN 65136, 1 Hz, only while valid

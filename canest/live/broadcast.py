@@ -17,7 +17,7 @@ from canest.live.watch import CVW_PGN
 from canest.vehicle.samples import Status
 
 PCC1_PGN = 61651  #: Predictive Cruise Control 1
-FRESH_US = 200_000  #: an estimate older than this is not sent as one
+FRESH_US = 400_000  #: an estimate older than this is no estimate of now
 
 _NONE_8 = 0xFF
 _AT_ONCE = -(1 << 62)

@@ -1,7 +1,7 @@
 """The daemon: a thin loop around the pure pipeline.
 
-Every 20 ms: empty the bus into a buffer. Before every broadcast, and at least ten times a second: estimate
-and speak. Once a second: look after everything else.
+Every 20 ms: empty the bus into a buffer. Before every broadcast, and at least four times a second:
+estimate and speak. Once a second: look after everything else.
 Nothing in the loop waits for the bus, the disk or a reader of its output.
 """
 
@@ -19,6 +19,7 @@ import numpy as np
 
 from canest.config.schema import Config
 from canest.frames import FrameBlock
+from canest.live.broadcast import FRESH_US
 from canest.live.changes import Changes
 from canest.live.doors import Doors
 from canest.live.estimate_frame import Estimate
@@ -41,8 +42,7 @@ CHORES_S = 1.0
 METRICS_S = 10.0
 #: estimates are at most this old when nobody is told more often; a little more than the period of the default
 #: broadcast, so that its beat sets the pace
-LONGEST_WAIT_US = 130_000
-FRESH_US = 200_000  #: an estimate older than this is no estimate of now
+LONGEST_WAIT_US = 230_000
 CLOSE_S = 0.5  #: SIGTERM has to be over within a second, whatever the disk does
 #: errors inside the estimation are survived by starting the pipeline anew; this many in a row are not
 MOST_FAILURES_IN_A_ROW = 5

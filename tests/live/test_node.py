@@ -104,7 +104,7 @@ def test_a_forged_frame_in_our_group_after_we_began_does_not_silence_us():
     bus = Bus().run(LISTEN_US + 1_000_000)
     before = len(bus.estimates())
     bus.run(2_000_000, [(j1939.pack(OWN_PGN, 0x44), bytes(8))])
-    assert len(bus.estimates()) > before + 15
+    assert len(bus.estimates()) > before + 7
     assert 0x44 in bus.node.watch.group_users
 
 
@@ -170,8 +170,8 @@ def test_a_full_interface_drops_and_counts_and_never_stops_us():
     bus.wire.full = False
     before = len(bus.estimates())
     bus.run(1_000_000)
-    assert bus.node.counters()["dropped_buffer_full"] >= 19
-    assert len(bus.estimates()) - before >= 9
+    assert bus.node.counters()["dropped_buffer_full"] >= 9
+    assert len(bus.estimates()) - before >= 4
 
 
 def test_standard_places_are_silent_by_default():

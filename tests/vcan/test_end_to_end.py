@@ -144,16 +144,14 @@ def test_counter_goes_up_by_one_and_wraps(run: Run) -> None:
 
 
 def test_checksum_is_the_sum_of_all_other_nibbles_and_the_identifiers(run: Run) -> None:
-    for _, can_id, payload in run.broadcasts:
-        nibbles = f"{can_id:08x}{payload.hex()[:14]}{payload.hex()[15]}"  # byte 8, high nibble: the checksum
-        assert sum(int(nibble, 16) for nibble in nibbles) % 16 == payload[7] >> 4
+    assert all(rig.is_sound(can_id, payload) for _, can_id, payload in run.broadcasts)
 
 
 def test_rate_is_never_above_what_the_config_says(run: Run) -> None:
     """Below it only as far as the machine cannot keep up; how well it can is the live benchmark's to say."""
     times = [t for t, _, _ in run.broadcasts]
     rate_hz = (len(times) - 1) / (times[-1] - times[0])
-    assert 5.0 / run.slowness < rate_hz < 10.2
+    assert 2.5 / run.slowness < rate_hz < 5.1
 
 
 def test_address_is_claimed_before_anything_is_said(run: Run) -> None:
