@@ -5,7 +5,7 @@
 Targets: logs, bam, decoder, pipeline, node, state, config, or all. A mutation that reaches new lines
 of canest joins the seeds; with atheris installed (`pip install atheris`; needed only here) libFuzzer does
 the same, faster, unless --plain. A finding is an exception other than CanestError, an input that takes over a
-second of CPU, an estimate nobody could believe, or memory that grows by over 300 MB. Its input is kept in
+second of CPU (20 under atheris, whose instrumented code is that much slower), an estimate nobody could believe, or memory that grows by over 300 MB. Its input is kept in
 --keep, and the exit code is 1.
 `tests/fuzz` runs the same targets for seconds, and every input that was ever found.
 """
@@ -25,6 +25,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
+#: code that reports every branch is some twenty times slower: what it may take instead of 1 s
+INSTRUMENTED_S = 20.0
 NAMES = ("logs", "bam", "decoder", "pipeline", "node", "state", "config")
 
 
@@ -50,7 +52,7 @@ def guided(name: str, seconds: float, keep: Path) -> None:
             lines = ("".join(f"\\x{b:02x}" for b in token[:60]) for token in target.tokens if token)
             words.write_text("".join(f'"{line}"\n' for line in lines))
             options.append(f"-dict={words}")
-        atheris.Setup([sys.argv[0], folder, *options], lambda data: run_one(target, data))
+        atheris.Setup([sys.argv[0], folder, *options], lambda data: run_one(target, data, INSTRUMENTED_S))
         atheris.Fuzz()
 
 
