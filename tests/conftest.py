@@ -9,7 +9,7 @@ import pytest
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Schedule by ``xdist_group``: all guest tests in one worker, so in one guest."""
+    """Schedule by ``xdist_group``: all tests of one guest machine in one worker."""
     from xdist.scheduler import LoadGroupScheduling
 
     return LoadGroupScheduling(config, log)

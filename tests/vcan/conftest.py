@@ -1,8 +1,8 @@
 """Runs the ``vcan`` tests where a real SocketCAN is: here if this kernel has one, else in a guest machine.
 
 The guest is booted once, when the first such test is due, and one pytest in it runs them all; every report
-comes back as that test's own result. Tests also marked ``guest`` (they set clocks, mount file systems or need
-systemd as process 1) run in the guest on every host.
+comes back as that test's own result. Under xdist there are two guests, each for half of the work. Tests also
+marked ``guest`` (they set clocks, mount file systems or need systemd as process 1) run in it on every host.
 
 Under CI nothing is skipped: a guest that cannot start fails every test that it should have run.
 """
@@ -17,8 +17,10 @@ from collections.abc import Iterator
 import pytest
 from guest import missing_tools, testing
 
-_RUN = pytest.StashKey[testing.GuestRun]()
-_ABROAD = pytest.StashKey[bool]()
+_RUNS = pytest.StashKey[dict[str, testing.GuestRun]]()
+_ABROAD = pytest.StashKey[str]()
+#: The module whose tests take nearly half of the time.
+_OTHER_HALF = "test_service"
 _NUMBERS = itertools.count()
 
 
@@ -55,13 +57,17 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         for item in abroad:
             item.add_marker(skip)
         return
+    shared = "PYTEST_XDIST_WORKER" in os.environ
+    guests: dict[str, list[str]] = {}
     for item in abroad:
-        item.stash[_ABROAD] = True
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        for item in abroad:
-            item.add_marker(pytest.mark.xdist_group("guest"))  # one worker, so one guest
-        items.sort(key=lambda item: _ABROAD not in item.stash)  # the longest job first
-    config.stash[_RUN] = testing.GuestRun(config, [item.nodeid for item in abroad])
+        guest = "guest-2" if shared and item.path.stem == _OTHER_HALF else "guest-1"
+        item.stash[_ABROAD] = guest
+        guests.setdefault(guest, []).append(item.nodeid)
+        if shared:
+            item.add_marker(pytest.mark.xdist_group(guest))  # one worker, so one guest
+    if shared:
+        items.sort(key=lambda item: _ABROAD not in item.stash)  # the longest jobs first
+    config.stash[_RUNS] = {guest: testing.GuestRun(config, ids) for guest, ids in guests.items()}
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -70,14 +76,14 @@ def pytest_runtest_protocol(item: pytest.Item) -> bool | None:
     if _ABROAD not in item.stash:
         return None
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
-    for report in item.config.stash[_RUN].reports(item):
+    for report in item.config.stash[_RUNS][item.stash[_ABROAD]].reports(item):
         item.ihook.pytest_runtest_logreport(report=report)
     item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
     return True
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
-    if run := config.stash.get(_RUN, None):
+    for run in config.stash.get(_RUNS, {}).values():
         run.close()
 
 

@@ -99,6 +99,12 @@ def decode(payload: bytes) -> dict[str, Any]:
     return {name: None if name in measured and raw[name] == ones[name] else scaled[name] for name in scaled}
 
 
+def is_sound(can_id: int, payload: bytes) -> bool:
+    """Whether byte 8 has the sum of all other nibbles, those of the 29-bit identifier included, modulo 16."""
+    nibbles = f"{can_id & 0x1FFF_FFFF:08x}{payload.hex()[:14]}{payload.hex()[15:]}"
+    return len(payload) == 8 and sum(int(nibble, 16) for nibble in nibbles) % 16 == payload[7] >> 4
+
+
 def gate_code(label: str) -> int:
     """Return the number under which the frame tells a gate."""
     choices = message().get_signal_by_name("EstimateGate").choices
@@ -121,13 +127,16 @@ class Ears:
         self._socket.close()
 
     def hear(self, timeout_s: float) -> Heard | None:
-        """Return the next broadcast, None if none comes in time."""
-        self._socket.settimeout(max(0.001, timeout_s))
-        try:
-            can_id, length, data = _FRAME.unpack(self._socket.recv(16))
-        except (TimeoutError, OSError):
-            return None
-        return Heard(time.monotonic(), can_id & 0xFF, data[:length], decode(data[:length]))
+        """Return the next broadcast, None if none comes in time; what is damaged or noise is passed over."""
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            self._socket.settimeout(max(0.001, deadline_s - time.monotonic()))
+            try:
+                can_id, length, data = _FRAME.unpack(self._socket.recv(16))
+            except (TimeoutError, OSError):
+                return None
+            if is_sound(can_id, data[:length]):
+                return Heard(time.monotonic(), can_id & 0xFF, data[:length], decode(data[:length]))
 
     def flush(self) -> None:
         """Forget what has been heard so far."""
@@ -195,7 +204,7 @@ def kenworth_log(folder: Path, name: str, groups: tuple[str, ...] = ()) -> Path:
 
 
 @contextlib.contextmanager
-def playing(interface: str, log: Path, beat_ms: int = 1) -> Iterator[None]:
+def playing(interface: str, log: Path, beat_ms: int = 5) -> Iterator[None]:
     """Play a log round and round, as often as the interface comes and goes; looks every ``beat_ms``."""
     player = shlex.join(["canplayer", "-g", str(beat_ms), "-l", "i", "-I", str(log), f"{interface}=can0"])
     loop = f"while :; do {player}; sleep 0.05; done"

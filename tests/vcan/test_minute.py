@@ -111,7 +111,7 @@ def minute(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemons]:
         for daemon in both:
             daemon.started(len(both) * rig.START_S)
         asleep, attacked = stack.enter_context(rig.Ears(ASLEEP)), stack.enter_context(rig.Ears(ATTACKED))
-        with rig.playing(ASLEEP, rig.cycle_log(folder, without=UNWANTED), beat_ms=5):
+        with rig.playing(ASLEEP, rig.cycle_log(folder, without=UNWANTED)):
             with rig.playing(ATTACKED, rig.kenworth_log(folder, "normal")):
                 asleep.until(is_valid, 60.0, "a valid estimate")
                 daemons.heard.append(attacked.until(is_valid, 60.0, "a valid estimate"))
