@@ -5,8 +5,8 @@
 Targets: logs, bam, decoder, pipeline, node, state, config, or all. A mutation that reaches new lines
 of canest joins the seeds; with atheris installed (`pip install atheris`; needed only here) libFuzzer does
 the same, faster, unless --plain. A finding is an exception other than CanestError, an input that takes over a
-second of CPU (20 under atheris, whose instrumented code is that much slower), an estimate nobody could believe, or memory that grows by over 300 MB. Its input is kept in
---keep, and the exit code is 1.
+second of CPU (20 under atheris, whose instrumented code is that much slower), an estimate nobody could
+believe, or memory that grows by over 300 MB. Its input is kept in --keep, and the exit code is 1.
 `tests/fuzz` runs the same targets for seconds, and every input that was ever found.
 """
 
