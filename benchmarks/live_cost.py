@@ -6,7 +6,8 @@ The whole daemon runs in real time in a process of its own; another process send
 Kenworth drive, sped up to the rate. With SocketCAN in this kernel the bus is vcan0 (bring it up first) and
 the kernel filters the frames. Without it a UDP socket on the loopback STANDS IN for the CAN socket: the same
 drain (recvmmsg, kernel stamps) reads the same 16 bytes per frame, and the sender leaves out what the kernel's
-filters would; the row "unfiltered" sends everything. One line of JSON per row at the end.
+filters would; the row "unfiltered" sends everything. The row "floor" is a loop that only sleeps and empties
+the socket: what the machine itself asks for. One line of JSON per row at the end.
 """
 
 from __future__ import annotations
@@ -160,6 +161,32 @@ def daemon(
     )
 
 
+def floor(seconds: float, port_to: object, result_to: object) -> None:
+    """Only sleep and empty the socket, every 20 ms: what no daemon with this beat can stay below here."""
+    from canest.live.kernel_drain import KernelDrain, ask_for_stamps
+    from canest.live.schedule import Schedule
+
+    if has_socketcan():
+        sock = socket.socket(socket.AF_CAN, socket.SOCK_RAW | socket.SOCK_NONBLOCK, socket.CAN_RAW)
+        sock.bind(("vcan0",))
+    else:
+        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        sock.bind(("127.0.0.1", 0))
+    ask_for_stamps(sock)
+    drain, schedule = KernelDrain(sock), Schedule()
+    port_to.put((0 if has_socketcan() else sock.getsockname()[1], None))
+    end_s = time.monotonic() + 2.0
+    while time.monotonic() < end_s:
+        schedule.wait()
+        drain.drain()
+    cpu_s, wall_s = time.process_time(), time.monotonic()
+    while time.monotonic() < wall_s + seconds:
+        schedule.wait()
+        drain.drain()
+    cpu_s, wall_s = time.process_time() - cpu_s, time.monotonic() - wall_s
+    result_to.put({"core_pct": round(100 * cpu_s / wall_s, 2), "way": "sleep and drain only"})
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seconds", type=float, default=20.0)
@@ -172,6 +199,17 @@ def main() -> None:
     rows = []
     print(f"{way}; config {arguments.config}; {arguments.seconds:g} s each; load {os.getloadavg()[0]:.2f}")
     for rate in [float(r) for r in arguments.rates.split(",")]:
+        ports, results = context.Queue(), context.Queue()
+        worker = context.Process(target=floor, args=(arguments.seconds, ports, results))
+        worker.start()
+        port, _ = ports.get(timeout=60)
+        sender = context.Process(target=send, args=(port, rate, arguments.seconds + 4, None))
+        sender.start()
+        row = {"rate": rate} | results.get(timeout=arguments.seconds + 60)
+        sender.join()
+        worker.join()
+        rows.append(row)
+        print(f"{rate:6.0f} frames/s {'floor':15s} {row['core_pct']:5.2f} % of a core: sleep and drain only")
         for filtered in (True, False) if not has_socketcan() else (True,):
             ports, results = context.Queue(), context.Queue()
             worker = context.Process(
