@@ -147,7 +147,7 @@ def parse(layout: Layout, text: NDArray[np.uint8], starts: IntColumn) -> tuple[F
         layout.id_digits,
         layout.remote,
         0 if layout.remote else layout.length,
-        np.uint64(layout.data_at),
+        np.uint64(max(layout.data_at, 0)),  # a remote frame has none
         layout.data_step,
         t_us,
         can_id,

@@ -128,6 +128,8 @@ def fuzz(target: Target, seconds: float, seed: int = 0) -> str:
     """
     rng, coverage = random.Random(seed), Coverage()
     pool = list(target.seeds())
+    with contextlib.suppress(Exception):
+        target.run(pool[0])  # what is made once (imports, a drive) is not the input's fault
     for data in pool:
         run_one(target, data)
         with coverage, contextlib.suppress(Exception):

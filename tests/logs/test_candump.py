@@ -156,9 +156,13 @@ def test_what_candump_options_and_other_tools_write_is_read(line, repeat):
     assert_same(block, FrameBlock.from_frames([ODD_BUT_GOOD[line]] * repeat))
 
 
-@pytest.mark.parametrize(
-    "line", ["(0000000001.000002) can0 18FEEE31#R8", " (001.000002)  can0  18FEEE31   [8]  remote request"]
-)
+REMOTE_LINES = [
+    "(0000000001.000002) can0 18FEEE31#R8",
+    " (001.000002)  can0  18FEEE31   [8]  remote request",
+]
+
+
+@pytest.mark.parametrize("line", REMOTE_LINES)
 @pytest.mark.parametrize("repeat", [1, 60])
 def test_remote_frames_have_a_length_and_no_data(line, repeat):
     block, _ = parse((line + "\n") * repeat)
@@ -324,6 +328,10 @@ class TestCompiled:
         block, parser = parse((line + "\n") * 60)
         assert parser.skipped == []
         assert_same(block, FrameBlock.from_frames([ODD_BUT_GOOD[line]] * 60))
+
+    @pytest.mark.parametrize("line", REMOTE_LINES)
+    def test_compiled_reads_remote_frames(self, line):
+        test_remote_frames_have_a_length_and_no_data(line, 60)
 
     @pytest.mark.parametrize("name", ["kenworth/normal", "ip332/bike"])
     def test_compiled_equals_numpy_on_real_logs(self, name):
