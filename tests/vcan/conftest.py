@@ -19,8 +19,7 @@ from guest import missing_tools, testing
 
 _RUNS = pytest.StashKey[dict[str, testing.GuestRun]]()
 _ABROAD = pytest.StashKey[str]()
-_NODE_ID = pytest.StashKey[str]()  # as it is in the guest, where nothing has appended a group
-#: The module whose tests take nearly half of the time.
+#: The module whose tests take nearly half of the time; `tests/conftest.py` gives it to another worker.
 _OTHER_HALF = "test_service"
 _NUMBERS = itertools.count()
 
@@ -45,7 +44,6 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.register(testing.ReportWriter(config))
 
 
-@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Decide, once for all vcan tests, where they run."""
     vcan = [item for item in items if item.get_closest_marker("vcan")]
@@ -63,10 +61,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     guests: dict[str, list[str]] = {}
     for item in abroad:
         guest = "guest-2" if shared and item.path.stem == _OTHER_HALF else "guest-1"
-        item.stash[_ABROAD], item.stash[_NODE_ID] = guest, item.nodeid
+        item.stash[_ABROAD] = guest
         guests.setdefault(guest, []).append(item.nodeid)
-        if shared:
-            item.add_marker(pytest.mark.xdist_group(guest))  # one worker, so one guest
     if shared:
         items.sort(key=lambda item: _ABROAD not in item.stash)  # the longest jobs first
     config.stash[_RUNS] = {guest: testing.GuestRun(config, ids) for guest, ids in guests.items()}
@@ -78,7 +74,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> bool | None:
     if _ABROAD not in item.stash:
         return None
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
-    for report in item.config.stash[_RUNS][item.stash[_ABROAD]].reports(item, item.stash[_NODE_ID]):
+    for report in item.config.stash[_RUNS][item.stash[_ABROAD]].reports(item):
         item.ihook.pytest_runtest_logreport(report=report)
     item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
     return True

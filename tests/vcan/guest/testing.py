@@ -47,17 +47,17 @@ class GuestRun:
         self._reports: dict[str, list[pytest.TestReport]] = {}
         self._lines_read = 0
 
-    def reports(self, item: pytest.Item, node_id: str) -> list[pytest.TestReport]:
+    def reports(self, item: pytest.Item) -> list[pytest.TestReport]:
         """Wait for one test's reports; where the guest cannot give them, a failed one that says why."""
         try:
-            self._wait_for(node_id)
+            self._wait_for(item.nodeid)
         except GuestError as error:
             # The first test says it all, those after it only that they had no guest.
             self._failed = GuestError(f"no guest any more: {str(error).splitlines()[0]}")
             keywords: dict[str, Literal[1]] = dict.fromkeys(item.keywords, 1)
             failure = pytest.TestReport(item.nodeid, item.location, keywords, "failed", str(error), "call")
-            return [*self._reports.get(node_id, []), failure]
-        return self._reports[node_id]
+            return [*self._reports.get(item.nodeid, []), failure]
+        return self._reports[item.nodeid]
 
     def _wait_for(self, node_id: str) -> None:
         guest = self._booted()
