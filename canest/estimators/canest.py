@@ -58,11 +58,11 @@ class Canest(Estimator):
         prior = prior_of(self.facts, mass_kg, mass_std_kg)
         self._prior = wide
         self._X = [list(prior.mean[: at.BASE_STATES]) for _ in range(at.ROADS)]
-        self._PP = [_diagonal(prior.std[: at.BASE_STATES]) for _ in range(at.ROADS)]
+        self._PP = [np.diag(np.square(prior.std[: at.BASE_STATES])).tolist() for _ in range(at.ROADS)]
         self._PP[at.STRAIGHT][at.CURVATURE][at.CURVATURE] = 0.0
         total = STRAIGHT_M + CURVED_M
         self._weight = [STRAIGHT_M / total, CURVED_M / total]
-        self._axle, self._axle_P = list(prior.axle_mean), _diagonal(prior.axle_std)
+        self._axle, self._axle_P = list(prior.axle_mean), np.diag(np.square(prior.axle_std)).tolist()
         self._memory = [0.0] * at.MEMORY
         slots = (at.SPEED_VAR, at.SENSED_VAR, at.UNDRIVEN_VAR)
         for slot, noise in zip(slots, prior.noise_start, strict=True):
@@ -192,9 +192,3 @@ class Canest(Estimator):
         self._memory[at.LEARNED] = 1.0
         self._memory[at.EFFORT] = REMEMBERED
         self._last[output.LEARNED] = 1.0
-
-
-def _diagonal(std: list[float]) -> list[list[float]]:
-    """Return a covariance of independent states as a list of rows."""
-    n = len(std)
-    return [[std[i] * std[i] if i == j else 0.0 for j in range(n)] for i in range(n)]

@@ -207,6 +207,7 @@ def run(
     altitude, open_, retarding, stopped = windows[16], windows[17], windows[18], windows[19]
     curvature_var, wind_var = prior[CURVATURE] * prior[CURVATURE], prior[WIND] * prior[WIND]
     least = _LEAST_SHARE * prior[U]
+    lowest, highest = 1.0 / heaviest, 1.0 / lightest
     for k in range(n):
         v, t, a, J = speed[k], traction[k], accel[k], rotating[k]
         ds = distance[k]
@@ -307,7 +308,7 @@ def run(
                         SLIP, 1.0, Q, 0.0, Q, 0.0, Q, 0.0, Q, 0.0,
                     )  # fmt: skip
                 # or an endless mass on a straight road would explain every cruise
-                hold_within(x, P, U, 1.0 / heaviest, 1.0 / lightest)
+                hold_within(x, P, U, lowest, highest)
             elif retarding[k] > 0.0:
                 share = _RETARDER_SHARE * x[U] * force[k]
                 r = 2.0 * speed_var / (WINDOW_S * WINDOW_S) + _RETARDER_WINDOWS * share * share
