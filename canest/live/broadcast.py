@@ -43,7 +43,7 @@ class Broadcaster:
             self._beats[CVW_PGN] = _Beat(_CVW_PERIOD_US)
         if broadcast.pcc1:
             self._beats[PCC1_PGN] = _Beat(_PCC1_PERIOD_US)
-        self._due_us = _AT_ONCE
+        self.due_us = _AT_ONCE  #: when `frames` has something to send
 
     @property
     def groups(self) -> frozenset[int]:
@@ -59,10 +59,6 @@ class Broadcaster:
         if self._estimated_us is None or now_us - self._estimated_us > FRESH_US:
             return Estimate()
         return self._estimate
-
-    def is_due(self, now_us: int) -> bool:
-        """Return True when `frames` has something to send now."""
-        return now_us >= self._due_us
 
     def frames(
         self, now_us: int, address: int, requested: Set[int], taken: Set[int] = frozenset()
@@ -81,7 +77,7 @@ class Broadcaster:
                 frame = self._frame(pgn, address, estimate)
                 if frame is not None:
                     frames.append(frame)
-        self._due_us = min(beat.next_us for beat in self._beats.values())
+        self.due_us = min(beat.next_us for beat in self._beats.values())
         return frames
 
     def _frame(self, pgn: int, address: int, estimate: Estimate) -> Frame | None:

@@ -1,7 +1,7 @@
 """The daemon: a thin loop around the pure pipeline.
 
-Every 20 ms: empty the bus into a buffer. Before every broadcast, and at least four times a second:
-estimate and speak. Once a second: look after everything else.
+On beats 20 ms apart, as often as the interface's buffer asks for: empty it into ours. Before every broadcast,
+and at least four times a second: estimate and speak. Once a second: look after everything else.
 Nothing in the loop waits for the bus, the disk or a reader of its output.
 """
 
@@ -80,7 +80,7 @@ class Daemon:
         self._latest: tuple[Estimate, int] | None = None
         self._standing = False
         self._reached_us = -(1 << 62)
-        self._work_at_us = 0
+        self._due_us = 0
         self._metrics_at_s = self._save_at_s = self._chores_at_s = 0.0
         self.doors: Doors | None = None
         self.pipeline = Pipeline(config, listener=self._listen)
@@ -110,7 +110,7 @@ class Daemon:
         gc.freeze()  # what is here now lives as long as we do: later collections need not look at it
         try:
             while not self._stop.is_set():
-                self._tick(self.schedule.wait())
+                self.beat()
         finally:
             self._end()
 
@@ -126,12 +126,13 @@ class Daemon:
 
     # -- the loop -----------------------------------------------------------------------------------
 
-    def _tick(self, now_ns: int) -> None:
+    def beat(self) -> None:
+        """Sleep as long as nothing is due and the interface can be left alone; then do what is due."""
+        now_ns = self.schedule.wait(self.schedule.until(self._due_us, self.receiver.rest_us))
         now_us, now_s = now_ns // 1000, now_ns * 1e-9
-        due = now_us >= self._work_at_us or self.node.wants_estimate(now_us)
-        if due or not self.receiver.collect():
-            self._work_at_us = now_us + LONGEST_WAIT_US
+        if now_us >= self._due_us or not self.receiver.collect():
             self._work(now_us, now_s)
+            self._due_us = min(now_us + LONGEST_WAIT_US, self.node.due_us(now_us))
         if now_s >= self._chores_at_s:
             self._chores_at_s = now_s + CHORES_S
             self._chores(now_us, now_s)

@@ -29,6 +29,10 @@ class Receiver(Protocol):
     opened: int
     counters: Counter[str]
 
+    @property
+    def rest_us(self) -> int:
+        """How long it may be left alone, in microseconds: a beat where nobody knows how much it can hold."""
+
     def collect(self) -> bool:
         """Take what has arrived out of the interface's own small buffer; False: `drain` has to follow now."""
 

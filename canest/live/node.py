@@ -11,6 +11,7 @@ from canest.live.link import Filters, Transmitter
 from canest.live.watch import CVW_PGN, BusWatch
 
 LISTENING_ONLY = "listening only (broadcast.listen_only)"
+NEVER_US = 1 << 62
 NOT_ENABLED = "broadcast is off (a physical bus needs broadcast.enabled: true)"
 
 
@@ -55,12 +56,11 @@ class Node:
         if self.broadcaster is not None:
             self.broadcaster.take(estimate, now_us)
 
-    def wants_estimate(self, now_us: int) -> bool:
-        """Return True when the next `speak` is going to send an estimate."""
-        citizen, broadcaster = self.citizen, self.broadcaster
-        if citizen is None or broadcaster is None:
-            return False
-        return (broadcaster.is_due(now_us) or bool(citizen.requested)) and not citizen.silence(now_us)
+    def due_us(self, now_us: int) -> int:
+        """Return when the next `speak` is going to send an estimate (far in the future while it must not)."""
+        if self.broadcaster is None or self.silence(now_us):
+            return NEVER_US
+        return self.broadcaster.due_us
 
     def speak(self, now_us: int) -> None:
         """Send what is due."""

@@ -15,6 +15,7 @@ from canest.errors import BusError
 from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.live.kernel_drain import Drained
 from canest.live.link import REOPEN_S, Filters
+from canest.vehicle.samples import STEP_US
 
 # Where asammdf is installed, python-can imports it for its log formats: a second and 80 MB that a bus has no
 # need of. Hidden while python-can is imported for the first time, it is not found, which python-can accepts.
@@ -41,6 +42,8 @@ class PythonCanReceiver:
     Errors: BusError when python-can does not know the interface or lacks its driver; an interface that is
     merely not there now is waited for.
     """
+
+    rest_us = STEP_US  # nobody tells how much a driver's buffer holds
 
     def __init__(self, bus: Bus, filters: Filters) -> None:
         self._config = bus

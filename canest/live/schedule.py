@@ -14,7 +14,7 @@ LATE_BOUNDS_MS = (0.1, 0.5, 1.0, 5.0, 20.0)
 
 
 class Schedule:
-    """Waits for the next beat; beats that were missed (a long tick, SIGSTOP) are skipped and counted."""
+    """Waits for a coming beat; beats that were missed (a long tick, SIGSTOP) are skipped and counted."""
 
     def __init__(
         self, clock_ns: Callable[[], int] = time.monotonic_ns, sleep: Callable[[float], None] = time.sleep
@@ -26,8 +26,14 @@ class Schedule:
         #: how many ticks began later than planned by up to each of `LATE_BOUNDS_MS` (last: more)
         self.late = [0] * (len(LATE_BOUNDS_MS) + 1)
 
-    def wait(self) -> int:
-        """Sleep until the next beat; return the monotonic time (ns) at which it really begins."""
+    def until(self, due_us: int, longest_us: int) -> int:
+        """Return the beats for `wait` to be there at ``due_us`` (monotonic), after ``longest_us`` at most."""
+        due = -((self._next_ns // 1000 - due_us) // STEP_US) + 1
+        return max(1, min(due, longest_us // STEP_US))
+
+    def wait(self, beats: int = 1) -> int:
+        """Sleep until the next beat, or ``beats`` of them; return when (monotonic, ns) that really is."""
+        self._next_ns += (beats - 1) * STEP_NS
         delay_ns = self._next_ns - self._clock_ns()
         if delay_ns > 0:
             self._sleep(delay_ns * 1e-9)

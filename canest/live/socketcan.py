@@ -14,14 +14,17 @@ from collections import Counter
 
 from canest.errors import BusError
 from canest.frames import ERROR, FrameBlock
-from canest.live.kernel_drain import Drained, KernelDrain, ask_for_stamps
+from canest.live.kernel_drain import SLOTS, Drained, KernelDrain, ask_for_stamps
 from canest.live.link import Filters
+from canest.vehicle.samples import STEP_US
 
 _NOTHING = FrameBlock.empty()
 WATCH_S = 0.5  #: how often the index of a working interface is looked at
 RETRY_S = 0.02  #: how often that of a missing one (a look costs 5 microseconds)
 GUARD_US = 2_000  #: a frame is in the socket this long after its stamp at the latest
-RECEIVE_BUFFER_BYTES = 4 << 20  #: asked for; the kernel grants at most net.core.rmem_max
+RECEIVE_BUFFER_BYTES = 4 << 20  #: asked for; without CAP_NET_ADMIN at most net.core.rmem_max is granted
+_BYTES_PER_FRAME = 1024  #: what a waiting frame takes of it, rounded up (an sk_buff and its data: 640 to 900)
+MOST_FRAMES_PER_S = 4000  #: a full J1939 bus of 500 kbit/s: 8 bytes under 29 bits are 131 bits and stuffing
 
 # linux/can/raw.h, linux/can/error.h
 _CAN_RAW_FILTER, _CAN_RAW_ERR_FILTER, _CAN_RAW_RECV_OWN_MSGS = 1, 2, 4
@@ -34,6 +37,14 @@ _CRTL_OVERFLOW, _CRTL_PASSIVE, _CRTL_ACTIVE = 0x03, 0x30, 0x40  # either directi
 _FRAME = struct.Struct("=IB3x8s")
 _FULL = frozenset({errno.ENOBUFS, errno.EAGAIN})
 _MAX_FILTERS = 512  # CAN_RAW_FILTER_MAX
+
+
+def ask_for_room(sock: socket.socket) -> None:
+    """Let as many frames wait in a socket as we are allowed to."""
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
+    except PermissionError:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
 
 
 class SocketCanReceiver:
@@ -51,10 +62,18 @@ class SocketCanReceiver:
         self.counters: Counter[str] = Counter()
         self._socket: socket.socket | None = None
         self._drain: KernelDrain | None = None
+        self._room = 0  #: frames that may wait
         self._index: int | None = None
         self._look_at_s = 0.0
         self._drops_seen = 0
         self._open()
+
+    @property
+    def rest_us(self) -> int:
+        """Return half the time in which the fastest bus fills our buffers; a beat while there is none."""
+        if self.state in ("absent", "down"):
+            return STEP_US
+        return self._room * 1_000_000 // (2 * MOST_FRAMES_PER_S)
 
     def collect(self) -> bool:
         """Empty the socket; see `canest.live.link.Receiver`."""
@@ -122,6 +141,8 @@ class SocketCanReceiver:
             self.counters["open_failed"] += 1
             return
         self._socket, self._drain = sock, KernelDrain(sock)
+        granted = sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        self._room = min(granted // _BYTES_PER_FRAME, SLOTS)
         self._index = self._index_of_interface()
         self.opened += 1
         self.state = "up" if self._is_up() else "down"
@@ -134,10 +155,7 @@ class SocketCanReceiver:
             sock.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, struct.pack("=I", _ERR_WANTED))
             sock.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_RECV_OWN_MSGS, 0)
             ask_for_stamps(sock)
-            try:
-                sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
-            except PermissionError:
-                sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+            ask_for_room(sock)
             sock.bind((self.channel,))
         except OSError:
             sock.close()

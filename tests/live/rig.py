@@ -46,6 +46,7 @@ class Script:
         begin_us = int(frames.t_us[0]) if len(frames) else 1_700_000_000_000_000
         self.offset_us = begin_us - time.now_ns // 1000
         self.state, self.opened, self.counters, self.sent = "up", 1, Counter(), []
+        self.rest_us = 20_000
 
     def collect(self):
         return True
@@ -104,8 +105,9 @@ class Rig:
 
     def run(self, s):
         """Let ``s`` seconds pass."""
-        for _ in range(round(s * 50)):
-            self.daemon._tick(self.daemon.schedule.wait())
+        end_ns = self.time.now_ns + round(s * 50) * 20_000_000
+        while self.time.now_ns < end_ns:
+            self.daemon.beat()
         return self
 
     def run_out(self, extra_s=0.5):

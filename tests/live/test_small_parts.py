@@ -162,6 +162,18 @@ def test_a_long_stop_is_skipped_not_caught_up():
     assert schedule.ticks == 3
 
 
+@given(due_us=st.integers(-50_000, 500_000), longest_us=st.integers(0, 400_000))
+def test_the_beat_waited_for_is_the_first_at_which_something_is_due(due_us, longest_us):
+    fake = FakeTime()
+    schedule = Schedule(fake.clock, fake.sleep)
+    begin_us = fake.now_ns // 1000
+    woke_us = schedule.wait(schedule.until(begin_us + due_us, longest_us)) // 1000 - begin_us
+    beats = range(20_000, 600_000, 20_000)
+    expected = next(b for b in beats if b >= due_us)
+    assert woke_us == max(20_000, min(expected, longest_us // 20_000 * 20_000))
+    assert schedule.missed == 0 and schedule.ticks == 1
+
+
 @given(st.lists(st.floats(-1e9, 1e9) | st.just(math.nan), max_size=40))
 def test_a_sparkline_has_one_character_per_value_and_never_fails(values):
     line = sparkline(values)
