@@ -7,7 +7,7 @@ Kenworth drive, sped up to the rate. With SocketCAN in this kernel the bus is vc
 the kernel filters the frames. Without it a UDP socket on the loopback STANDS IN for the CAN socket: the same
 drain (recvmmsg, kernel stamps) reads the same 16 bytes per frame, and the sender leaves out what the kernel's
 filters would; the row "unfiltered" sends everything. The row "floor" is a loop that only sleeps and empties
-the socket every 20 ms: what the machine itself asks for, and how late it wakes. One line of JSON per row at the end.
+the socket every 20 ms: what the machine itself asks for, and how late it wakes. One line of JSON.
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ def daemon(
 
 
 def floor(seconds: float, port_to: object, result_to: object) -> None:
-    """Only sleep and empty the socket, every 20 ms: what a loop with this beat costs here without any work."""
+    """Only sleep and empty the socket, every 20 ms: what a loop costs here that does nothing."""
     from canest.live.kernel_drain import KernelDrain, ask_for_stamps
     from canest.live.schedule import Schedule
 
