@@ -65,8 +65,11 @@ COLUMNS = (
 _COLUMNS = 15
 _LATE = slice(_SENSED, _AERO + 1)  #: columns whose mean is taken SHIFT ticks back
 _NEEDED = slice(_SPEED, _ROTATING + 1)  #: columns without which a sample is broken
-_BOUNDED = slice(_SENSED, _ALTITUDE + 1)
-_BACK = np.arange(TICKS - 1, -1, -1)[:, None]  #: from a window's end to its samples, in order of time
+#: beyond these no vehicle goes: m/s, N, -, m/s2, N, N, 1/m, kg; and the accelerometer, altitude
+_MOST = np.array([[150.0], [1e7], [1.0], [50.0], [1e7], [1e7], [1e4], [1e6]])
+_MOST_SENSED, _MOST_SPEED, _MOST_ALTITUDE = 50.0, 150.0, 1e4
+
+Picked = slice | NDArray[np.int64]  #: indices of samples, one per window
 
 
 class Windows:
@@ -82,7 +85,7 @@ class Windows:
 
         The second is int64 (n,): how many windows of this call had ended at or before the sample.
         """
-        rows = np.concatenate([self._kept, _rows(block)], axis=1)
+        rows = self._rows(block)
         ticks = rows[_TICK].astype(np.int64)
         past = rows.shape[1] - len(block)
         ends = self._ends(ticks, past)
@@ -92,8 +95,42 @@ class Windows:
         else:
             windows = np.empty((len(COLUMNS), 0))
         self._kept = rows[:, max(0, rows.shape[1] - _REACH) :].copy()
-        finished = np.searchsorted(ends, np.arange(past, rows.shape[1]), side="right")
-        return windows, finished
+        ended = np.zeros(len(block), np.int64)
+        ended[ends - past] = 1
+        return windows, np.cumsum(ended)
+
+    def _rows(self, block: ModelBlock) -> NDArray[np.float64]:
+        """Stack what is kept and the block's needed columns, (columns, n).
+
+        A sample with a number missing or beyond physics is closed as invalid.
+        """
+        past = self._kept.shape[1]
+        rows = np.empty((_COLUMNS, past + len(block)))
+        rows[:, :past] = self._kept
+        new = rows[:, past:]
+        new[_SENSED] = np.where(block.ax_ok, within(block.accelerometer_mps2, _MOST_SENSED), np.nan)
+        new[_SPEED] = block.speed_mps
+        np.subtract(block.force_N, block.traction_N, out=new[_REST])
+        new[_MU] = block.mu
+        new[_ACCEL] = block.accel_mps2
+        new[_AERO] = block.aero_N
+        new[_TRACTION] = block.traction_N
+        new[_GEAR] = block.force_per_torque_1pm
+        new[_ROTATING] = block.rotating_mass_kg
+        new[_UNDRIVEN] = block.undriven_mps
+        new[_ALTITUDE] = block.altitude_m
+        new[_GATE] = block.gate
+        new[_STOPPED] = block.stopped
+        new[_TICK] = block.t_us // STEP_US
+        new[_BROKEN] = 0.0
+        needed = new[_NEEDED]
+        if len(block) and not (np.abs(extremes(needed)) <= _MOST).all():  # NaN is not either
+            broken = ~(np.abs(needed) <= _MOST).all(axis=0)
+            new[_BROKEN] = broken
+            new[_NEEDED, broken] = 0.0
+            new[_SENSED, broken] = np.nan
+            new[_GATE, broken] = np.where(new[_GATE, broken] == Gate.OPEN, Gate.INVALID, new[_GATE, broken])
+        return rows
 
     @staticmethod
     def _ends(ticks: NDArray[np.int64], past: int) -> NDArray[np.int64]:
@@ -107,24 +144,21 @@ class Windows:
         self, rows: NDArray[np.float64], ticks: NDArray[np.int64], ends: NDArray[np.int64]
     ) -> NDArray[np.float64]:
         def at(column: int, back: int) -> FloatColumn:
-            value: FloatColumn = rows[column][ends - back]
+            value: FloatColumn = rows[column][back_from(ends, back)]
             return value
 
-        samples = ends - _BACK
-        sensed, mean_speed, rest, mu, accel, aero = mean_of(rows[_LATE][:, samples - SHIFT])
-        (mean_traction,) = mean_of(rows[_TRACTION : _TRACTION + 1][:, samples])
+        sensed, mean_speed, rest, mu, accel, aero = mean_of(rows[_LATE], ends, SHIFT)
+        (mean_traction,) = mean_of(rows[_TRACTION : _TRACTION + 1], ends, 0)
         traction, rotating = at(_TRACTION, 0), at(_ROTATING, 0)
         first_N = at(_TRACTION, TICKS)
         before = np.empty(len(ends), np.int64)
         before[0] = ticks[ends[0]] - TICKS if self._last_end is None else self._last_end
         before[1:] = ticks[ends[:-1]]
-        gates = rows[_GATE][samples]
-        open_ = gates == Gate.OPEN
-        is_open = open_.all(axis=0)
+        closed = rows[_GATE] != Gate.OPEN
+        is_open = none_of(closed, ends, TICKS)
+        retarding = none_of(closed & (rows[_GATE] != Gate.RETARDER), ends, TICKS)
         if rows[_BROKEN].any():
-            broken = np.concatenate(([0.0], np.cumsum(rows[_BROKEN])))
-            is_open &= broken[ends + 1] == broken[ends - _REACH]
-        retarding = ((gates == Gate.RETARDER) | open_).all(axis=0)
+            is_open &= none_of(rows[_BROKEN] > 0.0, ends, _REACH + 1)
         columns = [
             (ticks[ends] - before - TICKS) * STEP_S,
             np.maximum(mean_speed, 0.0) * WINDOW_S,
@@ -141,9 +175,9 @@ class Windows:
             2.0 * aero / np.maximum(mean_speed, 1.0),
             at(_GEAR, 0),
             rotating,
-            at(_UNDRIVEN, SHIFT),
+            within(at(_UNDRIVEN, SHIFT), _MOST_SPEED),
             sensed,
-            self._new_altitudes(at(_ALTITUDE, 0)),
+            self._new_altitudes(within(at(_ALTITUDE, 0), _MOST_ALTITUDE)),
             is_open,
             retarding & ~is_open,
             at(_STOPPED, 0),
@@ -157,44 +191,40 @@ class Windows:
         return np.where(altitude_m != before, altitude_m, np.nan)
 
 
-def mean_of(samples: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the means (columns, w) of samples (columns, `TICKS`, w), summed in order of time."""
-    means: NDArray[np.float64] = np.cumsum(samples, axis=1)[:, -1] / TICKS
-    return means
+def back_from(ends: NDArray[np.int64], back: int) -> Picked:
+    """Return the samples ``back`` ticks before each end: a slice (no copy) where none is missing."""
+    first, last = int(ends[0]) - back, int(ends[-1]) - back
+    if last - first == TICKS * (len(ends) - 1):
+        return slice(first, last + 1, TICKS)
+    return ends - back
 
 
-#: beyond these no vehicle goes, in the order of the columns: m/s2, m/s, N, -, m/s2, N, N, 1/m, kg, m/s, m
-_MOST = np.array([[50.0], [150.0], [1e7], [1.0], [50.0], [1e7], [1e7], [1e4], [1e6], [150.0], [1e4]])
+def mean_of(columns: NDArray[np.float64], ends: NDArray[np.int64], back: int) -> NDArray[np.float64]:
+    """Return the means of columns (c, n) over the windows' samples, `back` ticks earlier: (c, w).
+
+    Summed in order of time whatever the number of windows, so that no bit depends on it.
+    """
+    total = columns[:, back_from(ends, back + TICKS - 1)].copy()
+    for earlier in range(TICKS - 2, -1, -1):
+        total += columns[:, back_from(ends, back + earlier)]
+    total /= TICKS
+    return total
 
 
-def _rows(block: ModelBlock) -> NDArray[np.float64]:
-    """Stack the needed columns; a sample with a number missing or beyond physics is closed as invalid."""
-    rows = np.array(
-        [
-            np.where(block.ax_ok, block.accelerometer_mps2, np.nan),
-            block.speed_mps,
-            block.force_N,
-            block.mu,
-            block.accel_mps2,
-            block.aero_N,
-            block.traction_N,
-            block.force_per_torque_1pm,
-            block.rotating_mass_kg,
-            block.undriven_mps,
-            block.altitude_m,
-            block.gate,
-            block.stopped,
-            block.t_us // STEP_US,
-            block.stopped,  # the place of `_BROKEN`
-        ],
-        np.float64,
-    )
-    bounded = rows[_BOUNDED]
-    bounded[~(np.abs(bounded) <= _MOST)] = np.nan
-    rows[_BROKEN] = broken = np.isnan(rows[_NEEDED]).any(axis=0)
-    if broken.any():
-        rows[_NEEDED, broken] = 0.0
-        rows[_SENSED, broken] = np.nan
-        rows[_GATE, broken] = np.where(rows[_GATE, broken] == 0, Gate.INVALID, rows[_GATE, broken])
-    rows[_REST] -= rows[_TRACTION]
-    return rows
+def none_of(marked: NDArray[np.bool_], ends: NDArray[np.int64], ticks: int) -> NDArray[np.bool_]:
+    """Return for each end whether none of the last ``ticks`` samples is marked, bool (w,)."""
+    if not marked.any():
+        return np.ones(len(ends), np.bool_)
+    count = np.concatenate(([0], np.cumsum(marked)))
+    unmarked: NDArray[np.bool_] = count[ends + 1] == count[ends + 1 - ticks]
+    return unmarked
+
+
+def within(values: FloatColumn, most: float) -> FloatColumn:
+    """Return values (n,), NaN where they are beyond physics."""
+    return np.where(np.abs(values) <= most, values, np.nan)
+
+
+def extremes(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the least and the largest value of each row, (rows, 2); NaN where there is one."""
+    return np.stack([rows.min(axis=1), rows.max(axis=1)], axis=1)
