@@ -110,7 +110,8 @@ class Windows:
         new = rows[:, past:]
         new[_SENSED] = np.where(block.ax_ok, within(block.accelerometer_mps2, _MOST_SENSED), np.nan)
         new[_SPEED] = block.speed_mps
-        np.subtract(block.force_N, block.traction_N, out=new[_REST])
+        with np.errstate(over="ignore", invalid="ignore"):  # the result is judged below
+            np.subtract(block.force_N, block.traction_N, out=new[_REST])
         new[_MU] = block.mu
         new[_ACCEL] = block.accel_mps2
         new[_AERO] = block.aero_N
