@@ -69,8 +69,11 @@ class Canest(Estimator):
             self._memory[slot] = noise * noise
         self._windows = Windows()
         self._status = StatusTracker(VALID_SHARE)
+        # a guess is given out until there is something better, and has no other part in it
+        guess = mass_kg or self.facts.initial_mass_kg
+        self._memory[at.HELD_U] = 1.0 / guess if guess else prior.mean[at.U]
         start = np.zeros((1, at.OUTPUTS))
-        start[0, at.OUT_U], start[0, at.OUT_U_VAR] = prior.mean[at.U], prior.std[at.U] ** 2
+        start[0, at.OUT_U], start[0, at.OUT_U_VAR] = self._memory[at.HELD_U], prior.std[at.U] ** 2
         start[0, at.OUT_EFFORT] = REMEMBERED
         start[0, at.OUT_GRADE] = prior.mean[at.GRADE]
         start[0, at.OUT_GRADE_VAR] = prior.std[at.GRADE] ** 2

@@ -1,7 +1,7 @@
 """The filter of `canest`: momentum, height and the accelerometer, window by window, on two kinds of road.
 
-Newton's law divided by the mass is linear in the inverse mass u = 1/M, so the filter is exact and forgets
-its start value; mass never enters a linearisation:
+Newton's law divided by the mass is linear in the inverse mass u = 1/M, so the filter is exact; mass never
+enters a linearisation:
 
     dq/dt = u F - g mu - g theta - c omega         F known forces, c = 2 F_aero / v, omega = u x wind
     q = (1 + u J) v                                J mass of what rotates, in this gear
@@ -84,8 +84,8 @@ from canest.vehicle.samples import GRAVITY_MPS2
 Container = Any  #: list interpreted, array compiled
 
 _G = GRAVITY_MPS2
-#: a straight is not quite straight: variance of the grade per metre, (0.1 % in 100 m)^2
-_ROUGHNESS = 1e-8
+#: a straight is not quite straight: variance of the grade per metre, (0.05 % in 100 m)^2
+_ROUGHNESS = 3e-9
 #: distance over which the curvature within a curve changes, m
 _CURVE_M = 300.0
 #: distance over which the mean wind along the road changes, m
@@ -117,7 +117,7 @@ _JITTER_S = 0.004
 _DELAY_S, _LEAST_SHARE = 0.1, 0.1
 #: forces that change within this time are the engine's, not the road's; with an accelerometer, which feels
 #: the road, those that change faster than its bias
-_ROAD_S, _BIAS_S = 2.0, 30.0
+_ROAD_S, _BIAS_S = 2.0, 10.0
 #: a vehicle that stands this long may have been loaded
 _LOADING_S = 30.0
 #: share of its prior variance by which a new load changes delay, slip, bias and pitch

@@ -71,15 +71,14 @@ class Prior:
 
 
 def prior_of(facts: VehicleFacts, mass_kg: float | None = None, mass_std_kg: float | None = None) -> Prior:
-    """Return the prior for a vehicle, from a start value (wide) or a remembered mass with its std.
+    """Return the prior for a vehicle: its whole range of masses, or a remembered mass with its std.
 
-    Inverse mass is wide enough for the whole range of the vehicle from any start value in it.
+    A user's guess does not enter: the filter's levers are taken at its state, so none would be forgotten quite.
     """
     light, heavy = 1.0 / facts.mass_min_kg, 1.0 / facts.mass_max_kg
     typical = math.sqrt(light * heavy)
     mean, std = [0.0] * STATES, [0.0] * STATES
-    guess = mass_kg if mass_kg is not None else facts.initial_mass_kg
-    mean[U] = 1.0 / guess if guess else 0.5 * (light + heavy)
+    mean[U] = 1.0 / mass_kg if mass_kg is not None else 0.5 * (light + heavy)
     std[U] = mass_std_kg * mean[U] ** 2 if mass_std_kg is not None else 0.5 * (light - heavy)
     # products with the inverse mass stay linear; their prior is that of a typical mass
     std[DELAY] = typical * DELAY_STD_S
