@@ -73,7 +73,7 @@ class Prior:
 def prior_of(facts: VehicleFacts, mass_kg: float | None = None, mass_std_kg: float | None = None) -> Prior:
     """Return the prior for a vehicle: its whole range of masses, or a remembered mass with its std.
 
-    A user's guess does not enter: the filter's levers are taken at its state, so none would be forgotten quite.
+    A user's guess does not enter: levers are taken at the state, so none would be forgotten quite.
     """
     light, heavy = 1.0 / facts.mass_min_kg, 1.0 / facts.mass_max_kg
     typical = math.sqrt(light * heavy)
