@@ -19,7 +19,7 @@ from canest.vehicle.samples import RATE_HZ, Status
 
 DAY_S, WARM_S = 86_400, 600
 DRIVE_S, BREAK_S = 300, 20  #: a drive, then a silent bus, over and over
-PIECE_S = 5
+PIECE_S = 20
 MOST_GROWTH_KB = 2048
 
 
