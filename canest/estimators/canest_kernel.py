@@ -42,6 +42,7 @@ from canest.estimators.canest_states import (
     CURVED,
     DELAY,
     EFFORT,
+    FELT,
     FREE,
     GRADE,
     HAS_HEIGHT,
@@ -52,6 +53,7 @@ from canest.estimators.canest_states import (
     NIS_SUM,
     OUT_CURVATURE,
     OUT_EFFORT,
+    OUT_FELT,
     OUT_GRADE,
     OUT_GRADE_VAR,
     OUT_LEARNED,
@@ -67,6 +69,7 @@ from canest.estimators.canest_states import (
     SIGN,
     SINCE,
     SLIP,
+    SLOW_MPS2,
     SPEED_VAR,
     STANDING_S,
     STEADY_MPS2,
@@ -110,7 +113,7 @@ _CALM, _FRESH = 0.02, 3.0
 #: slip is learned from every so many windows: wheel speeds come at 10 Hz and it changes slowly
 _UNDRIVEN_EVERY = 5.0
 #: the two roads are mixed every so many windows, and an accelerometer is read
-_MIX_EVERY, _SEE_EVERY = 6.0, 2.0
+_MIX_EVERY, _SEE_EVERY = 12.0, 2.0
 #: the delay of reported torque changes from frame to frame by a part of its 20 ms cycle
 _JITTER_S = 0.004
 #: the remaining delay is trusted to, s; the inverse mass is taken for it at least this share of its prior std
@@ -228,12 +231,12 @@ def run(
                 mix(X, PP, weight, memory[STRETCH_M], curvature_var)
                 memory[STRETCH_M] = 0.0
         if loaded:
-            memory[EFFORT] = 0.0
+            memory[EFFORT] = memory[FELT] = 0.0
             Y[AXLE_SLIP][AXLE_SLIP] += _LOOSER * prior[SLIP] * prior[SLIP] + y[AXLE_SLIP] * y[AXLE_SLIP]
         # the load has changed where nobody saw it, or the road has a step: let the next seconds tell
         doubted = abs(memory[BIASED]) > _ONE_SIGNED
         if doubted:
-            memory[BIASED] = memory[EFFORT] = 0.0
+            memory[BIASED] = memory[EFFORT] = memory[FELT] = 0.0
         # -- what both filters share of this window
         begins = is_open and memory[SINCE] == 0.0
         calm = v
@@ -356,13 +359,14 @@ def run(
             memory[LEARNED] = 1.0
             # under a steady hand force follows the road, and no filter can tell the two apart by itself
             pull = max(memory[HELD_U], least) * force[k]
-            brisk = pull - memory[STEADY_MPS2]
             if begins and memory[COUNT] == 0.0:
-                brisk = 0.0
-                memory[STEADY_MPS2] = pull
-            lasting = _ROAD_S if sensed[k] != sensed[k] else _BIAS_S
-            memory[STEADY_MPS2] += brisk * WINDOW_S / lasting
+                memory[STEADY_MPS2] = memory[SLOW_MPS2] = pull
+            brisk, slow = pull - memory[STEADY_MPS2], pull - memory[SLOW_MPS2]
+            memory[STEADY_MPS2] += brisk * WINDOW_S / _ROAD_S
             memory[EFFORT] += brisk * brisk * WINDOW_S
+            memory[SLOW_MPS2] += slow * WINDOW_S / _BIAS_S
+            if sensed[k] == sensed[k]:
+                memory[FELT] += slow * slow * WINDOW_S
             tally(memory, bias, nis)
             if t > 0.0:  # in overrun it may as well be a brake that nobody reports
                 memory[BIASED] += (min(max(bias, -_CLIP), _CLIP) - memory[BIASED]) / _SIGN_MEMORY
@@ -387,4 +391,5 @@ def run(
         row[OUT_LEARNED] = memory[LEARNED]
         row[OUT_STANDING_S] = memory[STANDING_S]
         row[OUT_EFFORT] = memory[EFFORT]
+        row[OUT_FELT] = memory[FELT]
         row[OUT_STEADY_MPS2] = memory[STEADY_MPS2]

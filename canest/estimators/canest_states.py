@@ -33,16 +33,18 @@ AXLE_STATES = 3
     RUNS,
     SIGN,
     CALM_MPS,  # speed without its recent noise
-    EFFORT,  # what torque has told of mass since it was opened, m2/s3
+    EFFORT,  # what torque faster than roads has told of mass since it was opened, m2/s3
+    FELT,  # the same of slower torque, where an accelerometer feels the road
     STEADY_MPS2,  # specific force that changes no faster than roads do
+    SLOW_MPS2,  # specific force that changes no faster than an accelerometer's bias
     LAST_MPS2,  # acceleration in the window before
     STRETCH_M,  # travelled since the roads were last mixed
     UNMIXED,  # windows since then
     HELD_U,  # the inverse mass of the last open window: a closed gate moves no mass
-) = range(20)
-MEMORY = 20
+) = range(22)
+MEMORY = 22
 
 # one window's outputs
 OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S, OUT_EFFORT = range(8)
-OUT_STEADY_MPS2 = 8
-OUTPUTS = 9
+OUT_FELT, OUT_STEADY_MPS2 = 8, 9
+OUTPUTS = 10
