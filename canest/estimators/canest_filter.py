@@ -9,7 +9,18 @@ import math
 from typing import Any
 
 from canest import fast
-from canest.estimators.canest_states import BASE_STATES, CURVATURE, DELAY, GRADE, HEIGHT, SLIP, WIND, Q, U
+from canest.estimators.canest_states import (
+    BASE_STATES,
+    CURVATURE,
+    DELAY,
+    GRADE,
+    HEIGHT,
+    SLIP,
+    STATES,
+    WIND,
+    Q,
+    U,
+)
 from canest.estimators.canest_windows import WINDOW_S
 from canest.vehicle.samples import GRAVITY_MPS2
 
@@ -20,18 +31,15 @@ OUTLIER = 9.0
 
 
 @fast.kernel
-def settle(x: Container, P: Container, w: Container, gain: float) -> None:
-    """Do x += gain w, P -= w w' for the first `BASE_STATES` states, written out: it is most of the work."""
-    a, b, c, d, e, f, g, h = w[0], w[1], w[2], w[3], w[4], w[5], w[6], w[7]
+def settle_driveline(x: Container, P: Container, w: Container, gain: float) -> None:
+    """Do x += gain w, P -= w w' for the states before `FREE`. Written out: the three are most of the work."""
+    a, b, c, d, e = w[0], w[1], w[2], w[3], w[4]
     x[0] += gain * a
     x[1] += gain * b
     x[2] += gain * c
     x[3] += gain * d
     x[4] += gain * e
-    x[5] += gain * f
-    x[6] += gain * g
-    x[7] += gain * h
-    A, B, C, D, E, F, G, H = P[0], P[1], P[2], P[3], P[4], P[5], P[6], P[7]
+    A, B, C, D, E = P[0], P[1], P[2], P[3], P[4]
     A[0] -= a * a
     A[1] = B[0] = A[1] - a * b
     B[1] -= b * b
@@ -44,6 +52,16 @@ def settle(x: Container, P: Container, w: Container, gain: float) -> None:
     A[4], B[4], C[4], D[4] = A[4] - a * e, B[4] - b * e, C[4] - c * e, D[4] - d * e
     E[0], E[1], E[2], E[3] = A[4], B[4], C[4], D[4]
     E[4] -= e * e
+
+
+@fast.kernel
+def settle_road(x: Container, P: Container, w: Container, gain: float) -> None:
+    """Do the same for the states from `FREE` to `BASE_STATES`, and for what couples the others to them."""
+    a, b, c, d, e, f, g, h = w[0], w[1], w[2], w[3], w[4], w[5], w[6], w[7]
+    x[5] += gain * f
+    x[6] += gain * g
+    x[7] += gain * h
+    A, B, C, D, E, F, G, H = P[0], P[1], P[2], P[3], P[4], P[5], P[6], P[7]
     A[5], B[5], C[5], D[5], E[5] = A[5] - a * f, B[5] - b * f, C[5] - c * f, D[5] - d * f, E[5] - e * f
     F[0], F[1], F[2], F[3], F[4] = A[5], B[5], C[5], D[5], E[5]
     F[5] -= f * f
@@ -55,6 +73,26 @@ def settle(x: Container, P: Container, w: Container, gain: float) -> None:
     F[7], G[7] = F[7] - f * h, G[7] - g * h
     H[0], H[1], H[2], H[3], H[4], H[5], H[6] = A[7], B[7], C[7], D[7], E[7], F[7], G[7]
     H[7] -= h * h
+
+
+@fast.kernel
+def settle_sensed(x: Container, P: Container, w: Container, gain: float) -> None:
+    """Do the same for the three states of an accelerometer, which come last."""
+    i, j, k = w[8], w[9], w[10]
+    R, S, T = P[8], P[9], P[10]
+    for m in range(BASE_STATES):
+        v, row = w[m], P[m]
+        row[8], row[9], row[10] = row[8] - v * i, row[9] - v * j, row[10] - v * k
+        R[m], S[m], T[m] = row[8], row[9], row[10]
+    x[8] += gain * i
+    x[9] += gain * j
+    x[10] += gain * k
+    R[8] -= i * i
+    R[9] = S[8] = R[9] - i * j
+    S[9] -= j * j
+    R[10], S[10] = R[10] - i * k, S[10] - j * k
+    T[8], T[9] = R[10], S[10]
+    T[10] -= k * k
 
 
 @fast.kernel
@@ -76,7 +114,7 @@ def correct(
     i4: int,
     h4: float,
 ) -> tuple[float, float]:
-    """Measure z = h0 x[i0] + ... + h4 x[i4] + noise of variance r; move only the states from `first` on.
+    """Measure z = h0 x[i0] + ... + h4 x[i4] + noise of variance r; move the states from `first` (0 or FREE) on.
 
     Kalman update in the symmetric form P -= w w', w = P h / sqrt(s); for states before `first` the gain is
     zero and their block of P stays (Schmidt-Kalman). w: scratch, as long as x. Returns the innovation and
@@ -92,16 +130,19 @@ def correct(
     gain = e * root
     for i in range(n):
         w[i] *= root
-    done = first
-    if first == 0 and n >= BASE_STATES:
-        settle(x, P, w, gain)
-        done = BASE_STATES
-    for i in range(done, n):
-        wi = w[i]
-        x[i] += gain * wi
-        row = P[i]
-        for j in range(i + 1):
-            row[j] = P[j][i] = row[j] - wi * w[j]
+    if n >= BASE_STATES:
+        if first == 0:
+            settle_driveline(x, P, w, gain)
+        settle_road(x, P, w, gain)
+        if n == STATES:
+            settle_sensed(x, P, w, gain)
+    else:
+        for i in range(n):
+            wi = w[i]
+            x[i] += gain * wi
+            row = P[i]
+            for j in range(i + 1):
+                row[j] = P[j][i] = row[j] - wi * w[j]
     return e, s
 
 
@@ -126,42 +167,43 @@ def widen(P: Container, i: int, variance: float) -> None:
 
 
 @fast.kernel
-def travel(
-    x: Container,
-    P: Container,
-    ds: float,
-    bent: float,
-    calm: float,
-    bend_var: float,
-    wind_var: float,
-    grade_var: float,
-    height_var: float,
-) -> None:
-    """Move `ds` metres along the road: h += ds theta, theta += ds kappa; kappa and wind fade.
+def carry(P: Container, i: int, j: int, factor: float) -> None:
+    """Do to the covariance what x[i] += factor x[j] does to the states."""
+    to, of = P[i], P[j]
+    own = to[i] + factor * (2.0 * to[j] + factor * of[j])
+    for k in range(len(P)):
+        to[k] += factor * of[k]
+        P[k][i] = to[k]
+    to[i] = own
 
-    bent, calm: what is left of curvature and wind. The variances are what the states gain on the way.
+
+@fast.kernel
+def travel(
+    x: Container, P: Container, ds: float, bends: bool, climbs: bool, grade_var: float, height_var: float
+) -> None:
+    """Move `ds` metres along the road: h += ds theta, theta += ds kappa, and what they gain in variance.
+
+    bends: a straight has no kappa. climbs: without altitudes nobody asks for h.
     """
-    n = len(x)
-    x[HEIGHT] += ds * x[GRADE]
-    x[GRADE] += ds * x[CURVATURE]
-    x[CURVATURE] *= bent
-    x[WIND] *= calm
-    height, grade, curve, wind = P[HEIGHT], P[GRADE], P[CURVATURE], P[WIND]
-    for j in range(n):
-        height[j] += ds * grade[j]
-        grade[j] += ds * curve[j]
-        curve[j] *= bent
-        wind[j] *= calm
-    for i in range(n):
-        row = P[i]
-        row[HEIGHT] += ds * row[GRADE]
-        row[GRADE] += ds * row[CURVATURE]
-        row[CURVATURE] *= bent
-        row[WIND] *= calm
-    height[HEIGHT] += height_var
-    grade[GRADE] += grade_var
-    curve[CURVATURE] += bend_var
-    wind[WIND] += wind_var
+    if climbs:
+        x[HEIGHT] += ds * x[GRADE]
+        carry(P, HEIGHT, GRADE, ds)
+        P[HEIGHT][HEIGHT] += height_var
+    if bends:
+        x[GRADE] += ds * x[CURVATURE]
+        carry(P, GRADE, CURVATURE, ds)
+    P[GRADE][GRADE] += grade_var
+
+
+@fast.kernel
+def fade(x: Container, P: Container, i: int, left: float, fresh_var: float) -> None:
+    """Let state i forget: `left` of it remains (a first-order Gauss-Markov process in the distance)."""
+    x[i] *= left
+    row = P[i]
+    for j in range(len(P)):
+        row[j] *= left
+        P[j][i] = row[j]
+    row[i] = left * row[i] + fresh_var
 
 
 @fast.kernel

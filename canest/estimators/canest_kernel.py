@@ -28,7 +28,17 @@ import math
 from typing import Any
 
 from canest import fast
-from canest.estimators.canest_filter import OUTLIER, correct, hold_within, push, reopen, start, travel, widen
+from canest.estimators.canest_filter import (
+    OUTLIER,
+    correct,
+    fade,
+    hold_within,
+    push,
+    reopen,
+    start,
+    travel,
+    widen,
+)
 from canest.estimators.canest_roads import likelihood, mix, weigh
 from canest.estimators.canest_states import (
     AXLE_LAG,
@@ -228,6 +238,11 @@ def run(
         if memory[UNMIXED] >= _MIX_EVERY:
             memory[UNMIXED] = 0.0
             if memory[STRETCH_M] > 0.0:
+                calms = math.exp(-memory[STRETCH_M] / _WIND_M)
+                for m in (STRAIGHT, CURVED):
+                    fade(X[m], PP[m], WIND, calms, wind_var * (1.0 - calms * calms))
+                bent = math.exp(-memory[STRETCH_M] / _CURVE_M)
+                fade(X[CURVED], PP[CURVED], CURVATURE, bent, curvature_var * (1.0 - bent * bent))
                 mix(X, PP, weight, memory[STRETCH_M], curvature_var)
                 memory[STRETCH_M] = 0.0
         if loaded:
@@ -258,9 +273,7 @@ def run(
         lacking = _FORCE_SHARE * t if t > 0.0 else -_OVERRUN_SHARE * t
         gust = _GUST_MPS * drag[k]
         unknown = lacking * lacking * _FORCE_S + 2.0 * (step * step * lasts + gust * gust * _GUST_S)
-        bent, calms = math.exp(-ds / _CURVE_M), math.exp(-ds / _WIND_M)
-        bends = curvature_var * (1.0 - bent * bent)
-        fresh_wind = wind_var * (1.0 - calms * calms)
+        high = memory[HAS_HEIGHT] > 0.0
         uneven, drift, fuel = _ROUGHNESS * ds, _HEIGHT_DRIFT * ds, _MASS_DRIFT * ds
         speed_var = memory[SPEED_VAR]
         slip_z = slip_r = 0.0
@@ -276,7 +289,7 @@ def run(
             told = 0.0
             speed_found = sensed_found = found = found2 = 0.0
             if ds > 0.0:
-                travel(x, P, ds, bent, calms, bends if m == CURVED else 0.0, fresh_wind, uneven, drift)
+                travel(x, P, ds, m == CURVED, high, uneven, drift)
                 P[U][U] += fuel * x[U] * x[U]
             if loaded:
                 reopen(x, P, prior, prior[U], _LOOSER)

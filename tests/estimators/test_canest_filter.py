@@ -9,7 +9,7 @@ from canest import fast
 from canest.estimators import canest_kernel as k
 from canest.estimators import canest_states as at
 from canest.estimators.canest import Canest
-from canest.estimators.canest_filter import OUTLIER, correct
+from canest.estimators.canest_filter import OUTLIER, correct, fade, travel
 from canest.estimators.canest_roads import CURVED_M, STRAIGHT_M, mix
 from canest.estimators.canest_windows import COLUMNS, WINDOW_S
 from canest.vehicle.samples import GRAVITY_MPS2
@@ -55,18 +55,21 @@ class Dense:
 
     def travel(self, ds):
         Q = np.zeros((self.n, self.n))
-        bent, calm = np.exp(-ds / k._CURVE_M), np.exp(-ds / k._WIND_M)
-        Q[at.CURVATURE, at.CURVATURE] = self.bend_var * (1 - bent**2)
         Q[at.GRADE, at.GRADE] = k._ROUGHNESS * ds
-        Q[at.WIND, at.WIND] = self.wind_var * (1 - calm**2)
         Q[at.HEIGHT, at.HEIGHT] = k._HEIGHT_DRIFT * ds
         Q[at.U, at.U] = k._MASS_DRIFT * ds * self.x[at.U] ** 2
         # one after the other, as the filter does: height with the grade before it changes
         first, second = np.eye(self.n), np.eye(self.n)
         first[at.HEIGHT, at.GRADE] = ds
         second[at.GRADE, at.CURVATURE] = ds
-        second[at.CURVATURE, at.CURVATURE], second[at.WIND, at.WIND] = bent, calm
         self.predict(second @ first, Q)
+
+    def fade(self, ds):
+        F, Q = np.eye(self.n), np.zeros((self.n, self.n))
+        bent, calm = np.exp(-ds / k._CURVE_M), np.exp(-ds / k._WIND_M)
+        F[at.CURVATURE, at.CURVATURE], Q[at.CURVATURE, at.CURVATURE] = bent, self.bend_var * (1 - bent**2)
+        F[at.WIND, at.WIND], Q[at.WIND, at.WIND] = calm, self.wind_var * (1 - calm**2)
+        self.predict(F, Q)
 
     def push(self, force, roll, drag, noise):
         F, Q = np.eye(self.n), np.zeros((self.n, self.n))
@@ -151,6 +154,8 @@ def test_momentum_balance_equals_two_dense_filters(compiled):
         c = {name: w[AT[name], i] for name in COLUMNS}
         stretch_m += c["distance_m"]
         if (i + 1) % k._MIX_EVERY == 0:
+            for dense in roads:
+                dense.fade(stretch_m)
             weight = mixed(*roads, weight, stretch_m, prior.std[at.CURVATURE] ** 2)
             stretch_m = 0.0
         began = calm
@@ -241,6 +246,26 @@ def test_the_axle_filter_tells_slip_as_one_filter_of_all_would():
     slip = told / info
     assert slip == pytest.approx(x[0], rel=1e-3)
     assert 1 / info == pytest.approx(P[0, 0], rel=1e-3)
+
+
+@pytest.mark.parametrize("road", [at.STRAIGHT, at.CURVED])
+@pytest.mark.parametrize("states", [at.BASE_STATES, at.STATES])
+def test_travel_and_fading_equal_the_dense_prediction(road, states):
+    dense = Dense(Canest("canest", FACTS), road)
+    dense.n = states
+    dense.x, dense.P = random_gaussian(np.random.default_rng(11), states)
+    if road == at.STRAIGHT:
+        dense.x, dense.P = redrawn(dense.x, dense.P, 0.0)
+    x, P = list(dense.x), dense.P.tolist()
+    travel(x, P, 7.0, road == at.CURVED, True, k._ROUGHNESS * 7.0, k._HEIGHT_DRIFT * 7.0)
+    P[at.U][at.U] += k._MASS_DRIFT * 7.0 * dense.x[at.U] ** 2
+    dense.travel(7.0)
+    calm, bent = np.exp(-40.0 / k._WIND_M), np.exp(-40.0 / k._CURVE_M)
+    fade(x, P, at.WIND, calm, dense.wind_var * (1 - calm**2))
+    fade(x, P, at.CURVATURE, bent, dense.bend_var * (1 - bent**2))
+    dense.fade(40.0)
+    np.testing.assert_allclose(x, dense.x, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(P, dense.P, rtol=1e-12, atol=1e-14)
 
 
 def test_noise_free_windows_give_the_exact_mass_and_grade():
