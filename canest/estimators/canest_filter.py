@@ -114,7 +114,7 @@ def correct(
     i4: int,
     h4: float,
 ) -> tuple[float, float]:
-    """Measure z = h0 x[i0] + ... + h4 x[i4] + noise of variance r; move the states from `first` (0 or FREE) on.
+    """Measure z = h0 x[i0] + ... + h4 x[i4] + noise of variance r; move states from `first` (0 or FREE) on.
 
     Kalman update in the symmetric form P -= w w', w = P h / sqrt(s); for states before `first` the gain is
     zero and their block of P stays (Schmidt-Kalman). w: scratch, as long as x. Returns the innovation and
