@@ -23,10 +23,8 @@ from canest.estimators.status import StatusTracker
 from canest.frames import FloatColumn
 from canest.vehicle.samples import STEP_S, EstimateBlock, ModelBlock, Status, VehicleFacts
 
-#: a mass is trusted once its std is below this share of it ...
+#: a mass is trusted once its std is below this share of it
 VALID_SHARE = 0.045
-#: ... and while the vehicle has not stood long enough for its load to be changing
-UNLOADED_S = 10.0
 #: effort that a remembered mass stands for: its std says all that is in doubt, m2/s3
 REMEMBERED = 10.0
 #: sine of the steepest slope given out; no road is steeper than 35 %
@@ -77,14 +75,15 @@ class Canest(Estimator):
         start[0, at.OUT_EFFORT] = REMEMBERED
         start[0, at.OUT_GRADE] = prior.mean[at.GRADE]
         start[0, at.OUT_GRADE_VAR] = prior.std[at.GRADE] ** 2
-        self._last = output.known(start, np.zeros(1), self.facts)[0]
+        self._last = output.known(start, np.zeros(1), self.facts, wide.std[at.U])[0]
         self._since = 0
 
     def update(self, block: ModelBlock) -> EstimateBlock:
         """Take the next samples; a sample's estimate uses the windows that end at or before it."""
         windows, finished = self._windows.push(block)
         if windows.shape[1]:
-            found = output.known(self._filter(windows), windows[_SPEED], self.facts)
+            out = self._filter(windows)
+            found = output.known(out, windows[_SPEED], self.facts, self._prior.std[at.U])
             known = np.vstack([self._last, found])
         else:
             known = self._last[None, :]
@@ -152,7 +151,7 @@ class Canest(Estimator):
         ahead_m = held[output.SPEED_MPS] * (self._ticks_since(finished) + SHIFT) * STEP_S
         sine = np.clip(held[output.SINE] + held[output.SINE_PER_M] * ahead_m, -STEEPEST, STEEPEST)
         learned = held[output.LEARNED] > 0.0
-        standing = held[output.STANDING_S] > UNLOADED_S
+        standing = held[output.STANDING_S] > output.UNLOADED_S
         status = self._status.update(learned & ~standing, mass, mass_std)
         status[learned & standing] = Status.CONVERGING
         grade = sine / np.sqrt(1.0 - sine * sine)

@@ -20,6 +20,8 @@ UNTOLD_MPS2 = 0.02
 #: slow torque leaves at least this share in doubt, whatever an accelerometer feels, so that it alone is never
 #: trusted: one crest taken for a straight while the driver eases off is enough
 LEAST_FELT = 0.045
+#: a vehicle that stands longer than at a crossing may be loaded at this very moment
+UNLOADED_S = 10.0
 #: below this share of the mass its std is that of the inverse mass, to first order
 _NARROW = 0.04
 #: where a wide posterior is sampled, in standard deviations of the inverse mass
@@ -27,13 +29,19 @@ _SAMPLES = np.linspace(-3.0, 3.0, 25)
 _WEIGHTS = np.exp(-0.5 * _SAMPLES**2)
 
 
-def known(out: NDArray[np.float64], speed_mps: FloatColumn, facts: VehicleFacts) -> NDArray[np.float64]:
-    """Return what is known after each window, shape (n, COLUMNS), from kernel outputs (n, OUTPUTS)."""
+def known(
+    out: NDArray[np.float64], speed_mps: FloatColumn, facts: VehicleFacts, any_load: float
+) -> NDArray[np.float64]:
+    """Return what is known after each window, shape (n, COLUMNS), from kernel outputs (n, OUTPUTS).
+
+    any_load: std of the inverse mass when nothing is known of the load, as while it may be changing.
+    """
     table = np.empty((len(out), COLUMNS))
     untold = UNTOLD_MPS2 / np.maximum(out[:, at.OUT_EFFORT], 1e-9)
     felt = np.maximum(UNTOLD_MPS2 / np.maximum(out[:, at.OUT_FELT], 1e-9), LEAST_FELT)
     untold = np.minimum(np.minimum(untold, felt), 0.5)
     u_var = out[:, at.OUT_U_VAR] + (untold * out[:, at.OUT_U]) ** 2
+    u_var[out[:, at.OUT_STANDING_S] > UNLOADED_S] += any_load * any_load
     table[:, MASS_KG], table[:, MASS_STD_KG] = mass_of(out[:, at.OUT_U], u_var, facts)
     table[:, SINE] = out[:, at.OUT_GRADE]
     table[:, SINE_PER_M] = out[:, at.OUT_CURVATURE]
