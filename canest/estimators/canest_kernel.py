@@ -28,8 +28,8 @@ import math
 from typing import Any
 
 from canest import fast
+from canest.estimators.canest_axle import UNDRIVEN_EVERY, slip_seen
 from canest.estimators.canest_filter import (
-    OUTLIER,
     correct,
     fade,
     hold_within,
@@ -39,10 +39,9 @@ from canest.estimators.canest_filter import (
     travel,
     widen,
 )
+from canest.estimators.canest_noise import level, surplus, tally
 from canest.estimators.canest_roads import likelihood, mix, weigh
 from canest.estimators.canest_states import (
-    AXLE_LAG,
-    AXLE_SCALE,
     AXLE_SLIP,
     BIAS,
     BIASED,
@@ -60,7 +59,6 @@ from canest.estimators.canest_states import (
     HELD_U,
     LAST_MPS2,
     LEARNED,
-    NIS_SUM,
     OUT_CURVATURE,
     OUT_EFFORT,
     OUT_FELT,
@@ -72,11 +70,8 @@ from canest.estimators.canest_states import (
     OUT_U,
     OUT_U_VAR,
     PITCH,
-    POSITIVE,
-    RUNS,
     SENSE_LAG,
     SENSED_VAR,
-    SIGN,
     SINCE,
     SLIP,
     SLOW_MPS2,
@@ -85,7 +80,6 @@ from canest.estimators.canest_states import (
     STEADY_MPS2,
     STRAIGHT,
     STRETCH_M,
-    UNDRIVEN_VAR,
     UNMIXED,
     WIND,
     Q,
@@ -120,8 +114,6 @@ _OTHER_PITCH = 0.1
 _MASS_DRIFT = 1e-8
 #: weight of the newest window in the calm speed; all of it in the first windows of a balance
 _CALM, _FRESH = 0.02, 3.0
-#: slip is learned from every so many windows: wheel speeds come at 10 Hz and it changes slowly
-_UNDRIVEN_EVERY = 5.0
 #: the two roads are mixed every so many windows, and an accelerometer is read
 _MIX_EVERY, _SEE_EVERY = 12.0, 2.0
 #: the delay of reported torque changes from frame to frame by a part of its 20 ms cycle
@@ -135,59 +127,10 @@ _ROAD_S, _BIAS_S = 2.0, 10.0
 _LOADING_S = 30.0
 #: share of its prior variance by which a new load changes delay, slip, bias and pitch
 _LOOSER = 0.1
-#: memory of the noise levels and of the innovations' sign, in windows
-_NOISE_MEMORY, _NOISE_START, _SIGN_MEMORY = 300.0, 10.0, 15.0
+#: memory of the innovations' sign, in windows
+_SIGN_MEMORY = 15.0
 #: innovations this one-signed for seconds open mass (by this share) and grade again
 _ONE_SIGNED, _CLIP, _DOUBT = 1.5, 5.0, 1.0
-
-
-@fast.kernel
-def surplus(e: float, s: float) -> float:
-    """Return an innovation's square less what the states explain of it, outliers cut."""
-    return min(e * e, OUTLIER * s) - s
-
-
-@fast.kernel
-def level(variance: float, surplus: float, floor: float, count: float) -> float:
-    """Follow a noise level. The memory grows with the count so far: a wrong first guess is soon forgotten."""
-    return max(floor * floor, variance + surplus / min(_NOISE_MEMORY, _NOISE_START + count))
-
-
-@fast.kernel
-def tally(memory: Container, sign: float, nis: float) -> None:
-    """Count the normalised innovation squared, its signs and runs (Wald and Wolfowitz 1940)."""
-    memory[COUNT] += 1.0
-    memory[NIS_SUM] += nis
-    sign = 1.0 if sign > 0.0 else -1.0
-    if sign > 0.0:
-        memory[POSITIVE] += 1.0
-    if sign != memory[SIGN]:
-        memory[RUNS] += 1.0
-    memory[SIGN] = sign
-
-
-@fast.kernel
-def slip_seen(
-    y: Container, Y: Container, w: Container, memory: Container, floor: float, v: float, calm: float,
-    t: float, a: float,
-) -> tuple[float, float]:  # fmt: skip
-    """Take v = driven less undriven speed into the axle's filter; return what is new about slip, as z and r.
-
-    Lag and scale of the axle concern nothing else, so its own filter can settle them; what it adds to the
-    knowledge of slip is a measurement of slip alone. r is 0 where nothing was added.
-    """
-    before, mean = Y[AXLE_SLIP][AXLE_SLIP], y[AXLE_SLIP]
-    e, s = correct(
-        y, Y, w, 0, v, memory[UNDRIVEN_VAR],
-        AXLE_SLIP, calm * t, AXLE_LAG, a, AXLE_SCALE, calm, AXLE_SLIP, 0.0, AXLE_SLIP, 0.0,
-    )  # fmt: skip
-    count = memory[COUNT] / _UNDRIVEN_EVERY
-    memory[UNDRIVEN_VAR] = level(memory[UNDRIVEN_VAR], surplus(e, s), floor, count)
-    after = Y[AXLE_SLIP][AXLE_SLIP]
-    if after <= 0.0 or before - after < 1e-9 * before:
-        return 0.0, 0.0
-    r = before * after / (before - after)
-    return mean + (y[AXLE_SLIP] - mean) * before / (before - after), r
 
 
 @fast.kernel
@@ -277,7 +220,7 @@ def run(
         uneven, drift, fuel = _ROUGHNESS * ds, _HEIGHT_DRIFT * ds, _MASS_DRIFT * ds
         speed_var = memory[SPEED_VAR]
         slip_z = slip_r = 0.0
-        if is_open and undriven[k] == undriven[k] and (memory[COUNT] + 1.0) % _UNDRIVEN_EVERY == 0.0:
+        if is_open and undriven[k] == undriven[k] and (memory[COUNT] + 1.0) % UNDRIVEN_EVERY == 0.0:
             slip_z, slip_r = slip_seen(y, Y, w, memory, floors[2], v - undriven[k], calm, t, a)
         sees = sensed[k] == sensed[k] and stopped[k] == 0.0 and memory[UNMIXED] % _SEE_EVERY == 0.0
         climbs = altitude[k] == altitude[k]

@@ -9,7 +9,9 @@ from canest import fast
 from canest.estimators import canest_kernel as k
 from canest.estimators import canest_states as at
 from canest.estimators.canest import Canest
+from canest.estimators.canest_axle import slip_seen
 from canest.estimators.canest_filter import OUTLIER, correct, fade, travel
+from canest.estimators.canest_noise import NOISE_MEMORY, NOISE_START
 from canest.estimators.canest_roads import CURVED_M, STRAIGHT_M, mix
 from canest.estimators.canest_windows import COLUMNS, WINDOW_S
 from canest.vehicle.samples import GRAVITY_MPS2
@@ -150,7 +152,7 @@ def test_momentum_balance_equals_two_dense_filters(compiled):
     prior = estimator._prior
     noise_var, stretch_m, calm = prior.noise_start[0] ** 2, 0.0, w[AT["before_mps"], 0]
     for i in range(n):
-        memory = min(k._NOISE_MEMORY, k._NOISE_START + i)
+        memory = min(NOISE_MEMORY, NOISE_START + i)
         c = {name: w[AT[name], i] for name in COLUMNS}
         stretch_m += c["distance_m"]
         if (i + 1) % k._MIX_EVERY == 0:
@@ -240,7 +242,7 @@ def test_the_axle_filter_tells_slip_as_one_filter_of_all_would():
         s = lever @ P @ lever + noise_var
         gain = P @ lever / s
         x, P = x + gain * (seen - lever @ x), P - np.outer(gain, P @ lever)
-        z, r = k.slip_seen(y, Y, [0.0] * 3, memory, floor, seen, v, t, a)
+        z, r = slip_seen(y, Y, [0.0] * 3, memory, floor, seen, v, t, a)
         memory[at.UNDRIVEN_VAR] = noise_var
         info, told = info + 1 / r, told + z / r
     slip = told / info
