@@ -105,7 +105,7 @@ def test_random_payloads_from_the_right_addresses_leave_a_valid_mass(config, fra
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("per_s", [10, 100, 1000, FULL_LOAD_PER_S])
 def test_each_needed_message_forged_alone_leaves_a_valid_mass(config, frames, clean, begin_us, per_s, seed):
     right, _ = identifiers(Pipeline(config), frames)
