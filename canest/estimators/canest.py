@@ -1,4 +1,4 @@
-"""`canest`: the default estimator, one Kalman filter over windows of 0.2 s (see `canest_kernel`)."""
+"""`canest`: the default estimator, two mixed Kalman filters over windows of 0.2 s (see `canest_kernel`)."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ METRICS: dict[str, tuple[str, str]] = {
     "canest_node_events_total": ("counter", "What was sent, and what happened to us as a node."),
     "canest_clock_events_total": ("counter", "Irregular time stamps."),
     "canest_file_events_total": ("counter", "Files written, failed and refused."),
-    "canest_ticks_total": ("counter", "20 ms ticks."),
+    "canest_ticks_total": ("counter", "Beats of 20 ms on which it woke."),
     "canest_ticks_missed_total": ("counter", "Ticks that did not happen in time."),
     "canest_tick_cpu_seconds": ("gauge", "CPU time of a tick, mean of the last seconds."),
     "canest_failures_total": ("counter", "Errors inside the estimation that were survived."),

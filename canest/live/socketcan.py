@@ -63,6 +63,7 @@ class SocketCanReceiver:
         self._socket: socket.socket | None = None
         self._drain: KernelDrain | None = None
         self._room = 0  #: frames that may wait
+        self._behind = False  #: the last drain left some in the socket
         self._index: int | None = None
         self._look_at_s = 0.0
         self._drops_seen = 0
@@ -70,8 +71,8 @@ class SocketCanReceiver:
 
     @property
     def rest_us(self) -> int:
-        """Return half the time in which the fastest bus fills our buffers; a beat while there is none."""
-        if self.state in ("absent", "down"):
+        """Return half the time in which the fastest bus fills our buffers; a beat if one is gone or full."""
+        if self._behind or self.state in ("absent", "down"):
             return STEP_US
         return self._room * 1_000_000 // (2 * MOST_FRAMES_PER_S)
 
@@ -94,6 +95,7 @@ class SocketCanReceiver:
         except OSError as error:
             self._failed(error)
             return Drained(_NOTHING, time.time_ns() // 1000 - GUARD_US)
+        self._behind = drained.reached_us is None
         frames = drained.frames
         if len(frames):
             if self.state == "down":
@@ -110,6 +112,7 @@ class SocketCanReceiver:
         if self._socket is not None:
             self._socket.close()
         self._socket = self._drain = self._index = None
+        self._behind = False
         self._drops_seen = 0
         self.state = "absent"
 

@@ -14,10 +14,11 @@ from canest.config.schema import Broadcast, Bus
 from canest.decode import j1939
 from canest.errors import BusError
 from canest.frames import ERROR, EXTENDED
-from canest.live.kernel_drain import KernelDrain, ask_for_stamps
+from canest.live.kernel_drain import SLOTS, KernelDrain, ask_for_stamps
 from canest.live.link import may_transmit, open_link
 from canest.live.pythoncan import PythonCanReceiver
 from canest.live.socketcan import SocketCanReceiver, SocketCanTransmitter
+from canest.vehicle.samples import STEP_US
 
 ID = 0x18FEF100 | EXTENDED
 
@@ -197,6 +198,27 @@ def test_an_interface_that_is_absent_is_waited_for():
         receiver.close()
     finally:
         Interface.index = 1
+
+
+def test_an_interface_is_left_alone_for_half_of_what_its_buffers_hold(interface):
+    granted = interface.inlet.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+    frames = min(granted // 1024, SLOTS)
+    assert interface.rest_us == pytest.approx(frames / 4000 / 2 * 1e6, abs=1)
+    interface.index = None
+    time.sleep(0.55)
+    interface.drain()
+    assert interface.state == "absent" and interface.rest_us == STEP_US
+
+
+def test_an_interface_is_not_left_alone_while_frames_wait_in_it(interface):
+    rest_us = interface.rest_us
+    interface._drain = KernelDrain(interface.inlet, slots=32)
+    interface.bus_sends(*[packed()] * 42)
+    time.sleep(0.05)
+    assert len(interface.drain().frames) == 32
+    assert interface.rest_us == STEP_US
+    assert len(interface.drain().frames) == 10
+    assert interface.rest_us == rest_us
 
 
 def test_an_interface_deleted_and_created_again_is_opened_within_a_tick_or_two(interface):
