@@ -7,7 +7,7 @@ Kenworth drive, sped up to the rate. With SocketCAN in this kernel the bus is vc
 the kernel filters the frames. Without it a UDP socket on the loopback STANDS IN for the CAN socket: the same
 drain (recvmmsg, kernel stamps) reads the same 16 bytes per frame, and the sender leaves out what the kernel's
 filters would; the row "unfiltered" sends everything. The row "floor" is a loop that only sleeps and empties
-the socket every 20 ms: what the machine itself asks for, and how late it wakes. One line of JSON.
+the socket every 20 ms: what the machine itself asks for, and how late it wakes. One line of JSON a row follows.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import struct
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -190,6 +191,23 @@ def floor(seconds: float, port_to: object, result_to: object) -> None:
     result_to.put({"core_pct": core_pct, "within_half_ms_pct": within_pct, "way": "sleep and drain only"})
 
 
+def beside_a_sender(
+    work: Callable[..., None], given: tuple[object, ...], rate: float, seconds: float, filtered: bool = False
+) -> dict[str, object]:
+    """Run ``work(*given, port_to, result_to)`` in a process while another sends to it; return its result."""
+    context = mp.get_context("spawn")
+    ports, results = context.Queue(), context.Queue()
+    worker = context.Process(target=work, args=(*given, ports, results))
+    worker.start()
+    port, filters = ports.get(timeout=60)
+    sender = context.Process(target=send, args=(port, rate, seconds + 4, filters if filtered else None))
+    sender.start()
+    result: dict[str, object] = results.get(timeout=seconds + 60)
+    sender.join()
+    worker.join()
+    return result
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seconds", type=float, default=20.0)
@@ -197,41 +215,20 @@ def main() -> None:
     parser.add_argument("--config", default="kenworth")
     parser.add_argument("--broadcast-hz", type=float, help="instead of the default rate of the config")
     arguments = parser.parse_args()
-    context = mp.get_context("spawn")
     way = "vcan0, kernel filters" if has_socketcan() else "UDP STAND-IN for the CAN socket"
     rows = []
     print(f"{way}; config {arguments.config}; {arguments.seconds:g} s each; load {os.getloadavg()[0]:.2f}")
     for rate in [float(r) for r in arguments.rates.split(",")]:
-        ports, results = context.Queue(), context.Queue()
-        worker = context.Process(target=floor, args=(arguments.seconds, ports, results))
-        worker.start()
-        port, _ = ports.get(timeout=60)
-        sender = context.Process(target=send, args=(port, rate, arguments.seconds + 4, None))
-        sender.start()
-        row = {"rate": rate} | results.get(timeout=arguments.seconds + 60)
-        sender.join()
-        worker.join()
+        row = {"rate": rate} | beside_a_sender(floor, (arguments.seconds,), rate, arguments.seconds)
         rows.append(row)
         print(
             f"{rate:6.0f} frames/s {'floor':15s} {row['core_pct']:5.2f} % of a core: sleep and drain only, "
             f"{row['within_half_ms_pct']:.2f} % within 0.5 ms"
         )
         for filtered in (True, False) if not has_socketcan() else (True,):
-            ports, results = context.Queue(), context.Queue()
-            worker = context.Process(
-                target=daemon,
-                args=(arguments.config, arguments.seconds, arguments.broadcast_hz, ports, results),
-            )
-            worker.start()
-            port, filters = ports.get(timeout=60)
-            sender = context.Process(
-                target=send, args=(port, rate, arguments.seconds + 4, filters if filtered else None)
-            )
-            sender.start()
             row = {"rate": rate, "filtered": filtered, "way": way}
-            row |= results.get(timeout=arguments.seconds + 60)
-            sender.join()
-            worker.join()
+            given = (arguments.config, arguments.seconds, arguments.broadcast_hz)
+            row |= beside_a_sender(daemon, given, rate, arguments.seconds, filtered)
             rows.append(row)
             print(
                 f"{rate:6.0f} frames/s {'kernel-filtered' if filtered else 'unfiltered':15s} "
