@@ -7,7 +7,7 @@ Kenworth drive, sped up to the rate. With SocketCAN in this kernel the bus is vc
 the kernel filters the frames. Without it a UDP socket on the loopback STANDS IN for the CAN socket: the same
 drain (recvmmsg, kernel stamps) reads the same 16 bytes per frame, and the sender leaves out what the kernel's
 filters would; the row "unfiltered" sends everything. The row "floor" is a loop that only sleeps and empties
-the socket every 20 ms: what the machine itself asks for, and how late it wakes. One line of JSON a row follows.
+the socket every 20 ms: what the machine itself asks for, and how late it wakes. JSON lines follow.
 """
 
 from __future__ import annotations
