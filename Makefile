@@ -6,7 +6,7 @@ CMD ?= bash -c 'ip -details link show vcan0'
 demo:            # a bundled drive, live view, no hardware
 	$(PYTHON) -m canest demo
 test:            # all of it: tests, linters, types, the guest machine
-	$(PYTHON) -m pytest -n 2
+	$(PYTHON) -m pytest -n 3
 lint:
 	$(PYTHON) -m pytest tests/test_quality.py
 vcan:            # what needs a real SocketCAN bus

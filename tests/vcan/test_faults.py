@@ -268,7 +268,12 @@ def test_full_disk_and_read_only_directory_cost_only_the_saving(daemon: rig.Daem
         Path(folder, "ballast").unlink()
         saved = Path(folder, f"learned-{BUS}.json")
         rig.wait_until(saved.exists, 60.0, "the mass to be saved once there is space")
-        subprocess.run(["mount", "-o", "remount,ro", folder], check=True)
+        remount = ["mount", "-o", "remount,ro", folder]  # refused while the daemon has a file of it open
+        rig.wait_until(
+            lambda: subprocess.run(remount, check=False, capture_output=True).returncode == 0,
+            60.0,
+            "nothing to be written for a moment",
+        )
         rig.wait_until(
             lambda: "Read-only file system" in daemon.messages(begin), 60.0, "the read-only disk to be told"
         )
