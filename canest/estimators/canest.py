@@ -20,7 +20,6 @@ from canest.estimators.canest_windows import COLUMNS, SHIFT, Windows
 from canest.estimators.columns import give, state_in, state_out
 from canest.estimators.options import Options, parse
 from canest.estimators.status import StatusTracker
-from canest.frames import FloatColumn
 from canest.vehicle.samples import STEP_S, EstimateBlock, ModelBlock, Status, VehicleFacts
 
 #: a mass is trusted once its std is below this share of it
@@ -80,7 +79,7 @@ class Canest(Estimator):
 
     def update(self, block: ModelBlock) -> EstimateBlock:
         """Take the next samples; a sample's estimate uses the windows that end at or before it."""
-        windows, finished = self._windows.push(block)
+        windows, ends = self._windows.push(block)
         if windows.shape[1]:
             out = self._filter(windows)
             found = output.known(out, windows[_SPEED], self.facts, self._prior.std[at.U])
@@ -88,7 +87,7 @@ class Canest(Estimator):
         else:
             known = self._last[None, :]
         self._last = known[-1]
-        return self._estimates(known, finished)
+        return self._estimates(known, ends, len(block))
 
     def _filter(self, windows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Run the kernel over windows (columns, w); return its outputs (w, OUTPUTS)."""
@@ -134,21 +133,17 @@ class Canest(Estimator):
                     row.append(0.0)
                 P.append([0.0] * i + [std[i] * std[i]])
 
-    def _ticks_since(self, finished: NDArray[np.int64]) -> FloatColumn:
-        """Return how many ticks each sample lies behind the end of its last window."""
-        n = len(finished)
-        index = np.arange(n)
-        new = np.diff(finished, prepend=0) > 0
-        last = np.maximum.accumulate(np.where(new, index, -self._since - 1))
-        if n:
-            self._since = int(n - 1 - last[-1])
-        return (index - last).astype(np.float64)
+    def _estimates(self, known: NDArray[np.float64], ends: NDArray[np.int64], n: int) -> EstimateBlock:
+        """Give n samples what was known after their last window, the grade carried on to where they are.
 
-    def _estimates(self, known: NDArray[np.float64], finished: NDArray[np.int64]) -> EstimateBlock:
-        """Give every sample what was known after its last window, the grade carried on to where it is."""
-        held = known.T[:, finished]
+        ends: samples on which the windows end, those of `known` but for its first row.
+        """
+        last = np.concatenate(([-self._since - 1], ends))
+        self._since = n - 1 - int(last[-1])
+        rows = np.vstack([known.T, last])
+        held = np.repeat(rows, np.diff(np.concatenate(([0], ends, [n]))), axis=1)
         mass, mass_std = held[output.MASS_KG], held[output.MASS_STD_KG]
-        ahead_m = held[output.SPEED_MPS] * (self._ticks_since(finished) + SHIFT) * STEP_S
+        ahead_m = held[output.SPEED_MPS] * (np.arange(n) - held[-1] + SHIFT) * STEP_S
         sine = np.clip(held[output.SINE] + held[output.SINE_PER_M] * ahead_m, -STEEPEST, STEEPEST)
         learned = held[output.LEARNED] > 0.0
         standing = held[output.STANDING_S] > output.UNLOADED_S

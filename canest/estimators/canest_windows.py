@@ -81,10 +81,7 @@ class Windows:
         self._last_end: int | None = None
 
     def push(self, block: ModelBlock) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Take samples (n,); return the finished windows (len(COLUMNS), w) and each sample's window.
-
-        The second is int64 (n,): how many windows of this call had ended at or before the sample.
-        """
+        """Take samples (n,); return finished windows (len(COLUMNS), w) and the samples that end them (w,)."""
         rows = self._rows(block)
         ticks = rows[_TICK].astype(np.int64)
         past = rows.shape[1] - len(block)
@@ -95,9 +92,7 @@ class Windows:
         else:
             windows = np.empty((len(COLUMNS), 0))
         self._kept = rows[:, max(0, rows.shape[1] - _REACH) :].copy()
-        ended = np.zeros(len(block), np.int64)
-        ended[ends - past] = 1
-        return windows, np.cumsum(ended)
+        return windows, ends - past
 
     def _rows(self, block: ModelBlock) -> NDArray[np.float64]:
         """Stack what is kept and the block's needed columns, (columns, n).
@@ -136,6 +131,10 @@ class Windows:
     @staticmethod
     def _ends(ticks: NDArray[np.int64], past: int) -> NDArray[np.int64]:
         """Return the indices of samples that end a window, with every sample there that it looks back to."""
+        n = len(ticks)
+        if n and (ticks[1:] - ticks[:-1] == 1).all():  # none is missing
+            first = max(past, _REACH)
+            return np.arange(first + (-1 - int(ticks[0]) - first) % TICKS, n, TICKS)
         candidates = past + np.flatnonzero((ticks[past:] + 1) % TICKS == 0)
         candidates = candidates[candidates >= _REACH]
         whole: NDArray[np.int64] = candidates[ticks[candidates] - ticks[candidates - _REACH] == _REACH]
@@ -144,14 +143,12 @@ class Windows:
     def _windows(
         self, rows: NDArray[np.float64], ticks: NDArray[np.int64], ends: NDArray[np.int64]
     ) -> NDArray[np.float64]:
-        def at(column: int, back: int) -> FloatColumn:
-            value: FloatColumn = rows[column][back_from(ends, back)]
-            return value
-
+        now, late = rows[:, back_from(ends, 0)], rows[:, back_from(ends, SHIFT)]
+        before_mps = rows[_SPEED, back_from(ends, TICKS + SHIFT)]
+        first_N = rows[_TRACTION, back_from(ends, TICKS)]
         sensed, mean_speed, rest, mu, accel, aero = mean_of(rows[_LATE], ends, SHIFT)
         (mean_traction,) = mean_of(rows[_TRACTION : _TRACTION + 1], ends, 0)
-        traction, rotating = at(_TRACTION, 0), at(_ROTATING, 0)
-        first_N = at(_TRACTION, TICKS)
+        traction, rotating = now[_TRACTION], now[_ROTATING]
         before = np.empty(len(ends), np.int64)
         before[0] = ticks[ends[0]] - TICKS if self._last_end is None else self._last_end
         before[1:] = ticks[ends[:-1]]
@@ -163,25 +160,25 @@ class Windows:
         columns = [
             (ticks[ends] - before - TICKS) * STEP_S,
             np.maximum(mean_speed, 0.0) * WINDOW_S,
-            at(_SPEED, TICKS + SHIFT),
+            before_mps,
             first_N,
-            (first_N - at(_TRACTION, TICKS + 1)) / STEP_S,
-            at(_SPEED, SHIFT),
+            (first_N - rows[_TRACTION, back_from(ends, TICKS + 1)]) / STEP_S,
+            late[_SPEED],
             # traction is not shifted, the rest of the force is: force = (F - T)[k - SHIFT] + T[k]
             rest + mean_traction + rotating * accel,
             traction,
-            (traction - at(_TRACTION, 1)) / STEP_S,
+            (traction - rows[_TRACTION, back_from(ends, 1)]) / STEP_S,
             GRAVITY_MPS2 * mu,
             accel,
             2.0 * aero / np.maximum(mean_speed, 1.0),
-            at(_GEAR, 0),
+            now[_GEAR],
             rotating,
-            within(at(_UNDRIVEN, SHIFT), _MOST_SPEED),
+            within(late[_UNDRIVEN], _MOST_SPEED),
             sensed,
-            self._new_altitudes(within(at(_ALTITUDE, 0), _MOST_ALTITUDE)),
+            self._new_altitudes(within(now[_ALTITUDE], _MOST_ALTITUDE)),
             is_open,
             retarding & ~is_open,
-            at(_STOPPED, 0),
+            now[_STOPPED],
         ]
         return np.array(columns, np.float64)
 
@@ -205,6 +202,10 @@ def mean_of(columns: NDArray[np.float64], ends: NDArray[np.int64], back: int) ->
 
     Summed in order of time whatever the number of windows, so that no bit depends on it.
     """
+    if len(ends) == 1:  # a live block, where numpy's cost per call rules
+        last = int(ends[0]) - back
+        sums: NDArray[np.float64] = columns[:, last - TICKS + 1 : last + 1].cumsum(axis=1)[:, -1:]
+        return sums / TICKS
     total = columns[:, back_from(ends, back + TICKS - 1)].copy()
     for earlier in range(TICKS - 2, -1, -1):
         total += columns[:, back_from(ends, back + earlier)]
@@ -216,9 +217,10 @@ def none_of(marked: NDArray[np.bool_], ends: NDArray[np.int64], ticks: int) -> N
     """Return for each end whether none of the last ``ticks`` samples is marked, bool (w,)."""
     if not marked.any():
         return np.ones(len(ends), np.bool_)
-    count = np.concatenate(([0], np.cumsum(marked)))
-    unmarked: NDArray[np.bool_] = count[ends + 1] == count[ends + 1 - ticks]
-    return unmarked
+    found = marked[back_from(ends, 0)].copy()
+    for back in range(1, ticks):
+        found |= marked[back_from(ends, back)]
+    return ~found
 
 
 def within(values: FloatColumn, most: float) -> FloatColumn:

@@ -162,9 +162,9 @@ def test_a_window_is_what_its_samples_say():
     """Every column of one window against plain means and differences."""
     drive = trip(4, accelerometer=True, altitude=True, slip_per_mps2=0.003)
     b = drive.block
-    windows, finished = Windows().push(b)
+    windows, ends = Windows().push(b)
     w = dict(zip(COLUMNS, windows[:, 5], strict=True))
-    end = int(np.argmax(finished == 6))
+    end = int(ends[5])
     assert (b.t_us[end] // 20_000 + 1) % TICKS == 0
     now, back = slice(end - TICKS + 1, end + 1), slice(end - TICKS + 1 - SHIFT, end + 1 - SHIFT)
     rest = (b.force_N - b.traction_N)[back].mean()
