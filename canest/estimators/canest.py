@@ -64,6 +64,8 @@ class Canest(Estimator):
         slots = (at.SPEED_VAR, at.SENSED_VAR, at.UNDRIVEN_VAR)
         for slot, noise in zip(slots, prior.noise_start, strict=True):
             self._memory[slot] = noise * noise
+        self._memory[at.COARSE_VAR] = self._memory[at.LAST_VAR] = prior.std[at.GRADE] ** 2
+        self._memory[at.COARSE_GRADE] = self._memory[at.LAST_GRADE] = prior.mean[at.GRADE]
         self._windows = Windows()
         self._status = StatusTracker(VALID_SHARE)
         # a guess is given out until there is something better, and has no other part in it

@@ -29,6 +29,7 @@ from typing import Any
 
 from canest import fast
 from canest.estimators.canest_axle import UNDRIVEN_EVERY, slip_seen
+from canest.estimators.canest_coarse import COARSE_SHARE, COARSE_WINDOWS, surer
 from canest.estimators.canest_filter import (
     correct,
     fade,
@@ -40,6 +41,7 @@ from canest.estimators.canest_filter import (
     widen,
 )
 from canest.estimators.canest_noise import level, surplus, tally
+from canest.estimators.canest_prior import ROLLING_SHARE_STD
 from canest.estimators.canest_roads import likelihood, mix, weigh
 from canest.estimators.canest_states import (
     AXLE_SLIP,
@@ -161,6 +163,7 @@ def run(
     traction_rate, roll, accel, drag = windows[8], windows[9], windows[10], windows[11]
     gear, rotating, undriven, sensed = windows[12], windows[13], windows[14], windows[15]
     altitude, open_, retarding, stopped = windows[16], windows[17], windows[18], windows[19]
+    recovering = windows[20]
     curvature_var, wind_var = prior[CURVATURE] * prior[CURVATURE], prior[WIND] * prior[WIND]
     least = _LEAST_SHARE * prior[U]
     lowest, highest = 1.0 / heaviest, 1.0 / lightest
@@ -340,9 +343,19 @@ def run(
             memory[HELD_U] = c[U] + p * apart
         row[OUT_U] = memory[HELD_U]
         row[OUT_U_VAR] = C[U][U] + p * (B[U][U] - C[U][U]) + p * (1.0 - p) * apart * apart
-        row[OUT_GRADE] = c[GRADE] + p * steeper
-        row[OUT_GRADE_VAR] = C[GRADE][GRADE] + p * (B[GRADE][GRADE] - C[GRADE][GRADE])
-        row[OUT_GRADE_VAR] += p * (1.0 - p) * steeper * steeper
+        grade_var = C[GRADE][GRADE] + p * (B[GRADE][GRADE] - C[GRADE][GRADE])
+        grade_var += p * (1.0 - p) * steeper * steeper
+        seen = seen_var = 0.0
+        if recovering[k] > 0.0:
+            u, wind, lever = memory[HELD_U], c[WIND] + p * (b[WIND] - c[WIND]), force[k] - J * a
+            seen = (lever * u - a - roll[k] - drag[k] * wind) / _G
+            lacks, rolls = COARSE_SHARE * u * force[k], ROLLING_SHARE_STD * roll[k]
+            shared = lacks * lacks + rolls * rolls + lever * lever * row[OUT_U_VAR]
+            seen_var = 2.0 * memory[SPEED_VAR] / (WINDOW_S * WINDOW_S) + COARSE_WINDOWS * shared
+            seen_var /= _G * _G
+        row[OUT_GRADE], row[OUT_GRADE_VAR] = surer(
+            memory, c[GRADE] + p * steeper, grade_var, is_open, seen, seen_var
+        )
         row[OUT_CURVATURE] = (1.0 - p) * c[CURVATURE]
         row[OUT_LEARNED] = memory[LEARNED]
         row[OUT_STANDING_S] = memory[STANDING_S]

@@ -41,8 +41,12 @@ AXLE_STATES = 3
     STRETCH_M,  # travelled since the roads were last mixed
     UNMIXED,  # windows since then
     HELD_U,  # the inverse mass of the last open window: a closed gate moves no mass
-) = range(22)
-MEMORY = 22
+    COARSE_GRADE,  # what follows the filter's grade and takes coarse forces too, and its variance
+    COARSE_VAR,
+    LAST_GRADE,  # the filter's in the window before
+    LAST_VAR,
+) = range(26)
+MEMORY = 26
 
 # one window's outputs
 OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S, OUT_EFFORT = range(8)

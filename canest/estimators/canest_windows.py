@@ -20,6 +20,7 @@ TICKS = 10  #: samples per window; 0.2 s, about the correlation time of speeds f
 WINDOW_S = TICKS * STEP_S
 SHIFT = 4  #: ticks that torque is typically late
 _REACH = TICKS + SHIFT + 1  #: samples before its last one that a window looks back to
+_SETTLED = 50  #: ticks after which a filter that began anew shows accelerations as they are
 
 #: columns of a window, in the kernel's order
 COLUMNS = (
@@ -43,6 +44,7 @@ COLUMNS = (
     "open",
     "retarding",  # 1 where nothing but a retarder of known force closes the gate
     "stopped",
+    "recovering",  # 1 where nothing but the dwell after another gate closes this one
 )
 
 (
@@ -79,6 +81,7 @@ class Windows:
         self._kept: NDArray[np.float64] = np.empty((_COLUMNS, 0))
         self._altitude_m = np.nan
         self._last_end: int | None = None
+        self._started = 0
 
     def push(self, block: ModelBlock) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Take samples (n,); return finished windows (len(COLUMNS), w) and the samples that end them (w,)."""
@@ -86,8 +89,9 @@ class Windows:
         ticks = rows[_TICK].astype(np.int64)
         past = rows.shape[1] - len(block)
         ends = self._ends(ticks, past)
+        starts = self._starts(rows[_GATE], ticks, past)
         if len(ends):
-            windows = self._windows(rows, ticks, ends)
+            windows = self._windows(rows, ticks, ends, starts[ends - past])
             self._last_end = int(ticks[ends[-1]])
         else:
             windows = np.empty((len(COLUMNS), 0))
@@ -141,7 +145,11 @@ class Windows:
         return whole
 
     def _windows(
-        self, rows: NDArray[np.float64], ticks: NDArray[np.int64], ends: NDArray[np.int64]
+        self,
+        rows: NDArray[np.float64],
+        ticks: NDArray[np.int64],
+        ends: NDArray[np.int64],
+        starts: NDArray[np.int64],
     ) -> NDArray[np.float64]:
         now, late = rows[:, back_from(ends, 0)], rows[:, back_from(ends, SHIFT)]
         before_mps = rows[_SPEED, back_from(ends, TICKS + SHIFT)]
@@ -155,8 +163,13 @@ class Windows:
         closed = rows[_GATE] != Gate.OPEN
         is_open = none_of(closed, ends, TICKS)
         retarding = none_of(closed & (rows[_GATE] != Gate.RETARDER), ends, TICKS)
+        recovering = none_of(closed & (rows[_GATE] != Gate.RECOVERY), ends, _REACH)
+        recovering &= ticks[ends] - starts > _SETTLED
         if rows[_BROKEN].any():
-            is_open &= none_of(rows[_BROKEN] > 0.0, ends, _REACH + 1)
+            sound = none_of(rows[_BROKEN] > 0.0, ends, _REACH + 1)
+            is_open &= sound
+            retarding &= sound
+            recovering &= sound
         columns = [
             (ticks[ends] - before - TICKS) * STEP_S,
             np.maximum(mean_speed, 0.0) * WINDOW_S,
@@ -179,8 +192,24 @@ class Windows:
             is_open,
             retarding & ~is_open,
             now[_STOPPED],
+            recovering & ~is_open,
         ]
         return np.array(columns, np.float64)
+
+    def _starts(self, gate: FloatColumn, ticks: NDArray[np.int64], past: int) -> NDArray[np.int64]:
+        """Return for each new sample (n,) the tick on which filters last began anew (gap, missing signal)."""
+        new = ticks[past:]
+        anew = (gate[past:] == Gate.STALE) | (gate[past:] == Gate.INVALID)
+        if past:
+            anew |= new - ticks[past - 1 : -1] != 1
+        else:
+            anew[:1] = True
+        starts = np.full(len(new), self._started)
+        if anew.any():
+            at = np.maximum.accumulate(np.where(anew, np.arange(len(new)), -1))
+            starts = np.where(at >= 0, new[at], starts)
+            self._started = int(starts[-1])
+        return starts
 
     def _new_altitudes(self, altitude_m: FloatColumn) -> FloatColumn:
         """Return altitudes where they differ from the one before, else NaN."""

@@ -172,6 +172,38 @@ def test_a_retarder_of_known_force_carries_the_grade_and_leaves_the_mass():
     assert errors[0] < 0.8 * errors[1]
 
 
+def test_a_driveline_that_comes_to_rest_tells_the_road_and_leaves_no_trace_in_the_mass():
+    drive = trip(160)
+    shift, recovery = slice(5000, 5040), slice(5040, 5500)
+    gate = drive.block.gate.copy()
+    gate[shift], gate[recovery] = Gate.SHIFT, Gate.RECOVERY
+    blind = gate.copy()
+    blind[recovery] = Gate.SHIFT
+    _, seen = run(replace_block(drive, gate=gate))
+    _, unseen = run(replace_block(drive, gate=blind))
+    np.testing.assert_array_equal(seen.mass_kg, unseen.mass_kg)
+    np.testing.assert_array_equal(seen.mass_std_kg, unseen.mass_std_kg)
+    errors = [np.sqrt(np.mean(degrees(drive, e)[recovery] ** 2)) for e in (seen, unseen)]
+    assert errors[0] < 0.6 * errors[1]
+    assert (seen.grade_std[recovery] <= unseen.grade_std[recovery]).all()
+    z = (seen.grade - drive.grade)[recovery] / seen.grade_std[recovery]
+    assert np.mean(np.abs(z) <= 2.0) > 0.9
+    after = slice(5700, None)  # the filter has learned the road again
+    np.testing.assert_array_equal(seen.grade[after], unseen.grade[after])
+
+
+def test_a_filter_that_has_just_begun_tells_nothing_of_the_road():
+    """After a missing signal accelerations rise from zero for a while: no hill."""
+    drive = trip(160)
+    gate = drive.block.gate.copy()
+    gate[5000:5010], gate[5010:5055] = Gate.INVALID, Gate.RECOVERY
+    blind = gate.copy()
+    blind[5010:5055] = Gate.SHIFT
+    _, seen = run(replace_block(drive, gate=gate))
+    _, unseen = run(replace_block(drive, gate=blind))
+    np.testing.assert_array_equal(seen.grade, unseen.grade)
+
+
 def test_altitude_steadies_the_grade_where_nothing_else_tells():
     with_gps, without = trip(160, altitude=True), trip(160)
     errors = []

@@ -10,6 +10,7 @@ from canest.estimators import canest_kernel as k
 from canest.estimators import canest_states as at
 from canest.estimators.canest import Canest
 from canest.estimators.canest_axle import slip_seen
+from canest.estimators.canest_coarse import surer
 from canest.estimators.canest_filter import OUTLIER, correct, fade, travel
 from canest.estimators.canest_noise import NOISE_MEMORY, NOISE_START
 from canest.estimators.canest_roads import CURVED_M, STRAIGHT_M, mix
@@ -281,3 +282,23 @@ def test_noise_free_windows_give_the_exact_mass_and_grade():
     assert 1 / out[-1, at.OUT_U] == pytest.approx(21000, rel=3e-3)
     assert out[-1, at.OUT_GRADE] == pytest.approx(0.01, abs=1e-3)
     assert estimator.consistency()["nis"] < 1.0
+
+
+def test_the_surer_of_two_grades_is_given_out():
+    memory = [0.0] * at.MEMORY
+    memory[at.COARSE_VAR] = memory[at.LAST_VAR] = 1.0
+    assert surer(memory, 0.02, 1e-6, True, 0.0, 0.0) == (0.02, 1e-6)
+    # the gate closes: both follow the road's curvature and grow as unsure as each other
+    assert surer(memory, 0.021, 5e-5, False, 0.0, 0.0) == pytest.approx((0.021, 5e-5))
+    # a coarse force: precision-weighted mean by hand, 1/v = 1/5e-5 + 1/1e-4
+    grade, var = surer(memory, 0.021, 5e-5, False, 0.024, 1e-4)
+    assert var == pytest.approx(1.0 / (1.0 / 5e-5 + 1.0 / 1e-4))
+    assert grade == pytest.approx((0.021 / 5e-5 + 0.024 / 1e-4) * var)
+    # both go on with what the filter adds
+    assert surer(memory, 0.022, 6e-5, False, 0.0, 0.0) == pytest.approx((grade + 0.001, var + 1e-5))
+    # an outlier moves it no further than three of its standard deviations would
+    far = surer(list(memory), 0.022, 6e-5, False, 1.0, 1e-4)[0] - grade - 0.001
+    assert 0 < far < 0.03
+    # the filter learns again: soon it is the surer one
+    told = [surer(memory, 0.03, 2e-5, True, 0.0, 0.0)[0] for _ in range(4)]
+    assert told[-1] == 0.03
