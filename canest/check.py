@@ -141,6 +141,7 @@ class Doctor:
             expected=source.column or f"{source.message}.{source.signal}",
             source=source.source,
             unit=known.unit if known else "",
+            from_table=source.column is not None,
         )
         if source.column is None:
             finding.senders = self._senders(role)

@@ -42,6 +42,7 @@ class Finding:
     expected: str
     source: int | None
     unit: str
+    from_table: bool = False  # a column, where no address is to be expected
     senders: list[Sender] = field(default_factory=list)
     low: float | None = None
     high: float | None = None

@@ -160,7 +160,8 @@ def pooled(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         summary["errors"] = total.errors()
     summary["failed"] = sum(1 for o in outcomes if o.result is None)
     summary["logs"] = [
-        {"log": str(o.job.log), **(o.result.summary if o.result is not None else {"error": o.error})}
+        {"log": str(o.job.log)}
+        | ({"error": o.error} if o.result is None else o.result.summary | {"notes": o.result.notes})
         for o in outcomes
     ]
     return summary

@@ -183,6 +183,9 @@ def _notes(run: LogRun) -> list[str]:
         notes.append(
             "time stamps: " + ", ".join(f"{n:,} {name.replace('_', ' ')}" for name, n in mended.items())
         )
+    lost = run.pipeline.decoder.counters.lost()
+    if lost:
+        notes.append("not decoded: " + ", ".join(f"{n:,} {what}" for what, n in lost.items()))
     refused = run.pipeline.intake.screen.refused
     if refused:
         counts = ", ".join(f"{n:,} of {role}" for role, n in sorted(refused.items()))

@@ -33,6 +33,13 @@ def why_no_signal(config: Config, counters: Counters, frames: int) -> str:
     for role in model.required_roles():
         if not _valid(counters, role):
             return f"{describe(config, role)} {_absence(config, counters, role, frames)}"
+    if "engine_torque_pct" in model.required_roles() and config.vehicle.reference_torque_Nm is None:
+        role = "reference_torque"
+        if not _valid(counters, role):
+            return (
+                f"{describe(config, role)} {_absence(config, counters, role, frames)}, and torque in percent "
+                "means nothing without it: vehicle.reference_torque_Nm can say it instead"
+            )
     if not any(_valid(counters, role) for role in model.speed_roles):
         told = [f"{describe(config, r)} {_absence(config, counters, r, frames)}" for r in model.speed_roles]
         return "no speed: " + "; ".join(told)

@@ -124,8 +124,8 @@ One YAML file describes a vehicle, where its signals are, and what the daemon do
 out of range, units of another dimension and signals that no DBC has are refused with file, line and key;
 `canest check` says so without running anything. `--set dotted.key=value` overrides any key for one call.
 
-Start from a shipped config (`class8`, `class8-j1587`, `kenworth`, `bmw-i3`, `vcan`): their names work
-wherever a path does. This page is made by `python tools/config_page.py --write`.
+Start from a shipped config (`class8`, `class8-j1587`, `kenworth`, `bmw-i3`, `testcar`, `vcan`): their names
+work wherever a path does. This page is made by `python tools/config_page.py --write`.
 """
 
 

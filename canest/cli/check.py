@@ -188,13 +188,15 @@ def _rows(finding: Finding) -> Iterator[dict[str, str]]:
         "verdict": f"[{colour}]{finding.verdict}[/]",
         "range": "" if finding.low is None else f"{finding.low:.4g} .. {finding.high:.4g}{unit}",
     }
+    # an 11-bit identifier has no address, nor has a column of a table
+    without_address = "table" if finding.from_table else "its id"
     mine = [s for s in finding.senders if finding.source in (None, s.address)]
     if not mine:
         yield head | {"from": "-"}
     for index, sender in enumerate([*mine, *(s for s in finding.senders if s not in mine)]):
         first = bool(mine) and index == 0
         yield (head if first else {"verdict": "[dim]also[/]"}) | {
-            "from": "table" if sender.address is None else f"0x{sender.address:02X}",
+            "from": f"0x{sender.address:02X}" if sender.address is not None else without_address,
             "rate Hz": "" if sender.rate_hz is None else f"{sender.rate_hz:.1f}",
             "values": f"{sender.valid:,}" if sender.valid else "",
             "n/a": f"{sender.not_available:,}" if sender.not_available else "",

@@ -56,6 +56,7 @@ def command(
     if truth is None and mass_kg is None:
         raise click.UsageError("give the truth: --truth CSV, --truth auto or --mass KG")
     config = load(config_name, overrides, estimator, initial_mass)
+    from canest.cli.keep import keep_apart
     from canest.cli.progress import Bar
     from canest.cli.summary import write_json
     from canest.compare import compare
@@ -67,6 +68,10 @@ def command(
 
         require_packages(report)
     path = truth_file(Path(log), truth)
+    keep_apart(
+        [("the config", config_name), ("the log", log), ("the truth", path)],
+        [("--json", json_path), ("--report", report)],
+    )
     with Bar(Path(log).name) as bar:
         result = compare(
             config,

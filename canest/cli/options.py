@@ -78,14 +78,16 @@ def load(
             changes.insert(0, "estimator.options={}")
         changes.append(f"estimator.name={estimator}")
     if initial_mass is not None:
-        changes.append(f"estimator.initial_mass_kg={initial_mass!r}")
-    config = load_config(config_name, changes)
-    low, high = config.vehicle.mass_min_kg, config.vehicle.mass_max_kg
-    if initial_mass is not None and not low <= initial_mass <= high:
-        from canest.errors import UsageError
+        vehicle = load_config(config_name, changes).vehicle
+        if not vehicle.mass_min_kg <= initial_mass <= vehicle.mass_max_kg:
+            from canest.errors import UsageError
 
-        bounds = f"{low:g} to {high:g} kg (vehicle.mass_min_kg, mass_max_kg)"
-        raise UsageError(
-            "no mass of this vehicle", where="--initial-mass", found=initial_mass, expected=bounds
-        )
-    return config
+            bounds = f"{vehicle.mass_min_kg:g} to {vehicle.mass_max_kg:g} kg"
+            raise UsageError(
+                "no mass of this vehicle",
+                where="--initial-mass",
+                found=initial_mass,
+                expected=f"{bounds} (vehicle.mass_min_kg, mass_max_kg)",
+            )
+        changes.append(f"estimator.initial_mass_kg={initial_mass!r}")
+    return load_config(config_name, changes)

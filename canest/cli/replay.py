@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -92,8 +93,22 @@ def command(
         _refuse_a_file("-o", output, (".csv", ".parquet"))
         _refuse_a_file("--report", report, (".html", ".htm"))
     if len(jobs) == 1:
-        return _one(jobs[0], config, output, report, json_path)
-    return _many(jobs, config, output, report, json_path, workers)
+        return _one(jobs[0], config, config_name, output, report, json_path)
+    return _many(jobs, config, config_name, output, report, json_path, workers)
+
+
+def _keep_apart(jobs: Sequence[Job], config_name: str, json_path: str | None) -> None:
+    """Refuse to write over a log, a truth, the config or another result."""
+    from canest.cli.keep import keep_apart
+
+    keep_apart(
+        [("the config", config_name)]
+        + [(f"the log {job.log}", job.log) for job in jobs]
+        + [(f"the truth {job.truth}", job.truth) for job in jobs],
+        [("-o", job.output) for job in jobs]
+        + [("--report", job.report) for job in jobs]
+        + [("--json", json_path)],
+    )
 
 
 def _refuse_a_file(option: str, name: str | None, endings: tuple[str, ...]) -> None:
@@ -108,7 +123,14 @@ def _refuse_a_file(option: str, name: str | None, endings: tuple[str, ...]) -> N
         )
 
 
-def _one(job: Job, config: Config, output: str | None, report: str | None, json_path: str | None) -> int:
+def _one(
+    job: Job,
+    config: Config,
+    config_name: str,
+    output: str | None,
+    report: str | None,
+    json_path: str | None,
+) -> int:
     from dataclasses import replace
 
     from canest.cli.progress import Bar
@@ -124,6 +146,7 @@ def _one(job: Job, config: Config, output: str | None, report: str | None, json_
             job = replace(job, output=path)
     if report is not None:
         job = replace(job, report=Path(report))
+    _keep_apart([job], config_name, json_path)
     with Bar(job.name) as bar:
         result = job.run(config, bar.update)
     if json_path is not None:
@@ -136,6 +159,7 @@ def _one(job: Job, config: Config, output: str | None, report: str | None, json_
 def _many(
     jobs: list[Job],
     config: Config,
+    config_name: str,
     output: str | None,
     report: str | None,
     json_path: str | None,
@@ -148,6 +172,7 @@ def _many(
     from canest.fleet import pooled, run_jobs, with_outputs
 
     jobs = with_outputs(jobs, Path(output) if output else None, Path(report) if report else None)
+    _keep_apart(jobs, config_name, json_path)
     with Count("replay", len(jobs)) as count:
         outcomes = run_jobs(jobs, config, workers, lambda outcome: count.step(outcome.job.name))
     summary = pooled(outcomes)

@@ -61,7 +61,11 @@ def command(config_name: str | None, socket_name: str | None, as_json: bool, ver
     for problem in problems:
         click.echo(problem, err=True)
     if not paths:
-        click.echo("no daemon is running here (looked in /run/canest and ~/.local/state/canest)", err=True)
+        click.echo(
+            "no daemon is running here (looked in /run/canest and ~/.local/state/canest); one with its own "
+            "service.state_dir is found with -c CONFIG",
+            err=True,
+        )
     return 0 if answers else 1
 
 

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from canest.replay import ReplayResult
 
 _LABEL = 10
+#: logs whose notes are shown below a table of many
+_MOST_NOTED = 20
 
 
 def write_json(summary: dict[str, Any], path: str) -> None:
@@ -80,6 +82,11 @@ def many_lines(summary: dict[str, Any]) -> list[str]:
     if "errors" not in summary:
         rows = [row[:6] for row in rows]
     lines = table(rows)
+    noted = [(Path(log["log"]).name, log["notes"]) for log in summary["logs"] if log.get("notes")]
+    for name, notes in noted[:_MOST_NOTED]:
+        lines.append(f"note: {name}: {'; '.join(notes)}")
+    if len(noted) > _MOST_NOTED:
+        lines.append(f"note: {len(noted) - _MOST_NOTED:,} more logs have notes (--json PATH has them all)")
     done = len(summary["logs"]) - summary["failed"]
     lines.append(f"{done:,} logs, {summary['frames']:,} frames, {summary['failed']:,} failed")
     if "errors" in summary:

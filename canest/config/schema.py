@@ -120,6 +120,8 @@ class Source(Section):
         dbc = self.message is not None and self.signal is not None
         if dbc == (self.column is not None) or (self.message is None) != (self.signal is None):
             raise ValueError("give either message and signal, or column")
+        if self.scale == 0:
+            raise MisplacedError("found 0, expected a factor: with 0 every value is lost", "scale")
         if self.unit is not None and self.unit not in KNOWN_UNITS:
             raise MisplacedError(
                 f"unknown unit, found {self.unit!r}, expected one of {', '.join(KNOWN_UNITS)}", "unit"
@@ -142,7 +144,7 @@ class FilterSection(Section):
     """The Butterworth that the whole regression passes (order and -3 dB frequency)."""
 
     order: Whole = Field(2, ge=1, le=6)
-    cutoff_hz: Number = Field(2.0, gt=0)
+    cutoff_hz: Number = Field(2.0, ge=0.05)
 
     @model_validator(mode="after")
     def _below_nyquist(self) -> FilterSection:
@@ -348,6 +350,18 @@ class Config(Section):
     def at(self, key: str) -> str:
         """Return a key behind the place where it was written: "truck.yaml:31: signals.gear"."""
         return ": ".join(part for part in (self._origins.get(key), key) if part)
+
+    @model_validator(mode="after")
+    def _start_possible(self) -> Config:
+        start, low, high = self.estimator.initial_mass_kg, self.vehicle.mass_min_kg, self.vehicle.mass_max_kg
+        if start is not None and not low <= start <= high:
+            raise MisplacedError(
+                f"no mass of this vehicle, found {start:g}, expected {low:g} to {high:g} kg "
+                "(vehicle.mass_min_kg, mass_max_kg)",
+                "estimator",
+                "initial_mass_kg",
+            )
+        return self
 
     @model_validator(mode="after")
     def _roles_known(self) -> Config:

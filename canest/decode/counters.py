@@ -78,3 +78,13 @@ class Counters:
     def other_senders(self) -> dict[tuple[int, int | None], int]:
         """Frames of wanted groups from addresses that the config does not name."""
         return {key: s.frames for key, s in self.senders.items() if not s.used and s.frames}
+
+    def lost(self) -> dict[str, int]:
+        """Frames that could not be decoded, by why; nothing for what did not happen."""
+        senders = self.senders.values()
+        counts = {
+            "frames of wrong length": sum(s.wrong_length for s in senders),
+            "broken multi-packet messages": sum(s.transport_errors for s in senders),
+            "error frames": self.error_frames,
+        }
+        return {what: n for what, n in counts.items() if n}

@@ -6,6 +6,7 @@ the same estimates to the last bit.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import gzip
 import re
@@ -136,6 +137,7 @@ class Ring(_Spool[FrameBlock]):
         self._file: gzip.GzipFile | None = None
         self._path = folder
         self._begun_s = 0.0
+        self._holds_frames = False
 
     def _write(self, text: bytes) -> None:
         if self._file is None:
@@ -145,12 +147,23 @@ class Ring(_Spool[FrameBlock]):
             self._file.write(text)
             self._file.flush()  # a sync flush: what is on the disk so far can be read after a crash
             size = self._path.stat().st_size
+            self._holds_frames = True
         except OSError:
-            self._file = None
+            self._give_up()
             raise
         age_s = self._clock_s() - self._begun_s
         if size > self._max_bytes // _SEGMENT_SHARE or not 0 <= age_s <= _SEGMENT_S:
             self._end()
+
+    def _give_up(self) -> None:
+        """Leave the segment as far as it is on the disk; one that has nothing yet leaves no file behind."""
+        file, self._file = self._file, None
+        with contextlib.suppress(OSError):  # closing writes too
+            if file is not None:
+                file.close()
+        with contextlib.suppress(OSError):
+            if not self._holds_frames:
+                self._path.unlink()
 
     def _begin_segment(self) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -158,6 +171,7 @@ class Ring(_Spool[FrameBlock]):
         self._begun_s = self._clock_s()
         stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(self._begun_s))
         self._path = self._folder / f"{stamp}-{self._channel}.log.gz"
+        self._holds_frames = self._path.exists()  # of the same second
         self._file = gzip.open(self._path, "ab", compresslevel=1)  # noqa: SIM115 - lives for a quarter of an hour
 
     def _end(self) -> None:

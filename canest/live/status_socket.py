@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from canest.config.schema import Config
+from canest.errors import UsageError
 from canest.live.memory import state_dir
 
 ANSWER_S = 3.0  #: a daemon that works looks for clients every second
@@ -27,16 +28,26 @@ def socket_path(config: Config, environment: Mapping[str, str] = os.environ) -> 
 
 
 class StatusServer:
-    """Answers whoever connects. `poll` costs one system call when nobody does."""
+    """Answers whoever connects. `poll` costs one system call when nobody does.
+
+    Errors: OSError; UsageError when a daemon that runs listens under this name already.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
+        if path.exists() and _is_heard(path):
+            raise UsageError(
+                "a daemon of this config is running already",
+                where=str(path),
+                expected="one per bus, or another service.state_dir",
+            )
         path.unlink(missing_ok=True)  # left behind by a daemon that was killed
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.setblocking(False)
         self._socket.bind(str(path))
         path.chmod(0o666)  # to look is allowed to everybody who reaches the directory
+        self._born_ns = path.stat().st_mtime_ns  # inodes are used again at once
         self._socket.listen(_CLIENTS)
 
     def poll(self, content: Callable[[], dict[str, Any]]) -> None:
@@ -54,8 +65,20 @@ class StatusServer:
     def close(self, *, keep_name: bool = False) -> None:
         """Stop answering and take the socket's name away, unless it is another server's by now."""
         self._socket.close()
-        if not keep_name:
-            self.path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            if not keep_name and self.path.stat().st_mtime_ns == self._born_ns:
+                self.path.unlink()
+
+
+def _is_heard(path: Path) -> bool:
+    """Return whether somebody listens on a socket of this name."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
+        client.settimeout(ANSWER_S)
+        try:
+            client.connect(str(path))
+        except OSError:
+            return False
+        return True
 
 
 def ask(path: Path) -> dict[str, Any]:

@@ -27,7 +27,7 @@ class Truth:
 def read_truth(path: str | Path) -> Truth:
     """Read a table with ``t_s`` and ``grade`` or ``mass_kg`` or both; other columns are ignored.
 
-    Rows whose stamp does not increase are left out (interpolation needs an order).
+    Rows are put in the order of their stamps; of several with one stamp the first counts.
     Errors: LogError, one line, for a file that is none of this.
     """
     try:
@@ -45,8 +45,6 @@ def read_truth(path: str | Path) -> Truth:
             "neither grade nor mass_kg among the columns", where=str(path), expected="t_s,grade,mass_kg"
         )
     t_us = np.concatenate([block.t_us for block in blocks])
-    highest = np.maximum.accumulate(t_us)
-    rising = np.ones(len(t_us), np.bool_)
-    rising[1:] = t_us[1:] > highest[:-1]
-    columns = {name: np.concatenate([block.columns[name] for block in blocks])[rising] for name in names}
-    return Truth(t_us[rising], columns.get("grade"), columns.get("mass_kg"))
+    t_us, first = np.unique(t_us, return_index=True)
+    columns = {name: np.concatenate([block.columns[name] for block in blocks])[first] for name in names}
+    return Truth(t_us, columns.get("grade"), columns.get("mass_kg"))

@@ -70,7 +70,9 @@ def simulate(
     The same seed gives the same frames to the last bit. `progress` is called with 0..1.
     Errors: ConfigError.
     """
-    name = Path(str(scenario)).stem if isinstance(scenario, str | Path) else "drive"
+    name = "drive"
+    if isinstance(scenario, str | Path):  # a shipped name may have a dot in it
+        name = Path(str(scenario)).name.removesuffix(".yaml").removesuffix(".yml")
     spec = load_scenario(scenario)
     tell = progress or (lambda share: None)
     tell(0.0)

@@ -23,7 +23,7 @@ from canest.frames import BoolColumn, FloatColumn
 from canest.grid.grid import GridBlock
 from canest.vehicle.columns import Columns
 from canest.vehicle.samples import STEP_S
-from canest.vehicle.screen import SPEED_ORDER
+from canest.vehicle.screen import MAX_SPEED_MPS, SPEED_ORDER
 
 if TYPE_CHECKING:
     from canest.vehicle.effects import Effect
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 RPM_TO_RADPS = np.pi / 30
 #: specific gas constant of dry air, J/(kg K)
 AIR_R = 287.05
-#: no road vehicle is faster, nor pushed harder: a number beyond is damage, and would stay in the filters
-MAX_SPEED_MPS, MAX_FORCE_N = 150.0, 1e7
+#: no road vehicle is pushed harder: a number beyond is damage, and would stay in the filters
+MAX_FORCE_N = 1e7
 #: a shaft slower than this tells nothing about the ratio, rpm
 MIN_SHAFT_RPM = 50.0
 #: a gear ratio found from shaft speeds is snapped to a table entry this close, relative

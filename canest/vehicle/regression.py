@@ -14,9 +14,9 @@ from canest.gates import Gate
 from canest.grid.grid import GridBlock
 from canest.vehicle.columns import Columns
 from canest.vehicle.gating import Excitation, Gating
-from canest.vehicle.model import MAX_SPEED_MPS, LongitudinalModel
+from canest.vehicle.model import LongitudinalModel
 from canest.vehicle.samples import STEP_S, ModelBlock
-from canest.vehicle.screen import MOTION_JUMP
+from canest.vehicle.screen import MAX_SPEED_MPS, MOTION_JUMP
 
 #: slower than this (m/s) the vehicle stands: speed sensors give no pulses below
 STANDSTILL_MPS = 0.2

@@ -23,6 +23,8 @@ Samples = dict[str, tuple[IntColumn, FloatColumn]]
 
 #: no road vehicle accelerates harder than its tyres hold
 MAX_ACCEL_MPS2 = 12.0
+#: nor is it faster; a first value has nothing else to be judged by
+MAX_SPEED_MPS = 150.0
 #: two speeds of one vehicle may differ by noise, rounding to a mile per hour and timing
 SPEED_SLACK_MPS = 1.5
 #: channels that are 1 for `DOUBT_S` after a sample was refused, any one or one of the motion
@@ -33,17 +35,18 @@ _FEW = 50  #: samples of one role up to which walking them is faster than column
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """A signal may differ by ``slack`` at once and by ``rate`` more in every second."""
+    """A signal may differ by ``slack`` at once and by ``rate`` more per second, never beyond ``most``."""
 
     slack: float
     rate: float
+    most: float = math.inf
 
 
 #: finest first; engine speed through the gear is finer than a road speed in half miles per hour
 SPEED_ORDER = ("output_shaft_speed", "undriven_speed", "engine_speed", "vehicle_speed", "gps_speed")
 
 #: in the units of `canest.roles`
-_ROAD_SPEED = Limit(SPEED_SLACK_MPS, MAX_ACCEL_MPS2)
+_ROAD_SPEED = Limit(SPEED_SLACK_MPS, MAX_ACCEL_MPS2, MAX_SPEED_MPS)
 LIMITS: dict[str, Limit] = {
     "vehicle_speed": _ROAD_SPEED,
     "undriven_speed": _ROAD_SPEED,
@@ -57,7 +60,7 @@ LIMITS: dict[str, Limit] = {
     "barometric_pressure": Limit(2.0, 2.0),
     "ambient_temperature": Limit(3.0, 2.0),
     # rough roads shake the sensor; a vehicle's own acceleration builds up at some 10 m/s3
-    "longitudinal_accel": Limit(4.0, 40.0),
+    "longitudinal_accel": Limit(4.0, 40.0, 50.0),
 }
 
 
@@ -65,7 +68,7 @@ def limits_of(config: Config) -> dict[str, Limit]:
     """Return the limits of the roles that a config maps."""
     vehicle = config.vehicle
     rpm_per_mps = vehicle.final_drive / vehicle.wheel_radius_m * 30 / math.pi
-    shaft = Limit(SPEED_SLACK_MPS * rpm_per_mps, MAX_ACCEL_MPS2 * rpm_per_mps)
+    shaft = Limit(*(limit * rpm_per_mps for limit in (SPEED_SLACK_MPS, MAX_ACCEL_MPS2, MAX_SPEED_MPS)))
     every = {**LIMITS, "output_shaft_speed": shaft}
     return {role: every[role] for role in config.signals if role in every}
 
@@ -135,7 +138,7 @@ class Screen:
         before_us, before = self._believed.get(role, (int(t_us[0]), float(values[0])))
         steps = values - shifted(values, before)
         allowed = limit.slack + limit.rate * 1e-6 * (t_us - shifted(t_us, before_us))
-        far = np.abs(steps) > allowed
+        far = (np.abs(steps) > allowed) | (np.abs(values) > limit.most)
         first = int(far.argmax()) if far.any() else len(far)
         if first:
             self._believed[role] = int(t_us[first - 1]), float(values[first - 1])
@@ -150,7 +153,7 @@ class Screen:
         for i, (stamp, value) in enumerate(zip(stamps, values, strict=True)):
             if not -math.inf < value < math.inf:
                 continue
-            if abs(value - before) > slack + rate * (stamp - before_us):
+            if abs(value) > limit.most or abs(value - before) > slack + rate * (stamp - before_us):
                 jumps.append(i)
             else:
                 before_us, before = stamp, value

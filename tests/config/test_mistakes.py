@@ -213,6 +213,10 @@ def test_a_role_set_to_nothing_is_taken_away() -> None:
         ("vehicle.name.first=x", "--set vehicle.name.first: name is not a section"),
         ("effects=[{effect: headwind, wind_mps: 99}]", "--set: effects.0: headwind.wind_mps, found 99"),
         ("gates..enabled=no", "--set: gates."),
+        ("signals.engine_speed.scale=0", "--set: signals.engine_speed.scale: found 0, expected a factor"),
+        ("filter.cutoff_hz=0.001", "--set: filter.cutoff_hz, found 0.001, expected greater than or equal"),
+        ("estimator.initial_mass_kg=1", "estimator.initial_mass_kg: no mass of this vehicle, found 1"),
+        ("estimator.initial_mass_kg=1e9", "expected 7000 to 40000 kg"),
     ],
 )
 def test_a_mistake_in_an_override_says_that_it_was_the_override(override: str, words: str) -> None:

@@ -216,3 +216,25 @@ def test_other_files_in_the_rings_folder_are_left_alone(tmp_path, background):
     ring.close()
     assert background.flush(5)
     assert (tmp_path / "notes.txt").exists()
+
+
+def test_a_full_disk_leaves_no_empty_segments(tmp_path, background, monkeypatch):
+    clock = [1_700_000_000.0]
+    ring = Ring(tmp_path, "can0", 10_000_000, background, lambda: clock[0])
+
+    class FullFile(gzip.GzipFile):
+        def write(self, data):
+            raise OSError(28, "No space left on device")
+
+    whole = gzip.open
+    monkeypatch.setattr("canest.live.record.gzip.open", FullFile)
+    for _ in range(5):
+        clock[0] += 1.0
+        with pytest.raises(OSError, match="No space"):
+            ring._write(b"line\n")
+    assert list(tmp_path.iterdir()) == []
+    monkeypatch.setattr("canest.live.record.gzip.open", whole)
+    ring._write(b"(1.0) can0 18FEF100#00\n")
+    ring._end()
+    (segment,) = tmp_path.iterdir()
+    assert gzip.decompress(segment.read_bytes()) == b"(1.0) can0 18FEF100#00\n"

@@ -12,9 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from canest.errors import UsageError
 from canest.live.journal import BURST, REFILL_S, Journal
 from canest.live.notify import Notifier
 from canest.live.schedule import STEP_NS, Schedule
+from canest.live.status_socket import StatusServer
 from canest.live.view import BLOCKS, LiveView, sparkline
 
 
@@ -207,3 +209,25 @@ def test_the_view_shows_estimates_and_counts_what_is_lost_or_damaged():
 
     assert "21,346 kg" in shown(1.0) and "+3.10 %" in shown(1.0) and "valid" in shown(1.0)
     assert "no broadcast for 9 s" in shown(10.0)
+
+
+def test_a_second_daemon_does_not_take_the_first_ones_name(tmp_path):
+    path = tmp_path / "status-can0.sock"
+    first = StatusServer(path)
+    with pytest.raises(UsageError, match="running already"):
+        StatusServer(path)
+    first.poll(dict)  # what knocked and went away
+    assert path.exists()
+    first.close()
+    assert not path.exists()
+
+
+def test_a_name_left_by_a_killed_daemon_is_taken_over_and_only_ones_own_is_removed(tmp_path):
+    path = tmp_path / "status-can0.sock"
+    killed = StatusServer(path)
+    killed._socket.close()  # as the kernel does; the name stays
+    second = StatusServer(path)
+    killed.close()
+    assert path.exists()
+    second.close()
+    assert not path.exists()

@@ -145,8 +145,8 @@ class TestTruth:
 
     def test_stamps_always_increase(self, tmp_path):
         truth = read_truth(write(tmp_path / "t.csv", "t_s,mass_kg\n0,1\n2,2\n1,3\n2,4\n3,5\n"))
-        assert truth.t_us.tolist() == [0, 2_000_000, 3_000_000]
-        assert truth.mass_kg is not None and truth.mass_kg.tolist() == [1, 2, 5]
+        assert truth.t_us.tolist() == [0, 1_000_000, 2_000_000, 3_000_000]
+        assert truth.mass_kg is not None and truth.mass_kg.tolist() == [1, 3, 2, 5]
 
     @pytest.mark.parametrize(
         ("text", "message"),

@@ -115,6 +115,12 @@ class TestTables:
         with pytest.raises(LogError, match="table columns"):
             replay(KENWORTH, parse_config(TABLE_CONFIG))
 
+    def test_one_absurd_first_row_costs_one_row(self, tmp_path):
+        changed = {0: "0.0,9e299,0.1"}
+        sound = replay(write_table(tmp_path / "sound.csv"), parse_config(TABLE_CONFIG)).summary
+        hurt = replay(write_table(tmp_path / "hurt.csv", changed=changed), parse_config(TABLE_CONFIG)).summary
+        assert hurt["updated"] > 0.97 * sound["updated"]
+
     def test_parquet_gives_what_csv_gives(self, tmp_path):
         parquet = pytest.importorskip("pyarrow.parquet")
         from pyarrow.csv import read_csv
@@ -148,6 +154,34 @@ class TestBadInput:
         assert result.summary["frames"] == clean.summary["frames"]
         assert result.summary["mass_kg"] == clean.summary["mass_kg"]
         assert any("garbage" in note for note in result.notes)
+
+    def test_frames_of_wrong_length_are_told(self, tmp_path):
+        path = tmp_path / "short.log"
+        path.write_text(
+            "".join(
+                f"({10 + n / 100:.6f}) can0 0CF00400#0102{'' if n % 2 else '03040506FFFF'}\n"
+                for n in range(100)
+            )
+        )
+        notes = replay(path, self.config).notes
+        assert "not decoded: 50 frames of wrong length" in notes
+
+    def test_a_reference_torque_that_nobody_sends_is_the_reason(self, tmp_path):
+        config = load_config("kenworth", ["vehicle.reference_torque_Nm=null"])
+        path = tmp_path / "nobam.log"
+        path.write_bytes(
+            b"".join(
+                line
+                for line in log_text()
+                if b" 18EBFF" not in line
+                and b" 18ECFF" not in line
+                and b" 1CEBFF" not in line
+                and b" 1CECFF" not in line
+            )
+        )
+        reason = replay(path, config).summary["reason"]
+        assert reason.startswith("reference_torque")
+        assert "vehicle.reference_torque_Nm can say it instead" in reason
 
     def test_truncated_archive_gives_what_it_holds(self, tmp_path):
         path = tmp_path / "cut.log.xz"

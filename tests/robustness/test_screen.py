@@ -42,6 +42,14 @@ def test_a_forged_first_sample_does_not_keep_the_truth_out():
     assert len(passed(screen(), [(0, 100.0)] + [(100_000 * k, 0.0) for k in range(200)])) > 100
 
 
+@pytest.mark.parametrize("n", [20, 200])  # walked, and in columns
+def test_an_impossible_first_sample_keeps_nothing_out(n):
+    pairs = [(0, 1e300), *((100_000 * k, 5.0) for k in range(1, n))]
+    screened = Screen({"x": Limit(slack=1.0, rate=10.0, most=150.0)})
+    assert passed(screened, pairs) == pairs[1:]
+    assert screened.refused["x"] == 1
+
+
 def test_not_available_passes_and_is_no_reference():
     values = [v for _, v in passed(screen(), [(0, 1.0), (1, np.nan), (2, 50.0), (3, 1.0)])]
     assert values[0] == 1.0

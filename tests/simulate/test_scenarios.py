@@ -87,6 +87,12 @@ def test_a_gear_that_the_vehicle_lacks_is_refused():
         )
 
 
+def test_a_name_with_a_dot_keeps_it(tmp_path: Path):
+    name = next(name for name in shipped_scenarios() if "." in name)
+    simulate_to_directory(name, tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == {name + end for end in (".log", ".truth.csv", ".yaml")}
+
+
 def test_directory_gets_log_truth_and_config(tmp_path: Path):
     path = tmp_path / "mine.yaml"
     path.write_text(PLAIN)

@@ -1,0 +1,38 @@
+"""Results never replace what they were made from, nor one another."""
+
+from __future__ import annotations
+
+import stat
+from collections.abc import Hashable, Iterable
+from pathlib import Path
+
+from canest.errors import UsageError
+
+Named = tuple[str, Path | str | None]  #: an option or argument, and the file it names
+
+
+def keep_apart(inputs: Iterable[Named], outputs: Iterable[Named]) -> None:
+    """Refuse outputs that are an input or another output, by whatever name (links too).
+
+    Errors: UsageError. Devices and pipes ('-', /dev/stdout) may be named as often as one likes.
+    """
+    taken: dict[Hashable, str] = {}
+    for name, path in inputs:
+        if path is not None and (key := _identity(Path(path))) is not None:
+            taken[key] = name
+    for name, path in outputs:
+        if path is None or str(path) == "-" or (key := _identity(Path(path))) is None:
+            continue
+        if key in taken:
+            what = f"would overwrite {taken[key]}"
+            raise UsageError(what, where=name, found=str(path), expected="another name or directory")
+        taken[key] = name
+
+
+def _identity(path: Path) -> Hashable | None:
+    """Return what tells a file from others, None for what is no file."""
+    try:
+        found = path.stat()
+    except OSError:
+        return path.absolute()
+    return (found.st_dev, found.st_ino) if stat.S_ISREG(found.st_mode) else None

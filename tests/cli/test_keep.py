@@ -1,0 +1,72 @@
+"""No result replaces what it was made from, or another result."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from canest.resources import shipped
+
+KENWORTH = Path(__file__).parents[1] / "data" / "kenworth" / "normal.log.xz"
+
+
+@pytest.fixture
+def log(tmp_path):
+    return shutil.copy(KENWORTH, tmp_path / "drive.log.xz")
+
+
+@pytest.mark.parametrize("option", ["-o", "--json", "--report"])
+def test_a_log_is_never_written_over(canest, log, tmp_path, option):
+    before = log.read_bytes()
+    link = tmp_path / "link.csv"
+    os.link(log, link)
+    for name in (log, link):
+        done = canest("replay", log, "-c", "kenworth", option, name)
+        assert done.code == 2
+        assert f"{option}: would overwrite the log" in done.err
+    assert log.read_bytes() == before
+
+
+def test_nor_a_table_in_the_directory_that_gets_the_estimates(canest, tmp_path):
+    tables = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    for table in tables:
+        table.write_text("t_s,v\n0,1\n")
+    done = canest("replay", *tables, "-c", "bmw-i3", "-o", tmp_path)
+    assert done.code == 2
+    assert all(table.read_text() == "t_s,v\n0,1\n" for table in tables)
+
+
+def test_nor_the_config_the_truth_or_another_result(canest, log, tmp_path):
+    truth = tmp_path / "drive.truth.csv"
+    truth.write_text("t_s,mass_kg\n0,7000\n")
+    replay = ("replay", log, "-c", "kenworth", "--truth", truth)
+    for options in (["-o", truth], ["-o", tmp_path / "x.csv", "--json", tmp_path / "x.csv"]):
+        done = canest(*replay, *options)
+        assert done.code == 2
+        assert "would overwrite" in done.err
+    assert truth.read_text() == "t_s,mass_kg\n0,7000\n"
+    assert not (tmp_path / "x.csv").exists()
+    config = shutil.copy(shipped("configs") / "kenworth.yaml", tmp_path / "my.yaml")
+    text = config.read_text()
+    assert canest("replay", log, "-c", config, "-o", config).code == 2
+    assert config.read_text() == text
+    done = canest("compare", log, "-c", "kenworth", "--truth", truth, "--json", log)
+    assert done.code == 2
+
+
+def test_devices_may_be_named_as_often_as_one_likes(canest, log):
+    done = canest("replay", log, "-c", "kenworth", "-o", "/dev/null", "--json", "/dev/null")
+    assert done.code == 0
+
+
+def test_notes_of_many_logs_are_shown(canest, log, tmp_path):
+    cut = tmp_path / "cut.log.xz"
+    cut.write_bytes(log.read_bytes()[:20_000])
+    done = canest("replay", log, cut, "-c", "kenworth", "--json", tmp_path / "all.json")
+    assert done.code == 0
+    (note,) = (line for line in done.out.splitlines() if line.startswith("note: "))
+    assert note.startswith("note: cut.log.xz: ")
+    assert "the log ends before it should" in note
