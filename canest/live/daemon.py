@@ -48,6 +48,9 @@ CLOSE_S = 0.5  #: SIGTERM has to be over within a second, whatever the disk does
 MOST_FAILURES_IN_A_ROW = 5
 #: sections of a config whose change means to leave the bus and join it anew
 _MAKES_THE_BUS = ("bus", "broadcast", "signals", "dbc")
+#: sections of a config whose change means to estimate anew, from the mass learned so far
+_SIGNAL_PATH = ("bus", "dbc", "signals", "sampling", "filter", "gates")
+_MAKES_THE_ESTIMATE = (*_SIGNAL_PATH, "vehicle", "effects", "estimator")
 
 
 class Daemon:
@@ -266,7 +269,8 @@ class Daemon:
         old, joined = self.config, None
         try:
             config = self._reload_config()
-            pipeline = Pipeline(config, listener=self._listen)
+            alike = all(getattr(config, part) == getattr(old, part) for part in _MAKES_THE_ESTIMATE)
+            pipeline = self.pipeline if alike else Pipeline(config, listener=self._listen)
             if any(getattr(config, part) != getattr(old, part) for part in _MAKES_THE_BUS):
                 joined = self._join(config, pipeline)
             if self.doors is not None:
@@ -277,7 +281,7 @@ class Daemon:
             self.journal.error("reload-refused", error=str(error) or type(error).__name__)
             self.notifier.ready()
             return
-        self.memory = self.memory.handed_over(config, pipeline)
+        self.memory = self.memory.handed_over(config, None if alike else pipeline)
         self.config, self.pipeline = config, pipeline
         if joined is not None:
             self.receiver.close()

@@ -79,14 +79,18 @@ class Memory:
             age_s=round(now_s - learned.saved_s),
         )
 
-    def handed_over(self, config: Config, pipeline: Pipeline) -> Memory:
-        """Return the memory of a changed config: what this one learned, if it is the same vehicle."""
+    def handed_over(self, config: Config, pipeline: Pipeline | None) -> Memory:
+        """Return the memory of a changed config: what this one learned, if it is the same vehicle.
+
+        pipeline: the new one, to start from it; None where the old one goes on.
+        """
         self.save()
         following = Memory(config, self._background, self._journal, self._clock_s)
         if self.learned is not None and following._key == self._key:
             following.learned = self.learned
-            following.give_to(pipeline)
-        else:
+            if pipeline is not None:
+                following.give_to(pipeline)
+        elif pipeline is not None:
             following.restore(pipeline)
         return following
 

@@ -291,6 +291,22 @@ def test_reload_takes_a_changed_config_over_and_keeps_the_learned_mass(tmp_path,
         assert abs(rig.daemon.estimate(rig.now_us).mass_kg - before.mass_kg) < 0.03 * before.mass_kg
 
 
+def test_reload_of_what_the_estimate_does_not_depend_on_leaves_it_alone(tmp_path, drive, monkeypatch):
+    settings = config(tmp_path, "service.learn='on+save'")
+    changed = config(tmp_path, "service.learn='on+save'", "service.save_every_s=77")
+    with Rig(monkeypatch, settings, drive, reload=lambda: changed) as rig:
+        rig.run(60)
+        pipeline, before = rig.daemon.pipeline, rig.daemon.estimate(rig.now_us)
+        assert before.status == Status.VALID
+        rig.daemon._wants_reload = True
+        rig.run(2)
+        assert rig.daemon.config is changed and rig.daemon.reloads == 1
+        assert rig.daemon.pipeline is pipeline
+        assert rig.daemon.estimate(rig.now_us).status == Status.VALID
+        assert "mass-restored" not in rig.log.getvalue()
+        assert rig.daemon.memory.learned is not None
+
+
 @pytest.mark.parametrize(
     "error", [ConfigError("unknown key", where="truck.yaml:3"), RecursionError("truck.yaml:3 too deep")]
 )
