@@ -18,6 +18,7 @@ from types import FrameType
 import numpy as np
 
 from canest.config.schema import Config
+from canest.errors import CanestError
 from canest.frames import FrameBlock
 from canest.live.broadcast import FRESH_US
 from canest.live.changes import Changes
@@ -100,7 +101,11 @@ class Daemon:
         """Work until `stop` (or SIGTERM, SIGINT)."""
         if handle_signals:
             self._install_signals()
-        self.doors = Doors(self.config, self.journal, self.background)
+        try:
+            self.doors = Doors(self.config, self.journal, self.background)
+        except CanestError:  # a daemon of this config runs already: nothing has been sent yet
+            self.receiver.close()
+            raise
         self.journal.notice(
             "started",
             config=self.config_name,
