@@ -16,10 +16,9 @@ def keep_apart(inputs: Iterable[Named], outputs: Iterable[Named]) -> None:
 
     Errors: UsageError. Devices and pipes ('-', /dev/stdout) may be named as often as one likes.
     """
-    taken: dict[Hashable, str] = {}
-    for name, path in inputs:
-        if path is not None and (key := _identity(Path(path))) is not None:
-            taken[key] = name
+    taken: dict[Hashable, str] = {
+        _identity(Path(path)): name for name, path in inputs if path is not None and Path(path).is_file()
+    }
     for name, path in outputs:
         if path is None or str(path) == "-" or (key := _identity(Path(path))) is None:
             continue
@@ -34,5 +33,5 @@ def _identity(path: Path) -> Hashable | None:
     try:
         found = path.stat()
     except OSError:
-        return path.absolute()
+        return path.resolve()
     return (found.st_dev, found.st_ino) if stat.S_ISREG(found.st_mode) else None

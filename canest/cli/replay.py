@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -92,13 +91,7 @@ def command(
     if len(jobs) > 1:
         _refuse_a_file("-o", output, (".csv", ".parquet"))
         _refuse_a_file("--report", report, (".html", ".htm"))
-    if len(jobs) == 1:
-        return _one(jobs[0], config, config_name, output, report, json_path)
-    return _many(jobs, config, config_name, output, report, json_path, workers)
-
-
-def _keep_apart(jobs: Sequence[Job], config_name: str, json_path: str | None) -> None:
-    """Refuse to write over a log, a truth, the config or another result."""
+    jobs = _with_outputs(jobs, output, report)
     from canest.cli.keep import keep_apart
 
     keep_apart(
@@ -109,6 +102,26 @@ def _keep_apart(jobs: Sequence[Job], config_name: str, json_path: str | None) ->
         + [("--report", job.report) for job in jobs]
         + [("--json", json_path)],
     )
+    if len(jobs) == 1:
+        return _one(jobs[0], config, json_path)
+    return _many(jobs, config, json_path, workers)
+
+
+def _with_outputs(jobs: list[Job], output: str | None, report: str | None) -> list[Job]:
+    """Return the jobs with the files that they are to write."""
+    from dataclasses import replace
+
+    # one log into one file, the usual case, does without the processes that `fleet` brings
+    if len(jobs) > 1 or (output is not None and (output.endswith("/") or Path(output).is_dir())):
+        from canest.fleet import with_outputs
+
+        reports = Path(report) if report and len(jobs) > 1 else None
+        jobs = with_outputs(jobs, Path(output) if output else None, reports)
+    elif output is not None:
+        jobs = [replace(jobs[0], output=Path(output))]
+    if report is not None and len(jobs) == 1:
+        jobs = [replace(jobs[0], report=Path(report))]
+    return jobs
 
 
 def _refuse_a_file(option: str, name: str | None, endings: tuple[str, ...]) -> None:
@@ -123,56 +136,26 @@ def _refuse_a_file(option: str, name: str | None, endings: tuple[str, ...]) -> N
         )
 
 
-def _one(
-    job: Job,
-    config: Config,
-    config_name: str,
-    output: str | None,
-    report: str | None,
-    json_path: str | None,
-) -> int:
-    from dataclasses import replace
-
+def _one(job: Job, config: Config, json_path: str | None) -> int:
     from canest.cli.progress import Bar
     from canest.cli.summary import result_lines, write_json
 
-    if output is not None:
-        path = Path(output)
-        if path.is_dir() or output.endswith("/"):
-            from canest.fleet import with_outputs
-
-            job = with_outputs([job], path, None)[0]
-        else:
-            job = replace(job, output=path)
-    if report is not None:
-        job = replace(job, report=Path(report))
-    _keep_apart([job], config_name, json_path)
     with Bar(job.name) as bar:
         result = job.run(config, bar.update)
     if json_path is not None:
         write_json(result.summary, json_path)
-    if json_path != "-" and output != "/dev/stdout":
+    if json_path != "-" and str(job.output) != "/dev/stdout":
         print("\n".join(result_lines(result, [p for p in (job.output, job.report) if p is not None])))
     return 0
 
 
-def _many(
-    jobs: list[Job],
-    config: Config,
-    config_name: str,
-    output: str | None,
-    report: str | None,
-    json_path: str | None,
-    workers: int | None,
-) -> int:
+def _many(jobs: list[Job], config: Config, json_path: str | None, workers: int | None) -> int:
     import sys
 
     from canest.cli.progress import Count
     from canest.cli.summary import many_lines, write_json
-    from canest.fleet import pooled, run_jobs, with_outputs
+    from canest.fleet import pooled, run_jobs
 
-    jobs = with_outputs(jobs, Path(output) if output else None, Path(report) if report else None)
-    _keep_apart(jobs, config_name, json_path)
     with Count("replay", len(jobs)) as count:
         outcomes = run_jobs(jobs, config, workers, lambda outcome: count.step(outcome.job.name))
     summary = pooled(outcomes)

@@ -11,7 +11,10 @@ from typing import Any
 
 from canest import fast
 from canest.estimators.canest_filter import OUTLIER
+from canest.estimators.canest_prior import ROLLING_SHARE_STD
 from canest.estimators.canest_states import COARSE_GRADE, COARSE_VAR, LAST_GRADE, LAST_VAR
+from canest.estimators.canest_windows import WINDOW_S
+from canest.vehicle.samples import GRAVITY_MPS2
 
 Container = Any  #: list interpreted, array compiled
 
@@ -20,6 +23,19 @@ COARSE_SHARE, COARSE_WINDOWS = 0.1, 5.0
 
 #: where the filter learns again the coarse estimate soon counts no more: its variance doubles in every window
 FORGETS = 2.0
+
+
+@fast.kernel
+def coarse_grade(
+    u: float, u_var: float, wind: float, force: float, rotating: float, a: float, roll: float, drag: float,
+    speed_var: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Return what a window's force says of the grade, given inverse mass and wind, and its variance."""
+    lever = force - rotating * a
+    lacks, rolls = COARSE_SHARE * u * force, ROLLING_SHARE_STD * roll
+    shared = lacks * lacks + rolls * rolls + lever * lever * u_var
+    var = 2.0 * speed_var / (WINDOW_S * WINDOW_S) + COARSE_WINDOWS * shared
+    return (lever * u - a - roll - drag * wind) / GRAVITY_MPS2, var / (GRAVITY_MPS2 * GRAVITY_MPS2)
 
 
 @fast.kernel

@@ -29,7 +29,7 @@ from typing import Any
 
 from canest import fast
 from canest.estimators.canest_axle import UNDRIVEN_EVERY, slip_seen
-from canest.estimators.canest_coarse import COARSE_SHARE, COARSE_WINDOWS, surer
+from canest.estimators.canest_coarse import coarse_grade, surer
 from canest.estimators.canest_filter import (
     correct,
     fade,
@@ -41,7 +41,6 @@ from canest.estimators.canest_filter import (
     widen,
 )
 from canest.estimators.canest_noise import level, surplus, tally
-from canest.estimators.canest_prior import ROLLING_SHARE_STD
 from canest.estimators.canest_roads import likelihood, mix, weigh
 from canest.estimators.canest_states import (
     AXLE_SLIP,
@@ -347,12 +346,10 @@ def run(
         grade_var += p * (1.0 - p) * steeper * steeper
         seen = seen_var = 0.0
         if recovering[k] > 0.0:
-            u, wind, lever = memory[HELD_U], c[WIND] + p * (b[WIND] - c[WIND]), force[k] - J * a
-            seen = (lever * u - a - roll[k] - drag[k] * wind) / _G
-            lacks, rolls = COARSE_SHARE * u * force[k], ROLLING_SHARE_STD * roll[k]
-            shared = lacks * lacks + rolls * rolls + lever * lever * row[OUT_U_VAR]
-            seen_var = 2.0 * memory[SPEED_VAR] / (WINDOW_S * WINDOW_S) + COARSE_WINDOWS * shared
-            seen_var /= _G * _G
+            wind = c[WIND] + p * (b[WIND] - c[WIND])
+            seen, seen_var = coarse_grade(
+                row[OUT_U], row[OUT_U_VAR], wind, force[k], J, a, roll[k], drag[k], memory[SPEED_VAR]
+            )
         row[OUT_GRADE], row[OUT_GRADE_VAR] = surer(
             memory, c[GRADE] + p * steeper, grade_var, is_open, seen, seen_var
         )

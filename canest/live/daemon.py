@@ -50,8 +50,9 @@ MOST_FAILURES_IN_A_ROW = 5
 #: sections of a config whose change means to leave the bus and join it anew
 _MAKES_THE_BUS = ("bus", "broadcast", "signals", "dbc")
 #: sections of a config whose change means to estimate anew, from the mass learned so far
-_SIGNAL_PATH = ("bus", "dbc", "signals", "sampling", "filter", "gates")
-_MAKES_THE_ESTIMATE = (*_SIGNAL_PATH, "vehicle", "effects", "estimator")
+_MAKES_THE_ESTIMATE = (
+    "bus", "dbc", "signals", "sampling", "vehicle", "effects", "filter", "gates", "estimator",
+)  # fmt: skip
 
 
 class Daemon:
@@ -274,9 +275,10 @@ class Daemon:
         old, joined = self.config, None
         try:
             config = self._reload_config()
-            alike = all(getattr(config, part) == getattr(old, part) for part in _MAKES_THE_ESTIMATE)
+            changed = {part for part in Config.model_fields if getattr(config, part) != getattr(old, part)}
+            alike = changed.isdisjoint(_MAKES_THE_ESTIMATE)
             pipeline = self.pipeline if alike else Pipeline(config, listener=self._listen)
-            if any(getattr(config, part) != getattr(old, part) for part in _MAKES_THE_BUS):
+            if not changed.isdisjoint(_MAKES_THE_BUS):
                 joined = self._join(config, pipeline)
             if self.doors is not None:
                 self.doors.follow(config)

@@ -12,7 +12,7 @@ from canest.errors import ConfigError
 from canest.live.files import Background
 from canest.live.journal import Journal
 from canest.live.metrics import MetricsServer
-from canest.live.status_socket import StatusServer, socket_path
+from canest.live.status_socket import StatusServer, refuse_second, socket_path
 
 
 class Doors:
@@ -40,6 +40,10 @@ class Doors:
 
         Errors: ConfigError when the port cannot be had, UsageError as above; nothing has changed then.
         """
+        path = socket_path(config)
+        moves = self.status is None or self.status.path != path or not path.exists()
+        if moves:
+            refuse_second(path)
         port = config.service.metrics_port
         old = self.metrics
         if port != (None if old is None else old.port):
@@ -50,7 +54,7 @@ class Doors:
                 raise ConfigError(what, where="service.metrics_port", found=port) from error
             if old is not None:  # its thread takes half a second to end, which is not the loop's to wait for
                 self._background.submit("metrics_port", old.close)
-        if self.status is None or self.status.path != socket_path(config) or not self.status.path.exists():
+        if moves:
             self._open_status(config)
 
     def close(self) -> None:

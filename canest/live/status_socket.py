@@ -36,12 +36,7 @@ class StatusServer:
     def __init__(self, path: Path) -> None:
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
-        if path.exists() and _is_heard(path):
-            raise UsageError(
-                "a daemon of this config is running already",
-                where=str(path),
-                expected="one per bus, or another service.state_dir",
-            )
+        refuse_second(path)
         path.unlink(missing_ok=True)  # left behind by a daemon that was killed
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.setblocking(False)
@@ -70,22 +65,31 @@ class StatusServer:
                 self.path.unlink()
 
 
-def _is_heard(path: Path) -> bool:
-    """Return whether somebody listens on a socket of this name."""
+def refuse_second(path: Path) -> None:
+    """Raise UsageError where somebody listens on a socket of this name."""
+    try:
+        with _connected(path):
+            pass
+    except OSError:
+        return
+    raise UsageError(
+        "a daemon of this config is running already",
+        where=str(path),
+        expected="one per bus, or another service.state_dir",
+    )
+
+
+@contextlib.contextmanager
+def _connected(path: Path) -> Iterator[socket.socket]:
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
         client.settimeout(ANSWER_S)
-        try:
-            client.connect(str(path))
-        except OSError:
-            return False
-        return True
+        client.connect(str(path))
+        yield client
 
 
 def ask(path: Path) -> dict[str, Any]:
     """Return a running daemon's snapshot. Errors: OSError, ValueError when nobody answers properly."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
-        client.settimeout(ANSWER_S)
-        client.connect(str(path))
+    with _connected(path) as client:
         parts = []
         while part := client.recv(1 << 16):
             parts.append(part)
