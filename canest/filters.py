@@ -54,6 +54,14 @@ def butterworth(order: int, cutoff_hz: float, rate_hz: float = RATE_HZ) -> list[
     return sections
 
 
+def delay_s(sections: list[Section], rate_hz: float = RATE_HZ) -> float:
+    """Return how much later a slow signal leaves the filter than it entered (group delay at 0 Hz), s."""
+    ticks = 0.0
+    for s in sections:
+        ticks += (s.b1 + 2 * s.b2) / (s.b0 + s.b1 + s.b2) - (s.a1 + 2 * s.a2) / (1 + s.a1 + s.a2)
+    return ticks / rate_hz
+
+
 def order_and_cutoff(
     pass_hz: float, stop_hz: float, *, pass_dB: float = 3.0, stop_dB: float = 40.0
 ) -> tuple[int, float]:

@@ -18,6 +18,7 @@ from canest.config.schema import Config
 from canest.decode.decoder import Decoder
 from canest.decode.signal_map import resolution_of
 from canest.estimators.base import Estimator, create
+from canest.filters import butterworth, delay_s
 from canest.frames import FloatColumn, FrameBlock, IntColumn
 from canest.gates import LABELS
 from canest.grid.clock import Clock
@@ -178,4 +179,5 @@ def facts_of(config: Config) -> VehicleFacts:
         accelerometer_step_mps2=resolution["accelerometer"],
         reference_torque_Nm=v.reference_torque_Nm or 2000.0,
         has_accelerometer="longitudinal_accel" in config.signals,
+        filter_delay_s=delay_s(butterworth(config.filter.order, config.filter.cutoff_hz)),
     )

@@ -66,6 +66,7 @@ class Canest(Estimator):
             self._memory[slot] = noise * noise
         self._memory[at.COARSE_VAR] = self._memory[at.LAST_VAR] = prior.std[at.GRADE] ** 2
         self._memory[at.COARSE_GRADE] = self._memory[at.LAST_GRADE] = prior.mean[at.GRADE]
+        self._memory[at.SURPRISED_M] = math.inf
         self._windows = Windows()
         self._status = StatusTracker(VALID_SHARE)
         # a guess is given out until there is something better, and has no other part in it
@@ -145,7 +146,8 @@ class Canest(Estimator):
         rows = np.vstack([known.T, last])
         held = np.repeat(rows, np.diff(np.concatenate(([0], ends, [n]))), axis=1)
         mass, mass_std = held[output.MASS_KG], held[output.MASS_STD_KG]
-        ahead_m = held[output.SPEED_MPS] * (np.arange(n) - held[-1] + SHIFT) * STEP_S
+        ahead_s = (np.arange(n) - held[-1] + SHIFT) * STEP_S + self.facts.filter_delay_s
+        ahead_m = held[output.SPEED_MPS] * ahead_s
         sine = np.clip(held[output.SINE] + held[output.SINE_PER_M] * ahead_m, -STEEPEST, STEEPEST)
         learned = held[output.LEARNED] > 0.0
         standing = held[output.STANDING_S] > output.UNLOADED_S

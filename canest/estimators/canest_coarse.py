@@ -1,4 +1,4 @@
-"""The road while force is too coarse to learn mass from: a driveline that swings after a shift.
+"""The road while force is too coarse to learn mass from: a driveline that swings after a shift, a bend.
 
 Learning from such windows would bend the mass, so the filter does not. But its grade goes on from before the
 gate closed, unsure by the metre, and soon even a coarse force says more. So a second, scalar estimate of the
@@ -20,6 +20,8 @@ Container = Any  #: list interpreted, array compiled
 
 #: the force is known to this share, and its error lasts this many windows
 COARSE_SHARE, COARSE_WINDOWS = 0.1, 5.0
+#: what a bend brakes is as wrong from its beginning to its end
+BEND_WINDOWS = 25.0
 
 #: where the filter learns again the coarse estimate soon counts no more: its variance doubles in every window
 FORGETS = 2.0
@@ -28,13 +30,13 @@ FORGETS = 2.0
 @fast.kernel
 def coarse_grade(
     u: float, u_var: float, wind: float, force: float, rotating: float, a: float, roll: float, drag: float,
-    speed_var: float,
+    bend: float, speed_var: float,
 ) -> tuple[float, float]:  # fmt: skip
     """Return what a window's force says of the grade, given inverse mass and wind, and its variance."""
     lever = force - rotating * a
     lacks, rolls = COARSE_SHARE * u * force, ROLLING_SHARE_STD * roll
     shared = lacks * lacks + rolls * rolls + lever * lever * u_var
-    var = 2.0 * speed_var / (WINDOW_S * WINDOW_S) + COARSE_WINDOWS * shared
+    var = 2.0 * speed_var / (WINDOW_S * WINDOW_S) + COARSE_WINDOWS * shared + BEND_WINDOWS * bend * bend
     return (lever * u - a - roll - drag * wind) / GRAVITY_MPS2, var / (GRAVITY_MPS2 * GRAVITY_MPS2)
 
 

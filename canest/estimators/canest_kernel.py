@@ -81,7 +81,8 @@ from canest.estimators.canest_states import (
     STEADY_MPS2,
     STRAIGHT,
     STRETCH_M,
-    UNMIXED,
+    SURPRISED_M,
+    UNSEEN,
     WIND,
     Q,
     U,
@@ -115,23 +116,28 @@ _OTHER_PITCH = 0.1
 _MASS_DRIFT = 1e-8
 #: weight of the newest window in the calm speed; all of it in the first windows of a balance
 _CALM, _FRESH = 0.02, 3.0
-#: the two roads are mixed every so many windows, and an accelerometer is read
-_MIX_EVERY, _SEE_EVERY = 12.0, 2.0
+#: the two roads are mixed after this distance: on a straight the filter of curves learns that there is none,
+#: and left to itself is as late into the next as the other. An accelerometer is read every so many windows
+_MIX_M, _SEE_EVERY = 20.0, 2.0
 #: the delay of reported torque changes from frame to frame by a part of its 20 ms cycle
 _JITTER_S = 0.004
 #: the remaining delay is trusted to, s; the inverse mass is taken for it at least this share of its prior std
 _DELAY_S, _LEAST_SHARE = 0.1, 0.1
 #: forces that change within this time are the engine's, not the road's; with an accelerometer, which feels
 #: the road, those that change faster than its bias
-_ROAD_S, _BIAS_S = 2.0, 10.0
+_ROAD_S, _BIAS_S = 1.0, 10.0
+#: the sharpest crests, in stds of a curvature
+_CREST = 2.0
 #: a vehicle that stands this long may have been loaded
 _LOADING_S = 30.0
 #: share of its prior variance by which a new load changes delay, slip, bias and pitch
 _LOOSER = 0.1
 #: memory of the innovations' sign, in windows
 _SIGN_MEMORY = 15.0
-#: innovations this one-signed for seconds open mass (by this share) and grade again
+#: innovations this one-signed for seconds open the grade again, and if they come back the mass, by this share
 _ONE_SIGNED, _CLIP, _DOUBT = 1.5, 5.0, 1.0
+#: who is surprised again within this distance carries another load, m
+_AGAIN_M = 1000.0
 
 
 @fast.kernel
@@ -162,7 +168,7 @@ def run(
     traction_rate, roll, accel, drag = windows[8], windows[9], windows[10], windows[11]
     gear, rotating, undriven, sensed = windows[12], windows[13], windows[14], windows[15]
     altitude, open_, retarding, stopped = windows[16], windows[17], windows[18], windows[19]
-    recovering = windows[20]
+    coarse, bend = windows[20], windows[21]
     curvature_var, wind_var = prior[CURVATURE] * prior[CURVATURE], prior[WIND] * prior[WIND]
     least = _LEAST_SHARE * prior[U]
     lowest, highest = 1.0 / heaviest, 1.0 / lightest
@@ -178,25 +184,26 @@ def run(
         if gap_s[k] > 0.0:
             memory[SINCE] = 0.0
             ds += gap_s[k] * max(v, 0.0)
-        memory[UNMIXED] += 1.0
         memory[STRETCH_M] += ds
-        if memory[UNMIXED] >= _MIX_EVERY:
-            memory[UNMIXED] = 0.0
-            if memory[STRETCH_M] > 0.0:
-                calms = math.exp(-memory[STRETCH_M] / _WIND_M)
-                for m in (STRAIGHT, CURVED):
-                    fade(X[m], PP[m], WIND, calms, wind_var * (1.0 - calms * calms))
-                bent = math.exp(-memory[STRETCH_M] / _CURVE_M)
-                fade(X[CURVED], PP[CURVED], CURVATURE, bent, curvature_var * (1.0 - bent * bent))
-                mix(X, PP, weight, memory[STRETCH_M], curvature_var)
-                memory[STRETCH_M] = 0.0
+        if memory[STRETCH_M] >= _MIX_M:
+            calms = math.exp(-memory[STRETCH_M] / _WIND_M)
+            for m in (STRAIGHT, CURVED):
+                fade(X[m], PP[m], WIND, calms, wind_var * (1.0 - calms * calms))
+            bent = math.exp(-memory[STRETCH_M] / _CURVE_M)
+            fade(X[CURVED], PP[CURVED], CURVATURE, bent, curvature_var * (1.0 - bent * bent))
+            mix(X, PP, weight, memory[STRETCH_M], curvature_var)
+            memory[STRETCH_M] = 0.0
         if loaded:
             memory[EFFORT] = memory[FELT] = 0.0
             Y[AXLE_SLIP][AXLE_SLIP] += _LOOSER * prior[SLIP] * prior[SLIP] + y[AXLE_SLIP] * y[AXLE_SLIP]
-        # the load has changed where nobody saw it, or the road has a step: let the next seconds tell
+        # the road has a step, or the load has changed where nobody saw it: let the next seconds tell
+        memory[SURPRISED_M] += ds
         doubted = abs(memory[BIASED]) > _ONE_SIGNED
+        again = doubted and memory[SURPRISED_M] < _AGAIN_M
         if doubted:
-            memory[BIASED] = memory[EFFORT] = memory[FELT] = 0.0
+            memory[BIASED] = memory[SURPRISED_M] = 0.0
+        if again:
+            memory[EFFORT] = memory[FELT] = 0.0
         # -- what both filters share of this window
         begins = is_open and memory[SINCE] == 0.0
         calm = v
@@ -224,7 +231,10 @@ def run(
         slip_z = slip_r = 0.0
         if is_open and undriven[k] == undriven[k] and (memory[COUNT] + 1.0) % UNDRIVEN_EVERY == 0.0:
             slip_z, slip_r = slip_seen(y, Y, w, memory, floors[2], v - undriven[k], calm, t, a)
-        sees = sensed[k] == sensed[k] and stopped[k] == 0.0 and memory[UNMIXED] % _SEE_EVERY == 0.0
+        memory[UNSEEN] += 1.0
+        sees = sensed[k] == sensed[k] and stopped[k] == 0.0 and memory[UNSEEN] >= _SEE_EVERY
+        if sees:
+            memory[UNSEEN] = 0.0
         climbs = altitude[k] == altitude[k]
         # -- each filter by itself
         odds = 0.0  # log-likelihood of a straight less that of a curve
@@ -238,9 +248,12 @@ def run(
                 P[U][U] += fuel * x[U] * x[U]
             if loaded:
                 reopen(x, P, prior, prior[U], _LOOSER)
-            if doubted:
+            if again:
                 P[U][U] += _DOUBT * _DOUBT * x[U] * x[U]
+            if doubted:
                 P[GRADE][GRADE] += prior[GRADE] * prior[GRADE]
+                if m == CURVED:
+                    P[CURVATURE][CURVATURE] += 9.0 * curvature_var
             motion = a
             if is_open:
                 inverse = max(x[U], least)
@@ -315,13 +328,15 @@ def run(
             if sees:
                 memory[SENSED_VAR] = level(memory[SENSED_VAR], sensed_surplus, floors[1], memory[COUNT])
             memory[LEARNED] = 1.0
-            # under a steady hand force follows the road, and no filter can tell the two apart by itself
+            # under a steady hand force follows the road, and no filter can tell the two apart by itself:
+            # only what is beyond the change that a crest brings in this time is the driver's
+            crest = _CREST * _G * prior[CURVATURE] * calm * _ROAD_S
             pull = max(memory[HELD_U], least) * force[k]
             if begins and memory[COUNT] == 0.0:
                 memory[STEADY_MPS2] = memory[SLOW_MPS2] = pull
             brisk, slow = pull - memory[STEADY_MPS2], pull - memory[SLOW_MPS2]
             memory[STEADY_MPS2] += brisk * WINDOW_S / _ROAD_S
-            memory[EFFORT] += brisk * brisk * WINDOW_S
+            memory[EFFORT] += max(brisk * brisk - crest * crest, 0.0) * WINDOW_S
             memory[SLOW_MPS2] += slow * WINDOW_S / _BIAS_S
             if sensed[k] == sensed[k]:
                 memory[FELT] += slow * slow * WINDOW_S
@@ -345,10 +360,10 @@ def run(
         grade_var = C[GRADE][GRADE] + p * (B[GRADE][GRADE] - C[GRADE][GRADE])
         grade_var += p * (1.0 - p) * steeper * steeper
         seen = seen_var = 0.0
-        if recovering[k] > 0.0:
+        if coarse[k] > 0.0:
             wind = c[WIND] + p * (b[WIND] - c[WIND])
             seen, seen_var = coarse_grade(
-                row[OUT_U], row[OUT_U_VAR], wind, force[k], J, a, roll[k], drag[k], memory[SPEED_VAR]
+                row[OUT_U], row[OUT_U_VAR], wind, force[k], J, a, roll[k], drag[k], bend[k], memory[SPEED_VAR]
             )
         row[OUT_GRADE], row[OUT_GRADE_VAR] = surer(
             memory, c[GRADE] + p * steeper, grade_var, is_open, seen, seen_var

@@ -14,9 +14,9 @@ from canest.vehicle.samples import GRAVITY_MPS2, VehicleFacts
 MASS_KG, MASS_STD_KG, SINE, SINE_PER_M, SINE_STD, LEARNED, STANDING_S, SPEED_MPS = range(8)
 COLUMNS = 8
 
-#: share of the mass left in doubt is this by the effort (m2/s3): 20 % after hours of motorway at one speed,
-#: 2 % after half a minute of town
-UNTOLD_MPS2 = 0.02
+#: share of the mass left in doubt is this by the effort (m2/s3): half of it on a motorway at one speed,
+#: however long, 1 % after two or three launches; and the same by what an accelerometer has felt
+UNTOLD_MPS2, UNFELT_MPS2 = 0.005, 0.02
 #: slow torque leaves at least this share in doubt, whatever an accelerometer feels, so that it alone is never
 #: trusted: one crest taken for a straight while the driver eases off is enough
 LEAST_FELT = 0.045
@@ -38,7 +38,7 @@ def known(
     """
     table = np.empty((len(out), COLUMNS))
     untold = UNTOLD_MPS2 / np.maximum(out[:, at.OUT_EFFORT], 1e-9)
-    felt = np.maximum(UNTOLD_MPS2 / np.maximum(out[:, at.OUT_FELT], 1e-9), LEAST_FELT)
+    felt = np.maximum(UNFELT_MPS2 / np.maximum(out[:, at.OUT_FELT], 1e-9), LEAST_FELT)
     untold = np.minimum(np.minimum(untold, felt), 0.5)
     u_var = out[:, at.OUT_U_VAR] + (untold * out[:, at.OUT_U]) ** 2
     u_var[out[:, at.OUT_STANDING_S] > UNLOADED_S] += any_load * any_load

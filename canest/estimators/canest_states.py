@@ -39,14 +39,15 @@ AXLE_STATES = 3
     SLOW_MPS2,  # specific force that changes no faster than an accelerometer's bias
     LAST_MPS2,  # acceleration in the window before
     STRETCH_M,  # travelled since the roads were last mixed
-    UNMIXED,  # windows since then
+    UNSEEN,  # windows since an accelerometer was read
     HELD_U,  # the inverse mass of the last open window: a closed gate moves no mass
     COARSE_GRADE,  # what follows the filter's grade and takes coarse forces too, and its variance
     COARSE_VAR,
     LAST_GRADE,  # the filter's in the window before
     LAST_VAR,
-) = range(26)
-MEMORY = 26
+    SURPRISED_M,  # travelled since innovations were last one-signed for long
+) = range(27)
+MEMORY = 27
 
 # one window's outputs
 OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S, OUT_EFFORT = range(8)

@@ -44,7 +44,8 @@ COLUMNS = (
     "open",
     "retarding",  # 1 where nothing but a retarder of known force closes the gate
     "stopped",
-    "recovering",  # 1 where nothing but the dwell after another gate closes this one
+    "coarse",  # 1 where nothing but a bend or the dwell after another gate closes this one
+    "bend_mps2",  # what a bend may brake there, std
 )
 
 (
@@ -59,17 +60,20 @@ COLUMNS = (
     _ROTATING,
     _UNDRIVEN,
     _ALTITUDE,
+    _YAW,
     _GATE,
     _STOPPED,
     _TICK,
     _BROKEN,
-) = range(15)
-_COLUMNS = 15
+) = range(16)
+_COLUMNS = 16
 _LATE = slice(_SENSED, _AERO + 1)  #: columns whose mean is taken SHIFT ticks back
 _NEEDED = slice(_SPEED, _ROTATING + 1)  #: columns without which a sample is broken
 #: beyond these no vehicle goes: m/s, N, -, m/s2, N, N, 1/m, kg; and the accelerometer, altitude
 _MOST = np.array([[150.0], [1e7], [1.0], [50.0], [1e7], [1e7], [1e4], [1e6]])
-_MOST_SENSED, _MOST_SPEED, _MOST_ALTITUDE = 50.0, 150.0, 1e4
+_MOST_SENSED, _MOST_SPEED, _MOST_ALTITUDE, _MOST_YAW = 50.0, 150.0, 1e4, 3.0
+#: drag of cornering tyres by lateral acceleration squared: 1 / (g x cornering stiffness per load, some 5/rad)
+_CORNERING_S2PM = 0.02
 
 Picked = slice | NDArray[np.int64]  #: indices of samples, one per window
 
@@ -119,6 +123,7 @@ class Windows:
         new[_ROTATING] = block.rotating_mass_kg
         new[_UNDRIVEN] = block.undriven_mps
         new[_ALTITUDE] = block.altitude_m
+        new[_YAW] = block.yaw_rate_radps
         new[_GATE] = block.gate
         new[_STOPPED] = block.stopped
         new[_TICK] = block.t_us // STEP_US
@@ -163,13 +168,17 @@ class Windows:
         closed = rows[_GATE] != Gate.OPEN
         is_open = none_of(closed, ends, TICKS)
         retarding = none_of(closed & (rows[_GATE] != Gate.RETARDER), ends, TICKS)
-        recovering = none_of(closed & (rows[_GATE] != Gate.RECOVERY), ends, _REACH)
-        recovering &= ticks[ends] - starts > _SETTLED
+        turning = rows[_GATE] == Gate.TURNING
+        coarse = none_of(closed & (rows[_GATE] != Gate.RECOVERY) & ~turning, ends, _REACH)
+        coarse &= ticks[ends] - starts > _SETTLED
+        lateral_mps2 = late[_SPEED] * within(late[_YAW], _MOST_YAW)
+        bend_mps2 = np.where(none_of(turning, ends, _REACH), 0.0, _CORNERING_S2PM * lateral_mps2**2)
+        coarse &= bend_mps2 >= 0.0  # NaN where nobody tells how sharp the bend is
         if rows[_BROKEN].any():
             sound = none_of(rows[_BROKEN] > 0.0, ends, _REACH + 1)
             is_open &= sound
             retarding &= sound
-            recovering &= sound
+            coarse &= sound
         columns = [
             (ticks[ends] - before - TICKS) * STEP_S,
             np.maximum(mean_speed, 0.0) * WINDOW_S,
@@ -192,7 +201,8 @@ class Windows:
             is_open,
             retarding & ~is_open,
             now[_STOPPED],
-            recovering & ~is_open,
+            coarse & ~is_open,
+            bend_mps2,
         ]
         return np.array(columns, np.float64)
 

@@ -12,7 +12,7 @@ from canest.estimators.base import create
 from canest.gates import Gate
 from canest.vehicle.samples import Status
 
-from .momentum import FACTS, flat, hills, steady, trip
+from .momentum import FACTS, flat, hills, pulses, steady, trip
 
 
 def run(drive, start_kg=None, facts=FACTS):
@@ -190,6 +190,39 @@ def test_a_driveline_that_comes_to_rest_tells_the_road_and_leaves_no_trace_in_th
     assert np.mean(np.abs(z) <= 2.0) > 0.9
     after = slice(5700, None)  # the filter has learned the road again
     np.testing.assert_array_equal(seen.grade[after], unseen.grade[after])
+
+
+def test_a_bend_tells_the_road_as_far_as_its_drag_is_known():
+    drive = trip(160, throttle=lambda t, v: pulses(t, v) if t < 95 else steady(t, v))
+    bend = slice(5000, 5500)
+    gate = drive.block.gate.copy()
+    gate[bend] = Gate.TURNING
+    yaw = np.zeros(len(gate))
+    estimates = []
+    for yaw[bend] in (np.nan, 0.1, 0.05):  # nobody tells how sharp; 2 m/s2 and 1 m/s2 at 20 m/s
+        estimates.append(run(replace_block(drive, gate=gate, yaw_rate_radps=yaw.copy()))[1])
+    blind, sharp, wide = estimates
+    for e in (sharp, wide):
+        np.testing.assert_array_equal(e.mass_kg, blind.mass_kg)
+        np.testing.assert_array_equal(e.mass_std_kg, blind.mass_std_kg)
+    last = slice(5300, 5500)
+    assert (wide.grade_std[last] < sharp.grade_std[last]).all()
+    assert (sharp.grade_std[last] <= blind.grade_std[last]).all()
+    errors = [np.sqrt(np.mean(degrees(drive, e)[bend] ** 2)) for e in (wide, blind)]
+    assert errors[0] < 0.6 * errors[1]
+    z = (wide.grade - drive.grade)[bend] / wide.grade_std[bend]
+    assert np.mean(np.abs(z) <= 2.0) > 0.9
+
+
+def test_a_sharp_crest_is_no_other_load():
+    """Radius 1.4 km, from 0.5 % up to 5 % down in 80 m: nobody loads a truck that drives."""
+
+    def crest(s_m):
+        return 0.005 - 0.055 * np.clip((s_m - 2400.0) / 80.0, 0.0, 1.0)
+
+    _, e = run(drive := trip(170, road=crest))
+    assert (np.abs(drive.error(e))[60 * 50 :] < 0.04).all()
+    assert (e.status[75 * 50 :] == Status.VALID).all()
 
 
 def test_a_filter_that_has_just_begun_tells_nothing_of_the_road():

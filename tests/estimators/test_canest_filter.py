@@ -156,7 +156,7 @@ def test_momentum_balance_equals_two_dense_filters(compiled):
         memory = min(NOISE_MEMORY, NOISE_START + i)
         c = {name: w[AT[name], i] for name in COLUMNS}
         stretch_m += c["distance_m"]
-        if (i + 1) % k._MIX_EVERY == 0:
+        if stretch_m >= k._MIX_M:
             for dense in roads:
                 dense.fade(stretch_m)
             weight = mixed(*roads, weight, stretch_m, prior.std[at.CURVATURE] ** 2)

@@ -180,7 +180,7 @@ def test_a_window_is_what_its_samples_say():
     assert w["sensed_mps2"] == pytest.approx(b.accelerometer_mps2[back].mean())
     assert w["undriven_mps"] == b.undriven_mps[end - SHIFT]
     assert (w["open"], w["retarding"], w["stopped"], w["gap_s"]) == (1.0, 0.0, 0.0, 0.0)
-    assert w["recovering"] == 0.0
+    assert w["coarse"] == 0.0
 
 
 def test_a_gap_counts_as_time_and_never_as_momentum():

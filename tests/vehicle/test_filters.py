@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from canest.errors import ConfigError
-from canest.filters import Filter, butterworth, order_and_cutoff
+from canest.filters import Filter, butterworth, delay_s, order_and_cutoff
 
 RATE_HZ = 50.0
 
@@ -83,3 +83,10 @@ def test_the_2013_papers_filter() -> None:
     order, cutoff_hz = order_and_cutoff(1.0, 10.0, stop_dB=60.0)
     assert order == 3
     assert cutoff_hz == pytest.approx(1.0, rel=2e-3)
+
+
+@pytest.mark.parametrize(("order", "cutoff_hz"), [(1, 1.0), (2, 2.0), (3, 0.7), (5, 10.0)])
+def test_the_delay_of_a_slow_signal_is_the_group_delay(order: int, cutoff_hz: float) -> None:
+    b, a = signal.butter(order, cutoff_hz, fs=50.0)
+    _, ticks = signal.group_delay((b, a), w=[0.0])
+    assert delay_s(butterworth(order, cutoff_hz)) == pytest.approx(ticks[0] / 50.0, rel=1e-6)
