@@ -91,7 +91,13 @@ class TestUsage:
     def test_unknown_estimator_lists_the_known(self, canest):
         done = canest("replay", KENWORTH, "-c", "kenworth", "--estimator", "magic")
         assert done.code == 2
-        assert "rlsmf" in one_line(done)
+        assert "--estimator: unknown estimator, found 'magic'" in one_line(done)
+        assert "rlsmf" in done.err
+
+    def test_a_start_mass_that_is_no_number_of_kilograms(self, canest):
+        done = canest("check", "-c", "kenworth", "--initial-mass", "-3")
+        assert done.code == 2
+        assert "--initial-mass, found -3.0, expected greater than 0" in one_line(done)
 
 
 class TestConfig:
@@ -135,6 +141,12 @@ class TestConfig:
         done = canest("check", "-c", "class8", "--set", "vehicle.wheel_radius_m=55")
         assert done.code == 2
         assert "--set" in one_line(done)
+
+    def test_a_config_that_cannot_work_is_told_once_for_many_logs(self, canest):
+        option = "estimator.options.forgeting=0.9"
+        done = canest("replay", KENWORTH, KENWORTH, "-c", "kenworth", "--set", option)
+        assert done.code == 2
+        assert "--set: estimator.options.forgeting: unknown option" in one_line(done)
 
     def test_no_yaml(self, canest, tmp_path):
         path = tmp_path / "broken.yaml"
