@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import logging
 import math
 import tempfile
@@ -17,6 +18,7 @@ from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.logs.base import LogReader
 from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
 from canest.logs.compression import Source
+from canest.logs.damaged import hushed, sqlite_reader
 
 _TEXT_BYTES = 1 << 18
 _SECONDS_MAX = 9e12
@@ -110,26 +112,38 @@ class PythonCanReader(LogReader):
             while piece := self._source.read(_TEXT_BYTES):
                 unpacked.write(piece)
             unpacked.seek(0)
-            yield from self._binary_messages(unpacked)
+            yield from self._binary_messages(unpacked.file)  # asammdf knows no wrapper
 
     def _binary_messages(self, file: Any) -> Iterator[Any]:
         import can
 
-        make: Any = {".blf": can.BLFReader, ".mf4": can.MF4Reader, ".db": can.SqliteReader}[self._suffix]
+        make: Any = {".blf": can.BLFReader, ".mf4": can.MF4Reader, ".db": sqlite_reader}[self._suffix]
         source = file.name if self._suffix == ".db" else file  # sqlite opens by name only
-        try:
-            with _listening(lambda: None), self._reader(make, source) as reader:
-                yield from reader
-                declared = getattr(reader, "file_size", 0)
-        except LogError:
-            raise
-        except Exception as error:  # whatever a damaged file makes of python-can
-            self._skip(self._frames + 1, "", _reason(error))
-            self.truncated_reason = f"damaged after {self._frames} frames: {_reason(error)}"
-            return
+        damage, announced = "", 0
+        with hushed():
+            try:
+                reader = self._reader(make, source)
+            except LogError:
+                raise
+            except Exception as error:  # whatever a damaged file makes of python-can
+                damage = _reason(error)
+            if damage:
+                gc.collect()  # the destructor of what could not be constructed runs now
+        if not damage:
+            try:
+                announced = getattr(reader, "file_size", 0)
+                with _listening(lambda: None), reader:
+                    yield from reader
+            except Exception as error:  # as above
+                damage = _reason(error)
+        if damage and not self._frames:
+            what = f"damaged or cut short, nothing in it can be read ({damage})"
+            raise LogError(what, where=str(self.path), expected=f"a whole {self._suffix} file")
         actual = Path(file.name).stat().st_size
-        if actual < declared:  # python-can ends quietly here
-            self.truncated_reason = f"holds {actual} of the {declared} bytes its header announces"
+        if actual < announced:  # python-can may end quietly here
+            self.truncated_reason = f"holds {actual:,} of the {announced:,} bytes its header announces"
+        elif damage:
+            self.truncated_reason = f"damaged after {self._frames:,} frames: {damage}"
 
     def _text_messages(self) -> Iterator[Any]:
         """Iterate with a fresh reader behind every line that ends one; the header is read again each time."""
