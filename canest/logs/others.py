@@ -7,7 +7,7 @@ import gc
 import logging
 import math
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ _TEXT_BYTES = 1 << 18
 _SECONDS_MAX = 9e12
 _TEXT_SUFFIXES = (".asc", ".trc", ".csv")
 _HEADER_LINES_MAX = 200
+_UNNAMED = "unnamed"  #: the interface of a format that names none
 _BYTES_MAX = 64  #: payload of CAN FD
 
 
@@ -64,18 +65,23 @@ class PythonCanReader(LogReader):
         channel: str | None,
         block_frames: int,
     ) -> None:
-        super().__init__(source)
+        super().__init__(source, channel)
         self.format = suffix.removeprefix(".")
         self._head, self._suffix, self._wanted = head, suffix, wanted
-        self._channel, self._block_frames = channel, block_frames
+        self._block_frames = block_frames
         self._frames = self._skipped_lines = 0
         self._skipped: list[tuple[int, str, str]] = []
-        self.channels: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
 
     @property
     def frames(self) -> int:
         """Frames so far, delivered or not."""
         return self._frames
+
+    @property
+    def channels(self) -> Mapping[str, int]:
+        """Frames per interface so far, as the format names them."""
+        return self._channels
 
     @property
     def skipped_lines(self) -> int:
@@ -189,8 +195,8 @@ class PythonCanReader(LogReader):
             self._skip(self._frames + 1, f"{can_id:x}", "no CAN frame")
             return None
         self._frames += 1
-        channel = str(message.channel)
-        self.channels[channel] = self.channels.get(channel, 0) + 1
+        channel = _UNNAMED if message.channel is None else str(message.channel)
+        self._channels[channel] = self._channels.get(channel, 0) + 1
         if self._channel is not None and channel != self._channel:
             return None
         can_id |= EXTENDED * message.is_extended_id if not message.is_error_frame else ERROR

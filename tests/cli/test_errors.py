@@ -184,6 +184,13 @@ class TestLogs:
         assert done.code == 1
         assert "picture.png" in one_line(done)
 
+    @pytest.mark.parametrize("command", [["replay"], ["check"], ["compare", "--mass", "9000"]])
+    def test_a_channel_that_the_log_lacks_names_those_it_has(self, canest, command):
+        done = canest(*command, KENWORTH, "-c", "kenworth", "--channel", "can7")
+        assert done.code == 1
+        line = one_line(done)
+        assert "no frame on this channel, found 'can7', expected one of can0 (19,957 frames)" in line
+
     def test_table_log_for_a_config_of_dbc_signals(self, canest, tmp_path):
         path = tmp_path / "table.csv"
         path.write_text("t_s,v\n0.0,1\n0.1,2\n")

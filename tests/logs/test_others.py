@@ -92,7 +92,9 @@ def test_wanted_and_channel_apply_here_too(tmp_path):
     block, reader = read_all(path, wanted=lambda can_id: can_id == 0x123)
     assert reader.frames == 200
     assert set(block.can_id.tolist()) == {0x123}
-    assert len(read_all(path, channel="7")[0]) == 0
+    assert len(read_all(path, channel="0")[0]) == 200
+    with pytest.raises(LogError, match=r"this channel, found '7', expected one of 0 \(200 frames"):
+        read_all(path, channel="7")
 
 
 @pytest.mark.skipif(importlib.util.find_spec("asammdf") is not None, reason="asammdf is installed")
