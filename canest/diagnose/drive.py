@@ -22,6 +22,7 @@ from canest.tables import TableMap
 from canest.vehicle.effects import Effect
 from canest.vehicle.regression import Regression
 from canest.vehicle.samples import ModelBlock
+from canest.verdict import why_no_time
 
 Progress = Callable[[int, int], None]
 
@@ -50,8 +51,8 @@ class Run:
 class Drive:
     """One log's decoded samples with the config they were decoded by."""
 
-    def __init__(self, path: Path, config: Config, feeds: Sequence[Feed]) -> None:
-        self.path, self.config, self._feeds = path, config, feeds
+    def __init__(self, path: Path, config: Config, feeds: Sequence[Feed], flaw: str = "") -> None:
+        self.path, self.config, self._feeds, self._flaw = path, config, feeds, flaw
         self.name = path.name.split(".")[0]
         self._grids: dict[tuple[float, ...], list[GridBlock]] = {}
 
@@ -71,7 +72,7 @@ class Drive:
                 progress(reader.bytes_done, reader.bytes_total)
         if not feeds:
             raise LogError("holds no frame that the config's signal map wants", where=str(path))
-        return Drive(path, config, feeds)
+        return Drive(path, config, feeds, why_no_time(intake.clock))
 
     @staticmethod
     def with_effects(config: Config, effects: Sequence[Effect]) -> Config:
@@ -97,7 +98,7 @@ class Drive:
                 }
             )
         if not parts:
-            raise LogError("is too short: not one 20 ms tick", where=str(self.path))
+            raise LogError(self._flaw or "is too short: not one 20 ms tick", where=str(self.path))
         columns = {k: np.concatenate([r[k] for r in raws]) for k in ("torque_Nm", "engine_radps", "gear")}
         signals = {role: np.concatenate([r["signals"][role] for r in raws]) for role in raws[0]["signals"]}
         return Run(ModelBlock.concatenate(parts), signals=signals, **columns)
