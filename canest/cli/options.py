@@ -71,14 +71,23 @@ def load(
     """Load a config with what the command line changes in it. Errors: ConfigError."""
     from canest.config import load_config
 
-    changes, options = list(overrides), {}
+    return load_config(config_name, *changes(config_name, overrides, estimator, initial_mass))
+
+
+def changes(
+    config_name: str, overrides: tuple[str, ...], estimator: str | None, initial_mass: float | None
+) -> tuple[list[str], dict[str, str]]:
+    """Return all overrides of a config, and the keys among them that have an option of their own."""
+    from canest.config import load_config
+
+    changed, options = list(overrides), {}
     if estimator is not None:
         # the config's options belong to the config's estimator; --set still reaches the new one's
         if load_config(config_name).estimator.name != estimator:
-            changes.insert(0, "estimator.options={}")
-        changes.append(f"estimator.name={estimator}")
+            changed.insert(0, "estimator.options={}")
+        changed.append(f"estimator.name={estimator}")
         options["estimator.name"] = "--estimator"
     if initial_mass is not None:
-        changes.append(f"estimator.initial_mass_kg={initial_mass!r}")
+        changed.append(f"estimator.initial_mass_kg={initial_mass!r}")
         options["estimator.initial_mass_kg"] = "--initial-mass"
-    return load_config(config_name, changes, options)
+    return changed, options
