@@ -48,6 +48,10 @@ class Run:
         return np.asarray(self.samples.gate == 0)
 
 
+class NothingToDiagnoseError(LogError):
+    """The log can be read, but holds nothing that the model could be run on."""
+
+
 class Drive:
     """One log's decoded samples with the config they were decoded by."""
 
@@ -58,7 +62,7 @@ class Drive:
 
     @staticmethod
     def load(path: Path, config: Config, progress: Progress | None = None) -> Drive:
-        """Read and decode a log (frames or table). Errors: LogError when it holds nothing wanted."""
+        """Read and decode a log (frames or table). Errors: LogError, NothingToDiagnoseError."""
         intake = Intake(config)
         table = TableMap(config)
         feeds: list[Feed] = []
@@ -71,7 +75,8 @@ class Drive:
             if progress is not None:
                 progress(reader.bytes_done, reader.bytes_total)
         if not feeds:
-            raise LogError("holds no frame that the config's signal map wants", where=str(path))
+            what = "holds no frame that the config's signal map wants"
+            raise NothingToDiagnoseError(what, where=str(path))
         return Drive(path, config, feeds, why_no_time(intake.clock))
 
     @staticmethod
@@ -98,7 +103,9 @@ class Drive:
                 }
             )
         if not parts:
-            raise LogError(self._flaw or "is too short: not one 20 ms tick", where=str(self.path))
+            raise NothingToDiagnoseError(
+                self._flaw or "is too short: not one 20 ms tick", where=str(self.path)
+            )
         columns = {k: np.concatenate([r[k] for r in raws]) for k in ("torque_Nm", "engine_radps", "gear")}
         signals = {role: np.concatenate([r["signals"][role] for r in raws]) for role in raws[0]["signals"]}
         return Run(ModelBlock.concatenate(parts), signals=signals, **columns)
