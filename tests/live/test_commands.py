@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -206,11 +207,13 @@ def test_every_mistake_is_one_line_and_the_right_exit_code(capsys, arguments, co
 
 def test_status_shows_what_a_person_on_call_needs(tmp_path, drive, monkeypatch, capsys):
     settings = load_config("vcan", [f"service.state_dir={tmp_path}", "service.learn='off'"])
-    from canest.live.snapshot import snapshot
+    from canest.live.snapshot import flat, snapshot
 
     with Rig(monkeypatch, settings, drive) as rig:
         rig.run(45)
         content = snapshot(rig.daemon, rig.now_us)
+    assert content["senders"]["pgn_61444_from_0x00"]["frames"] > 0
+    assert all(re.fullmatch(r"[\w.]+", key) for key in flat(content))  # a line of key=value splits at spaces
     monkeypatch.setattr("canest.live.status_socket.ask", lambda path: content)
     assert run(["status", "--socket", "x"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
