@@ -188,9 +188,12 @@ class Doctor:
         missing = self.pipeline.estimator.missing()
         if missing:
             return f"estimator {self.config.estimator.name} cannot work here: {missing}"
-        if self.pipeline.samples and not self.pipeline.updated:
-            from canest.verdict import gate_shares
+        if not self.pipeline.updated:
+            from canest.verdict import gate_shares, why_no_time
 
+            backward = why_no_time(self.pipeline.clock)
+            if backward or not self.pipeline.samples:
+                return backward
             shares = gate_shares(self.pipeline.gate_counts, self.pipeline.samples)
             return f"every sample was refused by a gate: {shares}"
         return ""

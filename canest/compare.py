@@ -16,7 +16,7 @@ from canest.frames import FloatColumn, FrameBlock
 from canest.grid.grid import GridBlock
 from canest.intake import Intake, grid_for
 from canest.logs.reader import open_log
-from canest.pipeline import Estimates, facts_of
+from canest.pipeline import Estimates, estimator_of, facts_of
 from canest.scoring import Score
 from canest.tables import TableMap
 from canest.vehicle.regression import Regression
@@ -85,7 +85,7 @@ def compare(
     fast.enable(compiling_pays(Path(log), config) if compiled is None else compiled)
     facts, chosen = facts_of(config), config.estimator
     entries = {
-        name: _Entry(create(name, facts, chosen.options if name == chosen.name else {}))
+        name: _Entry(estimator_of(config) if name == chosen.name else create(name, facts))
         for name in (names or REGISTRY)
     }
     blocks: list[ModelBlock] = []

@@ -12,7 +12,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from canest.errors import CanestError, LogError, OutputError, UsageError
+from canest.errors import CanestError, ConfigError, LogError, OutputError, UsageError
 from canest.job import Job, name_of
 
 if TYPE_CHECKING:
@@ -76,7 +76,10 @@ def run_jobs(
     workers: int | None = None,
     done: Callable[[Outcome], None] | None = None,
 ) -> list[Outcome]:
-    """Run every job and return what became of each, in their order; `done` is told as each one ends."""
+    """Run every job and return what became of each, in their order; `done` is told as each one ends.
+
+    Errors: ConfigError, which ends them all.
+    """
     workers = min(workers or len(os.sched_getaffinity(0)), len(jobs))
     outcomes: dict[Job, Outcome] = {}
     for outcome in _serial(jobs, config) if workers <= 1 else _parallel(list(jobs), config, workers):
@@ -124,9 +127,11 @@ def _pool(workers: int) -> ProcessPoolExecutor:
 
 
 def _attempt(job: Job, config: Config) -> Outcome:
-    """Run a job; whatever goes wrong with this log stays with this log."""
+    """Run a job; whatever goes wrong with this log stays with this log. Errors: ConfigError."""
     try:
         return Outcome(job, job.run(config))
+    except ConfigError:  # of no log in particular
+        raise
     except CanestError as error:
         text = str(error)
         return Outcome(job, error=text if str(job.log) in text else f"{job.log}: {text}")

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from canest.config.schema import Config
 from canest.decode.decoder import Decoder
 from canest.decode.signal_map import resolution_of
+from canest.errors import ConfigError
 from canest.estimators.base import Estimator, create
 from canest.filters import butterworth, delay_s
 from canest.frames import FloatColumn, FrameBlock, IntColumn
@@ -69,7 +70,7 @@ class Pipeline:
         self.config = config
         self.intake = Intake(config)
         self._grid = grid_for(config)
-        self.estimator: Estimator = create(config.estimator.name, facts_of(config), config.estimator.options)
+        self.estimator = estimator_of(config)
         self._regression = Regression(config, excitation_gate=self.estimator.wants_excitation_gate)
         self._listener = listener
         self.gates: Counter[str] = Counter()
@@ -161,6 +162,17 @@ class Pipeline:
         done.append(
             Estimates(samples.t_us, e.mass_kg, e.mass_std_kg, e.grade, e.grade_std, e.status, samples.gate)
         )
+
+
+def estimator_of(config: Config) -> Estimator:
+    """Return a config's estimator. Errors: ConfigError that names the place in the config."""
+    chosen = config.estimator
+    try:
+        return create(chosen.name, facts_of(config), chosen.options)
+    except ConfigError as error:
+        raise ConfigError(
+            error.what, where=config.at(error.where), found=error.found, expected=error.expected
+        ) from error
 
 
 def facts_of(config: Config) -> VehicleFacts:

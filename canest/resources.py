@@ -15,10 +15,10 @@ def shipped(kind: str) -> Path:
     return installed if installed.is_dir() else _PACKAGE.parent / kind
 
 
-def find(kind: str, name: str) -> Path:
+def find(kind: str, name: str, where: str = "") -> Path:
     """Return the file ``name``: as given, or among the shipped ones.
 
-    Errors: ConfigError that lists the shipped names.
+    where: the key that names the file. Errors: ConfigError that lists the shipped names.
     """
     folder = shipped(kind)
     candidates = [Path(name), folder / name]
@@ -29,7 +29,10 @@ def find(kind: str, name: str) -> Path:
             return path
     names = ", ".join(sorted(p.name for p in folder.glob("*") if p.is_file()))
     raise ConfigError(
-        f"no such {kind.removesuffix('s')} file", where=name, expected=f"a path or a shipped name ({names})"
+        f"no such {kind.removesuffix('s')} file",
+        where=where or name,
+        found=name if where else None,
+        expected=f"a path or a shipped name ({names})",
     )
 
 

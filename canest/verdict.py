@@ -11,6 +11,7 @@ from canest.vehicle.samples import RATE_HZ
 if TYPE_CHECKING:
     from canest.config import Config
     from canest.decode.counters import Counters
+    from canest.grid.clock import Clock
     from canest.replay import LogRun
 
 
@@ -53,6 +54,8 @@ def why_not_learning(run: LogRun) -> str:
     if missing:
         return f"estimator {run.config.estimator.name} cannot work here: {missing}"
     shares = gate_shares(pipeline.gate_counts, pipeline.samples)
+    if backward := why_no_time(pipeline.clock):
+        return backward
     if not pipeline.samples:
         return "the log is too short for a single 50 Hz sample of the needed signals"
     if not pipeline.updated:
@@ -61,6 +64,14 @@ def why_not_learning(run: LogRun) -> str:
         f"only {pipeline.updated / RATE_HZ:.1f} s of {pipeline.samples / RATE_HZ:.1f} s could be learned from"
         + (f" (gates: {shares})" if shares else "")
     )
+
+
+def why_no_time(clock: Clock) -> str:
+    """Return that time runs backwards where most stamps do, '' where it passes."""
+    backward = clock.counters["reordered"] + clock.counters["clock_set_back"]
+    if 2 * backward <= clock.stamps:
+        return ""
+    return f"time runs backwards: {backward:,} of {clock.stamps:,} stamps lie before one that precedes them"
 
 
 def gate_shares(gates: dict[str, int], samples: int) -> str:

@@ -252,7 +252,8 @@ def _effects() -> str:
     text = (
         "## Effects\n\nA list, e.g. `effects: [{effect: torque_gain, gain: 0.95}]`; `canest diagnose` writes "
     )
-    text += "it. At its neutral value an effect changes nothing.\n\n"
+    text += "it. At its neutral value an effect changes nothing.\n"
+    text += "`driveline_loss` may name one `gear` of `vehicle.gear_ratios`; without one it acts in all.\n\n"
     return text + _table(["effect", "parameters", "meaning"], rows)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from canest.cli.options import override_options
+from canest.cli.options import changes, override_options
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -52,14 +52,9 @@ def command(
     speed: float, overrides: tuple[str, ...], estimator: str | None, initial_mass: float | None
 ) -> int:
     """See mass and grade settle on a bundled drive, played to the daemon over a loopback bus."""
-    changes = list(overrides)
-    if estimator is not None:
-        changes.append(f"estimator.name={estimator}")
-    if initial_mass is not None:
-        changes.append(f"estimator.initial_mass_kg={initial_mass!r}")
-    from canest.demo.session import Session
+    from canest.demo.session import CONFIG, Session
 
-    with Session(speed, tuple(changes)) as session:
+    with Session(speed, *changes(CONFIG, overrides, estimator, initial_mass)) as session:
         show = _draw if sys.stdout.isatty() else _print
         show(session)
         return _result(session)

@@ -38,6 +38,7 @@ Writes into DIR:
 
 The better the reference, the more can be told: with --mass and --truth single effects, with --mass
 alone most of them, from the bus alone only what a slope cannot imitate. The report says which it was.
+A log that cannot be read is named, and the exit code is 1; the others are diagnosed all the same.
 """
 
 #: candidates shown on the terminal
@@ -76,7 +77,17 @@ def command(
     paths = [Path(log) for log in logs] + (_segments(Path(recorded)) if recorded is not None else [])
     if truth not in (None, "auto") and len(paths) > 1:
         raise click.UsageError("one truth cannot fit several logs: use --truth auto", context)
-    return _diagnose(paths, config, config_name, _truths(paths, truth), mass_kg, Path(output))
+    truths = _truths(paths, truth)
+    from canest.cli.keep import keep_apart
+    from canest.diagnose.files import CONFIG_NAME, JSON_NAME, REPORT_NAME
+
+    keep_apart(
+        [("the config", config_name)]
+        + [(f"the log {path}", path) for path in paths]
+        + [(f"the truth {path}", path) for path in truths or ()],
+        [("-o", Path(output) / name) for name in (JSON_NAME, CONFIG_NAME, REPORT_NAME)],
+    )
+    return _diagnose(paths, config, config_name, truths, mass_kg, Path(output))
 
 
 def _diagnose(
@@ -109,14 +120,21 @@ def _diagnose(
     except TooLittleDrivingError as error:
         written = write_empty(error, config, config_name, names, output)
         print(f"{written.finding}\n\n{_files(written.paths)}")
-        return 0
-    for reason in diagnosis.problem.left_out:
-        print(f"left out: {reason}", file=sys.stderr)
+        return _failures(error.failed)
     _show(diagnosis, written.found)
+    for reason in diagnosis.problem.left_out:
+        print(f"left out: {reason}")
     print(_files(written.paths))
     if diagnosis.search.chosen:
         print(f"try it: canest replay ANOTHER.log -c {output / 'revised.yaml'}")
-    return 0
+    return _failures(diagnosis.problem.failed)
+
+
+def _failures(failed: Sequence[str]) -> int:
+    """Tell which logs could not be used, and why; return the exit code."""
+    for reason in failed:
+        print(f"error: {reason}", file=sys.stderr)
+    return 1 if failed else 0
 
 
 def _segments(folder: Path) -> list[Path]:

@@ -30,9 +30,11 @@ def command(write: bool, config_name: str | None, name: str | None, root: str) -
         return
     path, databases = None, []
     if config_name is not None:
+        from canest.pipeline import Pipeline
         from canest.resources import find
 
-        config = load(config_name)  # a config that is refused must not become a service
+        config = load(config_name)
+        Pipeline(config)  # a config that is refused must not become a service
         path = find("configs", config_name)
         databases = [Path(dbc) for dbc in config.dbc if Path(dbc).parent == path.resolve().parent]
     done = install(path, name, Path(root), databases)

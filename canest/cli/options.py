@@ -68,26 +68,26 @@ def load(
     estimator: str | None = None,
     initial_mass: float | None = None,
 ) -> Config:
-    """Load a config with what the command line changes in it. Errors: ConfigError, UsageError."""
+    """Load a config with what the command line changes in it. Errors: ConfigError."""
     from canest.config import load_config
 
-    changes = list(overrides)
+    return load_config(config_name, *changes(config_name, overrides, estimator, initial_mass))
+
+
+def changes(
+    config_name: str, overrides: tuple[str, ...], estimator: str | None, initial_mass: float | None
+) -> tuple[list[str], dict[str, str]]:
+    """Return all overrides of a config, and the keys among them that have an option of their own."""
+    from canest.config import load_config
+
+    changed, options = list(overrides), {}
     if estimator is not None:
         # the config's options belong to the config's estimator; --set still reaches the new one's
         if load_config(config_name).estimator.name != estimator:
-            changes.insert(0, "estimator.options={}")
-        changes.append(f"estimator.name={estimator}")
+            changed.insert(0, "estimator.options={}")
+        changed.append(f"estimator.name={estimator}")
+        options["estimator.name"] = "--estimator"
     if initial_mass is not None:
-        vehicle = load_config(config_name, changes).vehicle
-        if not vehicle.mass_min_kg <= initial_mass <= vehicle.mass_max_kg:
-            from canest.errors import UsageError
-
-            bounds = f"{vehicle.mass_min_kg:g} to {vehicle.mass_max_kg:g} kg"
-            raise UsageError(
-                "no mass of this vehicle",
-                where="--initial-mass",
-                found=initial_mass,
-                expected=f"{bounds} (vehicle.mass_min_kg, mass_max_kg)",
-            )
-        changes.append(f"estimator.initial_mass_kg={initial_mass!r}")
-    return load_config(config_name, changes)
+        changed.append(f"estimator.initial_mass_kg={initial_mass!r}")
+        options["estimator.initial_mass_kg"] = "--initial-mass"
+    return changed, options

@@ -11,8 +11,8 @@ from canest.cli.options import config_option, load
 
 EPILOG = """\b
 Examples:
-  canest status                         every daemon on this machine
-  canest status -c my-truck.yaml        the daemon of this config
+  canest status                         every daemon in the usual places of this machine
+  canest status -c my-truck.yaml        the daemon of this config, in its own service.state_dir too
   canest status --json
 
 Exits 1 when no daemon answers.

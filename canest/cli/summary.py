@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -66,8 +67,8 @@ def many_lines(summary: dict[str, Any]) -> list[str]:
         "grade RMS deg",
     ]
     rows = [header]
-    for log in summary["logs"]:
-        name = Path(log["log"]).name
+    names = short_names([log["log"] for log in summary["logs"]])
+    for name, log in zip(names, summary["logs"], strict=True):
         if "error" in log:
             rows.append([name, "failed"])
             continue
@@ -82,7 +83,9 @@ def many_lines(summary: dict[str, Any]) -> list[str]:
     if "errors" not in summary:
         rows = [row[:6] for row in rows]
     lines = table(rows)
-    noted = [(Path(log["log"]).name, log["notes"]) for log in summary["logs"] if log.get("notes")]
+    noted = [
+        (name, log["notes"]) for name, log in zip(names, summary["logs"], strict=True) if log.get("notes")
+    ]
     for name, notes in noted[:_MOST_NOTED]:
         lines.append(f"note: {name}: {'; '.join(notes)}")
     if len(noted) > _MOST_NOTED:
@@ -92,6 +95,13 @@ def many_lines(summary: dict[str, Any]) -> list[str]:
     if "errors" in summary:
         lines.append("pooled: " + errors_text(summary["errors"]))
     return lines
+
+
+def short_names(paths: Sequence[str]) -> list[str]:
+    """Return of each path the fewest last parts that no other has: a/x.log where there is b/x.log."""
+    parts = [Path(path).parts for path in paths]
+    ends = Counter(p[-n:] for p in set(parts) for n in range(1, len(p) + 1))
+    return [str(Path(*next((p[-n:] for n in range(1, len(p)) if ends[p[-n:]] == 1), p))) for p in parts]
 
 
 def table(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -5,27 +5,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
 
-from canest.errors import ConfigError
-from canest.roles import KNOWN_UNITS, ROLES
+from canest.config.agreement import MisplacedError, refuse_contradictions
+from canest.config.origins import Origins
+from canest.roles import KNOWN_UNITS
 
 
 class Section(BaseModel):
     """Base of all sections: unknown keys refused, values immutable, no silent type juggling."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, str_strip_whitespace=True)
-
-
-class MisplacedError(ValueError):
-    """A mistake that a validator of the whole section found; ``keys`` say where in the section it is."""
-
-    def __init__(self, message: str, *keys: str | int) -> None:
-        super().__init__(message)
-        self.keys = keys
 
 
 def _number_not_bool(value: Any) -> Any:
@@ -307,18 +299,6 @@ class Service(Section):
     residual_max_mb: Number = Field(200.0, gt=0)
 
 
-class Origins(dict[str, str]):
-    """Where keys were written: "signals.gear" -> "truck.yaml:31".
-
-    All are equal: configs that say the same are the same config, whoever wrote them.
-    """
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Origins)
-
-    __hash__ = None
-
-
 def _named(signals: object) -> object:
     """Leave out roles that are set to nothing: `--set signals.altitude=null` takes a signal away."""
     if isinstance(signals, dict):
@@ -343,47 +323,15 @@ class Config(Section):
     broadcast: Broadcast = Broadcast()
     service: Service = Service()
 
-    def note_origins(self, origins: Mapping[str, str]) -> None:
+    def note_origins(self, origins: Origins) -> None:
         """Remember where keys were written, for messages."""
-        self._origins.update(origins)
+        self._origins = origins
 
     def at(self, key: str) -> str:
         """Return a key behind the place where it was written: "truck.yaml:31: signals.gear"."""
-        return ": ".join(part for part in (self._origins.get(key), key) if part)
+        return ": ".join(part for part in (self._origins.of(tuple(key.split("."))), key) if part)
 
     @model_validator(mode="after")
-    def _start_possible(self) -> Config:
-        start, low, high = self.estimator.initial_mass_kg, self.vehicle.mass_min_kg, self.vehicle.mass_max_kg
-        if start is not None and not low <= start <= high:
-            raise MisplacedError(
-                f"no mass of this vehicle, found {start:g}, expected {low:g} to {high:g} kg "
-                "(vehicle.mass_min_kg, mass_max_kg)",
-                "estimator",
-                "initial_mass_kg",
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _roles_known(self) -> Config:
-        used: dict[str, int] = {}
-        if self.effects:
-            from canest.vehicle.effects import effect_from_config
-
-            for i, entry in enumerate(self.effects):
-                try:
-                    signal = effect_from_config(entry, "").signal
-                except ConfigError as error:
-                    raise MisplacedError(str(error), "effects", i) from None
-                if signal is not None:
-                    used.setdefault(signal, i)
-        for role in self.signals:
-            if role not in ROLES and role not in used:
-                raise MisplacedError(f"unknown role, expected one of {', '.join(ROLES)}", "signals", role)
-        for role, i in used.items():
-            if role not in self.signals:
-                raise MisplacedError(
-                    f"needs the signal {role}, found no such key in signals:, expected a source for it",
-                    "effects",
-                    i,
-                )
+    def _sections_agree(self) -> Config:
+        refuse_contradictions(self)
         return self

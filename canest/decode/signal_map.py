@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from canest.config.schema import Config, Source
 from canest.decode.database import find_signal, load
 from canest.decode.decoder import Decoder
@@ -10,13 +12,16 @@ from canest.errors import ConfigError
 from canest.resources import find
 from canest.roles import ROLES, UNITS, conversion
 
+if TYPE_CHECKING:
+    from cantools.database.can import Database
+
 
 def decoder_for(config: Config) -> Decoder:
     """Return the decoder of a config's DBC signals (one that listens to nothing for a table-only config).
 
     Errors: ConfigError naming the key, what was found and what was expected.
     """
-    databases = [load(find("dbc", name)) for name in config.dbc]
+    databases = databases_of(config)
     wants: dict[str, Want] = {}
     for role, source in config.signals.items():
         if source.message is None or source.signal is None:
@@ -36,6 +41,11 @@ def decoder_for(config: Config) -> Decoder:
             offset=offset,
         )
     return Decoder(wants, databases)
+
+
+def databases_of(config: Config) -> list[Database]:
+    """Return the databases of a config. Errors: ConfigError for a file that is missing or no database."""
+    return [load(find("dbc", name, config.at(f"dbc.{i}"))) for i, name in enumerate(config.dbc)]
 
 
 def factor_and_offset(role: str, source: Source, unit: str, where: str = "") -> tuple[float, float]:
@@ -93,6 +103,6 @@ def _step(config: Config, role: str) -> float | None:
     source = config.signals.get(role)
     if source is None or source.message is None or source.signal is None:
         return None
-    _, signal = find_signal([load(find("dbc", n)) for n in config.dbc], source.message, source.signal)
+    _, signal = find_signal(databases_of(config), source.message, source.signal)
     factor, _ = factor_and_offset(role, source, source.unit or signal.unit or "")
     return abs(float(signal.scale) * factor)

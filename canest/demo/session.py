@@ -7,7 +7,7 @@ import os
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -17,8 +17,9 @@ import can
 import numpy as np
 
 from canest.config import load_config
+from canest.config.schema import Bus
 from canest.demo import DRIVE, TRUTH
-from canest.errors import CanestError
+from canest.errors import CanestError, UsageError
 from canest.frames import EXTENDED, ID_MASK, FrameBlock
 from canest.live.daemon import Daemon
 from canest.live.estimate_frame import Estimate, decode
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from canest.config import Config
     from canest.logs.truth import Truth
 
+CONFIG = "class8"
 #: errors are counted from here on: the first half minute is the launch from rest
 AFTER_S = 60.0
 #: event time handed over at once; the daemon's own beat is 20 ms of real time
@@ -57,35 +59,45 @@ class Moment:
 class Session:
     """The daemon on a virtual bus, and a player on the same bus; use as a context manager.
 
-    speed: how many times faster than the drive was.
+    speed: how many times faster than the drive was. overrides, options: see `load_config`.
+    Errors: ConfigError; UsageError for overrides of what the demo itself needs.
     """
 
-    def __init__(self, speed: float = 20.0, overrides: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, speed: float = 20.0, overrides: Iterable[str] = (), options: Mapping[str, str] | None = None
+    ) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="canest-demo-")
         folder = Path(self._folder.name)
         self._estimates = folder / "est.csv"
-        channel = f"canest-demo-{os.getpid()}"
-        self.config: Config = load_config(
-            "class8",
-            [
-                "bus.interface=virtual",
-                f"bus.channel={channel}",
-                "broadcast.enabled=true",
-                "broadcast.rate_hz=50",
-                "service.learn=off",
-                f"service.state_dir='{folder}'",
-                f"service.log_estimates='{self._estimates}'",
-                *overrides,
-            ],
-        )
+        bus = Bus(interface="virtual", channel=f"canest-demo-{os.getpid()}")
+        own = [
+            f"bus.interface={bus.interface}",
+            f"bus.channel={bus.channel}",
+            "broadcast.enabled=true",
+            "broadcast.rate_hz=50",
+            "service.learn=off",
+            f"service.state_dir='{folder}'",
+            f"service.log_estimates='{self._estimates}'",
+        ]
+        try:
+            self.config: Config = load_config(CONFIG, [*own, *overrides], options)
+            _refuse(self.config, "bus", self.config.bus != bus)
+            _refuse(
+                self.config,
+                "service.log_estimates",
+                self.config.service.log_estimates != str(self._estimates),
+            )
+        except CanestError:
+            self._folder.cleanup()
+            raise
         self.speed = speed
         self.truth: Truth = read_truth(TRUTH)
         self._score = Score(self.truth, None, AFTER_S)
         self.frames = FrameBlock.concatenate([b for b in open_log(DRIVE) if isinstance(b, FrameBlock)])
         self.journal = io.StringIO()
-        self.daemon = Daemon(self.config, config_name="class8", journal=Journal(self.journal))
+        self.daemon = Daemon(self.config, config_name=CONFIG, journal=Journal(self.journal))
         # its frames keep the stamps of the drive, and the daemon's broadcast comes back on it
-        self._bus = can.Bus(interface="virtual", channel=channel, preserve_timestamps=True)
+        self._bus = can.Bus(interface=bus.interface, channel=bus.channel, preserve_timestamps=True)
         self._thread = threading.Thread(target=self._work, name="daemon", daemon=True)
         self._failure: BaseException | None = None
         self._estimate, self._broadcasts, self._sent = Estimate(), 0, 0
@@ -195,6 +207,12 @@ class Session:
             if received is not None and received.intact:
                 self._estimate = received.estimate
                 self._broadcasts += 1
+
+
+def _refuse(config: Config, key: str, changed: bool) -> None:
+    if changed:
+        what = "is the demo's own, which plays to itself over a loopback bus"
+        raise UsageError(what, where=config.at(key), expected="another key (canest run takes this one)")
 
 
 def _read_estimates(path: Path) -> Estimates:

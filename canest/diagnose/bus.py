@@ -11,17 +11,16 @@ from pathlib import Path
 import numpy as np
 
 from canest.config.schema import Config, Source
-from canest.decode.database import load
 from canest.decode.decoder import Decoder
 from canest.decode.groups import Want
 from canest.decode.j1939 import pgn_of
+from canest.decode.signal_map import databases_of
 from canest.diagnose.fit import held_out
 from canest.diagnose.problem import Problem
 from canest.diagnose.search import Search
 from canest.frames import FloatColumn, IntColumn
 from canest.logs.blocks import TableBlock
 from canest.logs.reader import open_log
-from canest.resources import find
 
 #: a signal must have spoken this often, and on this share of the windows
 MIN_SAMPLES, MIN_COVERAGE = 20, 0.8
@@ -110,7 +109,7 @@ def _signals(path: Path, config: Config) -> dict[str, tuple[Source, IntColumn, F
     """Return every decodable signal of a log: name -> (source, stamps, values)."""
     if not config.dbc:
         return _columns(path, config)
-    databases = [load(find("dbc", name)) for name in config.dbc]
+    databases = databases_of(config)
     heard: set[int] = set()
     for block in open_log(path):
         if not isinstance(block, TableBlock):

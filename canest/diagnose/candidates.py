@@ -156,11 +156,14 @@ def _temperature_span_K(problem: Problem) -> float:
 
 
 def _gears(problem: Problem) -> list[int]:
+    """Return the gears driven in that an effect may name: where the config has a table, those in it."""
+    table = problem.parts[0].drive.config.vehicle.gear_ratios
     gears = np.concatenate([p.run.gear[p.windows.index >= 0] for p in problem.parts])
     numbers, counts = np.unique(gears[gears > 0], return_counts=True)
     if len(numbers) < 2:
         return []
-    return [int(g) for g, c in zip(numbers, counts, strict=True) if c >= MIN_GEAR_S * RATE_HZ]
+    long = [int(g) for g, c in zip(numbers, counts, strict=True) if c >= MIN_GEAR_S * RATE_HZ]
+    return [gear for gear in long if gear in table or not table]
 
 
 def _threshold(problem: Problem, role: str) -> float:

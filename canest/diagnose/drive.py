@@ -22,6 +22,7 @@ from canest.tables import TableMap
 from canest.vehicle.effects import Effect
 from canest.vehicle.regression import Regression
 from canest.vehicle.samples import ModelBlock
+from canest.verdict import why_no_time
 
 Progress = Callable[[int, int], None]
 
@@ -47,17 +48,21 @@ class Run:
         return np.asarray(self.samples.gate == 0)
 
 
+class NothingToDiagnoseError(LogError):
+    """The log can be read, but holds nothing that the model could be run on."""
+
+
 class Drive:
     """One log's decoded samples with the config they were decoded by."""
 
-    def __init__(self, path: Path, config: Config, feeds: Sequence[Feed]) -> None:
-        self.path, self.config, self._feeds = path, config, feeds
+    def __init__(self, path: Path, config: Config, feeds: Sequence[Feed], flaw: str = "") -> None:
+        self.path, self.config, self._feeds, self._flaw = path, config, feeds, flaw
         self.name = path.name.split(".")[0]
         self._grids: dict[tuple[float, ...], list[GridBlock]] = {}
 
     @staticmethod
     def load(path: Path, config: Config, progress: Progress | None = None) -> Drive:
-        """Read and decode a log (frames or table). Errors: LogError when it holds nothing wanted."""
+        """Read and decode a log (frames or table). Errors: LogError, NothingToDiagnoseError."""
         intake = Intake(config)
         table = TableMap(config)
         feeds: list[Feed] = []
@@ -70,8 +75,9 @@ class Drive:
             if progress is not None:
                 progress(reader.bytes_done, reader.bytes_total)
         if not feeds:
-            raise LogError("holds no frame that the config's signal map wants", where=str(path))
-        return Drive(path, config, feeds)
+            what = "holds no frame that the config's signal map wants"
+            raise NothingToDiagnoseError(what, where=str(path))
+        return Drive(path, config, feeds, why_no_time(intake.clock))
 
     @staticmethod
     def with_effects(config: Config, effects: Sequence[Effect]) -> Config:
@@ -97,7 +103,9 @@ class Drive:
                 }
             )
         if not parts:
-            raise LogError("is too short: not one 20 ms tick", where=str(self.path))
+            raise NothingToDiagnoseError(
+                self._flaw or "is too short: not one 20 ms tick", where=str(self.path)
+            )
         columns = {k: np.concatenate([r[k] for r in raws]) for k in ("torque_Nm", "engine_radps", "gear")}
         signals = {role: np.concatenate([r["signals"][role] for r in raws]) for role in raws[0]["signals"]}
         return Run(ModelBlock.concatenate(parts), signals=signals, **columns)

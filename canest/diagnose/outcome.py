@@ -114,7 +114,7 @@ def document(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str]) 
         ],
         "data": {
             "logs": list(logs),
-            "left_out": problem.left_out,
+            "left_out": problem.failed + problem.left_out,
             "drives": len(problem.parts),
             "open_s": problem.rows,
             "blocks": problem.chunks,

@@ -23,7 +23,9 @@ MIN_WINDOWS = 8
 
 
 class TooLittleDrivingError(LogError):
-    """The logs can be read, but the gates were hardly ever open."""
+    """The logs that can be read hardly ever had open gates; ``failed`` says why of those that cannot."""
+
+    failed: Sequence[str] = ()
 
 
 class _Part:
@@ -66,9 +68,11 @@ class _Part:
 class Problem:
     """Rows of all drives: residuals, regressors, chunks; the same whitening for every column."""
 
-    def __init__(self, drives: Sequence[tuple[Drive, Reference, Run]]) -> None:
+    def __init__(self, drives: Sequence[tuple[Drive, Reference, Run]], failed: Sequence[str] = ()) -> None:
         parts = [_Part(d, run, ref) for d, ref, run in drives]
         self.parts = [p for p in parts if p.windows.count >= MIN_WINDOWS]
+        #: logs that cannot be used at all, and why
+        self.failed = list(failed)
         #: logs that take no part, and why
         self.left_out = [
             f"{p.drive.path}: only {p.windows.count} s with open gates"
@@ -76,11 +80,13 @@ class Problem:
             if p.windows.count < MIN_WINDOWS
         ]
         if not self.parts:
-            raise TooLittleDrivingError(
+            error = TooLittleDrivingError(
                 "too little driving with open gates to diagnose",
                 found=f"{sum(p.windows.count for p in parts)} seconds",
                 expected=f"at least {MIN_WINDOWS} in a row; see `canest check`",
             )
+            error.failed = self.failed
+            raise error
         offset, chunks = 0, []
         for part in self.parts:
             chunks.append(part.windows.chunk + offset)

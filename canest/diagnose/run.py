@@ -11,7 +11,7 @@ import numpy as np
 from canest.config.schema import Config
 from canest.diagnose.bus import Ranked, rank_bus_signals
 from canest.diagnose.candidates import Candidate, candidates_for, switching_roles
-from canest.diagnose.drive import Drive
+from canest.diagnose.drive import Drive, NothingToDiagnoseError
 from canest.diagnose.fit import FOLDS
 from canest.diagnose.problem import Problem
 from canest.diagnose.reference import Reference, reference_for
@@ -135,21 +135,24 @@ def _problem(
     tell: Tell,
 ) -> tuple[Problem, list[Reference]]:
     base = effects_of(config)
-    drives, unusable = [], []
+    drives, failed, useless = [], [], []
     for i, path in enumerate(paths):
         tell(f"reading {path.name}", 0.3 * i / len(paths))
         try:
             drive = Drive.load(path, config)
             run = drive.run(base)
+        except NothingToDiagnoseError as error:
+            useless.append(str(error))
+            continue
         except LogError as error:
-            unusable.append(error)
+            failed.append(str(error))
             continue
         truth = truths[i] if truths else None
         drives.append((drive, reference_for(drive, run, truth=truth, mass_kg=mass_kg), run))
     if not drives:
-        raise unusable[0]
-    problem = Problem(drives)
-    problem.left_out += [str(error) for error in unusable]
+        raise LogError("; ".join(failed + useless))
+    problem = Problem(drives, failed)
+    problem.left_out += useless
     return problem, [p.reference for p in problem.parts]
 
 

@@ -32,12 +32,14 @@ class Clock:
     def __init__(self, hold_us: int, max_backward_us: int) -> None:
         self._hold_us, self._max_backward_us = hold_us, max_backward_us
         self.last_us: int | None = None
+        self.stamps = 0  #: seen so far
         self.counters = {"reordered": 0, "gaps": 0, "clock_set_back": 0}
 
     def split(self, frames: FrameBlock) -> Iterator[Stretch]:
         """Yield the stretches of a block (in order)."""
         if not len(frames):
             return
+        self.stamps += len(frames)
         t_us = frames.t_us
         first = self.last_us is None
         step = 0 if self.last_us is None else int(t_us[0]) - self.last_us

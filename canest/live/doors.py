@@ -51,7 +51,7 @@ class Doors:
                 self.metrics = None if port is None else MetricsServer(port, self.latest)
             except OSError as error:
                 what = f"cannot be opened ({error.strerror or error})"
-                raise ConfigError(what, where="service.metrics_port", found=port) from error
+                raise ConfigError(what, where=config.at("service.metrics_port"), found=port) from error
             if old is not None:  # its thread takes half a second to end, which is not the loop's to wait for
                 self._background.submit("metrics_port", old.close)
         if moves:

@@ -6,6 +6,7 @@ and hears nothing. Here the loop itself reads, and whatever goes wrong leads to 
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 from collections import Counter, deque
@@ -143,7 +144,8 @@ class PythonCanReceiver:
             self._open()
 
     def _failed(self, error: Exception) -> None:
-        self.counters[f"receive_{type(error).__name__}"] += 1
+        kind = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", type(error).__name__).lower()
+        self.counters[f"receive_{kind}"] += 1
         self.counters["interface_lost"] += 1
         self.close()
         self._retry_at_s = time.monotonic() + REOPEN_S

@@ -59,17 +59,17 @@ def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
             **node.counters(),
         },
         "senders": _senders(daemon),
-        "other_senders": {sender_name(key): frames for key, frames in _busiest(counters.other_senders)},
+        "other_senders": {_sender_key(key): frames for key, frames in _busiest(counters.other_senders)},
         "other_senders_count": len(counters.other_senders),
         "contested_signals": {
             role: {_address(a): n for a, n in sorted(refused.items(), key=_by_count)[:MOST_OTHERS]}
             for role, refused in contested(counters).items()
         },
         "sends_faster": {
-            sender_name(key): [round(usual, 1), round(now, 1)]
+            _sender_key(key): [round(usual, 1), round(now, 1)]
             for key, (usual, now) in daemon.paces.faster.items()
         },
-        "sent_faster_s": {sender_name(key): round(s) for key, s in daemon.paces.seconds.items()},
+        "sent_faster_s": {_sender_key(key): round(s) for key, s in daemon.paces.seconds.items()},
         "claims": {_address(a): n for a, n in sorted(node.watch.claimed.items())},
         "torque_commands": {_address(a): n for a, n in sorted(node.watch.torque_commands.items())},
         "transport": dict(counters.transport),
@@ -138,7 +138,7 @@ def _senders(daemon: Daemon) -> dict[str, dict[str, Any]]:
     senders: dict[str, dict[str, Any]] = {}
     for key, counted in sorted(daemon.pipeline.decoder.counters.senders.items(), key=_by_id):
         if counted.used and len(senders) < MOST_SENDERS:
-            senders[sender_name(key)] = {
+            senders[_sender_key(key)] = {
                 "frames": counted.frames,
                 "rate_hz": None if counted.rate_Hz is None else round(counted.rate_Hz, 1),
                 "not_available": counted.not_available,
@@ -169,8 +169,13 @@ def sender_name(key: tuple[int, int | None]) -> str:
     return f"0x{group & 0x1FFF_FFFF:X}" if source is None else f"PGN {group} from {_address(source)}"
 
 
+def _sender_key(key: tuple[int, int | None]) -> str:
+    """Return a sender as a key, which a line of the log or a program can split off: pgn_61444_from_0x00."""
+    return sender_name(key).replace("PGN ", "pgn_").replace(" ", "_")
+
+
 def _address(source: int | None) -> str:
-    return "?" if source is None else f"0x{source:02X}"
+    return "unknown" if source is None else f"0x{source:02X}"
 
 
 def _number(value: float, digits: int) -> float | None:

@@ -180,7 +180,7 @@ class SocketCanReceiver:
             return True
 
     def _failed(self, error: OSError) -> None:
-        name = errno.errorcode.get(error.errno or 0, "unknown")
+        name = errno.errorcode.get(error.errno or 0, "unknown").lower()
         self.counters[f"receive_{name}"] += 1
         if error.errno == errno.ENETDOWN:
             self.state = "down"

@@ -64,13 +64,13 @@ def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str
         )
     )
     errors = {k: v for k, v in snapshot["files"].items() if isinstance(v, str)}
-    lines += [(name.replace("_", " "), text) for name, text in errors.items()]
+    lines += [(_words(name), text) for name, text in errors.items()]
     if snapshot["failures"]:
         lines.append(
             ("failures", f"{snapshot['failures']} errors inside the estimation were survived: see the log")
         )
     if verbose:
-        lines += [(sender, _counted(values)) for sender, values in snapshot["senders"].items()]
+        lines += [(_words(sender), _counted(values)) for sender, values in snapshot["senders"].items()]
         for name in (
             "clock",
             "transport",
@@ -93,8 +93,8 @@ def _doubts(snapshot: dict[str, Any]) -> list[tuple[str, str]]:
         text = f"{role} comes from several addresses; refused: {senders}. Name the right one (source:)"
         lines.append(("contested", text))
     for sender, (usual_hz, now_hz) in snapshot["sends_faster"].items():
-        text = f"{sender}: {now_hz:g} Hz, usually {usual_hz:g}. Does somebody else send under this address?"
-        lines.append(("doubtful", text))
+        paces = f"{_words(sender)}: {now_hz:g} Hz, usually {usual_hz:g}"
+        lines.append(("doubtful", f"{paces}. Does somebody else send under this address?"))
     past = {k: s for k, s in snapshot["sent_faster_s"].items() if k not in snapshot["sends_faster"]}
     if past:
         lines.append(("was doubtful", _counted({f"{sender}, seconds:": s for sender, s in past.items()}, 4)))
@@ -114,7 +114,11 @@ def _estimate(estimate: dict[str, Any]) -> str:
     return f"{mass}, grade {100 * estimate['grade']:+.2f} % +- {100 * (estimate['grade_std'] or 0):.2f}"
 
 
+def _words(key: str) -> str:
+    return key.replace("_", " ").replace("pgn ", "PGN ")
+
+
 def _counted(values: dict[str, Any], most: int = 50) -> str:
-    shown = [f"{name.replace('_', ' ')} {value}" for name, value in values.items() if value is not None]
+    shown = [f"{_words(name)} {value}" for name, value in values.items() if value is not None]
     more = f", and {len(shown) - most} more" if len(shown) > most else ""
     return ", ".join(shown[:most]) + more

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from types import TracebackType
 
 import numpy as np
@@ -19,6 +19,8 @@ BLOCK_FRAMES = 1 << 17
 #: text parsed at once: fits the second-level cache together with what is made of it
 _TEXT_BYTES = 1 << 19
 
+#: a damaged log may name any number of interfaces
+_CHANNELS_SHOWN = 8
 #: glibc's largest adaptive limit is 32 MB
 _HEAP_BYTES = 1 << 24
 
@@ -40,14 +42,15 @@ class LogReader(ABC):
     skipped_lines, skipped: lines (records) that could not be read; the first as (number, text, reason).
     truncated, truncated_reason: the file ends before it should.
     bytes_done, bytes_total: progress through the file.
+    channels: frames per interface. Iteration ends with a LogError when the one asked for has none.
     """
 
     #: what iteration yields: "frames" (FrameBlock) or "table" (TableBlock)
     kind = "frames"
     format = ""
 
-    def __init__(self, source: Source) -> None:
-        self._source = source
+    def __init__(self, source: Source, channel: str | None = None) -> None:
+        self._source, self._channel = source, channel
         self.path = source.path
         self.truncated_reason = ""
 
@@ -65,6 +68,11 @@ class LogReader(ABC):
     def bytes_total(self) -> int:
         """Size of the stored file, 0 when it cannot be told."""
         return self._source.bytes_total
+
+    @property
+    def channels(self) -> Mapping[str, int]:
+        """Frames per interface so far; a table has none."""
+        return {}
 
     @property
     @abstractmethod
@@ -93,6 +101,14 @@ class LogReader(ABC):
                 where=str(self.path),
                 found=text,
             )
+        if self._channel is not None and self.channels and self._channel not in self.channels:
+            named = sorted(self.channels.items(), key=lambda item: -item[1])[:_CHANNELS_SHOWN]
+            raise LogError(
+                "no frame on this channel",
+                where=str(self.path),
+                found=self._channel,
+                expected="one of " + ", ".join(f"{name} ({frames:,} frames)" for name, frames in named),
+            )
 
     def close(self) -> None:
         """Close the file (iterating to the end does)."""
@@ -116,7 +132,7 @@ class CandumpReader(LogReader):
     format = "candump"
 
     def __init__(self, source: Source, head: bytes, parser: CandumpParser, block_frames: int) -> None:
-        super().__init__(source)
+        super().__init__(source, parser.channel)
         self._head, self._parser, self._block_frames = head, parser, block_frames
 
     @property
@@ -135,7 +151,7 @@ class CandumpReader(LogReader):
         return self._parser.skipped
 
     @property
-    def channels(self) -> dict[str, int]:
+    def channels(self) -> Mapping[str, int]:
         """Frames per interface so far."""
         return self._parser.channels
 

@@ -35,6 +35,7 @@ class CandumpParser:
 
     def __init__(self, wanted: Wanted | None = None, channel: str | None = None) -> None:
         self._wanted = wanted
+        self.channel = channel
         self._channel = channel.encode() if channel is not None else None
         self._layouts: dict[int, list[Layout]] = {}
         self.lines = 0  #: lines seen

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import logging
 import math
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,13 @@ from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.logs.base import LogReader
 from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
 from canest.logs.compression import Source
+from canest.logs.damaged import hushed, sqlite_reader
 
 _TEXT_BYTES = 1 << 18
 _SECONDS_MAX = 9e12
 _TEXT_SUFFIXES = (".asc", ".trc", ".csv")
 _HEADER_LINES_MAX = 200
+_UNNAMED = "unnamed"  #: the interface of a format that names none
 _BYTES_MAX = 64  #: payload of CAN FD
 
 
@@ -62,18 +65,23 @@ class PythonCanReader(LogReader):
         channel: str | None,
         block_frames: int,
     ) -> None:
-        super().__init__(source)
+        super().__init__(source, channel)
         self.format = suffix.removeprefix(".")
         self._head, self._suffix, self._wanted = head, suffix, wanted
-        self._channel, self._block_frames = channel, block_frames
+        self._block_frames = block_frames
         self._frames = self._skipped_lines = 0
         self._skipped: list[tuple[int, str, str]] = []
-        self.channels: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
 
     @property
     def frames(self) -> int:
         """Frames so far, delivered or not."""
         return self._frames
+
+    @property
+    def channels(self) -> Mapping[str, int]:
+        """Frames per interface so far, as the format names them."""
+        return self._channels
 
     @property
     def skipped_lines(self) -> int:
@@ -110,26 +118,38 @@ class PythonCanReader(LogReader):
             while piece := self._source.read(_TEXT_BYTES):
                 unpacked.write(piece)
             unpacked.seek(0)
-            yield from self._binary_messages(unpacked)
+            yield from self._binary_messages(unpacked.file)  # asammdf knows no wrapper
 
     def _binary_messages(self, file: Any) -> Iterator[Any]:
         import can
 
-        make: Any = {".blf": can.BLFReader, ".mf4": can.MF4Reader, ".db": can.SqliteReader}[self._suffix]
+        make: Any = {".blf": can.BLFReader, ".mf4": can.MF4Reader, ".db": sqlite_reader}[self._suffix]
         source = file.name if self._suffix == ".db" else file  # sqlite opens by name only
-        try:
-            with _listening(lambda: None), self._reader(make, source) as reader:
-                yield from reader
-                declared = getattr(reader, "file_size", 0)
-        except LogError:
-            raise
-        except Exception as error:  # whatever a damaged file makes of python-can
-            self._skip(self._frames + 1, "", _reason(error))
-            self.truncated_reason = f"damaged after {self._frames} frames: {_reason(error)}"
-            return
+        damage, announced = "", 0
+        with hushed():
+            try:
+                reader = self._reader(make, source)
+            except LogError:
+                raise
+            except Exception as error:  # whatever a damaged file makes of python-can
+                damage = _reason(error)
+            if damage:
+                gc.collect()  # the destructor of what could not be constructed runs now
+        if not damage:
+            try:
+                announced = getattr(reader, "file_size", 0)
+                with _listening(lambda: None), reader:
+                    yield from reader
+            except Exception as error:  # as above
+                damage = _reason(error)
+        if damage and not self._frames:
+            what = f"damaged or cut short, nothing in it can be read ({damage})"
+            raise LogError(what, where=str(self.path), expected=f"a whole {self._suffix} file")
         actual = Path(file.name).stat().st_size
-        if actual < declared:  # python-can ends quietly here
-            self.truncated_reason = f"holds {actual} of the {declared} bytes its header announces"
+        if actual < announced:  # python-can may end quietly here
+            self.truncated_reason = f"holds {actual:,} of the {announced:,} bytes its header announces"
+        elif damage:
+            self.truncated_reason = f"damaged after {self._frames:,} frames: {damage}"
 
     def _text_messages(self) -> Iterator[Any]:
         """Iterate with a fresh reader behind every line that ends one; the header is read again each time."""
@@ -175,8 +195,8 @@ class PythonCanReader(LogReader):
             self._skip(self._frames + 1, f"{can_id:x}", "no CAN frame")
             return None
         self._frames += 1
-        channel = str(message.channel)
-        self.channels[channel] = self.channels.get(channel, 0) + 1
+        channel = _UNNAMED if message.channel is None else str(message.channel)
+        self._channels[channel] = self._channels.get(channel, 0) + 1
         if self._channel is not None and channel != self._channel:
             return None
         can_id |= EXTENDED * message.is_extended_id if not message.is_error_frame else ERROR

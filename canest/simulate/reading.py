@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
+from canest.config.origins import KeyPath, lines_of
 from canest.errors import ConfigError
 from canest.simulate.scenario import Scenario
 
@@ -44,36 +45,17 @@ def load_scenario(source: Scenario | dict[str, Any] | str | Path) -> Scenario:
         raise ConfigError(f"not readable as YAML ({getattr(error, 'problem', error)})", where=place) from None
     if not isinstance(node, yaml.MappingNode):
         raise ConfigError("not a scenario", where=str(path), expected="a mapping of keys")
-    lines: dict[tuple[str, ...], int] = {}
-    _walk(node, (), lines, str(path))
-    return _validated(data, str(path), lines)
+    return _validated(data, str(path), lines_of(node, str(path)))
 
 
-def _walk(node: yaml.Node, at: tuple[str, ...], lines: dict[tuple[str, ...], int], where: str) -> None:
-    """Note the line of every key; refuse a key given twice (YAML itself would keep the last)."""
-    lines.setdefault(at, node.start_mark.line + 1)
-    if isinstance(node, yaml.MappingNode):
-        for key, value in node.value:
-            path = (*at, str(key.value))
-            if path in lines:
-                raise ConfigError(
-                    f"{'.'.join(path)}: key given twice", where=f"{where}:{key.start_mark.line + 1}"
-                )
-            lines[path] = key.start_mark.line + 1
-            _walk(value, path, lines, where)
-    elif isinstance(node, yaml.SequenceNode):
-        for index, value in enumerate(node.value):
-            _walk(value, (*at, str(index)), lines, where)
-
-
-def _validated(data: Any, where: str, lines: dict[tuple[str, ...], int]) -> Scenario:
+def _validated(data: Any, where: str, lines: dict[KeyPath, int]) -> Scenario:
     try:
         return Scenario.model_validate(data)
     except ValidationError as error:
         raise _explained(error.errors(include_url=False), where, lines) from None
 
 
-def _explained(problems: list[Any], where: str, lines: dict[tuple[str, ...], int]) -> ConfigError:
+def _explained(problems: list[Any], where: str, lines: dict[KeyPath, int]) -> ConfigError:
     # a misspelt key is also a missing one: the misspelling says more
     first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
     at = first["loc"]
@@ -97,7 +79,7 @@ def _explained(problems: list[Any], where: str, lines: dict[tuple[str, ...], int
     return ConfigError(name, where=place, found=found, expected=expected)
 
 
-def _line(key: tuple[str, ...], lines: dict[tuple[str, ...], int]) -> int | None:
+def _line(key: KeyPath, lines: dict[KeyPath, int]) -> int | None:
     """Return the line of a key, or of the nearest one above it."""
     # the tag of a union stands in pydantic's location but not in the file
     for path in [key] + [key[:i] + key[i + 1 :] for i in range(len(key))]:

@@ -64,8 +64,8 @@ class LongitudinalModel:
         self.vehicle = config.vehicle
         self.effects = effects_of(config)
         self.roles = frozenset(config.signals)
-        self.speed_roles = self._speed_roles()
-        self.torque_role = self._torque_role()
+        self.speed_roles = _speed_roles(config)
+        self.torque_role = _torque_role(config)
         self._stages = {
             stage: [e for e in self.effects if e.stage == stage]
             for stage in ("geometry", "crank", "driveline", "speed", "road")
@@ -199,22 +199,6 @@ class LongitudinalModel:
         table = self._ratios[nearest]
         return np.where(turning & (np.abs(measured / table - 1) < RATIO_SNAP), table, np.nan)
 
-    def _torque_role(self) -> str:
-        for role in ("wheel_torque", "half_shaft_torque_left", "engine_torque", "engine_torque_pct"):
-            if role in self.roles:
-                if role == "engine_torque_pct" and not (
-                    "reference_torque" in self.roles or self.vehicle.reference_torque_Nm
-                ):
-                    raise ConfigError(
-                        "vehicle.reference_torque_Nm: is missing, and no signal gives it",
-                        expected="the engine's 100 % torque in N m (SPN 544)",
-                    )
-                return role
-        raise ConfigError(
-            "signals: no torque",
-            expected="engine_torque_pct, engine_torque, wheel_torque or half-shaft torques",
-        )
-
     def _torque(self, c: Columns) -> None:
         """Set net crank torque (or wheel torque): (actual - friction) % x reference, plus the retarder."""
         role = self.torque_role
@@ -242,14 +226,6 @@ class LongitudinalModel:
             else:
                 c.extra_N = c.extra_N + torque * self.vehicle.final_drive / c.radius_m
 
-    def _speed_roles(self) -> tuple[str, ...]:
-        present = tuple(r for r in SPEED_ORDER if r in self.roles)
-        if not present:
-            raise ConfigError(
-                "signals: no speed", expected="output_shaft_speed, vehicle_speed or another speed"
-            )
-        return present
-
     def _speed(self, c: Columns) -> None:
         """Set speed and acceleration, from the finest speed that has a value."""
         shaft = self.vehicle.final_drive
@@ -274,6 +250,40 @@ class LongitudinalModel:
         before = shifted(speed, self._last_speed_mps)
         c.accel_mps2 = np.where(np.isnan(before), 0.0, speed - before) / STEP_S
         self._last_speed_mps = float(speed[-1])
+
+
+def _torque_role(config: Config) -> str:
+    """Return the role that tells the torque: the nearest to the wheels. Errors: ConfigError for none."""
+    for role in ("wheel_torque", "half_shaft_torque_left", "engine_torque", "engine_torque_pct"):
+        if role == "half_shaft_torque_left" and "half_shaft_torque_right" not in config.signals:
+            continue
+        if role in config.signals:
+            if role == "engine_torque_pct" and not (
+                "reference_torque" in config.signals or config.vehicle.reference_torque_Nm
+            ):
+                raise ConfigError(
+                    "is missing, and no signal gives it",
+                    where=config.at("vehicle.reference_torque_Nm"),
+                    expected="the engine's 100 % torque in N m (SPN 544)",
+                )
+            return role
+    raise ConfigError(
+        "no torque",
+        where=config.at("signals"),
+        expected="engine_torque_pct, engine_torque, wheel_torque or both half-shaft torques",
+    )
+
+
+def _speed_roles(config: Config) -> tuple[str, ...]:
+    """Return the roles that tell the speed, the finest first. Errors: ConfigError for none."""
+    present = tuple(r for r in SPEED_ORDER if r in config.signals)
+    if not present:
+        raise ConfigError(
+            "no speed",
+            where=config.at("signals"),
+            expected="output_shaft_speed, vehicle_speed or another speed",
+        )
+    return present
 
 
 def effects_of(config: Config) -> list[Effect]:

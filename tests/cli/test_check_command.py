@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import lzma
 from pathlib import Path
 
 from canest.resources import shipped
@@ -64,6 +65,16 @@ def test_wrong_wheel_radius_shows_in_the_speeds(canest):
 def test_gear_outside_the_table_is_named(canest):
     found = report(canest, "-c", "kenworth", KENWORTH, "--set", "vehicle.gear_ratios={1: 3.1, 2: 1.81}")
     assert any("gears 3, 4" in hint for hint in found["hints"])
+
+
+def test_a_log_in_reverse_stops_the_estimator(canest, tmp_path):
+    path = tmp_path / "reversed.log"
+    lines = lzma.decompress(KENWORTH.read_bytes()).splitlines(keepends=True)
+    path.write_bytes(b"".join(reversed(lines)))
+    assert report(canest, "-c", "kenworth", path)["stops"].startswith("time runs backwards: ")
+    done = canest("replay", path, "-c", "kenworth")
+    assert done.code == 0
+    assert "because   time runs backwards: " in done.out
 
 
 def test_bus_of_eleven_bit_identifiers(canest, tmp_path):

@@ -91,7 +91,13 @@ class TestUsage:
     def test_unknown_estimator_lists_the_known(self, canest):
         done = canest("replay", KENWORTH, "-c", "kenworth", "--estimator", "magic")
         assert done.code == 2
-        assert "rlsmf" in one_line(done)
+        assert "--estimator: unknown estimator, found 'magic'" in one_line(done)
+        assert "rlsmf" in done.err
+
+    def test_a_start_mass_that_is_no_number_of_kilograms(self, canest):
+        done = canest("check", "-c", "kenworth", "--initial-mass", "-3")
+        assert done.code == 2
+        assert "--initial-mass, found -3.0, expected greater than 0" in one_line(done)
 
 
 class TestConfig:
@@ -136,6 +142,12 @@ class TestConfig:
         assert done.code == 2
         assert "--set" in one_line(done)
 
+    def test_a_config_that_cannot_work_is_told_once_for_many_logs(self, canest):
+        option = "estimator.options.forgeting=0.9"
+        done = canest("replay", KENWORTH, KENWORTH, "-c", "kenworth", "--set", option)
+        assert done.code == 2
+        assert "--set: estimator.options.forgeting: unknown option" in one_line(done)
+
     def test_no_yaml(self, canest, tmp_path):
         path = tmp_path / "broken.yaml"
         path.write_text("vehicle: {\n")
@@ -171,6 +183,13 @@ class TestLogs:
         done = canest("replay", path, "-c", "kenworth")
         assert done.code == 1
         assert "picture.png" in one_line(done)
+
+    @pytest.mark.parametrize("command", [["replay"], ["check"], ["compare", "--mass", "9000"]])
+    def test_a_channel_that_the_log_lacks_names_those_it_has(self, canest, command):
+        done = canest(*command, KENWORTH, "-c", "kenworth", "--channel", "can7")
+        assert done.code == 1
+        line = one_line(done)
+        assert "no frame on this channel, found 'can7', expected one of can0 (19,957 frames)" in line
 
     def test_table_log_for_a_config_of_dbc_signals(self, canest, tmp_path):
         path = tmp_path / "table.csv"

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from canest.cli.summary import short_names
 from canest.config import load_config
 from canest.errors import UsageError
 from canest.fleet import run_jobs, unique_names
@@ -48,6 +49,12 @@ def test_names_that_cannot_be_told_apart(tmp_path):
     logs = [tmp_path / "x" / "a.log", tmp_path / "y" / "x" / "a.log"]
     with pytest.raises(UsageError, match="same file"):
         unique_names(logs)
+
+
+def test_logs_are_shown_by_the_shortest_path_that_tells_them_apart():
+    paths = ["/d/a/x.log", "/d/b/x.log", "/e/b/x.log", "y.log", "/d/b/y.log", "z.log", "./z.log"]
+    shown = ["a/x.log", "d/b/x.log", "e/b/x.log", "y.log", "b/y.log", "z.log", "z.log"]
+    assert short_names(paths) == shown
 
 
 def test_truth_beside_a_log(tmp_path):

@@ -57,6 +57,19 @@ def test_nor_the_config_the_truth_or_another_result(canest, log, tmp_path):
     assert done.code == 2
 
 
+@pytest.mark.parametrize("victim", ["revised.yaml", "diagnosis.json", "report.html"])
+def test_nor_what_a_diagnosis_was_made_from(canest, log, tmp_path, victim):
+    inputs = {"revised.yaml": shipped("configs") / "kenworth.yaml", "report.html": log, "diagnosis.json": log}
+    taken = tmp_path / victim
+    shutil.copy(inputs[victim], taken)
+    before = taken.read_bytes()
+    log, config = (log, taken) if victim.endswith(".yaml") else (taken, "kenworth")
+    done = canest("diagnose", log, "-c", config, "-o", tmp_path)
+    assert done.code == 2
+    assert "-o: would overwrite the " in done.err
+    assert taken.read_bytes() == before
+
+
 def test_devices_may_be_named_as_often_as_one_likes(canest, log):
     done = canest("replay", log, "-c", "kenworth", "-o", "/dev/null", "--json", "/dev/null")
     assert done.code == 0

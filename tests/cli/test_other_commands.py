@@ -34,6 +34,29 @@ def test_demo_settles_near_the_truth(canest):
     assert abs(float(end.rsplit(":", 1)[1].split("%")[0])) < 8
 
 
+@pytest.mark.parametrize(
+    ("override", "key"),
+    [
+        ("bus.channel=vcan0", "bus"),
+        ("bus.interface=socketcan", "bus"),
+        ("bus={interface: socketcan, channel: can0}", "bus"),
+        ("bus.bitrate=250000", "bus"),
+        ("service.log_estimates=est.csv", "service.log_estimates"),
+    ],
+)
+def test_demo_refuses_what_it_has_of_its_own(canest, override, key):
+    done = canest("demo", "--set", override)
+    assert done.code == 2
+    assert done.err.startswith(f"error: --set: {key}: is the demo's own, which plays to itself")
+    assert done.err.count("\n") == 1
+
+
+def test_demo_names_the_option_that_is_wrong(canest):
+    done = canest("demo", "--initial-mass", "3")
+    assert (done.code, done.out) == (2, "")
+    assert done.err.startswith("error: --initial-mass: no mass of this vehicle, found 3, expected 7000 to")
+
+
 def test_compare_on_the_bundled_drive(canest, tmp_path):
     done = canest(
         "compare", DRIVE, "-c", "class8", "--truth", TRUTH, "--only", "canest,rlsmf,dgo",

@@ -173,7 +173,10 @@ class TestManyLogs:
             (tmp_path / folder).mkdir()
             logs.append(tmp_path / folder / "monday.log.xz")
             logs[-1].write_bytes(KENWORTH.read_bytes())
-        assert canest("replay", *logs, "-c", "kenworth", "-o", tmp_path / "out", "-j", 1).code == 0
+        done = canest("replay", *logs, "-c", "kenworth", "-o", tmp_path / "out", "-j", 1)
+        assert done.code == 0
+        rows = [line.split()[0] for line in done.out.splitlines()]
+        assert rows[1:3] == ["truck1/monday.log.xz", "truck2/monday.log.xz"]
         assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
             "truck1-monday.csv",
             "truck2-monday.csv",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -127,7 +128,7 @@ def test_a_mistake_names_its_line_and_key(old: str, new: str, key: str, words: s
         ("# only a comment\n", "truck.yaml: ", "holds no sections"),
         ("just words", "truck.yaml: ", "found 'str', expected vehicle:, signals: and so on"),
         ("vehicle:\n  name: [\n", "truck.yaml:3: ", "not valid YAML"),
-        ("vehicle:\n  a: 1\n  b: 2\n  a: 3\n", "truck.yaml:4: ", "key given twice: a"),
+        ("vehicle:\n  a: 1\n  b: 2\n  a: 3\n", "truck.yaml:4: ", "key given twice: vehicle.a"),
         ("vehicle: {name: x}\nvehicle: {name: y}\n", "truck.yaml:2: ", "key given twice: vehicle"),
         ("vehicle:\n  t: 2001-99-99\n", "truck.yaml: ", "not valid YAML"),
         ("\x00", "truck.yaml: ", "not valid YAML"),
@@ -254,7 +255,11 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("dbc: [j1939.dbc]", "dbc: [j1989.dbc]", ["j1989.dbc: no such dbc file", "canest.dbc"]),
+        (
+            "dbc: [j1939.dbc]",
+            "dbc: [j1989.dbc]",
+            ["dbc.0: no such dbc file, found 'j1989", "canest.dbc"],
+        ),
         ("dbc: [j1939.dbc]", "dbc: []", ["signals.", "no dbc: file"]),
         ("message: EEC2", "message: EEC22", ["signals.accelerator: no such message", "perhaps", "EEC2"]),
         ("signal: EngSpeed", "signal: EngSped", ["signals.engine_speed: no such signal in EEC1", "EngSpeed"]),
@@ -267,8 +272,8 @@ def test_a_signal_that_the_dbc_does_not_have(old: str, new: str, words: list[str
     with pytest.raises(ConfigError) as caught:
         decoder_for(config)
     assert all(word in str(caught.value) for word in words), str(caught.value)
-    if "signal" in new or "message" in new or "unit" in new:
-        assert str(caught.value).startswith(f"truck.yaml:{line_with(text, new)}: signals.")
+    if new != "dbc: []":
+        assert str(caught.value).startswith(f"truck.yaml:{line_with(text, new)}: {words[0]}")
 
 
 def test_a_dbc_beside_its_config_is_found_from_anywhere_and_comes_before_the_shipped(
@@ -292,10 +297,67 @@ def test_a_model_without_torque_or_speed_says_what_it_needs() -> None:
         return "\n".join(x for x in TRUCK.splitlines() if not x.strip().startswith(roles))
 
     speeds = ("output_shaft_speed:", "undriven_speed:", "engine_speed:", "vehicle_speed:")
-    for text, words in (
-        (without("engine_torque_pct:"), "signals: no torque"),
-        (without(*speeds), "signals: no speed"),
-        (without("reference_torque"), "vehicle.reference_torque_Nm: is missing"),
+    half = without("engine_torque_pct:").replace(
+        "signals:", "signals:\n  half_shaft_torque_left: {column: left}"
+    )
+    for text, line, words in (
+        (without("engine_torque_pct:"), "signals:", "signals: no torque, expected engine_torque_pct"),
+        (half, "signals:", "signals: no torque, .*both half-shaft"),
+        (without(*speeds), "signals:", "signals: no speed, expected output_shaft"),
+        (without("reference_torque"), "vehicle:", "vehicle.reference_torque_Nm: is missing"),
     ):
-        with pytest.raises(ConfigError, match=words):
-            Pipeline(parse_config(text))
+        with pytest.raises(ConfigError, match=f"^truck.yaml:{line_with(text, line)}: {words}"):
+            Pipeline(parse_config(text, "truck.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("entry", "mark", "words"),
+    [
+        (
+            "name: magic",
+            "magic",
+            "estimator.name: unknown estimator, found 'magic', expected one of",
+        ),
+        (
+            "name: rlsmf\n  options:\n    window_s: 2\n    forgeting: 0.9",
+            "forgeting",
+            "estimator.options.forgeting: unknown option, found 'forgeting', expected one of preset",
+        ),
+        (
+            "name: rlsmf\n  options: {forgetting_mass: 3}",
+            "forgetting_mass",
+            "estimator.options.forgetting_mass: wrong value, found 3, expected less than or equal to 1",
+        ),
+        (
+            "name: rlsmf\n  options:\n    preset: '1999'",
+            "preset",
+            "estimator.options.preset: unknown preset, found '1999', expected one of 2005",
+        ),
+    ],
+)
+def test_a_mistake_in_the_estimator_names_its_line(entry: str, mark: str, words: str) -> None:
+    sections = re.sub(r"^estimator:(\n .*)+", "", TRUCK, flags=re.MULTILINE)
+    text = f"{sections}\nestimator:\n  {entry}\n"
+    with pytest.raises(ConfigError) as caught:
+        Pipeline(parse_config(text, "truck.yaml"))
+    assert str(caught.value).startswith(f"truck.yaml:{line_with(text, mark)}: {words}")
+
+
+def test_an_option_of_an_override_is_named_as_such() -> None:
+    config = parse_config(TRUCK, overrides=["estimator.name=rls", "estimator.options.forgeting=0.9"])
+    with pytest.raises(ConfigError, match=r"^--set: estimator\.options\.forgeting: unknown option"):
+        Pipeline(config)
+
+
+def test_an_effect_in_a_gear_that_the_vehicle_has_not() -> None:
+    entry = "effects:\n  - {effect: driveline_loss, loss: 0.1, gear: 11}\n"
+    message = refused(f"{TRUCK}\n{entry}")
+    line = line_with(f"{TRUCK}\n{entry}", "gear: 11")
+    assert message.startswith(
+        f"truck.yaml:{line}: effects.0.gear: no gear of this vehicle, found 11, expected"
+    )
+    assert "1, 2, 3, 4, 5, 6, 7, 8, 9, 10 (vehicle.gear_ratios)" in message
+    # without a table only the bus knows the gears
+    bare = ["vehicle.gear_ratios={}", "effects=[{effect: driveline_loss, gear: 11}]"]
+    assert parse_config(TRUCK, overrides=bare).effects[0]["gear"] == 11
+    assert "found 11, expected null" in refused(TRUCK, *bare, "signals.gear=null")

@@ -1,7 +1,11 @@
 """What is found, on simulated drives whose config does not know the effect."""
 
+import gzip
+import json
+
 import pytest
 
+from canest.cli.main import run
 from canest.config import load_config
 
 DELAYED = {"torque_delay"}  # every simulated engine reports 60 ms late: finding it is right
@@ -61,21 +65,15 @@ def test_drives_of_different_load_part_what_one_drive_cannot(drive, found):
 
 
 def test_a_recording_of_the_daemon_is_pooled_in_the_order_of_its_segments(drive, found, tmp_path):
-    import gzip
-
     gain = {"effect": "torque_gain", "gain": 0.9}
     log = drive(gain, seed=3)
     lines = log.read_bytes().splitlines(keepends=True)
     half = len(lines) // 2
     for name, part in (("20260102T030405Z-can0", lines[:half]), ("20260102T031905Z-can0", lines[half:])):
         (tmp_path / f"{name}.log.gz").write_bytes(gzip.compress(b"".join(part), 1))
-    from canest.cli.main import run
-
     config, out = str(log.with_suffix(".yaml")), tmp_path / "out"
     arguments = ["diagnose", "--recorded", str(tmp_path), "-c", config, "--mass", "21250", "-o", str(out)]
     assert run(arguments) == 0
-    import json
-
     told = json.loads((out / "diagnosis.json").read_text("utf-8"))
     assert [log.split("/")[-1][:16] for log in told["data"]["logs"]] == [
         "20260102T030405Z",
@@ -84,16 +82,35 @@ def test_a_recording_of_the_daemon_is_pooled_in_the_order_of_its_segments(drive,
     assert told["reference"]["mass_known"] and told["reference"]["kind"] != "truth"
 
 
-def test_a_log_that_cannot_be_used_is_left_out_and_named(drive, found, tmp_path, capsys):
-    gain = {"effect": "torque_gain", "gain": 0.9}
-    broken, idle = tmp_path / "broken.log", tmp_path / "idle.log"
+def test_logs_that_cannot_be_used_are_named_and_the_others_diagnosed(drive, tmp_path, capsys):
+    broken, idle, out = tmp_path / "broken.log", tmp_path / "idle.log", tmp_path / "out"
     broken.write_text("this is no candump\n" * 50)
     idle.write_text("(1700000000.000000) can0 0CF00400#FFFFFFFFFFFFFFFF\n" * 50)
-    log = drive(gain, seed=3)
-    told = found(log, broken, idle, "--mass", "21250")
+    log = drive({"effect": "torque_gain", "gain": 0.9}, seed=3)
+    arguments = [log, broken, idle, "-c", log.with_suffix(".yaml"), "--mass", "21250", "-o", out]
+    assert run(["diagnose", *map(str, arguments)]) == 1
+    told, printed = json.loads((out / "diagnosis.json").read_text("utf-8")), capsys.readouterr()
     assert told["data"]["drives"] == 1 and len(told["data"]["left_out"]) == 2
-    for name in ("broken.log", "idle.log"):
-        assert any(name in reason for reason in told["data"]["left_out"])
+    assert printed.err.startswith(f"error: {broken}: nothing to read") and printed.err.count("\n") == 1
+    assert f"left out: {idle}: is too short" in printed.out
+
+
+def test_when_no_log_can_be_used_all_are_named(tmp_path, capsys):
+    broken, missing = tmp_path / "broken.log", tmp_path / "missing.log"
+    broken.write_text("this is no candump\n" * 50)
+    arguments = [broken, missing, "-c", "kenworth", "-o", tmp_path / "out"]
+    assert run(["diagnose", *map(str, arguments)]) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and str(broken) in error and str(missing) in error
+
+
+def test_a_broken_log_beside_too_little_driving_is_not_forgotten(tmp_path, capsys):
+    broken = tmp_path / "broken.log"
+    broken.write_text("this is no candump\n" * 50)
+    bike = "tests/data/ip332/bike.log.xz"
+    assert run(["diagnose", bike, str(broken), "-c", "kenworth", "-o", str(tmp_path / "out")]) == 1
+    printed = capsys.readouterr()
+    assert "too little driving" in printed.out and printed.err.startswith(f"error: {broken}: nothing")
 
 
 EFFECTS = [

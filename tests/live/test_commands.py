@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 import urllib.request
 from pathlib import Path
@@ -206,11 +208,13 @@ def test_every_mistake_is_one_line_and_the_right_exit_code(capsys, arguments, co
 
 def test_status_shows_what_a_person_on_call_needs(tmp_path, drive, monkeypatch, capsys):
     settings = load_config("vcan", [f"service.state_dir={tmp_path}", "service.learn='off'"])
-    from canest.live.snapshot import snapshot
+    from canest.live.snapshot import flat, snapshot
 
     with Rig(monkeypatch, settings, drive) as rig:
         rig.run(45)
         content = snapshot(rig.daemon, rig.now_us)
+    assert content["senders"]["pgn_61444_from_0x00"]["frames"] > 0
+    assert all(re.fullmatch(r"[\w.]+", key) for key in flat(content))  # a line of key=value splits at spaces
     monkeypatch.setattr("canest.live.status_socket.ask", lambda path: content)
     assert run(["status", "--socket", "x"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
@@ -242,6 +246,26 @@ def test_status_of_a_killed_daemon_tells_what_it_had_learned(tmp_path, drive, mo
     assert run(["status", "-c", str(config)]) == 1
     captured = capsys.readouterr()
     assert "last learned: 2" in captured.out and "killed" in captured.err
+
+
+def test_status_finds_a_daemon_in_the_state_directory_of_its_config(tmp_path, truck, capsys):
+    truck.write_text(truck.read_text().replace('"on+save"}', f'"on+save", state_dir: {tmp_path}/own}}'))
+    server, asked = StatusServer(socket_path(load_config(truck))), threading.Event()
+    assert server.path.parent == tmp_path / "own"
+
+    def answer():
+        while not asked.wait(0.01):
+            server.poll(lambda: {"pid": 7})
+
+    daemon = threading.Thread(target=answer)
+    daemon.start()
+    try:
+        assert run(["status", "-c", str(truck), "--json"]) == 0
+    finally:
+        asked.set()
+        daemon.join()
+        server.close()
+    assert json.loads(capsys.readouterr().out) == [{"pid": 7}]
 
 
 def test_a_status_socket_left_behind_is_replaced_and_a_client_that_leaves_is_survived(tmp_path):

@@ -123,11 +123,11 @@ def test_a_forger_under_the_right_address_shows_by_the_rate(tmp_path, drive, mon
         assert snapshot(rig.daemon, rig.now_us)["sends_faster"] == {}
         rig.run(18)
         told = snapshot(rig.daemon, rig.now_us)
-        usual_hz, now_hz = told["sends_faster"]["PGN 61444 from 0x00"]
+        usual_hz, now_hz = told["sends_faster"]["pgn_61444_from_0x00"]
         assert now_hz == pytest.approx(2 * usual_hz, rel=0.1)
         assert 'senders-faster-than-usual now="PGN 61444 from 0x00"' in rig.log.getvalue()
         assert any("Does somebody else send" in text for _, text in rows(told))
         rig.run(12)
         told = snapshot(rig.daemon, rig.now_us)
-        assert told["sends_faster"] == {} and told["sent_faster_s"]["PGN 61444 from 0x00"] >= 10
+        assert told["sends_faster"] == {} and told["sent_faster_s"]["pgn_61444_from_0x00"] >= 10
         assert "canest_sender_faster_seconds_total{sender=" in metrics.text(told)

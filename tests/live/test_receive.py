@@ -232,7 +232,7 @@ def test_an_interface_deleted_and_created_again_is_opened_within_a_tick_or_two(i
     time.sleep(0.025)
     interface.drain()
     assert interface.state == "up" and interface.opened == 2
-    assert interface.counters["interface_lost"] == 1 and interface.counters["receive_ENODEV"] == 1
+    assert interface.counters["interface_lost"] == 1 and interface.counters["receive_enodev"] == 1
     interface.bus_sends(packed())
     assert len(settle(interface.drain, 1)[0]) == 1
 

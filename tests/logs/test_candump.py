@@ -268,9 +268,11 @@ def test_one_interface_of_several(tmp_path: Path):
     path = tmp_path / "two.log"
     path.write_text("".join(log_form(i, 0x100 + i % 2, b"", f"can{i % 2}") + "\n" for i in range(100)))
     block, reader = read_all(path, channel="can1")
-    assert reader.channels == {"can0": 50, "can1": 50}  # type: ignore[attr-defined]
+    assert reader.channels == {"can0": 50, "can1": 50}
     assert block.can_id.tolist() == [0x101] * 50
     assert reader.frames == 100
+    with pytest.raises(LogError, match=r"expected one of can0 \(50 frames\), can1 \(50 frames\)"):
+        read_all(path, channel="can2")
 
 
 def test_last_line_without_newline_is_read(tmp_path):

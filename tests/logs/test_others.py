@@ -1,6 +1,10 @@
 from __future__ import annotations
 
+import contextlib
+import gc
+import gzip
 import importlib.util
+import sqlite3
 import warnings
 
 import can
@@ -11,10 +15,8 @@ from canest.frames import EXTENDED, REMOTE, FrameBlock
 from canest.logs import open_log
 from logs.helpers_logs import assert_same, read_all
 
-MF4 = pytest.param(
-    ".mf4",
-    marks=pytest.mark.skipif(importlib.util.find_spec("asammdf") is None, reason="asammdf (extra: formats)"),
-)
+MF4_ONLY = pytest.mark.skipif(importlib.util.find_spec("asammdf") is None, reason="asammdf (extra: formats)")
+MF4 = pytest.param(".mf4", marks=MF4_ONLY)
 FRAMES = [
     (1_000_000 + 10_000 * i, (0x18FEEE31 | EXTENDED) if i % 3 else 0x123, bytes([i % 256, 2, 3][: i % 4]))
     for i in range(200)
@@ -90,7 +92,9 @@ def test_wanted_and_channel_apply_here_too(tmp_path):
     block, reader = read_all(path, wanted=lambda can_id: can_id == 0x123)
     assert reader.frames == 200
     assert set(block.can_id.tolist()) == {0x123}
-    assert len(read_all(path, channel="7")[0]) == 0
+    assert len(read_all(path, channel="0")[0]) == 200
+    with pytest.raises(LogError, match=r"this channel, found '7', expected one of 0 \(200 frames"):
+        read_all(path, channel="7")
 
 
 @pytest.mark.skipif(importlib.util.find_spec("asammdf") is not None, reason="asammdf is installed")
@@ -101,3 +105,49 @@ def test_mf4_without_its_package_names_the_extra(tmp_path):
         warnings.simplefilter("ignore")
         with pytest.raises(LogError, match=r"pip install canest\[formats\]"):
             list(open_log(path))
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+@MF4_ONLY
+def test_a_truncated_mf4_is_one_line_and_nothing_else(tmp_path, capfd, share):
+    path = write(tmp_path / "drive.mf4")
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])  # its descriptions come last
+    with pytest.raises(LogError, match=r"drive\.mf4: damaged or cut short, nothing in it can be read"):
+        list(open_log(path))
+    gc.collect()
+    assert capfd.readouterr() == ("", "")
+
+
+@MF4_ONLY
+def test_a_compressed_mf4_is_read(tmp_path):
+    path = tmp_path / "drive.mf4.gz"
+    path.write_bytes(gzip.compress(write(tmp_path / "drive.mf4").read_bytes()))
+    assert len(read_all(path)[0]) == 200
+
+
+def database(path, rows):
+    columns = "ts REAL, arbitration_id INTEGER, extended INTEGER, remote INTEGER, error INTEGER, dlc INTEGER"
+    with contextlib.closing(sqlite3.connect(path)) as connection:
+        connection.execute(f"CREATE TABLE messages ({columns}, data BLOB)")
+        frames = ((1 + 0.001 * i, 0x18FEEE31, 1, 0, 0, 8, bytes(8)) for i in range(rows))
+        connection.executemany("INSERT INTO messages VALUES (?, ?, ?, ?, ?, ?, ?)", frames)
+        connection.commit()
+    return path
+
+
+@pytest.mark.parametrize("share", [0.3, 0.7, 0.95])
+def test_a_truncated_database_gives_what_it_holds(tmp_path, share):
+    path = database(tmp_path / "drive.db", 5000)
+    size = path.stat().st_size
+    path.write_bytes(path.read_bytes()[: int(share * size)])
+    block, reader = read_all(path)
+    assert (share - 0.05) * 5000 < len(block) < (share + 0.01) * 5000
+    assert set(block.can_id.tolist()) == {0x18FEEE31 | EXTENDED}
+    assert reader.truncated_reason.endswith(f"of the {size:,} bytes its header announces")
+
+
+def test_a_database_cut_in_its_first_page_says_so(tmp_path):
+    path = database(tmp_path / "drive.db", 5000)
+    path.write_bytes(path.read_bytes()[:2000])
+    with pytest.raises(LogError, match=r"drive\.db: damaged or cut short, .*, expected a whole \.db file"):
+        list(open_log(path))

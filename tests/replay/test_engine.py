@@ -103,6 +103,13 @@ class TestTables:
         assert result.summary["mass_kg"] == pytest.approx(1600, rel=0.08)
         assert any("garbage" in note for note in result.notes)
 
+    def test_rows_in_reverse_are_the_reason(self, tmp_path):
+        path = write_table(tmp_path / "trip.csv")
+        header, *rows = path.read_text().splitlines()
+        path.write_text("\n".join([header, *reversed(rows)]) + "\n")
+        result = replay(path, parse_config(TABLE_CONFIG))
+        assert result.summary["reason"].startswith("time runs backwards: 1,799 of 1,800 stamps")
+
     def test_missing_column_is_the_reason(self, tmp_path):
         path = tmp_path / "trip.csv"
         path.write_text("seconds,v_kmh\n" + "".join(f"{i / 10},36\n" for i in range(100)))

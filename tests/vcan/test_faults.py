@@ -80,7 +80,7 @@ def none_lost(daemon: rig.Daemon, address: int) -> Iterator[None]:
     words = ["-e", "-i", "-g", "2", "-n", "300", "-I", f"0CF004{address:02X}", "-L", "8", "-D", "r"]
     with subprocess.Popen(["cangen", BUS, *words], stderr=subprocess.DEVNULL):
         yield
-    sender = f"PGN 61444 from 0x{address:02X}"
+    sender = f"pgn_61444_from_0x{address:02X}"
     rig.wait_until(
         lambda: daemon.status()["other_senders"].get(sender) == 300, 30.0, f"the frames of {sender} to count"
     )
@@ -176,7 +176,7 @@ def test_spoofed_address_is_counted_and_not_used(daemon: rig.Daemon, ears: rig.E
     cangen("-g", "1", "-n", "1000", "-I", f"{FOREIGN_EEC1:08X}", "-L", "8", "-D", "r")
     after = ears.until(lambda heard: heard.fresh, 60.0, "an estimate after the fault")
     assert_unmoved(before, after)
-    foreign = "PGN 61444 from 0x31"
+    foreign = "pgn_61444_from_0x31"
     rig.wait_until(
         lambda: daemon.status()["other_senders"].get(foreign) == 1000, 30.0, "the foreign frames' count"
     )
@@ -195,7 +195,7 @@ def test_short_frames_and_broken_transport_sessions_are_counted(daemon: rig.Daem
     def faults() -> tuple[int, int]:
         status = daemon.status()
         broken = sum(n for reason, n in status["transport"].items() if reason != "complete")
-        return status["senders"]["PGN 61444 from 0x00"]["wrong_length"], broken
+        return status["senders"]["pgn_61444_from_0x00"]["wrong_length"], broken
 
     short, broken = faults()
     cansend("0CF00400#F1B7", "18ECFF00#20270006FFE3FE00", "18EBFF00#07AABBCCDDEEFF00", "18ECFF00#20FF")

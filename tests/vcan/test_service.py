@@ -150,7 +150,7 @@ def test_killed_process_is_restarted_with_the_saved_mass(ears: rig.Ears, record_
     assert first.mass_kg == pytest.approx(before.mass_kg, rel=0.03)
     foreign = ["cangen", BUS, "-e", "-i", "-g", "2", "-n", "300", "-I", "0CF00453", "-L", "8", "-D", "r"]
     subprocess.run(foreign, check=True, timeout=60)  # what is sent after its return is counted, all of it
-    rig.wait_until(lambda: other_senders().get("PGN 61444 from 0x53") == 300, 30.0, "all frames to count")
+    rig.wait_until(lambda: other_senders().get("pgn_61444_from_0x53") == 300, 30.0, "all frames to count")
     assert journal().count("mass-restored") == lives + 1
 
 

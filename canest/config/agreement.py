@@ -1,0 +1,92 @@
+"""What several sections of a config must agree on: masses, gears, roles, and what is known by name."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canest.errors import ConfigError
+from canest.roles import ROLES
+
+if TYPE_CHECKING:
+    from canest.config.schema import Config
+
+
+class MisplacedError(ValueError):
+    """A mistake that a validator of the whole section found; ``keys`` say where in the section it is."""
+
+    def __init__(self, message: str, *keys: str | int) -> None:
+        super().__init__(message)
+        self.keys = keys
+
+
+def refuse_contradictions(config: Config) -> None:
+    """Check a config whose sections are each right. Errors: MisplacedError."""
+    _start_possible(config)
+    _estimator_known(config)
+    _roles_known(config, _effects_possible(config))
+
+
+def _start_possible(config: Config) -> None:
+    start, low, high = (
+        config.estimator.initial_mass_kg,
+        config.vehicle.mass_min_kg,
+        config.vehicle.mass_max_kg,
+    )
+    if start is not None and not low <= start <= high:
+        raise MisplacedError(
+            f"no mass of this vehicle, found {start:g}, expected {low:g} to {high:g} kg "
+            "(vehicle.mass_min_kg, mass_max_kg)",
+            "estimator",
+            "initial_mass_kg",
+        )
+
+
+def _estimator_known(config: Config) -> None:
+    from canest.estimators.base import REGISTRY
+
+    if config.estimator.name not in REGISTRY:
+        raise MisplacedError(
+            f"unknown estimator, found {config.estimator.name!r}, expected one of {', '.join(REGISTRY)}",
+            "estimator",
+            "name",
+        )
+
+
+def _effects_possible(config: Config) -> dict[str, int]:
+    """Return the roles that effects need -> the first effect that needs it."""
+    used: dict[str, int] = {}
+    if not config.effects:
+        return used
+    from canest.vehicle.effects import effect_from_config
+
+    for i, entry in enumerate(config.effects):
+        try:
+            signal = effect_from_config(entry, "").signal
+        except ConfigError as error:
+            raise MisplacedError(str(error), "effects", i) from None
+        if signal is not None:
+            used.setdefault(signal, i)
+        _gear_known(config, entry.get("gear"), i)
+    return used
+
+
+def _gear_known(config: Config, gear: int | None, i: int) -> None:
+    """Refuse a gear that no effect could ever meet. Without a table, the bus alone knows the gears."""
+    gears = config.vehicle.gear_ratios
+    if gear is None or gear in gears or (not gears and "gear" in config.signals):
+        return
+    known = f"one of {', '.join(map(str, gears))} (vehicle.gear_ratios)" if gears else "null: all gears"
+    raise MisplacedError(f"no gear of this vehicle, found {gear}, expected {known}", "effects", i, "gear")
+
+
+def _roles_known(config: Config, used: dict[str, int]) -> None:
+    for role in config.signals:
+        if role not in ROLES and role not in used:
+            raise MisplacedError(f"unknown role, expected one of {', '.join(ROLES)}", "signals", role)
+    for role, i in used.items():
+        if role not in config.signals:
+            raise MisplacedError(
+                f"needs the signal {role}, found no such key in signals:, expected a source for it",
+                "effects",
+                i,
+            )
