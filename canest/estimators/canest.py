@@ -143,18 +143,18 @@ class Canest(Estimator):
         """
         last = np.concatenate(([-self._since - 1], ends))
         self._since = n - 1 - int(last[-1])
-        rows = np.vstack([known.T, last])
-        held = np.repeat(rows, np.diff(np.concatenate(([0], ends, [n]))), axis=1)
-        mass, mass_std = held[output.MASS_KG], held[output.MASS_STD_KG]
-        ahead_s = (np.arange(n) - held[-1] + SHIFT) * STEP_S + self.facts.filter_delay_s
-        ahead_m = held[output.SPEED_MPS] * ahead_s
-        sine = np.clip(held[output.SINE] + held[output.SINE_PER_M] * ahead_m, -STEEPEST, STEEPEST)
-        learned = held[output.LEARNED] > 0.0
-        standing = held[output.STANDING_S] > output.UNLOADED_S
+        table = known.T
+        per_tick = table[output.SINE_PER_M] * table[output.SPEED_MPS] * STEP_S
+        rows = [*table[: output.SINE_STD + 1], per_tick, last]
+        samples = np.diff(np.concatenate(([0], ends, [n])))
+        mass, mass_std, sine, grade_std, per_tick, last = np.repeat(rows, samples, axis=1)
+        learned = np.repeat(table[output.LEARNED] > 0.0, samples)
+        standing = np.repeat(table[output.STANDING_S] > output.UNLOADED_S, samples)
+        sine += per_tick * (np.arange(n) - last + (SHIFT + self.facts.filter_delay_s / STEP_S))
+        np.clip(sine, -STEEPEST, STEEPEST, out=sine)
         status = self._status.update(learned & ~standing, mass, mass_std)
         status[learned & standing] = Status.CONVERGING
         grade = sine / np.sqrt(1.0 - sine * sine)
-        grade_std = np.minimum(held[output.SINE_STD], 1.0)
         if self.facts.initial_mass_kg is None and not learned.all():
             mass, mass_std, grade, grade_std = (
                 np.where(learned, column, np.nan) for column in (mass, mass_std, grade, grade_std)

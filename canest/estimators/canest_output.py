@@ -11,7 +11,7 @@ from canest.frames import FloatColumn
 from canest.vehicle.samples import GRAVITY_MPS2, VehicleFacts
 
 # columns of what is known after a window
-MASS_KG, MASS_STD_KG, SINE, SINE_PER_M, SINE_STD, LEARNED, STANDING_S, SPEED_MPS = range(8)
+MASS_KG, MASS_STD_KG, SINE, SINE_STD, SINE_PER_M, SPEED_MPS, LEARNED, STANDING_S = range(8)
 COLUMNS = 8
 
 #: share of the mass left in doubt is this by the effort (m2/s3): half of it on a motorway at one speed,
@@ -50,7 +50,7 @@ def known(
     # what mass leaves in doubt of the steady force, the hill has to bear
     borne = untold * out[:, at.OUT_STEADY_MPS2] / GRAVITY_MPS2
     grade_var = np.maximum(out[:, at.OUT_GRADE_VAR], 0.0)
-    table[:, SINE_STD] = np.sqrt(grade_var + rolling * rolling + borne * borne)
+    table[:, SINE_STD] = np.minimum(np.sqrt(grade_var + rolling * rolling + borne * borne), 1.0)
     table[:, LEARNED] = out[:, at.OUT_LEARNED]
     table[:, STANDING_S] = out[:, at.OUT_STANDING_S]
     table[:, SPEED_MPS] = np.maximum(speed_mps, 0.0)

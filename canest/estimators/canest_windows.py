@@ -93,9 +93,9 @@ class Windows:
         ticks = rows[_TICK].astype(np.int64)
         past = rows.shape[1] - len(block)
         ends = self._ends(ticks, past)
-        starts = self._starts(rows[_GATE], ticks, past)
+        starts = self._starts(rows[_GATE], ticks, past, ends)
         if len(ends):
-            windows = self._windows(rows, ticks, ends, starts[ends - past])
+            windows = self._windows(rows, ticks, ends, starts)
             self._last_end = int(ticks[ends[-1]])
         else:
             windows = np.empty((len(COLUMNS), 0))
@@ -206,20 +206,20 @@ class Windows:
         ]
         return np.array(columns, np.float64)
 
-    def _starts(self, gate: FloatColumn, ticks: NDArray[np.int64], past: int) -> NDArray[np.int64]:
-        """Return for each new sample (n,) the tick on which filters last began anew (gap, missing signal)."""
+    def _starts(
+        self, gate: FloatColumn, ticks: NDArray[np.int64], past: int, ends: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
+        """Return for each window the tick on which filters last began anew (gap, missing signal)."""
         new = ticks[past:]
         anew = (gate[past:] == Gate.STALE) | (gate[past:] == Gate.INVALID)
         if past:
             anew |= new - ticks[past - 1 : -1] != 1
         else:
             anew[:1] = True
-        starts = np.full(len(new), self._started)
-        if anew.any():
-            at = np.maximum.accumulate(np.where(anew, np.arange(len(new)), -1))
-            starts = np.where(at >= 0, new[at], starts)
-            self._started = int(starts[-1])
-        return starts
+        begun = np.flatnonzero(anew)
+        starts = np.concatenate(([self._started], new[begun]))
+        self._started = int(starts[-1])
+        return starts[np.searchsorted(begun, ends - past, side="right")]
 
     def _new_altitudes(self, altitude_m: FloatColumn) -> FloatColumn:
         """Return altitudes where they differ from the one before, else NaN."""
