@@ -77,6 +77,7 @@ FAMILIES = (
     Family("city", _CITY, {"grade_max": 0.035}, 900, False, changes_s=(260.0, 620.0)),
     Family("pulses*", {"kind": "pulses"}, {}, 300, True),
     Family("mixed*", {"kind": "mixed", "retarder": True}, {"bends": True}, 400, True),
+    Family("hills*", {"kind": "mixed", "retarder": True}, {"bends": True, "grade_max": 0.06}, 400, True),
     Family("launches*", _LAUNCHES, {"grade_max": 0.02}, 500, True),
     Family("city*", _CITY, {"grade_max": 0.035}, 900, True, changes_s=(260.0, 620.0)),
     Family("cruise*", _CRUISE, _CRUISE_ROAD, 400, True, (18000.0, 36000.0)),
