@@ -17,7 +17,9 @@ from canest.roles import KNOWN_UNITS
 class Section(BaseModel):
     """Base of all sections: unknown keys refused, values immutable, no silent type juggling."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, str_strip_whitespace=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, str_strip_whitespace=True, defer_build=True
+    )
 
 
 def _number_not_bool(value: Any) -> Any:
