@@ -30,9 +30,9 @@ from typing import Any
 from canest import fast
 from canest.estimators.canest_axle import UNDRIVEN_EVERY, slip_seen
 from canest.estimators.canest_coarse import coarse_grade, surer
+from canest.estimators.canest_doubt import credit, follow, surprise
 from canest.estimators.canest_filter import (
     correct,
-    fade,
     hold_within,
     push,
     reopen,
@@ -41,11 +41,10 @@ from canest.estimators.canest_filter import (
     widen,
 )
 from canest.estimators.canest_noise import level, surplus, tally
-from canest.estimators.canest_roads import likelihood, mix, weigh
+from canest.estimators.canest_roads import drive_on, likelihood, weigh
 from canest.estimators.canest_states import (
     AXLE_SLIP,
     BIAS,
-    BIASED,
     CALM_MPS,
     COUNT,
     CURVATURE,
@@ -75,13 +74,10 @@ from canest.estimators.canest_states import (
     SENSED_VAR,
     SINCE,
     SLIP,
-    SLOW_MPS2,
     SPEED_VAR,
     STANDING_S,
     STEADY_MPS2,
     STRAIGHT,
-    STRETCH_M,
-    SURPRISED_M,
     UNSEEN,
     WIND,
     Q,
@@ -95,10 +91,6 @@ Container = Any  #: list interpreted, array compiled
 _G = GRAVITY_MPS2
 #: a straight is not quite straight: variance of the grade per metre, (0.05 % in 100 m)^2
 _ROUGHNESS = 3e-9
-#: distance over which the curvature within a curve changes, m
-_CURVE_M = 300.0
-#: distance over which the mean wind along the road changes, m
-_WIND_M = 5000.0
 #: gusts: m/s, and how long they last
 _GUST_MPS, _GUST_S = 0.15, 5.0
 #: drift of a GPS altitude beyond its noise, m2 per m; and the std of one reading, m
@@ -116,28 +108,16 @@ _OTHER_PITCH = 0.1
 _MASS_DRIFT = 1e-8
 #: weight of the newest window in the calm speed; all of it in the first windows of a balance
 _CALM, _FRESH = 0.02, 3.0
-#: the two roads are mixed after this distance: on a straight the filter of curves learns that there is none,
-#: and left to itself is as late into the next as the other. An accelerometer is read every so many windows
-_MIX_M, _SEE_EVERY = 20.0, 2.0
+#: an accelerometer is read every so many windows
+_SEE_EVERY = 2.0
 #: the delay of reported torque changes from frame to frame by a part of its 20 ms cycle
 _JITTER_S = 0.004
 #: the remaining delay is trusted to, s; the inverse mass is taken for it at least this share of its prior std
 _DELAY_S, _LEAST_SHARE = 0.1, 0.1
-#: forces that change within this time are the engine's, not the road's; with an accelerometer, which feels
-#: the road, those that change faster than its bias
-_ROAD_S, _BIAS_S = 1.0, 10.0
-#: the sharpest crests, in stds of a curvature
-_CREST = 2.0
 #: a vehicle that stands this long may have been loaded
 _LOADING_S = 30.0
 #: share of its prior variance by which a new load changes delay, slip, bias and pitch
 _LOOSER = 0.1
-#: memory of the innovations' sign, in windows
-_SIGN_MEMORY = 15.0
-#: innovations this one-signed for seconds open the grade again, and if they come back the mass, by this share
-_ONE_SIGNED, _CLIP, _DOUBT = 1.5, 5.0, 1.0
-#: who is surprised again within this distance carries another load, m
-_AGAIN_M = 1000.0
 
 
 @fast.kernel
@@ -184,26 +164,12 @@ def run(
         if gap_s[k] > 0.0:
             memory[SINCE] = 0.0
             ds += gap_s[k] * max(v, 0.0)
-        memory[STRETCH_M] += ds
-        if memory[STRETCH_M] >= _MIX_M:
-            calms = math.exp(-memory[STRETCH_M] / _WIND_M)
-            for m in (STRAIGHT, CURVED):
-                fade(X[m], PP[m], WIND, calms, wind_var * (1.0 - calms * calms))
-            bent = math.exp(-memory[STRETCH_M] / _CURVE_M)
-            fade(X[CURVED], PP[CURVED], CURVATURE, bent, curvature_var * (1.0 - bent * bent))
-            mix(X, PP, weight, memory[STRETCH_M], curvature_var)
-            memory[STRETCH_M] = 0.0
+        drive_on(X, PP, weight, memory, ds, wind_var, curvature_var)
         if loaded:
             memory[EFFORT] = memory[FELT] = 0.0
             Y[AXLE_SLIP][AXLE_SLIP] += _LOOSER * prior[SLIP] * prior[SLIP] + y[AXLE_SLIP] * y[AXLE_SLIP]
         # the road has a step, or the load has changed where nobody saw it: let the next seconds tell
-        memory[SURPRISED_M] += ds
-        doubted = abs(memory[BIASED]) > _ONE_SIGNED
-        again = doubted and memory[SURPRISED_M] < _AGAIN_M
-        if doubted:
-            memory[BIASED] = memory[SURPRISED_M] = 0.0
-        if again:
-            memory[EFFORT] = memory[FELT] = 0.0
+        surprised, again = surprise(memory, ds)
         # -- what both filters share of this window
         begins = is_open and memory[SINCE] == 0.0
         calm = v
@@ -249,8 +215,8 @@ def run(
             if loaded:
                 reopen(x, P, prior, prior[U], _LOOSER)
             if again:
-                P[U][U] += _DOUBT * _DOUBT * x[U] * x[U]
-            if doubted:
+                P[U][U] += x[U] * x[U]
+            if surprised:
                 P[GRADE][GRADE] += prior[GRADE] * prior[GRADE]
                 if m == CURVED:
                     P[CURVATURE][CURVATURE] += 9.0 * curvature_var
@@ -328,21 +294,12 @@ def run(
             if sees:
                 memory[SENSED_VAR] = level(memory[SENSED_VAR], sensed_surplus, floors[1], memory[COUNT])
             memory[LEARNED] = 1.0
-            # under a steady hand force follows the road, and no filter can tell the two apart by itself:
-            # only what is beyond the change that a crest brings in this time is the driver's
-            crest = _CREST * _G * prior[CURVATURE] * calm * _ROAD_S
             pull = max(memory[HELD_U], least) * force[k]
-            if begins and memory[COUNT] == 0.0:
-                memory[STEADY_MPS2] = memory[SLOW_MPS2] = pull
-            brisk, slow = pull - memory[STEADY_MPS2], pull - memory[SLOW_MPS2]
-            memory[STEADY_MPS2] += brisk * WINDOW_S / _ROAD_S
-            memory[EFFORT] += max(brisk * brisk - crest * crest, 0.0) * WINDOW_S
-            memory[SLOW_MPS2] += slow * WINDOW_S / _BIAS_S
-            if sensed[k] == sensed[k]:
-                memory[FELT] += slow * slow * WINDOW_S
+            first = begins and memory[COUNT] == 0.0
+            credit(memory, pull, prior[CURVATURE] * calm, first, sensed[k] == sensed[k])
             tally(memory, bias, nis)
             if t > 0.0:  # in overrun it may as well be a brake that nobody reports
-                memory[BIASED] += (min(max(bias, -_CLIP), _CLIP) - memory[BIASED]) / _SIGN_MEMORY
+                follow(memory, bias)
         if climbs:
             memory[HAS_HEIGHT] = 1.0
         memory[LAST_MPS2] = a

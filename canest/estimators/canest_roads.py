@@ -12,15 +12,39 @@ import math
 from typing import Any
 
 from canest import fast
-from canest.estimators.canest_filter import OUTLIER
-from canest.estimators.canest_states import CURVATURE, CURVED, STRAIGHT
+from canest.estimators.canest_filter import OUTLIER, fade
+from canest.estimators.canest_states import CURVATURE, CURVED, STRAIGHT, STRETCH_M, WIND
 
 Container = Any
 
 #: how far straights and curves go on the average, m
 STRAIGHT_M, CURVED_M = 500.0, 150.0
+#: distance over which the curvature within a curve changes, m
+CURVE_M = 300.0
+#: distance over which the mean wind along the road changes, m
+WIND_M = 5000.0
+#: the filters are mixed after this distance: on a straight the filter of curves learns that there is none,
+#: and left to itself is as late into the next as the other, m
+MIX_M = 20.0
 #: no kind of road is ever out of the question
 _LEAST = 1e-9
+
+
+@fast.kernel
+def drive_on(
+    X: Container, PP: Container, weight: Container, memory: Container, ds: float, wind_var: float,
+    curvature_var: float,
+) -> None:  # fmt: skip
+    """Let both filters forget what `ds` metres change, wind and curvature (variances given), and mix them."""
+    memory[STRETCH_M] += ds
+    if memory[STRETCH_M] >= MIX_M:
+        calms = math.exp(-memory[STRETCH_M] / WIND_M)
+        for m in (STRAIGHT, CURVED):
+            fade(X[m], PP[m], WIND, calms, wind_var * (1.0 - calms * calms))
+        bent = math.exp(-memory[STRETCH_M] / CURVE_M)
+        fade(X[CURVED], PP[CURVED], CURVATURE, bent, curvature_var * (1.0 - bent * bent))
+        mix(X, PP, weight, memory[STRETCH_M], curvature_var)
+        memory[STRETCH_M] = 0.0
 
 
 @fast.kernel

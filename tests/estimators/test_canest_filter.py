@@ -13,7 +13,7 @@ from canest.estimators.canest_axle import slip_seen
 from canest.estimators.canest_coarse import surer
 from canest.estimators.canest_filter import OUTLIER, correct, fade, travel
 from canest.estimators.canest_noise import NOISE_MEMORY, NOISE_START
-from canest.estimators.canest_roads import CURVED_M, STRAIGHT_M, mix
+from canest.estimators.canest_roads import CURVE_M, CURVED_M, MIX_M, STRAIGHT_M, WIND_M, mix
 from canest.estimators.canest_windows import COLUMNS, WINDOW_S
 from canest.vehicle.samples import GRAVITY_MPS2
 
@@ -69,7 +69,7 @@ class Dense:
 
     def fade(self, ds):
         F, Q = np.eye(self.n), np.zeros((self.n, self.n))
-        bent, calm = np.exp(-ds / k._CURVE_M), np.exp(-ds / k._WIND_M)
+        bent, calm = np.exp(-ds / CURVE_M), np.exp(-ds / WIND_M)
         F[at.CURVATURE, at.CURVATURE], Q[at.CURVATURE, at.CURVATURE] = bent, self.bend_var * (1 - bent**2)
         F[at.WIND, at.WIND], Q[at.WIND, at.WIND] = calm, self.wind_var * (1 - calm**2)
         self.predict(F, Q)
@@ -156,7 +156,7 @@ def test_momentum_balance_equals_two_dense_filters(compiled):
         memory = min(NOISE_MEMORY, NOISE_START + i)
         c = {name: w[AT[name], i] for name in COLUMNS}
         stretch_m += c["distance_m"]
-        if stretch_m >= k._MIX_M:
+        if stretch_m >= MIX_M:
             for dense in roads:
                 dense.fade(stretch_m)
             weight = mixed(*roads, weight, stretch_m, prior.std[at.CURVATURE] ** 2)
@@ -263,7 +263,7 @@ def test_travel_and_fading_equal_the_dense_prediction(road, states):
     travel(x, P, 7.0, road == at.CURVED, True, k._ROUGHNESS * 7.0, k._HEIGHT_DRIFT * 7.0)
     P[at.U][at.U] += k._MASS_DRIFT * 7.0 * dense.x[at.U] ** 2
     dense.travel(7.0)
-    calm, bent = np.exp(-40.0 / k._WIND_M), np.exp(-40.0 / k._CURVE_M)
+    calm, bent = np.exp(-40.0 / WIND_M), np.exp(-40.0 / CURVE_M)
     fade(x, P, at.WIND, calm, dense.wind_var * (1 - calm**2))
     fade(x, P, at.CURVATURE, bent, dense.bend_var * (1 - bent**2))
     dense.fade(40.0)

@@ -1,0 +1,76 @@
+"""What torque has told of the mass, and what makes the mass doubtful again.
+
+Under a steady hand force follows the road, and no filter can tell mass and grade apart by itself. So the
+effort is kept beside the filter: how much the driver's own torque has moved, beyond what a crest brings.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from canest import fast
+from canest.estimators.canest_states import (
+    BIASED,
+    EFFORT,
+    FELT,
+    SLOW_MPS2,
+    STEADY_MPS2,
+    SURPRISED_M,
+)
+from canest.estimators.canest_windows import WINDOW_S
+from canest.vehicle.samples import GRAVITY_MPS2
+
+Container = Any  #: list interpreted, array compiled
+
+#: forces that change within this time are the engine's, not the road's; with an accelerometer, which feels
+#: the road, those that change faster than its bias
+ROAD_S, BIAS_S = 1.0, 10.0
+#: the sharpest crests, in stds of a curvature
+CREST = 2.0
+#: memory of the innovations' sign, in windows; one innovation counts for so many stds at most
+SIGN_MEMORY, CLIP = 15.0, 5.0
+#: innovations this one-signed for seconds surprise
+ONE_SIGNED = 1.5
+#: who is surprised again within this distance carries another load, m
+AGAIN_M = 1000.0
+
+
+@fast.kernel
+def credit(memory: Container, pull: float, steepens_1ps: float, first: bool, feels: bool) -> None:
+    """Credit the mass with what a window's specific force (m/s2) tells of it.
+
+    steepens_1ps: how fast the grade changes on a usual crest, 1/s. first: of all windows. feels: an
+    accelerometer feels the road.
+    """
+    if first:
+        memory[STEADY_MPS2] = memory[SLOW_MPS2] = pull
+    crest = CREST * GRAVITY_MPS2 * steepens_1ps * ROAD_S
+    brisk, slow = pull - memory[STEADY_MPS2], pull - memory[SLOW_MPS2]
+    memory[STEADY_MPS2] += brisk * WINDOW_S / ROAD_S
+    memory[EFFORT] += max(brisk * brisk - crest * crest, 0.0) * WINDOW_S
+    memory[SLOW_MPS2] += slow * WINDOW_S / BIAS_S
+    if feels:
+        memory[FELT] += slow * slow * WINDOW_S
+
+
+@fast.kernel
+def follow(memory: Container, bias: float) -> None:
+    """Follow the sign of the innovations. bias: the newest one, in its stds."""
+    memory[BIASED] += (min(max(bias, -CLIP), CLIP) - memory[BIASED]) / SIGN_MEMORY
+
+
+@fast.kernel
+def surprise(memory: Container, ds: float) -> tuple[bool, bool]:
+    """Return whether the innovations have been one-signed for too long, and whether not for the first time.
+
+    ds: metres since the window before. Once, it may be a sharper crest than roads have; twice within
+    `AGAIN_M`, the load is another and what was told of it is void.
+    """
+    memory[SURPRISED_M] += ds
+    surprised = abs(memory[BIASED]) > ONE_SIGNED
+    again = surprised and memory[SURPRISED_M] < AGAIN_M
+    if surprised:
+        memory[BIASED] = memory[SURPRISED_M] = 0.0
+    if again:
+        memory[EFFORT] = memory[FELT] = 0.0
+    return surprised, again
