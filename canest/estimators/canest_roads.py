@@ -13,7 +13,7 @@ from typing import Any
 
 from canest import fast
 from canest.estimators.canest_filter import OUTLIER, fade
-from canest.estimators.canest_states import CURVATURE, CURVED, STRAIGHT, STRETCH_M, WIND
+from canest.estimators.canest_states import BENT_1PM, BENT_M, CURVATURE, CURVED, STRAIGHT, STRETCH_M, WIND
 
 Container = Any
 
@@ -21,6 +21,8 @@ Container = Any
 STRAIGHT_M, CURVED_M = 500.0, 150.0
 #: distance over which the curvature within a curve changes, m
 CURVE_M = 300.0
+#: metres in curves that the first guess of their curvature counts for, and that are remembered
+GUESS_M, ROADS_M = 400.0, 5000.0
 #: distance over which the mean wind along the road changes, m
 WIND_M = 5000.0
 #: the filters are mixed after this distance: on a straight the filter of curves learns that there is none,
@@ -31,16 +33,33 @@ _LEAST = 1e-9
 
 
 @fast.kernel
+def usual_curvature(x: Container, P: Container, memory: Container, curved: float, guess_var: float) -> float:
+    """Return the mean square curvature of this country's curves, after the stretch just driven.
+
+    x, P: of the filter of curves, whose probability is `curved`. A motorway's crests are ten times wider than
+    those of a country road (expectation maximisation, Dempster, Laird and Rubin 1977).
+    """
+    share = curved * memory[STRETCH_M]
+    stays = 1.0 - share / ROADS_M
+    memory[BENT_M] = stays * memory[BENT_M] + share
+    square = x[CURVATURE] * x[CURVATURE] + P[CURVATURE][CURVATURE]
+    memory[BENT_1PM] = stays * memory[BENT_1PM] + share * square
+    mean: float = (GUESS_M * guess_var + memory[BENT_1PM]) / (GUESS_M + memory[BENT_M])
+    return mean
+
+
+@fast.kernel
 def drive_on(
     X: Container, PP: Container, weight: Container, memory: Container, ds: float, wind_var: float,
     curvature_var: float,
 ) -> None:  # fmt: skip
-    """Let both filters forget what `ds` metres change, wind and curvature (variances given), and mix them."""
+    """Let both filters forget what `ds` metres change, wind and curvature (prior variances), and mix them."""
     memory[STRETCH_M] += ds
     if memory[STRETCH_M] >= MIX_M:
         calms = math.exp(-memory[STRETCH_M] / WIND_M)
         for m in (STRAIGHT, CURVED):
             fade(X[m], PP[m], WIND, calms, wind_var * (1.0 - calms * calms))
+        curvature_var = usual_curvature(X[CURVED], PP[CURVED], memory, weight[CURVED], curvature_var)
         bent = math.exp(-memory[STRETCH_M] / CURVE_M)
         fade(X[CURVED], PP[CURVED], CURVATURE, bent, curvature_var * (1.0 - bent * bent))
         mix(X, PP, weight, memory[STRETCH_M], curvature_var)

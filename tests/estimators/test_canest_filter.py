@@ -13,7 +13,7 @@ from canest.estimators.canest_axle import slip_seen
 from canest.estimators.canest_coarse import surer
 from canest.estimators.canest_filter import OUTLIER, correct, fade, travel
 from canest.estimators.canest_noise import NOISE_MEMORY, NOISE_START
-from canest.estimators.canest_roads import CURVE_M, CURVED_M, MIX_M, STRAIGHT_M, WIND_M, mix
+from canest.estimators.canest_roads import CURVE_M, CURVED_M, GUESS_M, MIX_M, STRAIGHT_M, WIND_M, mix
 from canest.estimators.canest_windows import COLUMNS, WINDOW_S
 from canest.vehicle.samples import GRAVITY_MPS2
 
@@ -151,15 +151,21 @@ def test_momentum_balance_equals_two_dense_filters(compiled):
     finally:
         fast.enable(False)
     prior = estimator._prior
-    noise_var, stretch_m, calm = prior.noise_start[0] ** 2, 0.0, w[AT["before_mps"], 0]
+    noise_var, calm = prior.noise_start[0] ** 2, w[AT["before_mps"], 0]
+    stretch_m = bent_m = bent_1pm = 0.0
     for i in range(n):
         memory = min(NOISE_MEMORY, NOISE_START + i)
         c = {name: w[AT[name], i] for name in COLUMNS}
         stretch_m += c["distance_m"]
         if stretch_m >= MIX_M:
+            share = stretch_m * weight[at.CURVED]
+            bent_m += share
+            bent_1pm += share * (roads[1].x[at.CURVATURE] ** 2 + roads[1].P[at.CURVATURE, at.CURVATURE])
+            guessed = GUESS_M * prior.std[at.CURVATURE] ** 2
+            roads[1].bend_var = (guessed + bent_1pm) / (GUESS_M + bent_m)
             for dense in roads:
                 dense.fade(stretch_m)
-            weight = mixed(*roads, weight, stretch_m, prior.std[at.CURVATURE] ** 2)
+            weight = mixed(*roads, weight, stretch_m, roads[1].bend_var)
             stretch_m = 0.0
         began = calm
         calm += max(k._CALM, min(1.0, k._FRESH / (i + 1))) * (c["speed_mps"] - calm)
