@@ -56,6 +56,7 @@ def command(
     if truth is None and mass_kg is None:
         raise click.UsageError("give the truth: --truth CSV, --truth auto or --mass KG")
     config = load(config_name, overrides, estimator, initial_mass)
+    names = _known(only) if only is not None else None
     from canest.cli.keep import keep_apart
     from canest.cli.progress import Bar
     from canest.cli.summary import write_json
@@ -78,7 +79,7 @@ def command(
             log,
             truth=read_truth(path) if path is not None else None,
             mass_kg=mass_kg,
-            names=[name.strip() for name in only.split(",")] if only is not None else None,
+            names=names,
             after_s=after_s,
             channel=channel,
             compiled=compiled,
@@ -95,6 +96,19 @@ def command(
         if json_path != "-":
             print(f"written {report}")
     return 0
+
+
+def _known(only: str) -> list[str]:
+    """Return the names of --only. Errors: UsageError for one that no estimator has."""
+    from canest.errors import UsageError
+    from canest.estimators.base import REGISTRY
+
+    names = [name.strip() for name in only.split(",")]
+    for name in names:
+        if name not in REGISTRY:
+            known = ", ".join(REGISTRY)
+            raise UsageError("unknown estimator", where="--only", found=name, expected=f"some of {known}")
+    return names
 
 
 def _show(log: str, result: Comparison) -> None:
