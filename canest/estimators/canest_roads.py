@@ -39,11 +39,11 @@ def usual_curvature(x: Container, P: Container, memory: Container, curved: float
     x, P: of the filter of curves, whose probability is `curved`. A motorway's crests are ten times wider than
     those of a country road (expectation maximisation, Dempster, Laird and Rubin 1977).
     """
-    share = curved * memory[STRETCH_M]
-    stays = 1.0 - share / ROADS_M
-    memory[BENT_M] = stays * memory[BENT_M] + share
+    stays = math.exp(-curved * memory[STRETCH_M] / ROADS_M)
+    new_m = (1.0 - stays) * ROADS_M
+    memory[BENT_M] = stays * memory[BENT_M] + new_m
     square = x[CURVATURE] * x[CURVATURE] + P[CURVATURE][CURVATURE]
-    memory[BENT_1PM] = stays * memory[BENT_1PM] + share * square
+    memory[BENT_1PM] = stays * memory[BENT_1PM] + new_m * square
     mean: float = (GUESS_M * guess_var + memory[BENT_1PM]) / (GUESS_M + memory[BENT_M])
     return mean
 

@@ -13,7 +13,17 @@ from canest.estimators.canest_axle import slip_seen
 from canest.estimators.canest_coarse import surer
 from canest.estimators.canest_filter import OUTLIER, correct, fade, travel
 from canest.estimators.canest_noise import NOISE_MEMORY, NOISE_START
-from canest.estimators.canest_roads import CURVE_M, CURVED_M, GUESS_M, MIX_M, STRAIGHT_M, WIND_M, mix
+from canest.estimators.canest_roads import (
+    CURVE_M,
+    CURVED_M,
+    GUESS_M,
+    MIX_M,
+    ROADS_M,
+    STRAIGHT_M,
+    WIND_M,
+    mix,
+    usual_curvature,
+)
 from canest.estimators.canest_windows import COLUMNS, WINDOW_S
 from canest.vehicle.samples import GRAVITY_MPS2
 
@@ -158,9 +168,10 @@ def test_momentum_balance_equals_two_dense_filters(compiled):
         c = {name: w[AT[name], i] for name in COLUMNS}
         stretch_m += c["distance_m"]
         if stretch_m >= MIX_M:
-            share = stretch_m * weight[at.CURVED]
-            bent_m += share
-            bent_1pm += share * (roads[1].x[at.CURVATURE] ** 2 + roads[1].P[at.CURVATURE, at.CURVATURE])
+            stays = np.exp(-stretch_m * weight[at.CURVED] / ROADS_M)
+            square = roads[1].x[at.CURVATURE] ** 2 + roads[1].P[at.CURVATURE, at.CURVATURE]
+            bent_m = stays * bent_m + (1 - stays) * ROADS_M
+            bent_1pm = stays * bent_1pm + (1 - stays) * ROADS_M * square
             guessed = GUESS_M * prior.std[at.CURVATURE] ** 2
             roads[1].bend_var = (guessed + bent_1pm) / (GUESS_M + bent_m)
             for dense in roads:
@@ -308,3 +319,18 @@ def test_the_surer_of_two_grades_is_given_out():
     # the filter learns again: soon it is the surer one
     told = [surer(memory, 0.03, 2e-5, True, 0.0, 0.0)[0] for _ in range(4)]
     assert told[-1] == 0.03
+
+
+def test_the_usual_curvature_is_learned_and_never_beyond_reason():
+    """Hundred curves of 200 m, three times as sharp as guessed; the guess counts 400 m."""
+    memory, weight = [0.0] * at.MEMORY, [0.0, 1.0]
+    x, P = [0.0] * at.STATES, [[0.0] * at.STATES for _ in range(at.STATES)]
+    guess = 1e-8
+    x[at.CURVATURE] = 3e-4
+    memory[at.STRETCH_M] = 20.0
+    found = [usual_curvature(x, P, memory, weight[at.CURVED], guess) for _ in range(1000)]
+    assert np.all(np.diff(found) > 0)
+    remembered = ROADS_M * (1 - np.exp(-20_000.0 / ROADS_M))
+    assert found[-1] == pytest.approx((GUESS_M * guess + remembered * 9e-8) / (GUESS_M + remembered))
+    x[at.CURVATURE], memory[at.STRETCH_M] = 0.0, 1e6  # hours that nobody saw: all is forgotten but the guess
+    assert 0.0 < usual_curvature(x, P, memory, weight[at.CURVED], guess) < guess
