@@ -161,6 +161,17 @@ class Canest(Estimator):
             )
         return EstimateBlock(mass, mass_std, grade, grade_std, status)
 
+    def doubts(self) -> str:
+        """Return whether the mass presses against one of its bounds."""
+        u, beyond = self._memory[at.HELD_U], self._memory[at.PRESSED]
+        if abs(beyond) <= VALID_SHARE * u:
+            return ""
+        bound, is_so = ("mass_max_kg", "heavier") if beyond > 0.0 else ("mass_min_kg", "lighter")
+        return (
+            f"the driving says that the vehicle is {is_so} than vehicle.{bound} = "
+            f"{getattr(self.facts, bound):,.0f} kg: the bound is wrong, or torque, ratio or wheel radius are"
+        )
+
     def snapshot(self) -> dict[str, Any]:
         """Return the mass with its std, and how well the innovations behave."""
         return {
