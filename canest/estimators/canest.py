@@ -14,7 +14,7 @@ from canest.estimators import canest_kernel as kernel
 from canest.estimators import canest_output as output
 from canest.estimators import canest_states as at
 from canest.estimators.base import Estimator
-from canest.estimators.canest_prior import prior_of
+from canest.estimators.canest_prior import LOUDEST, prior_of
 from canest.estimators.canest_roads import CURVED_M, STRAIGHT_M
 from canest.estimators.canest_windows import COLUMNS, SHIFT, Windows
 from canest.estimators.columns import give, state_in, state_out
@@ -115,6 +115,7 @@ class Canest(Estimator):
             axle_P,
             memory,
             *give(np.array(self._prior.std), np.array(self._prior.noise_floor)),
+            LOUDEST * self._prior.noise_start[0],
             self._prior.torque_std_Nm,
             self.facts.mass_min_kg,
             self.facts.mass_max_kg,

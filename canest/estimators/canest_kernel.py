@@ -133,6 +133,7 @@ def run(
     memory: Container,
     prior: Container,
     floors: Container,
+    loudest: float,
     torque_std: float,
     lightest: float,
     heaviest: float,
@@ -142,7 +143,8 @@ def run(
     """Filter n windows, the rows of `canest_windows.COLUMNS`; out[k] holds what is known after window k.
 
     X, PP, weight: states, covariances and probability of the filter for each kind of road. y, Y: the undriven
-    axle's own. lightest, heaviest: bounds of the mass. w: scratch, as long as a state vector.
+    axle's own. loudest: most that a speed's noise can be, std. lightest, heaviest: bounds of the mass.
+    w: scratch, as long as a state vector.
     """
     gap_s, distance, before, before_N = windows[0], windows[1], windows[2], windows[3]
     before_rate, speed, force, traction = windows[4], windows[5], windows[6], windows[7]
@@ -293,7 +295,9 @@ def run(
             nis += share * found2
         # -- what they learned together
         if is_open:
-            memory[SPEED_VAR] = level(speed_var, speed_surplus, floors[0], memory[COUNT])
+            # what is louder is no noise, but a model that is wrong
+            noise = level(speed_var, speed_surplus, floors[0], memory[COUNT])
+            memory[SPEED_VAR] = min(noise, loudest * loudest)
             if sees:
                 memory[SENSED_VAR] = level(memory[SENSED_VAR], sensed_surplus, floors[1], memory[COUNT])
             memory[LEARNED] = 1.0
