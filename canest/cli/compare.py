@@ -57,7 +57,7 @@ def command(
         raise click.UsageError("give the truth: --truth CSV, --truth auto or --mass KG")
     config = load(config_name, overrides, estimator, initial_mass)
     names = _known(only) if only is not None else None
-    from canest.cli.keep import keep_apart
+    from canest.cli.keep import config_files, keep_apart
     from canest.cli.progress import Bar
     from canest.cli.summary import write_json
     from canest.compare import compare
@@ -70,7 +70,7 @@ def command(
         require_packages(report)
     path = truth_file(Path(log), truth)
     keep_apart(
-        [("the config", config_name), ("the log", log), ("the truth", path)],
+        [*config_files(config_name, config), ("the log", log), ("the truth", path)],
         [("--json", json_path), ("--report", report)],
     )
     with Bar(Path(log).name) as bar:

@@ -78,11 +78,11 @@ def command(
     if truth not in (None, "auto") and len(paths) > 1:
         raise click.UsageError("one truth cannot fit several logs: use --truth auto", context)
     truths = _truths(paths, truth)
-    from canest.cli.keep import keep_apart
+    from canest.cli.keep import config_files, keep_apart
     from canest.diagnose.files import CONFIG_NAME, JSON_NAME, REPORT_NAME
 
     keep_apart(
-        [("the config", config_name)]
+        config_files(config_name, config)
         + [(f"the log {path}", path) for path in paths]
         + [(f"the truth {path}", path) for path in truths or ()],
         [("-o", Path(output) / name) for name in (JSON_NAME, CONFIG_NAME, REPORT_NAME)],

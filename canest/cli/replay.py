@@ -92,10 +92,10 @@ def command(
         _refuse_a_file("-o", output, (".csv", ".parquet"))
         _refuse_a_file("--report", report, (".html", ".htm"))
     jobs = _with_outputs(jobs, output, report)
-    from canest.cli.keep import keep_apart
+    from canest.cli.keep import config_files, keep_apart
 
     keep_apart(
-        [("the config", config_name)]
+        config_files(config_name, config)
         + [(f"the log {job.log}", job.log) for job in jobs]
         + [(f"the truth {job.truth}", job.truth) for job in jobs],
         [("-o", job.output) for job in jobs]

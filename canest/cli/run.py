@@ -48,12 +48,25 @@ def command(
     if log_estimates is not None:
         changes.append(f"service.log_estimates={_quoted(log_estimates)}")
 
+    from canest.cli.keep import config_files, keep_apart
     from canest.live.daemon import Daemon
+    from canest.live.memory import place
 
     def read_config() -> Config:
         return load(config_name, tuple(changes), estimator, initial_mass)
 
-    Daemon(read_config(), config_name=config_name, reload=read_config).run()
+    config = read_config()
+    service = config.service
+    written = [
+        ("service.record", service.record, "STATE_DIRECTORY"),
+        ("service.log_estimates", service.log_estimates, "STATE_DIRECTORY"),
+        ("service.metrics_file", service.metrics_file, "RUNTIME_DIRECTORY"),
+    ]
+    keep_apart(
+        config_files(config_name, config),
+        [(key, place(name, folder)) for key, name, folder in written if name is not None],
+    )
+    Daemon(config, config_name=config_name, reload=read_config).run()
 
 
 def _quoted(text: str) -> str:

@@ -33,9 +33,14 @@ def command(scenario: str | None, output: str | None, seed: int | None, compress
         return 0
     if scenario is None or output is None:
         raise click.UsageError("give a SCENARIO and -o DIR, or --list", click.get_current_context())
+    from canest.cli.keep import keep_apart
     from canest.cli.progress import Share
+    from canest.simulate.files import drive_paths
+    from canest.simulate.reading import name_of, scenario_file
     from canest.simulate.run import simulate_to_directory
 
+    files = drive_paths(name_of(scenario), output, compress)
+    keep_apart([("the scenario", scenario_file(scenario))], [("-o", path) for path in files])
     with Share(f"simulating {scenario}") as share:
         paths = simulate_to_directory(scenario, output, share.update, seed=seed, compress=compress)
     for path in paths:

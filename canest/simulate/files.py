@@ -16,10 +16,17 @@ _FORMATS = {"t_s": "%.3f", "distance_m": "%.2f", "speed_mps": "%.4f", "accel_mps
             "mass_kg": "%.1f", "elevation_m": "%.2f", "shift": "%d", "brake": "%d"}  # fmt: skip
 
 
+def drive_paths(name: str, directory: str | Path, compress: bool) -> tuple[Path, Path, Path]:
+    """Return where the log, the truth and the config of a drive go."""
+    endings = (".log.xz" if compress else ".log", ".truth.csv", ".yaml")
+    log, truth, config = (Path(directory) / f"{name}{ending}" for ending in endings)
+    return log, truth, config
+
+
 def write_drive(drive: SimulatedDrive, directory: Path, compress: bool) -> list[Path]:
     """Write NAME.log[.xz], NAME.truth.csv and NAME.yaml. Errors: OSError."""
     directory.mkdir(parents=True, exist_ok=True)
-    log = directory / f"{drive.name}.log{'.xz' if compress else ''}"
+    log, truth, config = drive_paths(drive.name, directory, compress)
     text = candump_text(drive.frames)
     if compress:
         import lzma
@@ -27,12 +34,10 @@ def write_drive(drive: SimulatedDrive, directory: Path, compress: bool) -> list[
         log.write_bytes(lzma.compress(text, preset=1))
     else:
         log.write_bytes(text)
-    truth = directory / f"{drive.name}.truth.csv"
     names = list(_FORMATS)
     row = ",".join(_FORMATS[name] for name in names)
     lines = [row % values for values in zip(*(drive.truth[name].tolist() for name in names), strict=True)]
     truth.write_text("\n".join([",".join(names), *lines]) + "\n", encoding="utf-8")
-    config = directory / f"{drive.name}.yaml"
     config.write_text(config_text(drive.config), encoding="utf-8")
     return [log, truth, config]
 

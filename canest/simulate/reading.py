@@ -20,6 +20,22 @@ def shipped_scenarios() -> list[str]:
     return sorted(path.stem for path in SCENARIOS.glob("*.yaml"))
 
 
+def scenario_file(name: str | Path) -> Path:
+    """Return the file of a scenario, given by its path or a shipped name. Errors: ConfigError."""
+    path = Path(name)
+    if not path.is_file():
+        path = SCENARIOS / f"{name}.yaml"
+    if not path.is_file():
+        expected = f"a file or one of {', '.join(shipped_scenarios())}"
+        raise ConfigError("no such scenario", where=str(name), expected=expected)
+    return path
+
+
+def name_of(scenario: str | Path) -> str:
+    """Return the name that the files of a drive get; a shipped name may have a dot in it."""
+    return Path(str(scenario)).name.removesuffix(".yaml").removesuffix(".yml")
+
+
 def load_scenario(source: Scenario | dict[str, Any] | str | Path) -> Scenario:
     """Return the scenario of a file, a shipped name, a mapping, or as given.
 
@@ -29,12 +45,7 @@ def load_scenario(source: Scenario | dict[str, Any] | str | Path) -> Scenario:
         return source
     if isinstance(source, dict):
         return _validated(source, "scenario", {})
-    path = Path(source)
-    if not path.is_file():
-        path = SCENARIOS / f"{source}.yaml"
-    if not path.is_file():
-        expected = f"a file or one of {', '.join(shipped_scenarios())}"
-        raise ConfigError("no such scenario", where=str(source), expected=expected)
+    path = scenario_file(source)
     try:
         text = path.read_text(encoding="utf-8")
         node = yaml.compose(text, Loader=yaml.SafeLoader)

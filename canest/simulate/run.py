@@ -19,7 +19,7 @@ from canest.simulate.drivers import PLAN_S, plan
 from canest.simulate.effects import Hidden, combine, small_errors
 from canest.simulate.known import known_config
 from canest.simulate.motion import move
-from canest.simulate.reading import load_scenario
+from canest.simulate.reading import load_scenario, name_of
 from canest.simulate.roads import lay
 from canest.simulate.scenario import Scenario
 from canest.simulate.signals import Signals
@@ -70,9 +70,7 @@ def simulate(
     The same seed gives the same frames to the last bit. `progress` is called with 0..1.
     Errors: ConfigError.
     """
-    name = "drive"
-    if isinstance(scenario, str | Path):  # a shipped name may have a dot in it
-        name = Path(str(scenario)).name.removesuffix(".yaml").removesuffix(".yml")
+    name = name_of(scenario) if isinstance(scenario, str | Path) else "drive"
     spec = load_scenario(scenario)
     tell = progress or (lambda share: None)
     tell(0.0)

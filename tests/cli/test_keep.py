@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from canest.resources import shipped
+from canest.simulate.reading import SCENARIOS
 
 KENWORTH = Path(__file__).parents[1] / "data" / "kenworth" / "normal.log.xz"
 
@@ -68,6 +69,41 @@ def test_nor_what_a_diagnosis_was_made_from(canest, log, tmp_path, victim):
     assert done.code == 2
     assert "-o: would overwrite the " in done.err
     assert taken.read_bytes() == before
+
+
+def test_nor_the_scenario_that_a_drive_is_simulated_from(canest, tmp_path):
+    scenario = tmp_path / "s1.yaml"
+    shutil.copy(SCENARIOS / "pulse-21t.yaml", scenario)
+    before = scenario.read_text()
+    done = canest("simulate", scenario, "-o", tmp_path)
+    assert done.code == 2
+    assert done.err.startswith("error: -o: would overwrite the scenario")
+    assert scenario.read_text() == before
+    assert list(tmp_path.iterdir()) == [scenario]
+
+
+def test_nor_what_check_looks_at(canest, log, tmp_path):
+    before = log.read_bytes()
+    config = shutil.copy(shipped("configs") / "kenworth.yaml", tmp_path / "my.yaml")
+    dbc = shutil.copy(shipped("dbc") / "j1939.dbc", tmp_path / "j1939.dbc")
+    for victim, what in ((log, "the log"), (config, "the config"), (dbc, "the DBC")):
+        done = canest("check", log, "-c", config, "--json", victim)
+        assert done.code == 2
+        assert f"--json: would overwrite {what}" in done.err
+    assert log.read_bytes() == before
+
+
+def test_nor_what_the_daemon_runs_with(canest, tmp_path):
+    config = shutil.copy(shipped("configs") / "vcan.yaml", tmp_path / "my.yaml")
+    before = config.read_text()
+    done = canest("run", "-c", config, "--record", config)
+    assert done.code == 2
+    assert "service.record: would overwrite the config" in done.err
+    both = tmp_path / "both.log"
+    done = canest("run", "-c", config, "--record", both, "--log-estimates", both)
+    assert done.code == 2
+    assert "service.log_estimates: would overwrite service.record" in done.err
+    assert config.read_text() == before
 
 
 def test_devices_may_be_named_as_often_as_one_likes(canest, log):
