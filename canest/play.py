@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from canest.errors import BusError, LogError, UsageError
 from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
+from canest.logs.lines import CLASSIC_BYTES
 from canest.logs.reader import open_log
 
 #: how long a full transmit buffer may hold up a frame before it is dropped
@@ -27,7 +28,8 @@ def play(
 ) -> str:
     """Send every frame of a log onto ``bus`` ("interface:channel"), ``speed`` times real time.
 
-    A frame that the interface does not take in time is dropped and counted. Error frames are not sent.
+    A frame that the interface does not take in time is dropped and counted. Error frames are not sent, nor
+    are CAN FD frames beyond eight bytes, of which a block holds the first eight only.
     Returns one sentence that says how many went out. Errors: UsageError, BusError, LogError.
     """
     interface, colon, name = bus.partition(":")
@@ -42,7 +44,7 @@ def play(
         out = can.Bus(interface=interface, channel=name)
     except Exception as error:  # each of python-can's interfaces has exceptions of its own
         raise BusError(f"cannot be opened ({' '.join(str(error).split())})", where=bus) from None
-    sent = dropped = 0
+    sent = dropped = long = 0
     begin = time.monotonic()
     first_us: int | None = None
     try:
@@ -56,6 +58,9 @@ def play(
                 strict=True,
             ):
                 if can_id & ERROR:
+                    continue
+                if length > CLASSIC_BYTES and not can_id & REMOTE:
+                    long += 1
                     continue
                 first_us = t_us if first_us is None else first_us
                 wait_s = begin + (t_us - first_us) * 1e-6 / speed - time.monotonic()
@@ -78,4 +83,6 @@ def play(
     finally:
         out.shutdown()
     lost = f", {dropped:,} dropped (the interface did not take them)" if dropped else ""
+    if long:
+        lost += f", {long:,} CAN FD frames of more than eight bytes not sent"
     return f"{log}: {sent:,} frames sent to {bus} in {time.monotonic() - begin:.1f} s{lost}"

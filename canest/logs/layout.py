@@ -94,6 +94,8 @@ class Layout:
         pairs = _byte_pairs(part["data"] or b"")
         if match.string != text or part["date"] or len(part["frac"]) != _FRACTION_DIGITS or pairs is None:
             return None
+        if len(pairs) < line.length and not line.can_id & REMOTE:
+            return None  # a CAN FD frame of which not all bytes stand there
         seconds_at, seconds_end = match.span("sec")
         leading = max(0, seconds_end - seconds_at - _WORD)
         spans = [(seconds_at + leading, seconds_end), match.span("frac"), match.span("id")]

@@ -8,6 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -18,6 +19,7 @@ from canest.errors import OutputError
 from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.gates import LABELS
 from canest.logs import ascii as text
+from canest.logs.lines import CLASSIC_BYTES
 from canest.vehicle.samples import STATUS_LABELS
 
 if TYPE_CHECKING:
@@ -194,7 +196,34 @@ class CandumpWriter:
 
 
 def candump_text(frames: FrameBlock, channel: str = "can0") -> bytes:
-    """Return frames as lines of candump's log form (classic CAN: at most eight payload bytes)."""
+    """Return frames as candump lines: its log form, and its screen form for CAN FD beyond eight bytes.
+
+    A block holds eight bytes of a frame, and no others are made up: the screen form announces the length
+    as sent, and reads back as the same frame.
+    """
+    long = (frames.length > CLASSIC_BYTES) & ((frames.can_id & np.uint32(REMOTE)) == 0)
+    if not long.any():
+        return _log_form(frames, channel)
+    edges = [0, *(np.flatnonzero(long[1:] != long[:-1]) + 1).tolist(), len(frames)]
+    return b"".join(
+        (_screen_form if long[first] else _log_form)(frames[first:end], channel)
+        for first, end in pairwise(edges)
+    )
+
+
+def _screen_form(frames: FrameBlock, channel: str) -> bytes:
+    """Return CAN FD frames with the first eight of their bytes."""
+    columns = (frames.t_us, frames.can_id, frames.length, frames.data)
+    lines = []
+    for t_us, can_id, length, word in zip(*(column.tolist() for column in columns), strict=True):
+        number = f"{can_id & ID_MASK:08X}" if can_id & EXTENDED else f"{can_id & ID_MASK:03X}"
+        payload = word.to_bytes(CLASSIC_BYTES, "little").hex(" ").upper()
+        seconds, micros = divmod(t_us, 1_000_000)
+        lines.append(f"({seconds:010d}.{micros:06d})  {channel}  {number}  [{length}]  {payload}\n")
+    return "".join(lines).encode()
+
+
+def _log_form(frames: FrameBlock, channel: str) -> bytes:
     count = len(frames)
     t_us = frames.t_us
     whole = t_us // 1_000_000

@@ -57,6 +57,28 @@ def test_what_the_daemon_said_live_is_what_replay_says_of_its_recording(tmp_path
     assert rig.daemon.late_frames == 0
 
 
+def test_so_it_is_with_can_fd_frames_of_which_a_recording_holds_eight_bytes(tmp_path, drive, monkeypatch):
+    settings = config(
+        tmp_path, f"service.record={tmp_path}/seen.log", f"service.log_estimates={tmp_path}/est.csv"
+    )
+    length = drive.length[:30_000].copy()
+    length[:4000:7] = length[15_000:18_000] = length[-1000:] = 12
+    frames = FrameBlock(drive.t_us[:30_000], drive.can_id[:30_000], length, drive.data[:30_000])
+    with Rig(monkeypatch, settings, frames) as rig:
+        rig.run_out()
+        lost = rig.daemon.pipeline.decoder.counters.lost()
+    from canest.replay import replay
+
+    result = replay(tmp_path / "seen.log", settings, output=tmp_path / "replayed.csv")
+    live, replayed = rows(tmp_path / "est.csv"), rows(tmp_path / "replayed.csv")
+    assert len(replayed) > 1000
+    assert {t: live[t] for t in replayed} == replayed
+    assert result.summary["skipped_lines"] == 0
+    assert lost["frames of wrong length"] > 1000
+    told = f"not decoded: {lost['frames of wrong length']:,} frames of wrong length"
+    assert any(note.startswith(told) for note in result.notes)
+
+
 def test_live_numbers_have_the_same_bits_as_one_block(tmp_path, data, monkeypatch):
     frames = kenworth(data)
     settings = config(tmp_path, name="kenworth")

@@ -22,6 +22,17 @@ FRAMES = st.lists(
     ),
     max_size=80,
 )
+#: CAN FD among classic frames
+LONG_FRAMES = st.lists(
+    st.tuples(
+        st.integers(0, 10**16),
+        st.one_of(EXTENDED_IDS, STANDARD_IDS),
+        st.sampled_from((0, 3, 8, 12, 16, 20, 24, 32, 48, 64)).flatmap(
+            lambda size: st.binary(min_size=size, max_size=size)
+        ),
+    ),
+    max_size=40,
+)
 
 
 def read_all(path: Path, **options: object) -> tuple[FrameBlock, LogReader]:

@@ -186,6 +186,8 @@ MALFORMED = [
     "(0000000001.000002) can0 18FEEE31##1R",
     " (000.005001)  can0  18FEDF00   [8]  8A A0 28",  # announces more than it brings
     " (000.005001)  can0  18FEDF00   [2]  8A A0 28",
+    " (000.005001)  can0  18FEDF00  [12]  8A A0 28",
+    " (000.005001)  can0  18FEDF00   [9]  8A A0 28 7D 7D FF FF F5",  # no such CAN FD length
     " (2023-13-14 22:13:20.000102)  can0  123   [1]  11",
     "  can0  18FEDF00   [2]  8A A0",  # no time stamp
     "\0\0\0\0\0\0\0\0",

@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from canest.errors import OutputError
-from canest.frames import FrameBlock
+from canest.frames import EXTENDED, FrameBlock
 from canest.gates import LABELS
 from canest.logs.candump import CandumpParser
 from canest.logs.writer import CandumpWriter, candump_text, open_writer
 from canest.pipeline import Estimates
-from logs.helpers_logs import DATA, FRAMES, assert_same, log_form
+from logs.helpers_logs import DATA, FRAMES, LONG_FRAMES, assert_same, log_form
 
 STATUS = ["unestimated", "converging", "valid"]
 
@@ -178,6 +178,23 @@ def test_a_real_log_is_written_back_byte_for_byte(tmp_path):
     with CandumpWriter(tmp_path / "back.log", channel) as writer:
         writer.write(CandumpParser().parse(text))
     assert (tmp_path / "back.log").read_bytes() == text
+
+
+@given(LONG_FRAMES)
+@settings(max_examples=30, deadline=None)
+def test_of_a_long_can_fd_frame_its_length_and_what_is_known_are_written(frames):
+    block = FrameBlock.from_frames(frames)
+    parser = CandumpParser()
+    assert_same(parser.parse(candump_text(block) * 3), FrameBlock.concatenate([block] * 3))
+    assert not parser.skipped
+
+
+def test_no_byte_of_a_long_can_fd_frame_is_made_up():
+    frames = [(1_000_000, 0x18FEEE31 | EXTENDED, bytes(range(1, 13))), (2_000_000, 0x123, b"\x11")]
+    assert candump_text(FrameBlock.from_frames(frames)).decode().splitlines() == [
+        "(0000000001.000000)  can0  18FEEE31  [12]  01 02 03 04 05 06 07 08",
+        "(0000000002.000000) can0 123#11",
+    ]
 
 
 def test_remote_frames_survive(tmp_path):
