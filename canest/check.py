@@ -12,6 +12,7 @@ from canest.decode.signal_map import decoder_for
 from canest.findings import Finding, Sender, complaint, judge
 from canest.frames import ERROR, EXTENDED, FloatColumn, FrameBlock, IntColumn
 from canest.logs.blocks import TableBlock
+from canest.notes import log_notes, stream_notes
 from canest.pipeline import Pipeline
 from canest.plausible import Plausibility
 from canest.roles import ROLES
@@ -24,13 +25,17 @@ if TYPE_CHECKING:
     from canest.config import Config
     from canest.config.schema import Source
     from canest.decode.counters import SenderCounters
+    from canest.logs.base import LogReader
 
 Samples = dict[str, tuple[IntColumn, FloatColumn]]
 
 
 @dataclass(slots=True)
 class Report:
-    """The doctor's findings. stops: what keeps the estimator from working, '' when nothing does."""
+    """The doctor's findings. stops: what keeps the estimator from working, '' when nothing does.
+
+    hints: what to do about what was found. notes: what was not read or not used.
+    """
 
     roles: list[Finding]
     frames: int
@@ -41,6 +46,7 @@ class Report:
     status: str
     stops: str
     hints: list[str]
+    notes: list[str]
 
     def to_json(self) -> dict[str, Any]:
         """Return everything as JSON types."""
@@ -86,8 +92,8 @@ class Doctor:
         if len(estimates):
             self._status = STATUS_LABELS[int(estimates.status[-1])]
 
-    def report(self) -> Report:
-        """Return what was found in all blocks so far."""
+    def report(self, log: LogReader | None = None) -> Report:
+        """Return what was found in all blocks so far. log: where they came from, unless from a bus."""
         estimates = self.pipeline.finish()
         if len(estimates):
             self._status = STATUS_LABELS[int(estimates.status[-1])]
@@ -110,6 +116,7 @@ class Doctor:
             status=self._status,
             stops=self._stops(findings),
             hints=self._hints(findings),
+            notes=([] if log is None else log_notes(log)) + stream_notes(self.pipeline),
         )
 
     def _frames(self, block: FrameBlock) -> Samples:
@@ -169,6 +176,8 @@ class Doctor:
                 counters.roles[role].not_available,
                 counters.roles[role].error_value,
                 counters.wrong_length,
+                counters.unknown_mux,
+                counters.remote_frames,
             )
             for address, counters in sorted(found, key=lambda item: -1 if item[0] is None else item[0])
         ]

@@ -26,6 +26,8 @@ class Sender:
     not_available: int
     error_value: int
     wrong_length: int
+    unknown_mux: int = 0
+    remote_frames: int = 0
 
 
 @dataclass(slots=True)

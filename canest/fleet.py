@@ -165,8 +165,7 @@ def pooled(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         summary["errors"] = total.errors()
     summary["failed"] = sum(1 for o in outcomes if o.result is None)
     summary["logs"] = [
-        {"log": str(o.job.log)}
-        | ({"error": o.error} if o.result is None else o.result.summary | {"notes": o.result.notes})
+        {"log": str(o.job.log)} | ({"error": o.error} if o.result is None else o.result.summary)
         for o in outcomes
     ]
     return summary

@@ -14,6 +14,7 @@ from canest.errors import LogError
 from canest.frames import FrameBlock
 from canest.logs.reader import open_log
 from canest.logs.writer import open_writer
+from canest.notes import log_notes, stream_notes
 from canest.pipeline import Listener, Pipeline
 from canest.scoring import Score
 from canest.tables import TableMap
@@ -82,12 +83,16 @@ def replay(
     summary = _summary(run, last)
     if score is not None:
         summary["errors"] = score.errors()
+    notes = log_notes(run.reader) + stream_notes(run.pipeline)
+    if doubts := run.pipeline.estimator.doubts():
+        notes.append(doubts)
+    summary["notes"] = notes
     summary["wall_s"] = round(time.perf_counter() - begin, 4)
     snapshot = run.pipeline.snapshot()
     innovations: dict[str, float] = {
         name: float(snapshot[name]) for name in ("nis", "runs_z", "windows") if name in snapshot
     }
-    return ReplayResult(str(log), summary, score, _notes(run), innovations)
+    return ReplayResult(str(log), summary, score, notes, innovations)
 
 
 class LogRun:
@@ -155,6 +160,7 @@ def _summary(run: LogRun, last: Estimates | None) -> dict[str, Any]:
     summary: dict[str, Any] = {
         "frames": run.reader.frames,
         "skipped_lines": run.reader.skipped_lines,
+        "not_decoded": pipeline.decoder.counters.lost(),
         "samples": pipeline.samples,
         "updated": pipeline.updated,
         "gates": pipeline.gate_counts,
@@ -168,31 +174,6 @@ def _summary(run: LogRun, last: Estimates | None) -> dict[str, Any]:
 
         summary["reason"] = why_unestimated(run)
     return summary
-
-
-def _notes(run: LogRun) -> list[str]:
-    reader, notes = run.reader, []
-    for number, text, reason in reader.skipped[:3]:
-        notes.append(f"line {number} skipped: {reason}: {text!r}")
-    if reader.skipped_lines > 3:
-        notes.append(f"{reader.skipped_lines - 3:,} more lines skipped")
-    if reader.truncated:
-        notes.append(f"the log ends before it should: {reader.truncated_reason}")
-    mended = {name: n for name, n in run.pipeline.clock.counters.items() if n}
-    if mended:
-        notes.append(
-            "time stamps: " + ", ".join(f"{n:,} {name.replace('_', ' ')}" for name, n in mended.items())
-        )
-    lost = run.pipeline.decoder.counters.lost()
-    if lost:
-        notes.append("not decoded: " + ", ".join(f"{n:,} {what}" for what, n in lost.items()))
-    refused = run.pipeline.intake.screen.refused
-    if refused:
-        counts = ", ".join(f"{n:,} of {role}" for role, n in sorted(refused.items()))
-        notes.append(f"jumps beyond physics, not used: {counts}")
-    if doubts := run.pipeline.estimator.doubts():
-        notes.append(doubts)
-    return notes
 
 
 def _number(value: float) -> float | None:

@@ -75,6 +75,7 @@ def command(
         if json_path != "-":
             print(_config_line(config_name, config))
         return 0
+    reader = None
     if log is not None:
         from canest.cli.progress import Bar
         from canest.logs.reader import open_log
@@ -93,7 +94,7 @@ def command(
     else:
         for frames in _listen(config, seconds):
             doctor.push(frames)
-    report = doctor.report()
+    report = doctor.report(reader)
     if json_path is not None:
         from canest.cli.summary import write_json
 
@@ -168,6 +169,8 @@ def _show(report: Report, title: str) -> None:
             f"{report.samples:,} samples at 50 Hz, {share:.0f} % open"
             + (f"; closed: {shares}" if shares else "")
         )
+    for note in report.notes:
+        console.print(f"[dim]note[/]  {escape(note)}", soft_wrap=True)
     for hint in report.hints:
         console.print(f"[yellow]hint[/]  {escape(hint)}", soft_wrap=True)
     if report.stops:

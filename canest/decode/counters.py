@@ -84,6 +84,8 @@ class Counters:
         senders = self.senders.values()
         counts = {
             "frames of wrong length": sum(s.wrong_length for s in senders),
+            "frames of unknown multiplexor": sum(s.unknown_mux for s in senders),
+            "remote frames": sum(s.remote_frames for s in senders),
             "broken multi-packet messages": sum(s.transport_errors for s in senders),
             "error frames": self.error_frames,
         }

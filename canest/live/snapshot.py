@@ -144,6 +144,8 @@ def _senders(daemon: Daemon) -> dict[str, dict[str, Any]]:
                 "not_available": counted.not_available,
                 "error_values": counted.error_value,
                 "wrong_length": counted.wrong_length,
+                "unknown_mux": counted.unknown_mux,
+                "remote_frames": counted.remote_frames,
                 "transport_errors": counted.transport_errors,
             }
     return senders

@@ -75,6 +75,16 @@ class LogReader(ABC):
         return {}
 
     @property
+    def channel(self) -> str | None:
+        """The interface that was asked for, None for all."""
+        return self._channel
+
+    def channels_text(self) -> str:
+        """Return the interfaces with most frames, in words."""
+        named = sorted(self.channels.items(), key=lambda item: -item[1])[:_CHANNELS_SHOWN]
+        return ", ".join(f"{name} ({frames:,} frames)" for name, frames in named)
+
+    @property
     @abstractmethod
     def frames(self) -> int:
         """Well-formed frames (rows of a table) so far."""
@@ -102,12 +112,11 @@ class LogReader(ABC):
                 found=text,
             )
         if self._channel is not None and self.channels and self._channel not in self.channels:
-            named = sorted(self.channels.items(), key=lambda item: -item[1])[:_CHANNELS_SHOWN]
             raise LogError(
                 "no frame on this channel",
                 where=str(self.path),
                 found=self._channel,
-                expected="one of " + ", ".join(f"{name} ({frames:,} frames)" for name, frames in named),
+                expected=f"one of {self.channels_text()}",
             )
 
     def close(self) -> None:

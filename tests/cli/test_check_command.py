@@ -91,6 +91,22 @@ def test_empty_log(canest, tmp_path):
     assert "nothing was received" in report(canest, "-c", "kenworth", path)["stops"]
 
 
+def test_what_was_not_read_or_not_decoded_is_noted(canest, tmp_path):
+    lines = lzma.decompress(KENWORTH.read_bytes()).decode().splitlines(keepends=True)
+    lines[100:100] = [
+        " (000.500000)  vcan1  0CF00400   [8]  remote request\n",
+        "(garbage\n",
+    ]
+    path = tmp_path / "odd.log"
+    path.write_text("".join(lines))
+    found = report(canest, "-c", "kenworth", path)
+    assert "not decoded: 1 remote frames" in found["notes"]
+    assert "line 102 skipped: not a candump line: '(garbage'" in found["notes"]
+    assert any("--channel NAME takes one" in note for note in found["notes"])
+    assert role(found, "engine_speed")["senders"][0]["remote_frames"] == 1
+    assert "note  not decoded: 1 remote frames" in canest("check", "-c", "kenworth", path).out
+
+
 def test_table_columns(canest, tmp_path):
     path = tmp_path / "trip.csv"
     rows = "".join(f"{i / 10},{40 + i % 7},{30 + i % 11},20\n" for i in range(300))

@@ -126,6 +126,7 @@ def test_gateway_frames_are_told_apart_by_their_parameter():
     assert numbers(result, "vehicle_speed") == [80.5]
     sender = d.counters.senders[0xFF87, 0xF9]
     assert (sender.unknown_mux, sender.frames) == (2, 7)
+    assert d.counters.lost() == {"frames of unknown multiplexor": 2}
     assert sender.roles["gear"].error_value == 1
 
 

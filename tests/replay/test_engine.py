@@ -173,6 +173,14 @@ class TestBadInput:
         notes = replay(path, self.config).notes
         assert "not decoded: 50 frames of wrong length" in notes
 
+    def test_two_interfaces_in_one_log_are_told_unless_one_is_chosen(self, tmp_path):
+        path = tmp_path / "two.log"
+        line = "({:.6f}) can{} 0CF00400#010203040506FFFF\n"
+        path.write_text("".join(line.format(10 + n / 100, int(n % 4 == 0)) for n in range(100)))
+        told = "2 interfaces taken as one bus: can0 (75 frames), can1 (25 frames); --channel NAME takes one"
+        assert told in replay(path, self.config).notes
+        assert replay(path, self.config, channel="can0").notes == []
+
     def test_a_reference_torque_that_nobody_sends_is_the_reason(self, tmp_path):
         config = load_config("kenworth", ["vehicle.reference_torque_Nm=null"])
         path = tmp_path / "nobam.log"
@@ -241,9 +249,10 @@ class TestBadInput:
         path = tmp_path / "odd.log"
         at = next(i for i, line in enumerate(lines) if b"(000.5" in line)
         path.write_bytes(b"".join([*lines[:at], odd, *lines[at:]]))
-        assert (
-            replay(path, self.config).summary["mass_kg"] == replay(KENWORTH, self.config).summary["mass_kg"]
-        )
+        result = replay(path, self.config)
+        assert result.summary["mass_kg"] == replay(KENWORTH, self.config).summary["mass_kg"]
+        assert result.summary["not_decoded"] == {"remote frames": 1, "error frames": 1}
+        assert "not decoded: 1 remote frames, 1 error frames" in result.summary["notes"]
 
 
 def test_reading_in_small_blocks_gives_the_same_file(tmp_path, monkeypatch):

@@ -1,0 +1,45 @@
+"""What a user should know beside the numbers: what could not be read, decoded or believed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from canest.logs.base import LogReader
+    from canest.pipeline import Pipeline
+
+_LINES_SHOWN = 3
+
+
+def log_notes(reader: LogReader) -> list[str]:
+    """Return what was wrong with a log that has been read to its end, one sentence each."""
+    notes = [f"line {number} skipped: {reason}: {text!r}" for number, text, reason in
+             reader.skipped[:_LINES_SHOWN]]  # fmt: skip
+    if reader.skipped_lines > _LINES_SHOWN:
+        notes.append(f"{reader.skipped_lines - _LINES_SHOWN:,} more lines skipped")
+    if reader.truncated:
+        notes.append(f"the log ends before it should: {reader.truncated_reason}")
+    if reader.channel is None and len(reader.channels) > 1:
+        notes.append(
+            f"{len(reader.channels)} interfaces taken as one bus: {reader.channels_text()}; "
+            "--channel NAME takes one"
+        )
+    return notes
+
+
+def stream_notes(pipeline: Pipeline) -> list[str]:
+    """Return what a pipeline could not use of all that it was given, one sentence each."""
+    notes = []
+    mended = {name: n for name, n in pipeline.clock.counters.items() if n}
+    if mended:
+        notes.append(
+            "time stamps: " + ", ".join(f"{n:,} {name.replace('_', ' ')}" for name, n in mended.items())
+        )
+    lost = pipeline.decoder.counters.lost()
+    if lost:
+        notes.append("not decoded: " + ", ".join(f"{n:,} {what}" for what, n in lost.items()))
+    refused = pipeline.intake.screen.refused
+    if refused:
+        counts = ", ".join(f"{n:,} of {role}" for role, n in sorted(refused.items()))
+        notes.append(f"jumps beyond physics, not used: {counts}")
+    return notes
