@@ -7,7 +7,7 @@ import gc
 import logging
 import math
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,31 +19,20 @@ from canest.logs.base import LogReader
 from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
 from canest.logs.compression import Source
 from canest.logs.damaged import hushed, sqlite_reader
+from canest.logs.lines import CLASSIC_BYTES
+from canest.logs.textlines import Lines, in_plain_words
 
 _TEXT_BYTES = 1 << 18
 _SECONDS_MAX = 9e12
 _TEXT_SUFFIXES = (".asc", ".trc", ".csv")
-_HEADER_LINES_MAX = 200
 _UNNAMED = "unnamed"  #: the interface of a format that names none
 _BYTES_MAX = 64  #: payload of CAN FD
 
 
-class _Complaints(logging.Handler):
-    """Takes what python-can logs on its way: a line that it passes over is one more skipped line of ours."""
-
-    def __init__(self, skip: Callable[[], None]) -> None:
-        super().__init__(logging.WARNING)
-        self._skip = skip
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Count a line that could not be parsed; nothing is printed."""
-        if "Failed to parse message" in str(record.msg):
-            self._skip()
-
-
 @contextlib.contextmanager
-def _listening(skip: Callable[[], None]) -> Iterator[None]:
-    logger, handler = logging.getLogger("can.io"), _Complaints(skip)
+def _quiet() -> Iterator[None]:
+    """Keep python-can's remarks on lines that it passes over to ourselves: `Lines` knows them too."""
+    logger, handler = logging.getLogger("can.io"), logging.NullHandler()
     before, logger.propagate = logger.propagate, False
     logger.addHandler(handler)
     try:
@@ -72,6 +61,7 @@ class PythonCanReader(LogReader):
         self._frames = self._skipped_lines = 0
         self._skipped: list[tuple[int, str, str]] = []
         self._channels: dict[str, int] = {}
+        self._lines: Lines | None = None
 
     @property
     def frames(self) -> int:
@@ -138,7 +128,7 @@ class PythonCanReader(LogReader):
         if not damage:
             try:
                 announced = getattr(reader, "file_size", 0)
-                with _listening(lambda: None), reader:
+                with _quiet(), reader:
                     yield from reader
             except Exception as error:  # as above
                 damage = _reason(error)
@@ -156,19 +146,25 @@ class PythonCanReader(LogReader):
         import can
 
         kind = {".asc": can.ASCReader, ".trc": can.TRCReader, ".csv": can.CSVReader}[self._suffix]
-        lines = _Lines(self._source, self._head, self._suffix)
+        lines = self._lines = Lines(self._source, self._head, self._suffix, self._skip_line)
         while not lines.ended:
             seen = lines.number
             lines.rewind_header()
             try:
-                with _listening(lambda: self._skip(lines.number, lines.current.strip(), "not readable")):
-                    yield from self._reader(kind, lines)
+                with _quiet():
+                    for message in self._reader(kind, lines):
+                        lines.claim()
+                        yield message
             except LogError:
                 raise
             except Exception as error:  # as above
-                self._skip(lines.number, lines.current.strip(), _reason(error))
+                lines.claim()
+                self._skip(lines.number, lines.current.strip(), in_plain_words(error))
             if lines.number == seen:  # it stumbles over the header itself, and would do so for ever
                 lines.drop_header()
+
+    def _skip_line(self, number: int, text: str) -> None:
+        self._skip(number, text, "holds no frame that can be read")
 
     def _reader(self, make: Any, source: Any) -> Any:
         try:
@@ -186,13 +182,18 @@ class PythonCanReader(LogReader):
             payload = bytes(message.data or b"")
             length = int(message.dlc) if message.is_remote_frame else len(payload)
         except (TypeError, ValueError, OverflowError) as error:  # a damaged database holds anything anywhere
-            self._skip(self._frames + 1, "", _reason(error))
+            self._skip_message(in_plain_words(error))
             return None
+        if self._lines is not None and not (message.is_remote_frame or message.is_error_frame):
+            announced = min(int(message.dlc), _BYTES_MAX if message.is_fd else CLASSIC_BYTES)
+            if length < announced:  # cut off
+                self._skip_message(f"{length} data bytes where {announced} are announced")
+                return None
         if not math.isfinite(stamp) or abs(stamp) > _SECONDS_MAX:
-            self._skip(self._frames + 1, str(stamp), "impossible time stamp")
+            self._skip_message("impossible time stamp", str(stamp))
             return None
         if not (0 <= can_id <= ID_MASK and 0 <= length <= _BYTES_MAX):
-            self._skip(self._frames + 1, f"{can_id:x}", "no CAN frame")
+            self._skip_message("no CAN frame", f"{can_id:x}")
             return None
         self._frames += 1
         channel = _UNNAMED if message.channel is None else str(message.channel)
@@ -213,82 +214,17 @@ class PythonCanReader(LogReader):
         )
         return block if self._wanted is None else block[self._wanted(block.can_id)]
 
+    def _skip_message(self, reason: str, shown: str = "") -> None:
+        """Count what python-can made of the current line, or of a record."""
+        if self._lines is None:
+            self._skip(self._frames + 1, shown, reason)
+        else:
+            self._skip(self._lines.number, self._lines.current.strip(), reason)
+
     def _skip(self, number: int, text: str, reason: str) -> None:
         self._skipped_lines += 1
         if len(self._skipped) < SKIPPED_SHOWN:
             self._skipped.append((number, text[:SHOWN_CHARS], reason))
-
-
-class _Lines:
-    """The lines of a source as a text file that python-can accepts, able to show the header again."""
-
-    def __init__(self, source: Source, head: bytes, suffix: str) -> None:
-        self.number, self.current, self.ended = 0, "", False
-        self._header: list[str] = []
-        self._replay: list[str] = []
-        self._suffix = suffix
-        self._stream = self._split(source, head)
-
-    def rewind_header(self) -> None:
-        """Let a new reader begin: header first, then the lines nobody has seen."""
-        self._replay = list(self._header)
-
-    def drop_header(self) -> None:
-        """Go on without a header, behind the next line."""
-        self._header, self._replay = [], []
-        next(self, None)
-
-    def __iter__(self) -> _Lines:
-        return self
-
-    def __next__(self) -> str:
-        if self._replay:
-            return self._replay.pop(0)
-        try:
-            self.current = next(self._stream)
-        except StopIteration:
-            self.ended = True
-            raise
-        self.number += 1
-        if len(self._header) == self.number - 1 and self._is_header(self.current):
-            self._header.append(self.current)
-        return self.current
-
-    def readline(self) -> str:
-        return next(self, "")
-
-    def _is_header(self, line: str) -> bool:
-        if self.number > _HEADER_LINES_MAX:
-            return False
-        if self._suffix == ".csv":
-            return self.number == 1
-        if self._suffix == ".trc":
-            return line.startswith(";")
-        return not line.strip()[:1].isdigit()
-
-    @staticmethod
-    def _split(source: Source, head: bytes) -> Iterator[str]:
-        text = head.removeprefix(b"\xef\xbb\xbf")
-        while text:
-            whole, newline, rest = text.rpartition(b"\n")
-            if newline:
-                yield from (line + "\n" for line in whole.decode("utf-8", "replace").split("\n"))
-            more = source.read(_TEXT_BYTES)
-            text = rest + more
-            if not more:
-                break
-        if text:
-            yield text.decode("utf-8", "replace")
-
-    # python-can takes for a file whatever has these
-    def read(self, *_: object) -> str:
-        return self.readline()
-
-    def write(self, *_: object) -> int:
-        return 0
-
-    def close(self) -> None:
-        pass
 
 
 def _reason(error: Exception) -> str:

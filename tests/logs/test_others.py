@@ -76,6 +76,58 @@ def test_a_damaged_line_is_counted_and_the_rest_is_read(tmp_path, suffix):
     assert [number for number, _, _ in reader.skipped] == [51, 121]
 
 
+GARBAGE = {
+    ".asc": [
+        "hello garbage",
+        "   1.5 1  18FEEE31",
+        "   1.5 1  18FEEE31x  Rx   d 8 01 02",
+        "   1.5 1  18FEEE31x  Rx",
+        "   1.5 1  zzz  Rx   d 8 01 02 03 04 05 06 07 08",
+        "\x00\x00",
+    ],
+    ".csv": ["1.5,0x12", "1.5,0xzz,1,0,0,1,AA==", "1.5,0x12,1,0,0,8,AQID", "1.5,0x12,1,0,0,8,AQI", "1.5,"],
+    ".trc": ["garbage", "12 1.5 DT", "  12  x DT 18FEEE31 Rx 1  AA"],
+}
+
+
+@pytest.mark.parametrize("suffix", GARBAGE)
+def test_no_garbage_vanishes_uncounted_nor_does_a_last_line_cut_off(tmp_path, suffix):
+    path = write(tmp_path / f"drive{suffix}")
+    lines = path.read_text().splitlines()
+    count = len(GARBAGE[suffix])
+    header = next(i for i, line in enumerate(lines) if "18FEEE31" in line.upper())
+    at = header + 20
+    lines[at:at] = GARBAGE[suffix]
+    whole = next(line for line in reversed(lines) if "18FEEE31" in line.upper())
+    last = whole.rstrip()[: whole.upper().index("18FEEE31") + 5]
+    path.write_text("\n".join([*lines, last]))
+    block, reader = read_all(path)
+    assert len(block) == 200
+    assert reader.skipped_lines == count + 1
+    assert [number for number, _, _ in reader.skipped] == [*range(at + 1, at + count + 1), len(lines) + 1]
+    for _, _, reason in reader.skipped:
+        assert "Error" not in reason
+        assert "unpack" not in reason and "literal" not in reason
+
+
+def test_what_an_asc_logs_beside_frames_is_no_fault(tmp_path):
+    events = """   1.500000 1  Statistic: D 0 R 0 XD 700 XR 0 E 0 O 0 B 8.50%
+   1.500000 CAN 1 Status:chip status error active
+   1.500000 1  ErrorFrame
+   1.500000 J1939TP FEE3p 6 0 0 - Rx d 23 A0 0F
+   1.500000 log trigger event
+   1.500000 SV: 3 0 1 ::Gear = 4
+// a comment
+
+End TriggerBlock"""
+    path = write(tmp_path / "drive.asc")
+    lines = path.read_text().splitlines()
+    lines[50:50] = events.splitlines()
+    path.write_text("\n".join(lines))
+    block, reader = read_all(path)
+    assert (len(block), reader.skipped_lines) == (201, 0)
+
+
 def test_a_truncated_blf_gives_what_it_holds(tmp_path):
     frames = [
         (i * 1000, 0x18FEEE31 | EXTENDED, (i * 2654435761).to_bytes(8, "little")) for i in range(20_000)
