@@ -100,6 +100,9 @@ def _altitude_and_accelerometer(drive: Drive, run: Run) -> _Sensed | None:
         return np.asarray(np.mean(x[:span].reshape(steps, _STEP), axis=1))
 
     speed = mean(np.where(np.isfinite(m.speed_mps), m.speed_mps, 0.0))
+    driving = speed > 1.0
+    if not driving.any():
+        return None  # no road was passed that could be smoothed
     accel = mean(m.accel_mps2)
     extra = mean(m.accelerometer_mps2) - accel
     altitude = m.altitude_m[:span].reshape(steps, _STEP)[:, -1]
@@ -113,7 +116,7 @@ def _altitude_and_accelerometer(drive: Drive, run: Run) -> _Sensed | None:
     _, sin_beta, std, walk = max(smoothed, key=lambda s: s[0])
     # the smoother averages the sharper sensor over the distance in which the road changes as much as it errs
     sensor = ACCELEROMETER_STD_MPS2 / GRAVITY_MPS2 if has_accelerometer else noise / 20.0
-    correlation_m = float(np.clip(np.median(moving[speed > 1.0] ** 0.5) * sensor / walk, 10.0, 500.0))
+    correlation_m = float(np.clip(np.median(moving[driving] ** 0.5) * sensor / walk, 10.0, 500.0))
     ticks = np.arange(len(m))
     centres = np.arange(steps) * _STEP + 0.5 * (_STEP - 1)
     column = np.interp(ticks, centres, sin_beta)

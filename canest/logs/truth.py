@@ -45,6 +45,15 @@ def read_truth(path: str | Path) -> Truth:
             "neither grade nor mass_kg among the columns", where=str(path), expected="t_s,grade,mass_kg"
         )
     t_us = np.concatenate([block.t_us for block in blocks])
+    if "mass_kg" in names:
+        mass_kg = np.concatenate([block.columns["mass_kg"] for block in blocks])
+        for row in np.flatnonzero(mass_kg <= 0)[:1].tolist():
+            raise LogError(
+                "no vehicle weighs so little",
+                where=f"{path}: row {row + 1} (t_s {t_us[row] / 1e6:.3f}): mass_kg",
+                found=f"{mass_kg[row]:g}",
+                expected="a mass above 0, or an empty cell where it is not known",
+            )
     t_us, first = np.unique(t_us, return_index=True)
     columns = {name: np.concatenate([block.columns[name] for block in blocks])[first] for name in names}
     return Truth(t_us, columns.get("grade"), columns.get("mass_kg"))

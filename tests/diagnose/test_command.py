@@ -100,12 +100,13 @@ def test_a_log_of_half_a_minute_says_so_and_no_more(tmp_path, capsys):
     assert load_config(tmp_path / "revised.yaml") == load_config("kenworth")
 
 
-def test_a_log_without_open_gates_says_so(tmp_path, capsys):
-    assert run(["diagnose", "tests/data/ip332/bike.log.xz", "-c", "kenworth", "-o", str(tmp_path)]) == 0
+@pytest.mark.parametrize("config", ["kenworth", "class8"])  # class8 finds an altitude, and no speed
+def test_a_log_without_open_gates_says_so(config, tmp_path, capsys):
+    assert run(["diagnose", "tests/data/ip332/bike.log.xz", "-c", config, "-o", str(tmp_path)]) == 0
     told = json.loads((tmp_path / "diagnosis.json").read_text("utf-8"))
     assert told["verdict"] == "nothing-to-explain" and told["baseline"]["residual_rms_N"] is None
     assert "too little driving" in told["finding"] and told["finding"] in capsys.readouterr().out
-    assert load_config(tmp_path / "revised.yaml") == load_config("kenworth")
+    assert load_config(tmp_path / "revised.yaml") == load_config(config)
     assert told["finding"].split("`")[0] in (tmp_path / "report.html").read_text("utf-8")
 
 

@@ -154,6 +154,7 @@ class TestTruth:
             ("t_s,speed\n0,1\n", "neither grade nor mass_kg"),
             ("time,grade\n0,1\n", "no time column"),
             ("t_s,grade\n", "no truth"),
+            ("t_s,mass_kg\n5,7000\n6,\n7,0\n8,-1\n", r": row 3 \(t_s 7\.000\): mass_kg: .*found '0', exp"),
             ("", "no truth"),
             ("(1.000000) can0 123#11\n", "no truth"),
         ],
