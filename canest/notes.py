@@ -17,6 +17,7 @@ def log_notes(reader: LogReader) -> list[str]:
              reader.skipped[:_LINES_SHOWN]]  # fmt: skip
     if reader.skipped_lines > _LINES_SHOWN:
         notes.append(f"{reader.skipped_lines - _LINES_SHOWN:,} more lines skipped")
+    notes += reader.remarks
     if reader.truncated:
         notes.append(f"the log ends before it should: {reader.truncated_reason}")
     if reader.channel is None and len(reader.channels) > 1:

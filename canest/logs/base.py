@@ -79,6 +79,11 @@ class LogReader(ABC):
         """The interface that was asked for, None for all."""
         return self._channel
 
+    @property
+    def remarks(self) -> list[str]:
+        """What else a user should know of the content, one sentence each."""
+        return []
+
     def channels_text(self) -> str:
         """Return the interfaces with most frames, in words."""
         named = sorted(self.channels.items(), key=lambda item: -item[1])[:_CHANNELS_SHOWN]

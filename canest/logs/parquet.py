@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from canest.errors import LogError
 from canest.logs.blocks import TableBlock
 from canest.logs.compression import Source
-from canest.logs.tables import TableReader
+from canest.logs.tables import TableReader, number_of
 
 _READ_BYTES = 1 << 20
 
@@ -44,7 +44,7 @@ class ParquetReader(TableReader):
             names = [self.columns[position] for position in self._choose()]
             seen = 0
             for batch in file.iter_batches(batch_size=self._block_rows, columns=names):
-                values = np.column_stack([_floats(batch.column(name)) for name in names])
+                values = np.column_stack([self._cells(batch.column(name), name, seen) for name in names])
                 numbers = np.arange(seen + 1, seen + 1 + len(values))
                 seen += len(values)
                 yield self._block(names, values, numbers)
@@ -52,6 +52,20 @@ class ParquetReader(TableReader):
             if not self.frames:
                 raise LogError("no readable parquet file", where=str(self.path), found=str(error)) from None
             self.truncated_reason = f"damaged parquet file ({error})".replace("\n", " ")
+
+    def _cells(self, column: Any, name: str, seen: int) -> NDArray[np.float64]:
+        """Return a column as float64; text, where it is no number, is counted. seen: rows before it."""
+        floats = _floats(column)
+        if floats is not None:
+            return floats
+        numbers = np.full(len(column), np.nan)
+        for row, cell in enumerate(column.to_pylist()):
+            value = None if cell is None else number_of(str(cell))
+            if value is not None:
+                numbers[row] = value
+            elif cell is not None and str(cell).strip():
+                self._note_text(name, seen + row + 1, str(cell))
+        return numbers
 
     def _unpacked(self) -> io.BytesIO:
         whole = io.BytesIO()
@@ -62,8 +76,8 @@ class ParquetReader(TableReader):
         return whole
 
 
-def _floats(column: Any) -> NDArray[np.float64]:
-    """Return a column as float64, time stamps in seconds, NaN where there is no number."""
+def _floats(column: Any) -> NDArray[np.float64] | None:
+    """Return a column as float64, time stamps in seconds, NaN where there is nothing; None for text."""
     import pyarrow as pa
 
     if pa.types.is_timestamp(column.type):
@@ -72,5 +86,5 @@ def _floats(column: Any) -> NDArray[np.float64]:
     try:
         floats = column.cast(pa.float64(), safe=False)
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
-        return np.full(len(column), np.nan)
+        return None
     return np.array(floats.to_numpy(zero_copy_only=False), np.float64)

@@ -38,7 +38,7 @@ def open_log(
     columns: the columns of a decoded table to deliver; None for all.
     block_frames: about how many frames or rows a block holds; memory does not depend on the log's length.
 
-    Errors: LogError, one line, for what cannot be opened or is no log.
+    Errors: LogError, one line, for what cannot be opened, is no log, or has no interfaces to choose from.
     """
     path = Path(path)
     source = Source(path)
@@ -50,6 +50,7 @@ def open_log(
     if head.startswith(_PARQUET):
         from canest.logs.parquet import ParquetReader
 
+        _refuse_channel(source, channel)
         return ParquetReader(source, head, time_column, columns, block_frames)
     if _looks_like_candump(head):
         return CandumpReader(source, head, CandumpParser(wanted, channel), block_frames)
@@ -57,6 +58,7 @@ def open_log(
     if text_suffix == "table":
         from canest.logs.tables import CsvReader
 
+        _refuse_channel(source, channel)
         return CsvReader(source, head, time_column, columns, block_frames)
     if text_suffix:
         return _from_python_can(source, head, text_suffix, wanted, channel, block_frames)
@@ -64,6 +66,17 @@ def open_log(
         return CandumpReader(source, head, CandumpParser(wanted, channel), block_frames)
     source.close()
     raise LogError("no log that canest knows", where=str(path), found=_shown(head), expected=EXPECTED)
+
+
+def _refuse_channel(source: Source, channel: str | None) -> None:
+    if channel is not None:
+        source.close()
+        raise LogError(
+            "a table of decoded signals has no interfaces",
+            where=str(source.path),
+            found=f"--channel {channel}",
+            expected="none",
+        )
 
 
 def _from_python_can(

@@ -25,6 +25,7 @@ class TableReader(LogReader):
     """What csv and parquet share: cells that hold no number become NaN and are counted per column.
 
     columns: names in the file. bad_cells: column -> cells without a number (blank, NaN, text, infinite).
+    text_cells: column -> those of them that hold text; the line number and the text of the first.
     """
 
     kind = "table"
@@ -36,6 +37,7 @@ class TableReader(LogReader):
         self._skipped: list[tuple[int, str, str]] = []
         self.columns: list[str] = []
         self.bad_cells: dict[str, int] = {}
+        self.text_cells: dict[str, tuple[int, int, str]] = {}
 
     @property
     def frames(self) -> int:
@@ -51,6 +53,19 @@ class TableReader(LogReader):
     def skipped(self) -> list[tuple[int, str, str]]:
         """The first unreadable rows: (line number, text, reason)."""
         return self._skipped
+
+    @property
+    def remarks(self) -> list[str]:
+        """Which columns hold text where a number is expected."""
+        return [
+            f"column {name}: {count:,} cells hold text and count as not available, first in row {number}: "
+            f"{text[:SHOWN_CHARS]!r}"
+            for name, (count, number, text) in self.text_cells.items()
+        ]
+
+    def _note_text(self, name: str, number: int, text: str) -> None:
+        count, first, shown = self.text_cells.get(name, (0, number, text))
+        self.text_cells[name] = count + 1, first, shown
 
     def _skip(self, number: int, text: str, reason: str) -> None:
         self._skipped_lines += 1
@@ -160,7 +175,7 @@ class CsvReader(TableReader):
         values = self._parse_at_once(lines, chosen)
         if values is not None:
             return self._block(names, values, np.arange(first, first + len(lines)))
-        return self._block(names, *self._parse_cells(lines, chosen, first))
+        return self._block(names, *self._parse_cells(lines, chosen, names, first))
 
     def _parse_at_once(self, lines: list[str], chosen: list[int]) -> NDArray[np.float64] | None:
         width = len(self.columns) - 1
@@ -172,7 +187,7 @@ class CsvReader(TableReader):
             return None
 
     def _parse_cells(
-        self, lines: list[str], chosen: list[int], first: int
+        self, lines: list[str], chosen: list[int], names: list[str], first: int
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         rows: list[list[float]] = []
         numbers: list[int] = []
@@ -187,13 +202,18 @@ class CsvReader(TableReader):
             if len(cells) != len(self.columns):
                 self._skip(number, line, f"{len(cells)} cells where the header has {len(self.columns)}")
                 continue
-            rows.append([_number(cells[position]) for position in chosen])
+            row = [number_of(cells[position]) for position in chosen]
+            for position, name, value in zip(chosen[1:], names[1:], row[1:], strict=True):
+                if value is None and cells[position].strip():
+                    self._note_text(name, number, cells[position])
+            rows.append([math.nan if value is None else value for value in row])
             numbers.append(number)
         return np.array(rows, np.float64).reshape(-1, len(chosen)), np.array(numbers, np.int64)
 
 
-def _number(cell: str) -> float:
+def number_of(cell: str) -> float | None:
+    """Return the number in a cell, None for text and nothing."""
     try:
         return float(cell)
     except ValueError:
-        return math.nan
+        return None

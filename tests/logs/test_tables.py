@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from canest.errors import LogError
 from canest.logs import LogReader, TableBlock, open_log
 from canest.logs.truth import read_truth
+from canest.notes import log_notes
 
 
 def read(path: Path, **options) -> tuple[TableBlock, LogReader]:
@@ -34,6 +35,31 @@ def test_csv_columns_come_as_numbers_with_exact_stamps(tmp_path):
     assert block.t_us.tolist() == [1_700_000_000_020_000, 1_700_000_000_040_000]
     assert block.columns["v_kmh"].tolist() == [1.5, -2000.0]
     assert (reader.frames, reader.skipped_lines, reader.bad_cells) == (2, 0, {})
+
+
+def test_text_in_a_cell_is_told_with_the_first_row_that_has_it(tmp_path):
+    path = write(tmp_path / "a.csv", "t_s,v,w\n0.1,,1\n0.2,nan,2\n0.3,abc,3\n0.4,n/a,4\n0.5,5,5\n")
+    block, reader = read(path)
+    assert np.isnan(block.columns["v"]).tolist() == [True] * 4 + [False]
+    assert (reader.bad_cells, reader.text_cells) == ({"v": 4}, {"v": (2, 4, "abc")})
+    told = "column v: 2 cells hold text and count as not available, first in row 4: 'abc'"
+    assert log_notes(reader) == [told]
+    path = tmp_path / "a.parquet"
+    pq.write_table(pa.table({"t_s": [0.1, 0.2, 0.3], "v": ["1.5", "abc", None]}), path)
+    block, reader = read(path)
+    assert block.columns["v"][0] == 1.5
+    assert reader.text_cells == {"v": (1, 2, "abc")}
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_table_has_no_interface_to_choose(tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".csv":
+        write(path, "t_s,v\n0,1\n")
+    else:
+        pq.write_table(pa.table({"t_s": [0.0], "v": [1.0]}), path)
+    with pytest.raises(LogError, match=r"has no interfaces, found '--channel can0', expected none"):
+        open_log(path, channel="can0")
 
 
 def test_cells_without_a_number_become_nan_and_are_counted(tmp_path):
