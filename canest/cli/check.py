@@ -106,9 +106,16 @@ def command(
 
 
 def _config_line(name: str, config: Config) -> str:
+    columns = sum(source.column is not None for source in config.signals.values())
+    signals, databases = len(config.signals), ", ".join(config.dbc)
+    if not columns:
+        where = f"{signals} signals all in {databases}"
+    elif columns == signals:
+        where = f"{signals} signals all columns of a table"
+    else:
+        where = f"{signals} signals, {signals - columns} in {databases} and {columns} columns of a table"
     return (
-        f"{name}: config is right: {len(config.signals)} signals all in {', '.join(config.dbc) or 'tables'}, "
-        f"estimator {config.estimator.name}, {len(config.effects)} effects"
+        f"{name}: config is right: {where}, estimator {config.estimator.name}, {len(config.effects)} effects"
     )
 
 

@@ -114,6 +114,10 @@ class Source(Section):
         dbc = self.message is not None and self.signal is not None
         if dbc == (self.column is not None) or (self.message is None) != (self.signal is None):
             raise ValueError("give either message and signal, or column")
+        if self.column is not None and self.source is not None:
+            raise MisplacedError(
+                f"found {self.source}, expected no such key: a column has no address", "source"
+            )
         if self.scale == 0:
             raise MisplacedError("found 0, expected a factor: with 0 every value is lost", "scale")
         if self.unit is not None and self.unit not in KNOWN_UNITS:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canest.config.schema import Config, Source
-from canest.decode.database import find_signal, load
+from canest.decode.database import find_signal, is_j1939, load
 from canest.decode.decoder import Decoder
 from canest.decode.groups import Want
 from canest.errors import ConfigError
@@ -29,7 +29,14 @@ def decoder_for(config: Config) -> Decoder:
         where = config.at(f"signals.{role}")
         if not databases:
             raise ConfigError("names a DBC signal, but the config has no dbc: file", where=where)
-        _, signal = find_signal(databases, source.message, source.signal, where)
+        message, signal = find_signal(databases, source.message, source.signal, where)
+        if source.source is not None and not is_j1939(message):
+            raise ConfigError(
+                f"{message.name} is no J1939 message: its identifier holds no source address",
+                where=config.at(f"signals.{role}.source"),
+                found=f"0x{source.source:02X}",
+                expected="no such key",
+            )
         factor, offset = factor_and_offset(role, source, source.unit or signal.unit or "", where)
         wants[role] = Want(
             role=role,

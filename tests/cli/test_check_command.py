@@ -107,6 +107,18 @@ def test_what_was_not_read_or_not_decoded_is_noted(canest, tmp_path):
     assert "note  not decoded: 1 remote frames" in canest("check", "-c", "kenworth", path).out
 
 
+def test_a_config_says_how_many_signals_come_from_where(canest):
+    def told(name, *changes):
+        done = canest("check", "-c", name, *(part for change in changes for part in ("--set", change)))
+        assert done.code == 0, done.err
+        return done.out
+
+    assert "signals all in " in told("kenworth")
+    assert "signals all columns of a table, estimator" in told("bmw-i3")
+    mixed = told("kenworth", "signals.altitude={column: alt, unit: m}")
+    assert " in j1939.dbc and 1 columns of a table, estimator" in mixed
+
+
 def test_table_columns(canest, tmp_path):
     path = tmp_path / "trip.csv"
     rows = "".join(f"{i / 10},{40 + i % 7},{30 + i % 11},20\n" for i in range(300))

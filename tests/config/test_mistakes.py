@@ -276,6 +276,30 @@ def test_a_signal_that_the_dbc_does_not_have(old: str, new: str, words: list[str
         assert str(caught.value).startswith(f"truck.yaml:{line_with(text, new)}: {words[0]}")
 
 
+def test_an_address_where_none_can_be_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "car.dbc").write_text(
+        'VERSION ""\nBU_:\nBO_ 416 Motion: 8 Vector__XXX\n'
+        ' SG_ Speed : 0|16@1+ (0.01,0) [0|655.35] "km/h" Vector__XXX\n'
+    )
+    speed = "  vehicle_speed: {message: Motion, signal: Speed, source: 0x03}"
+    before = next(line for line in TRUCK.splitlines() if line.lstrip().startswith("vehicle_speed:"))
+    text = TRUCK.replace(before, speed)
+    config = tmp_path / "truck.yaml"
+    config.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        decoder_for(load_config(config, ["dbc=[car.dbc, j1939.dbc]"]))
+    line = line_with(text, "Motion")
+    assert str(caught.value) == (
+        f"{config}:{line}: signals.vehicle_speed.source: Motion is no J1939 message: its identifier holds "
+        "no source address, found '0x03', expected no such key"
+    )
+    told = refused(text.replace("message: Motion, signal: Speed", "column: v"))
+    assert told == (
+        f"truck.yaml:{line}: signals.vehicle_speed.source: found 3, expected no such key: "
+        "a column has no address"
+    )
+
+
 def test_a_dbc_beside_its_config_is_found_from_anywhere_and_comes_before_the_shipped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
