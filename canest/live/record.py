@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import BinaryIO, Generic, TypeVar
 
 from canest.frames import FrameBlock
-from canest.live.files import Background
+from canest.live.files import Background, naming
 from canest.logs.writer import candump_text, estimates_csv
 from canest.pipeline import Estimates
 
@@ -30,6 +30,8 @@ _SEGMENT_NAME = re.compile(r"\d{8}T\d{6}Z-[\w.-]+\.log\.gz")
 
 class _Spool(Generic[Block]):
     """Collects blocks and hands them, rendered as text, to the writing thread once a second."""
+
+    _path: Path  #: the file that is being written
 
     def __init__(self, kind: str, render: Callable[[list[Block]], bytes], background: Background) -> None:
         self._kind, self._render, self._background = kind, render, background
@@ -47,13 +49,21 @@ class _Spool(Generic[Block]):
     def flush(self) -> None:
         """Queue what has been collected. A queue that is full (the disk hangs) loses it, and counts."""
         blocks, self._blocks = self._blocks, []
-        if blocks and not self._background.submit(self._kind, lambda: self._write(self._render(blocks))):
+        if blocks and not self._background.submit(self._kind, lambda: self._put(blocks)):
             self._background.counters[f"{self._kind}_rows_lost"] += sum(map(len, blocks))
 
     def close(self) -> None:
         """Queue what has been collected, and the end of the file."""
         self.flush()
-        self._background.submit(self._kind, self._end)
+        self._background.submit(self._kind, self._finish)
+
+    def _put(self, blocks: list[Block]) -> None:
+        with naming(self._path):
+            self._write(self._render(blocks))
+
+    def _finish(self) -> None:
+        with naming(self._path):
+            self._end()
 
     def _write(self, text: bytes) -> None:
         raise NotImplementedError

@@ -101,7 +101,8 @@ def _doubts(snapshot: dict[str, Any]) -> list[tuple[str, str]]:
     lost = snapshot["broadcast"].get("cannot_claim_heard", 0)
     if lost:
         claims = _counted(snapshot["claims"], 8)
-        lines.append(("addresses lost", f"{lost} times an ECU had to give its own up; claims: {claims}"))
+        heard = f"claims: {claims}" if claims else "no claim of an address was heard"
+        lines.append(("addresses lost", f"{lost} times an ECU had to give its own up; {heard}"))
     return lines
 
 

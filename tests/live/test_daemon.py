@@ -208,6 +208,9 @@ def test_the_real_attack_logs_are_survived_and_counted(tmp_path, data, monkeypat
     assert ("addresses lost", "1 times an ECU had to give its own up; claims: 0x00 1") in rows_of(
         told["address_claim"]
     )
+    unheard = told["address_claim"] | {"claims": {}}
+    lost = next(text for name, text in rows_of(unheard) if name == "addresses lost")
+    assert lost == "1 times an ECU had to give its own up; no claim of an address was heard"
     assert "addresses-lost-by-others now=1" in rig.log.getvalue()
 
 

@@ -150,6 +150,7 @@ def test_a_full_disk_leaves_whole_lines_and_recording_goes_on_later(tmp_path, ba
     log.add(frames(10, seed=2), 2.0)
     assert background.flush(5)
     assert background.counters["record_failed"] == 1 and "space" in background.failures["record"]
+    assert background.failures["record"].endswith(f"'{tmp_path}/rec.log'")
     log._file = log._file.file
     log.add(frames(10, seed=3), 4.0)
     log.close()
