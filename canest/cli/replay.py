@@ -40,7 +40,10 @@ plain or compressed (.gz .xz .zst .bz2).
 @override_options
 @click.option("--channel", metavar="NAME", help="Use this interface of the log only (can0, can1, ...).")
 @click.option(
-    "--to", "bus", metavar="INTERFACE:CHANNEL", help="Send the log onto a bus instead of estimating."
+    "--to",
+    "bus",
+    metavar="INTERFACE:CHANNEL",
+    help="Send the log onto a bus; estimate from it only where -o, --json or --report ask for it.",
 )
 @click.option("--speed", type=float, metavar="FACTOR", help="With --to: times real time (default 1).")
 @click.option(
@@ -64,10 +67,10 @@ def command(
     workers: int | None,
 ) -> int:
     """Estimate mass and grade from recorded logs, as fast as they can be read."""
-    if bus is not None or speed is not None:
+    playing = bus is not None or speed is not None
+    if playing and output is None and json_path is None and report is None:
         _play(logs, bus, speed, channel)
-        if output is None and json_path is None and report is None:
-            return 0
+        return 0
     if output == "-":
         raise click.UsageError("-o needs the name of a file or directory", click.get_current_context())
     if config_name is None:
@@ -102,6 +105,8 @@ def command(
         + [("--report", job.report) for job in jobs]
         + [("--json", json_path)],
     )
+    if playing:  # after all that can be refused has been: a bus cannot take back what it carried
+        _play(logs, bus, speed, channel, quiet=json_path == "-")
     if len(jobs) == 1:
         return _one(jobs[0], config, json_path)
     return _many(jobs, config, json_path, workers)
@@ -169,7 +174,9 @@ def _many(jobs: list[Job], config: Config, json_path: str | None, workers: int |
     return 1 if summary["failed"] else 0
 
 
-def _play(logs: tuple[str, ...], bus: str | None, speed: float | None, channel: str | None) -> None:
+def _play(
+    logs: tuple[str, ...], bus: str | None, speed: float | None, channel: str | None, quiet: bool = False
+) -> None:
     context = click.get_current_context()
     if bus is None:
         raise click.UsageError("--speed needs a bus to play to: --to INTERFACE:CHANNEL", context)
@@ -181,4 +188,5 @@ def _play(logs: tuple[str, ...], bus: str | None, speed: float | None, channel: 
     for log in logs:
         with Bar(f"playing {Path(log).name}") as shown:
             told = play(log, bus, 1.0 if speed is None else speed, channel=channel, progress=shown.update)
-        print(told)
+        if not quiet:
+            print(told)

@@ -214,3 +214,25 @@ class TestOntoABus:
         # 0.4 s at four times real time; a busy machine may send the first frame late
         assert 0.04 < heard[20].timestamp - heard[0].timestamp < 1.0
         assert "21 frames sent" in done.out
+
+    def test_a_result_that_is_asked_for_is_written_too_and_nothing_is_sent_before_all_is_right(
+        self, canest, tmp_path
+    ):
+        path, output = tmp_path / "short.log", tmp_path / "est.csv"
+        path.write_text("".join(f"({100 + 0.01 * i:.6f}) can0 0CF00400#{i:016X}\n" for i in range(20)))
+        play = ("replay", path, "--to", "virtual:play-and-write", "-o", output)
+        done = canest(*play)
+        assert (done.code, done.out) == (2, "")
+        assert "missing option -c CONFIG" in done.err
+        done = canest(*play, "-c", "kenworth")
+        assert done.code == 0, done.err
+        assert "20 frames sent" in done.out
+        assert output.read_text().startswith("t_s,mass_kg")
+
+    def test_can_fd_frames_of_which_eight_bytes_are_known_are_not_sent(self, canest, tmp_path):
+        path = tmp_path / "fd.log"
+        path.write_text(f"(1.000000) can0 18FEF100##0{'AB' * 12}\n(1.000000) can0 18FEF100##0{'AB' * 8}\n")
+        done = canest("replay", path, "--to", "virtual:play-fd")
+        assert done.code == 0, done.err
+        assert "1 frames sent to virtual:play-fd" in done.out
+        assert "1 CAN FD frames of more than eight bytes not sent" in done.out
