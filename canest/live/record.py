@@ -123,8 +123,9 @@ class TextLog(_Spool[Block]):
 
     def _take_back(self, begin: int) -> None:
         assert self._file is not None
-        self._file.truncate(begin)
-        self._file.seek(begin)
+        with contextlib.suppress(OSError):  # a device or pipe cannot; what is told is why the write failed
+            self._file.truncate(begin)
+            self._file.seek(begin)
 
 
 class Ring(_Spool[FrameBlock]):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -129,6 +130,16 @@ def test_a_recording_reads_back_as_the_same_frames(tmp_path, background):
     assert background.flush(5)
     read = FrameBlock.concatenate(list(open_log(tmp_path / "rec.log")))
     assert same(read, FrameBlock.concatenate([kinds, frames(50)]))
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_failed_write_tells_its_own_reason_and_the_file(background):
+    log = TextLog(Path("/dev/full"), candump_renderer("can0"), background, kind="record")
+    log.add(frames(10), 0.0)
+    assert background.flush(5)
+    assert background.failures["record"] == "[Errno 28] No space left on device: '/dev/full'"
+    log.close()
+    assert background.flush(5)
 
 
 def test_a_full_disk_leaves_whole_lines_and_recording_goes_on_later(tmp_path, background):
