@@ -120,8 +120,9 @@ def _listen(config: Config, seconds: float) -> Iterator[FrameBlock]:
 
     from canest.cli.progress import Share
     from canest.frames import EXTENDED
-    from canest.live.link import open_link
+    from canest.live.link import open_link, require_frames
 
+    require_frames(config)
     everything = [(0, 0), (EXTENDED, EXTENDED)]
     receiver, _ = open_link(config.bus, everything, transmit=False)
     begin = time.monotonic()

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
-from canest.config.schema import Broadcast, Bus
+from canest.config.schema import Broadcast, Bus, Config
+from canest.errors import ConfigError
 from canest.live.kernel_drain import Drained
 
 Filters = Sequence[tuple[int, int]]  #: (id, mask) with flags, as in Linux' struct can_filter
@@ -66,6 +67,16 @@ def may_transmit(bus: Bus, broadcast: Broadcast) -> bool:
     if broadcast.listen_only:
         return False
     return is_virtual(bus) if broadcast.enabled is None else broadcast.enabled
+
+
+def require_frames(config: Config) -> None:
+    """Refuse a config that would wait on a bus for ever. Errors: ConfigError."""
+    if all(source.column is not None for source in config.signals.values()):
+        raise ConfigError(
+            "the config maps only table columns, and a bus carries frames",
+            where=config.at("signals"),
+            expected="roles with message: and signal: of a DBC",
+        )
 
 
 def open_link(bus: Bus, filters: Filters, *, transmit: bool) -> tuple[Receiver, Transmitter | None]:
