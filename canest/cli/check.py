@@ -63,7 +63,9 @@ def command(
         raise click.UsageError("give a LOG or --live, not both", click.get_current_context())
     config = load(config_name, overrides, estimator, initial_mass)
     from canest.check import Doctor
+    from canest.live.link import require_interface
 
+    require_interface(config)
     doctor = Doctor(config)
     if log is None and not live:
         if json_path is not None:

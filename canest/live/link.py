@@ -69,6 +69,26 @@ def may_transmit(bus: Bus, broadcast: Broadcast) -> bool:
     return is_virtual(bus) if broadcast.enabled is None else broadcast.enabled
 
 
+def require_interface(config: Config) -> None:
+    """Refuse an interface that python-can does not know. Errors: ConfigError with the nearest names."""
+    name = config.bus.interface
+    if name == "socketcan" or name in _VIRTUAL_INTERFACES:
+        return  # python-can takes its time to import, and has nothing to say about these
+    from difflib import get_close_matches
+
+    from canest.live.pythoncan import INTERFACES
+
+    if name not in INTERFACES:
+        near = get_close_matches(name.lower(), INTERFACES, n=3, cutoff=0.5)
+        raise ConfigError(
+            "unknown interface",
+            where=config.at("bus.interface"),
+            found=name,
+            expected="an interface of python-can, "
+            + ("perhaps " + " or ".join(near) if near else "one of " + ", ".join(sorted(INTERFACES))),
+        )
+
+
 def require_frames(config: Config) -> None:
     """Refuse a config that would wait on a bus for ever. Errors: ConfigError."""
     if all(source.column is not None for source in config.signals.values()):

@@ -29,6 +29,7 @@ finally:
     if _HIDDEN:
         del sys.modules["asammdf"]
 
+INTERFACES = can.VALID_INTERFACES  #: names, those of installed plugins too
 GUARD_US = 20_000  #: drivers hand a frame over this long after its stamp at the latest
 _IDS_REMEMBERED = 4096  #: a bus has some hundreds of identifiers, noise has millions
 _MAX_FRAMES = 4096  #: per drain, so that a flood cannot keep a tick from ending
