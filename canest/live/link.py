@@ -22,11 +22,14 @@ _VIRTUAL_INTERFACES = frozenset({"virtual", "udp_multicast"})
 class Receiver(Protocol):
     """The receiving half of a bus. It has no way to send: a listen-only daemon holds nothing else.
 
-    state: "up", "down", "absent", "error-passive" or "bus-off". opened: how often the interface has been
-    opened (a change means: another bus may be behind it). counters: what happened, by name.
+    state: "up", "down", "absent", "error-passive" or "bus-off".
+    reason: why it is absent, as the system or the driver says it; '' when nobody said, or it is there.
+    opened: how often the interface has been opened (a change means: another bus may be behind it).
+    counters: what happened, by name.
     """
 
     state: str
+    reason: str
     opened: int
     counters: Counter[str]
 
