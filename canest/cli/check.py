@@ -117,10 +117,11 @@ def _heard(report: Report) -> str:
 
 
 def _listen(config: Config, seconds: float) -> Iterator[FrameBlock]:
-    """Yield what the bus carries; nothing is sent."""
+    """Yield what the bus carries; nothing is sent. Errors: ConfigError, BusError (never there)."""
     import time
 
     from canest.cli.progress import Share
+    from canest.errors import BusError
     from canest.frames import EXTENDED
     from canest.live.link import open_link, require_frames
 
@@ -134,6 +135,9 @@ def _listen(config: Config, seconds: float) -> Iterator[FrameBlock]:
                 time.sleep(0.02)
                 yield receiver.drain().frames
                 share.update(passed / seconds)
+        if not receiver.opened:
+            bus = f"{config.bus.interface}:{config.bus.channel}"
+            raise BusError(f"could not be opened in {seconds:g} s ({receiver.reason})", where=bus)
     finally:
         receiver.close()
 
