@@ -18,6 +18,7 @@ from canest.roles import ROLES
 from canest.tables import TableMap
 from canest.vehicle.model import LongitudinalModel
 from canest.vehicle.samples import STATUS_LABELS
+from canest.verdict import needed_roles
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -91,7 +92,7 @@ class Doctor:
         if len(estimates):
             self._status = STATUS_LABELS[int(estimates.status[-1])]
         model = LongitudinalModel(self.config)
-        needed, speeds = set(model.required_roles()), set(model.speed_roles)
+        needed, speeds = needed_roles(self.config, model), set(model.speed_roles)
         findings = []
         for role, source in self.config.signals.items():
             need = "needed" if role in needed else "speed" if role in speeds else "optional"
@@ -208,7 +209,14 @@ class Doctor:
                 hints.append(f"none of the config's messages is there; the bus has addresses {seen}")
         if self._bad_frames:
             hints.append(f"{self._bad_frames:,} error frames: check bit rate, termination and wiring")
-        return hints + self.plausibility.hints()
+        unheard = any(f.role == "engine_friction_pct" and not f.values for f in findings)
+        if self.frames and unheard and not self.config.vehicle.friction_torque_pct:
+            hints.append(
+                "nobody tells the engine's friction, so it counts as 0 % of the reference torque: say what "
+                "it is (vehicle.friction_torque_pct, some 5 to 12 %), or mass and grade are wrong by it"
+            )
+        doubts = self.pipeline.estimator.doubts()
+        return hints + self.plausibility.hints() + ([doubts] if doubts else [])
 
 
 def check_blocks(config: Config, blocks: Iterable[FrameBlock | TableBlock]) -> Report:

@@ -190,6 +190,8 @@ def _notes(run: LogRun) -> list[str]:
     if refused:
         counts = ", ".join(f"{n:,} of {role}" for role, n in sorted(refused.items()))
         notes.append(f"jumps beyond physics, not used: {counts}")
+    if doubts := run.pipeline.estimator.doubts():
+        notes.append(doubts)
     return notes
 
 

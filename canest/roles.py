@@ -61,7 +61,8 @@ ROLES: dict[str, Role] = dict(
     [
         # traction
         _role("engine_torque_pct", "%", 0.25, "actual engine percent torque, indicated (SPN 513)"),
-        _role("engine_friction_pct", "%", 2.5, "nominal friction percent torque (SPN 514)"),
+        # the last friction heard is nearer to the truth than any default
+        _role("engine_friction_pct", "%", math.inf, "nominal friction percent torque (SPN 514)"),
         _role("reference_torque", "Nm", math.inf, "engine reference torque, 100 % (SPN 544)"),
         _role("engine_torque", "Nm", 0.25, "net torque of engine or motor at its shaft, where sent in N m"),
         _role("wheel_torque", "Nm", 0.25, "sum of measured wheel or half-shaft torques"),

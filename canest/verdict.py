@@ -28,19 +28,23 @@ def why_unestimated(run: LogRun) -> str:
     return why_not_learning(run)
 
 
+def needed_roles(config: Config, model: LongitudinalModel) -> dict[str, str]:
+    """Return the roles without which nothing is learned -> what else a user should know about one."""
+    needed = dict.fromkeys(model.required_roles(), "")
+    if "engine_torque_pct" in needed and config.vehicle.reference_torque_Nm is None:
+        without = "torque in percent means nothing without it: vehicle.reference_torque_Nm can say it instead"
+        needed["reference_torque"] = f", and {without}"
+    if config.gates.brake.assume_when_pedal_released and "accelerator" in config.signals:
+        needed["accelerator"] = ", and gates.brake.assume_when_pedal_released takes that for braking"
+    return needed
+
+
 def why_no_signal(config: Config, counters: Counters, frames: int) -> str:
     """Return which needed signal never had a value in the log's frames, '' when all had."""
     model = LongitudinalModel(config)
-    for role in model.required_roles():
+    for role, more in needed_roles(config, model).items():
         if not _valid(counters, role):
-            return f"{describe(config, role)} {_absence(config, counters, role, frames)}"
-    if "engine_torque_pct" in model.required_roles() and config.vehicle.reference_torque_Nm is None:
-        role = "reference_torque"
-        if not _valid(counters, role):
-            return (
-                f"{describe(config, role)} {_absence(config, counters, role, frames)}, and torque in percent "
-                "means nothing without it: vehicle.reference_torque_Nm can say it instead"
-            )
+            return f"{describe(config, role)} {_absence(config, counters, role, frames)}{more}"
     if not any(_valid(counters, role) for role in model.speed_roles):
         told = [f"{describe(config, r)} {_absence(config, counters, r, frames)}" for r in model.speed_roles]
         return "no speed: " + "; ".join(told)
@@ -121,9 +125,9 @@ def _lacking_column(run: LogRun) -> str:
             return f"{describe(run.config, role)} holds no number in any of {run.reader.frames:,} rows"
         return ""
 
-    for role in model.required_roles():
+    for role, more in needed_roles(run.config, model).items():
         reason = dead(role)
         if reason:
-            return reason
+            return reason + more
     speeds = [dead(role) for role in model.speed_roles]
     return "" if "" in speeds else "no speed: " + "; ".join(speeds)

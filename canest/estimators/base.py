@@ -57,6 +57,10 @@ class Estimator(ABC):
         """Return why this estimator cannot work with this vehicle's signals ('' when it can)."""
         return ""
 
+    def doubts(self) -> str:
+        """Return what the samples have to say against the vehicle's facts, one sentence ('' for nothing)."""
+        return ""
+
     def snapshot(self) -> dict[str, Any]:
         """Return what is worth keeping over a restart: at least mass_kg, mass_std_kg (JSON types)."""
         return {}

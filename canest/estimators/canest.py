@@ -14,7 +14,7 @@ from canest.estimators import canest_kernel as kernel
 from canest.estimators import canest_output as output
 from canest.estimators import canest_states as at
 from canest.estimators.base import Estimator
-from canest.estimators.canest_prior import prior_of
+from canest.estimators.canest_prior import LOUDEST, prior_of
 from canest.estimators.canest_roads import CURVED_M, STRAIGHT_M
 from canest.estimators.canest_windows import COLUMNS, SHIFT, Windows
 from canest.estimators.columns import give, state_in, state_out
@@ -115,6 +115,7 @@ class Canest(Estimator):
             axle_P,
             memory,
             *give(np.array(self._prior.std), np.array(self._prior.noise_floor)),
+            LOUDEST * self._prior.noise_start[0],
             self._prior.torque_std_Nm,
             self.facts.mass_min_kg,
             self.facts.mass_max_kg,
@@ -160,6 +161,17 @@ class Canest(Estimator):
                 np.where(learned, column, np.nan) for column in (mass, mass_std, grade, grade_std)
             )
         return EstimateBlock(mass, mass_std, grade, grade_std, status)
+
+    def doubts(self) -> str:
+        """Return whether the mass presses against one of its bounds."""
+        u, beyond = self._memory[at.HELD_U], self._memory[at.PRESSED]
+        if abs(beyond) <= VALID_SHARE * u:
+            return ""
+        bound, is_so = ("mass_max_kg", "heavier") if beyond > 0.0 else ("mass_min_kg", "lighter")
+        return (
+            f"the driving says that the vehicle is {is_so} than vehicle.{bound} = "
+            f"{getattr(self.facts, bound):,.0f} kg: the bound is wrong, or torque, ratio or wheel radius are"
+        )
 
     def snapshot(self) -> dict[str, Any]:
         """Return the mass with its std, and how well the innovations behave."""

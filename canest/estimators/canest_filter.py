@@ -147,14 +147,18 @@ def correct(
 
 
 @fast.kernel
-def hold_within(x: Container, P: Container, i: int, least: float, most: float) -> None:
-    """Move state i back between its bounds, and with it what is correlated (parameter projection)."""
-    beyond = min(max(x[i], least), most) - x[i]
+def hold_within(x: Container, P: Container, i: int, least: float, most: float) -> float:
+    """Move state i back between its bounds, and with it what is correlated (parameter projection).
+
+    Returns how far it was moved.
+    """
+    beyond: float = min(max(x[i], least), most) - x[i]
     if beyond != 0.0 and P[i][i] > 0.0:
         share = beyond / P[i][i]
         for j in range(len(x)):
             x[j] += share * P[i][j]
         x[i] = min(max(x[i], least), most)
+    return beyond
 
 
 @fast.kernel

@@ -70,6 +70,7 @@ from canest.estimators.canest_states import (
     OUT_U,
     OUT_U_VAR,
     PITCH,
+    PRESSED,
     SENSE_LAG,
     SENSED_VAR,
     SINCE,
@@ -132,6 +133,7 @@ def run(
     memory: Container,
     prior: Container,
     floors: Container,
+    loudest: float,
     torque_std: float,
     lightest: float,
     heaviest: float,
@@ -141,7 +143,8 @@ def run(
     """Filter n windows, the rows of `canest_windows.COLUMNS`; out[k] holds what is known after window k.
 
     X, PP, weight: states, covariances and probability of the filter for each kind of road. y, Y: the undriven
-    axle's own. lightest, heaviest: bounds of the mass. w: scratch, as long as a state vector.
+    axle's own. loudest: most that a speed's noise can be, std. lightest, heaviest: bounds of the mass.
+    w: scratch, as long as a state vector.
     """
     gap_s, distance, before, before_N = windows[0], windows[1], windows[2], windows[3]
     before_rate, speed, force, traction = windows[4], windows[5], windows[6], windows[7]
@@ -204,7 +207,7 @@ def run(
         climbs = altitude[k] == altitude[k]
         # -- each filter by itself
         odds = 0.0  # log-likelihood of a straight less that of a curve
-        speed_surplus = sensed_surplus = bias = nis = 0.0
+        speed_surplus = sensed_surplus = bias = nis = pressed = settles = 0.0
         for m in (STRAIGHT, CURVED):
             x, P = X[m], PP[m]
             told = 0.0
@@ -235,6 +238,7 @@ def run(
                 jitter = inverse * traction_rate[k] * _JITTER_S
                 z = v + J * (v - calm) * x[U]
                 r = (speed_var + jitter * jitter) * whole * whole
+                unsure = P[U][U]
                 e, s = correct(
                     x, P, w, 0, z, r,
                     Q, 1.0, DELAY, late * whole, SLIP, calm * t * whole, U, -J * calm, Q, 0.0,
@@ -248,7 +252,8 @@ def run(
                         SLIP, 1.0, Q, 0.0, Q, 0.0, Q, 0.0, Q, 0.0,
                     )  # fmt: skip
                 # or an endless mass on a straight road would explain every cruise
-                hold_within(x, P, U, lowest, highest)
+                settles += weight[m] * min(P[U][U] / unsure, 1.0)
+                pressed += weight[m] * hold_within(x, P, U, lowest, highest)
             elif retarding[k] > 0.0:
                 share = _RETARDER_SHARE * x[U] * force[k]
                 r = 2.0 * speed_var / (WINDOW_S * WINDOW_S) + _RETARDER_WINDOWS * share * share
@@ -290,10 +295,13 @@ def run(
             nis += share * found2
         # -- what they learned together
         if is_open:
-            memory[SPEED_VAR] = level(speed_var, speed_surplus, floors[0], memory[COUNT])
+            # what is louder is no noise, but a model that is wrong
+            noise = level(speed_var, speed_surplus, floors[0], memory[COUNT])
+            memory[SPEED_VAR] = min(noise, loudest * loudest)
             if sees:
                 memory[SENSED_VAR] = level(memory[SENSED_VAR], sensed_surplus, floors[1], memory[COUNT])
             memory[LEARNED] = 1.0
+            memory[PRESSED] = settles * memory[PRESSED] + pressed
             pull = max(memory[HELD_U], least) * force[k]
             first = begins and memory[COUNT] == 0.0
             credit(memory, pull, prior[CURVATURE] * calm, first, sensed[k] == sensed[k])
@@ -313,7 +321,8 @@ def run(
         if is_open or memory[HELD_U] == 0.0:
             memory[HELD_U] = c[U] + p * apart
         row[OUT_U] = memory[HELD_U]
-        row[OUT_U_VAR] = C[U][U] + p * (B[U][U] - C[U][U]) + p * (1.0 - p) * apart * apart
+        beyond = memory[PRESSED]
+        row[OUT_U_VAR] = C[U][U] + p * (B[U][U] - C[U][U]) + p * (1.0 - p) * apart * apart + beyond * beyond
         grade_var = C[GRADE][GRADE] + p * (B[GRADE][GRADE] - C[GRADE][GRADE])
         grade_var += p * (1.0 - p) * steeper * steeper
         seen = seen_var = 0.0

@@ -48,6 +48,8 @@ PITCH_RAD_PER_MPS2, PITCH_STD_RAD_PER_MPS2, PITCH_SHARE_STD = 0.006, 0.006, 0.2
 CAREFUL = 20.0
 #: speed that a driveline's oscillation may leave in one window until the data says how much, m/s
 OSCILLATION_MPS = 0.05
+#: and never more than this many times coarser than it is at first
+LOUDEST = 2.0
 #: grades of roads: std of the grade, and of its change per metre on a crest or in a sag (radii from 2 km)
 GRADE_STD, CURVATURE_STD_1PM = 0.03, 2e-4
 

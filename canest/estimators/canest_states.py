@@ -46,10 +46,11 @@ AXLE_STATES = 3
     LAST_GRADE,  # the filter's in the window before
     LAST_VAR,
     SURPRISED_M,  # travelled since innovations were last one-signed for long
+    PRESSED,  # how far beyond its bounds the inverse mass would be, had nobody held it
     BENT_M,  # travelled in curves, and the sum of their curvature squared, 1/m
     BENT_1PM,
-) = range(29)
-MEMORY = 29
+) = range(30)
+MEMORY = 30
 
 # one window's outputs
 OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S, OUT_EFFORT = range(8)

@@ -130,10 +130,12 @@ class Windows:
         new[_BROKEN] = 0.0
         needed = new[_NEEDED]
         if len(block) and not (np.abs(extremes(needed)) <= _MOST).all():  # NaN is not either
-            broken = ~(np.abs(needed) <= _MOST).all(axis=0)
-            new[_BROKEN] = broken
-            new[_NEEDED, broken] = 0.0
-            new[_SENSED, broken] = np.nan
+            sound = np.abs(needed) <= _MOST
+            new[_BROKEN] = ~sound.all(axis=0)
+            needed[~sound] = 0.0
+            motionless = ~(sound[_SPEED - _NEEDED.start] & sound[_ACCEL - _NEEDED.start])
+            new[_SENSED, motionless] = np.nan
+            broken = new[_BROKEN] > 0.0
             new[_GATE, broken] = np.where(new[_GATE, broken] == Gate.OPEN, Gate.INVALID, new[_GATE, broken])
         return rows
 

@@ -151,7 +151,7 @@ class EkfBase(ChunkedEstimator):
         self.options: Any = parse(self.Options, options)
         low2, high2 = theta2_range(self.options.grade_limit)
         self.box = Box((1.0 / facts.mass_max_kg, low2), (1.0 / facts.mass_min_kg, high2))
-        self._tracker = StatusTracker()
+        self._tracker = StatusTracker(bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
         self._confirmed = self._before = False
         self._begin(prior_mass_kg(facts), None)
 

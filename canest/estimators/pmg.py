@@ -63,7 +63,7 @@ class Pmg(ChunkedEstimator):
         o = self.options
         self._pitch = facts.pitch_rad_per_mps2 or 0.0
         self._grade = KinematicGrade(self._pitch, o.buffer_s, o.memory_s, o.calm)
-        self._tracker = StatusTracker()
+        self._tracker = StatusTracker(bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
         self._spread = (facts.mass_max_kg - facts.mass_min_kg) / SQRT12
         self._top = P_LIMIT * (self._spread / PRIOR_NOISE_N) ** 2
         self._held_grade = np.array([[facts.initial_grade or 0.0], [o.grade_limit / SQRT12]])

@@ -74,7 +74,7 @@ class Resistance4(ChunkedEstimator):
         self._pitch = facts.pitch_rad_per_mps2 or 0.0
         self._kinematic = KinematicGrade(self._pitch, o.buffer_s, o.memory_s, o.calm)
         self._outliers = OutlierStage(o.outliers, 5) if o.outliers else None
-        self._tracker = StatusTracker()
+        self._tracker = StatusTracker(bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
         self._spread = (facts.mass_max_kg - facts.mass_min_kg) / SQRT12
         self._held_grade = np.array([[facts.initial_grade or 0.0], [o.grade_limit / SQRT12]])
         self._confirmed = self._seen = False

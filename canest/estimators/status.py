@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,13 +14,24 @@ from canest.vehicle.samples import RATE_HZ, Status
 VALID_RATIO = 0.10
 #: ... for this long (the hover-thrust estimators of flight controllers use the same hold)
 HOLD_S = 2.0
+_ON = 1e-6
 
 
 class StatusTracker:
-    """Counts how long the standard deviation has been small; carries the count over blocks."""
+    """Counts how long the standard deviation has been small; carries the count over blocks.
 
-    def __init__(self, ratio: float = VALID_RATIO, hold_s: float = HOLD_S) -> None:
+    bounds_kg: a mass that was projected onto one of them is no result.
+    """
+
+    def __init__(
+        self,
+        ratio: float = VALID_RATIO,
+        hold_s: float = HOLD_S,
+        bounds_kg: tuple[float, float] = (0.0, math.inf),
+    ) -> None:
         self._ratio, self._hold = ratio, round(hold_s * RATE_HZ)
+        # a little inside: a projected mass lies on the bound but for rounding
+        self._least_kg, self._most_kg = bounds_kg[0] * (1.0 + _ON), bounds_kg[1] * (1.0 - _ON)
         self._run = 0
 
     def update(
@@ -31,6 +44,7 @@ class StatusTracker:
         """
         n = len(mass_kg)
         small = learned & (mass_std_kg <= self._ratio * mass_kg)
+        small &= (mass_kg > self._least_kg) & (mass_kg < self._most_kg)
         index = np.arange(1, n + 1)
         last_large = np.maximum.accumulate(np.where(small, -self._run, index)) if n else index
         run = index - last_large

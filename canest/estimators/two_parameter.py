@@ -97,7 +97,7 @@ class TwoParameter(ChunkedEstimator):
         integrated = self.options.regression == "integrated"
         self._rows = Integrator(self.options.window_s) if integrated else differentiated
         self._outliers = OutlierStage(self.options.outliers, 4) if self.options.outliers else None
-        self._status = StatusTracker()
+        self._status = StatusTracker(bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
         self._batch: list[FloatColumn] = []
         self._held = np.full((4, 1), np.nan)  # theta1, theta2 and their variances, then held as numbers
         self._ready = self._confirmed = False

@@ -114,7 +114,7 @@ def why_not_valid(daemon: Daemon, now_us: int) -> str:
     if status == NOT_AVAILABLE:
         return f"no wanted frame for more than {daemon.config.sampling.hold_s:g} s: the bus is quiet"
     missing = pipeline.estimator.missing() or why_no_signal(daemon.config, counters, counters.frames)
-    if missing:
+    if missing := missing or pipeline.estimator.doubts():
         return missing
     gate = LABELS.get(estimate.gate, "")
     learned_s = pipeline.updated * 0.02

@@ -63,7 +63,8 @@ class Regression:
         """Turn a block of ticks into model samples."""
         raw = self.model.process(grid)
         self.last_columns = c = raw.columns
-        speed, started = self._filtered("speed", raw.speed_mps, raw.usable, grid)
+        moving = np.abs(raw.speed_mps) <= MAX_SPEED_MPS  # known, whatever becomes of the torque
+        speed, started = self._filtered("speed", raw.speed_mps, moving, grid)
         force, _ = self._filtered("force", raw.force_N, raw.usable, grid)
         traction, _ = self._filtered("traction", raw.traction_N, raw.usable, grid)
         before = shifted(speed, self._last_filtered_mps)

@@ -131,6 +131,8 @@ def test_a_load_change_that_nobody_saw_opens_the_mass_again():
     assert abs(before.error(e)[-1]) < 0.03
     later = replace(after.block, t_us=after.block.t_us + before.block.t_us[-1] + 20_000)
     e = estimator.update(later)
+    # no noise is loud enough to explain a truck of twice the mass for long
+    assert (np.abs(after.error(e)[30 * 50 :]) < 0.1).all()
     assert abs(after.error(e)[-1]) < 0.06
     assert abs(after.error(e)[-1]) * 32_000.0 < 2 * e.mass_std_kg[-1]
 
@@ -235,6 +237,43 @@ def test_a_filter_that_has_just_begun_tells_nothing_of_the_road():
     _, seen = run(replace_block(drive, gate=gate))
     _, unseen = run(replace_block(drive, gate=blind))
     np.testing.assert_array_equal(seen.grade, unseen.grade)
+
+
+@pytest.mark.parametrize("accelerometer", [False, True])
+def test_a_force_that_is_lost_leaves_distance_and_accelerometer(accelerometer):
+    """The gear is unknown for twenty seconds: the road goes on, and nobody claims to know it as well."""
+    drive = trip(160, accelerometer=accelerometer)
+    lost = slice(5000, 6000)
+    per_torque = drive.block.force_per_torque_1pm.copy()
+    per_torque[lost] = np.nan
+    gate = drive.block.gate.copy()
+    gate[lost] = Gate.INVALID
+    _, e = run(replace_block(drive, force_per_torque_1pm=per_torque, gate=gate))
+    z = (e.grade - drive.grade)[lost] / e.grade_std[lost]
+    assert np.mean(np.abs(z) <= 3.0) > 0.95
+    assert np.sqrt(np.mean(degrees(drive, e)[lost] ** 2)) < (0.1 if accelerometer else 1.0)
+    if not accelerometer:
+        assert e.grade_std[5999] > 3 * e.grade_std[4999]
+
+
+@pytest.mark.parametrize(("least", "most"), [(7_000.0, 18_000.0), (25_000.0, 40_000.0)])
+def test_a_mass_outside_its_bounds_is_doubted(least, most):
+    facts = replace(FACTS, mass_min_kg=least, mass_max_kg=most)
+    drive = trip(150)
+    estimator, e = run(drive, facts=facts)
+    bound = most if most < 21_000.0 else least
+    assert e.mass_kg[-1] == pytest.approx(bound, rel=1e-3)
+    later = slice(3000, None)
+    assert (e.status[later] == Status.CONVERGING).all()
+    assert np.mean(np.abs(e.mass_kg - 21_000.0)[later] < 3 * e.mass_std_kg[later]) > 0.98
+    assert f"{bound:,.0f} kg" in estimator.doubts()
+
+
+@pytest.mark.parametrize(("least", "most"), [(7_000.0, 21_000.0), (21_000.0, 40_000.0)])
+def test_a_mass_on_its_bound_is_not(least, most):
+    estimator, e = run(trip(150), facts=replace(FACTS, mass_min_kg=least, mass_max_kg=most))
+    assert (e.status[4000:] == Status.VALID).all()
+    assert estimator.doubts() == ""
 
 
 def test_altitude_steadies_the_grade_where_nothing_else_tells():

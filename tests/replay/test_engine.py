@@ -190,6 +190,14 @@ class TestBadInput:
         assert reason.startswith("reference_torque")
         assert "vehicle.reference_torque_Nm can say it instead" in reason
 
+    def test_a_pedal_that_stands_for_the_brake_and_is_not_there_is_the_reason(self, tmp_path):
+        path = tmp_path / "trip.csv"
+        rows = [f"{n / 10},{36 + n / 100},{100 + n % 7},20" for n in range(600)]
+        path.write_text("t_s,v_kmh,motor_Nm,ambient_C\n" + "\n".join(rows))
+        reason = replay(path, load_config("bmw-i3")).summary["reason"]
+        assert reason.startswith("accelerator ")
+        assert "gates.brake.assume_when_pedal_released" in reason
+
     def test_truncated_archive_gives_what_it_holds(self, tmp_path):
         path = tmp_path / "cut.log.xz"
         path.write_bytes(KENWORTH.read_bytes()[:-40_000])

@@ -21,6 +21,7 @@ from vehicle_helpers import (
     ticks,
 )
 
+from canest.gates import Gate
 from canest.vehicle.regression import Regression
 from canest.vehicle.samples import GRAVITY_MPS2, STEP_S
 
@@ -98,6 +99,23 @@ def test_damage_leaves_no_trace_in_the_filters(role: str, damage: float) -> None
     assert np.isnan(block.accelerometer_mps2[50:60]).all() == (role == "longitudinal_accel")
     if role in ROLES and not math.isnan(damage):  # without a speed of its own it takes the undriven one
         assert (block.gate[50:60] != 0).all()
+
+
+def test_a_lost_torque_stops_neither_speed_nor_acceleration() -> None:
+    """An accelerometer less an acceleration that has stopped with the torque would be read as a hill."""
+    speed = 15 + 0.5 * np.arange(400) * STEP_S
+    torque = np.full(400, 500.0)
+    torque[100:300] = math.nan
+    roles = (*ROLES, "longitudinal_accel")
+    values = {"engine_torque": torque, "vehicle_speed": speed, "longitudinal_accel": 0.5}
+    whole = Regression(config(roles, vehicle=FIXED_GEAR)).process(
+        ticks(values | {"engine_torque": 500.0}, 400)
+    )
+    lost = Regression(config(roles, vehicle=FIXED_GEAR)).process(ticks(values, 400))
+    np.testing.assert_array_equal(lost.speed_mps, whole.speed_mps)
+    np.testing.assert_array_equal(lost.accel_mps2, whole.accel_mps2)
+    assert lost.ax_ok.all()
+    assert (lost.gate[100:300] == Gate.INVALID).all()
 
 
 def test_standing_and_what_is_not_measured() -> None:
