@@ -42,8 +42,8 @@ class Comparison:
 
     table: {"estimators": {NAME: {mass_end_pct, mass_rms_pct, mass_max_pct, grade_rms_deg, to_5pct_s,
     ns_per_sample, note}}, "default": NAME, "compiled": bool}; None where a number does not apply.
-    estimates: NAME -> its estimates, one row per 50 Hz sample. true_mass_kg, true_grade: (n,), NaN where
-    unknown. speed_mps: (n,), filtered.
+    estimates: NAME -> its estimates, one row per 50 Hz sample. true_mass_kg, true_grade, speed_mps
+    (unfiltered): (n,), NaN where unknown.
     """
 
     table: dict[str, Any]
@@ -105,7 +105,7 @@ def compare(
         "default": chosen.name,
         "compiled": fast.enabled(),
     }
-    speed = np.concatenate([b.speed_mps for b in blocks]) if blocks else np.empty(0)
+    speed = np.concatenate([b.raw_speed_mps for b in blocks]) if blocks else np.empty(0)
     return Comparison(table, estimates, true_mass, true_grade, speed)
 
 

@@ -64,8 +64,10 @@ def command(
     config = load(config_name, overrides, estimator, initial_mass)
     from canest.check import Doctor
     from canest.cli.keep import config_files, keep_apart
+    from canest.live.link import require_interface
 
     keep_apart([*config_files(config_name, config), ("the log", log)], [("--json", json_path)])
+    require_interface(config)
     doctor = Doctor(config)
     if log is None and not live:
         if json_path is not None:
@@ -125,13 +127,15 @@ def _heard(report: Report) -> str:
 
 
 def _listen(config: Config, seconds: float) -> Iterator[FrameBlock]:
-    """Yield what the bus carries; nothing is sent."""
+    """Yield what the bus carries; nothing is sent. Errors: ConfigError, BusError (never there)."""
     import time
 
     from canest.cli.progress import Share
+    from canest.errors import BusError
     from canest.frames import EXTENDED
-    from canest.live.link import open_link
+    from canest.live.link import open_link, require_frames
 
+    require_frames(config)
     everything = [(0, 0), (EXTENDED, EXTENDED)]
     receiver, _ = open_link(config.bus, everything, transmit=False)
     begin = time.monotonic()
@@ -141,6 +145,9 @@ def _listen(config: Config, seconds: float) -> Iterator[FrameBlock]:
                 time.sleep(0.02)
                 yield receiver.drain().frames
                 share.update(passed / seconds)
+        if not receiver.opened:
+            bus = f"{config.bus.interface}:{config.bus.channel}"
+            raise BusError(f"could not be opened in {seconds:g} s ({receiver.reason})", where=bus)
     finally:
         receiver.close()
 

@@ -32,7 +32,7 @@ def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: 
 
     from canest.config.schema import Broadcast, Bus
     from canest.decode import j1939
-    from canest.live.link import open_link
+    from canest.live.link import open_link, require_interface
     from canest.live.view import LiveView
 
     config = load(config_name) if config_name is not None else None
@@ -42,6 +42,8 @@ def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: 
         if not colon or not channel:
             raise click.UsageError(f"found {bus!r}, expected INTERFACE:CHANNEL, e.g. socketcan:vcan0")
         section = Bus(interface=interface, channel=channel)
+    elif config is not None:
+        require_interface(config)
     group = config.broadcast.pgn if config is not None else Broadcast().pgn
     if pgn is not None:
         try:

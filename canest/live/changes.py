@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canest.live.impostors import contested
-from canest.live.snapshot import sender_name
+from canest.live.snapshot import bus_state, sender_name
 
 if TYPE_CHECKING:
     from canest.live.daemon import Daemon
@@ -24,7 +24,7 @@ class Changes:
     def tell(self, now_us: int) -> None:
         """Look at everything worth a line in the journal."""
         daemon = self._daemon
-        self._tell("bus", daemon.receiver.state, bad=daemon.receiver.state != "up")
+        self._tell("bus", bus_state(daemon), bad=daemon.receiver.state != "up")
         silence, address = daemon.node.silence(now_us), daemon.node.address
         speaks = silence or f"on from address {address:#04x}"
         self._tell("broadcast", speaks, bad=daemon.node.group_is_taken)

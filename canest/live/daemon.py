@@ -27,7 +27,7 @@ from canest.live.estimate_frame import Estimate
 from canest.live.files import Background
 from canest.live.impostors import Paces
 from canest.live.journal import Journal
-from canest.live.link import Receiver, may_transmit, open_link
+from canest.live.link import Receiver, may_transmit, open_link, require_frames, require_interface
 from canest.live.memory import Memory
 from canest.live.node import Node
 from canest.live.notify import Notifier
@@ -257,6 +257,8 @@ class Daemon:
     # -- beginning, reload, end ---------------------------------------------------------------------
 
     def _join(self, config: Config, pipeline: Pipeline) -> tuple[Receiver, Node]:
+        require_frames(config)
+        require_interface(config)
         watch = BusWatch(config.broadcast.pgn)
         filters = sorted({*pipeline.decoder.can_filters(), *watch.filters()})
         receiver, transmitter = open_link(

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
-from canest.config.schema import Broadcast, Bus
+from canest.config.schema import Broadcast, Bus, Config
+from canest.errors import ConfigError
 from canest.live.kernel_drain import Drained
 
 Filters = Sequence[tuple[int, int]]  #: (id, mask) with flags, as in Linux' struct can_filter
@@ -21,11 +22,14 @@ _VIRTUAL_INTERFACES = frozenset({"virtual", "udp_multicast"})
 class Receiver(Protocol):
     """The receiving half of a bus. It has no way to send: a listen-only daemon holds nothing else.
 
-    state: "up", "down", "absent", "error-passive" or "bus-off". opened: how often the interface has been
-    opened (a change means: another bus may be behind it). counters: what happened, by name.
+    state: "up", "down", "absent", "error-passive" or "bus-off".
+    reason: why it is absent, as the system or the driver says it; '' when nobody said, or it is there.
+    opened: how often the interface has been opened (a change means: another bus may be behind it).
+    counters: what happened, by name.
     """
 
     state: str
+    reason: str
     opened: int
     counters: Counter[str]
 
@@ -66,6 +70,36 @@ def may_transmit(bus: Bus, broadcast: Broadcast) -> bool:
     if broadcast.listen_only:
         return False
     return is_virtual(bus) if broadcast.enabled is None else broadcast.enabled
+
+
+def require_interface(config: Config) -> None:
+    """Refuse an interface that python-can does not know. Errors: ConfigError with the nearest names."""
+    name = config.bus.interface
+    if name == "socketcan" or name in _VIRTUAL_INTERFACES:
+        return  # python-can takes its time to import, and has nothing to say about these
+    from difflib import get_close_matches
+
+    from canest.live.pythoncan import INTERFACES
+
+    if name not in INTERFACES:
+        near = get_close_matches(name.lower(), INTERFACES, n=3, cutoff=0.5)
+        raise ConfigError(
+            "unknown interface",
+            where=config.at("bus.interface"),
+            found=name,
+            expected="an interface of python-can, "
+            + ("perhaps " + " or ".join(near) if near else "one of " + ", ".join(sorted(INTERFACES))),
+        )
+
+
+def require_frames(config: Config) -> None:
+    """Refuse a config that would wait on a bus for ever. Errors: ConfigError."""
+    if all(source.column is not None for source in config.signals.values()):
+        raise ConfigError(
+            "the config maps only table columns, and a bus carries frames",
+            where=config.at("signals"),
+            expected="roles with message: and signal: of a DBC",
+        )
 
 
 def open_link(bus: Bus, filters: Filters, *, transmit: bool) -> tuple[Receiver, Transmitter | None]:

@@ -55,7 +55,7 @@ def samples(snapshot: dict[str, Any]) -> Iterator[Sample]:
         yield "canest_status", {"status": status}, float(estimate["status"] == status)
     yield "canest_bus_up", {}, float(bus["state"] in ("up", "error-passive"))
     yield "canest_bus_frames_total", {}, bus["frames"]
-    known = {"interface", "channel", "state", "frames_per_s", "frames", "wanted"}
+    known = {"interface", "channel", "state", "reason", "frames_per_s", "frames", "wanted"}
     for event, count in bus.items():
         if event not in known:
             yield "canest_bus_events_total", {"event": event}, count

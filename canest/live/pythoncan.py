@@ -6,6 +6,7 @@ and hears nothing. Here the loop itself reads, and whatever goes wrong leads to 
 
 from __future__ import annotations
 
+import logging
 import re
 import sys
 import time
@@ -29,6 +30,11 @@ finally:
     if _HIDDEN:
         del sys.modules["asammdf"]
 
+# A bus whose constructor has failed is complained of by its destructor, at every attempt to open it. The
+# exception of the constructor says more, and is told once.
+logging.getLogger("can.bus").addFilter(lambda record: "not properly shut down" not in record.msg)
+
+INTERFACES = can.VALID_INTERFACES  #: names, those of installed plugins too
 GUARD_US = 20_000  #: drivers hand a frame over this long after its stamp at the latest
 _IDS_REMEMBERED = 4096  #: a bus has some hundreds of identifiers, noise has millions
 _MAX_FRAMES = 4096  #: per drain, so that a flood cannot keep a tick from ending
@@ -51,7 +57,7 @@ class PythonCanReceiver:
         # python-can's own filters make recv(0) say "nothing there" for every frame they refuse
         self._filters = [(i & m, m) for i, m in filters]
         self._wanted: dict[int, bool] = {}
-        self.state = "absent"
+        self.state, self.reason = "absent", ""
         self.opened = 0
         self.counters: Counter[str] = Counter()
         self._bus: can.BusABC | None = None
@@ -132,12 +138,13 @@ class PythonCanReceiver:
             )
         except (can.CanInterfaceNotImplementedError, ImportError):
             raise
-        except Exception:  # drivers raise anything when a device is not there
+        except Exception as error:  # drivers raise anything when a device is not there
+            self.reason = _words_of(error)
             self.counters["open_failed"] += 1
             self._retry_at_s = time.monotonic() + REOPEN_S
             return
         self.opened += 1
-        self.state = "up"
+        self.state, self.reason = "up", ""
 
     def _reopen(self) -> None:
         if time.monotonic() >= self._retry_at_s:
@@ -148,6 +155,7 @@ class PythonCanReceiver:
         self.counters[f"receive_{kind}"] += 1
         self.counters["interface_lost"] += 1
         self.close()
+        self.reason = _words_of(error)
         self._retry_at_s = time.monotonic() + REOPEN_S
 
 
@@ -176,6 +184,13 @@ class PythonCanTransmitter:
         if self._receiver._echoes is not None:
             self._receiver._echoes.append((can_id, payload))
         return True
+
+
+def _words_of(error: Exception) -> str:
+    text = (error.strerror if isinstance(error, OSError) else "") or str(error)
+    # what is neither of the system nor of python-can is a driver that stumbles: its kind tells half of it
+    kind = "" if text and isinstance(error, OSError | can.CanError) else type(error).__name__
+    return ": ".join(part for part in (kind, " ".join(text.split())) if part)
 
 
 def _row(message: can.Message) -> tuple[int, int, bytes]:

@@ -32,6 +32,7 @@ def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
             "interface": daemon.config.bus.interface,
             "channel": daemon.config.bus.channel,
             "state": receiver.state,
+            "reason": receiver.reason,
             "frames_per_s": round(daemon.rates.frames_per_s, 1),
             "frames": counters.frames,
             "wanted": counters.wanted,
@@ -106,7 +107,7 @@ def why_not_valid(daemon: Daemon, now_us: int) -> str:
     if status == "valid":
         return ""
     if daemon.receiver.state not in ("up", "error-passive"):
-        return f"the bus {daemon.config.bus.channel} is {daemon.receiver.state}"
+        return f"the bus {daemon.config.bus.channel} is {bus_state(daemon)}"
     counters = pipeline.decoder.counters
     if not counters.frames:
         return f"nothing has been heard on {daemon.config.bus.channel} yet"
@@ -119,6 +120,12 @@ def why_not_valid(daemon: Daemon, now_us: int) -> str:
     learned_s = pipeline.updated * 0.02
     text = f"learned from {learned_s:.1f} s of driving so far"
     return f"{text}; now held back by the gate {gate}" if gate else text
+
+
+def bus_state(daemon: Daemon) -> str:
+    """Return the state of the bus, with the reason where there is one."""
+    state, reason = daemon.receiver.state, daemon.receiver.reason
+    return f"{state}: {reason}" if reason else state
 
 
 def one_line(daemon: Daemon, now_us: int) -> str:

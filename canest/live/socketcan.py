@@ -57,7 +57,7 @@ class SocketCanReceiver:
         if len(filters) > _MAX_FILTERS:
             raise BusError("too many filters", found=len(filters), expected=f"at most {_MAX_FILTERS}")
         self.channel, self._filters = channel, list(filters)
-        self.state = "absent"
+        self.state, self.reason = "absent", ""
         self.opened = 0
         self.counters: Counter[str] = Counter()
         self._socket: socket.socket | None = None
@@ -142,12 +142,14 @@ class SocketCanReceiver:
                     expected="a Linux kernel with CONFIG_CAN (modprobe can-raw), or another bus.interface",
                 ) from error
             self.counters["open_failed"] += 1
+            self.reason = error.strerror or str(error)
             return
         self._socket, self._drain = sock, KernelDrain(sock)
         granted = sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         self._room = min(granted // _BYTES_PER_FRAME, SLOTS)
         self._index = self._index_of_interface()
         self.opened += 1
+        self.reason = ""
         self.state = "up" if self._is_up() else "down"
 
     def _open_socket(self) -> socket.socket:
@@ -188,6 +190,7 @@ class SocketCanReceiver:
             if self._index is not None:
                 self.counters["interface_lost"] += 1
             self.close()
+            self.reason = error.strerror or str(error)
         self._look_at_s = 0.0
 
     def _note_errors(self, frames: FrameBlock) -> None:

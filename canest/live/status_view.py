@@ -11,6 +11,7 @@ _QUIET = frozenset({"late_frames", "opened"})
 def show(snapshot: dict[str, Any], verbose: bool = False) -> None:
     """Print one snapshot."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     console = Console(highlight=False)
@@ -18,7 +19,7 @@ def show(snapshot: dict[str, Any], verbose: bool = False) -> None:
     table.add_column(style="dim")
     table.add_column()
     for name, value in rows(snapshot, verbose):
-        table.add_row(name, value)
+        table.add_row(name, escape(value))
     colour = _COLOURS.get(snapshot["estimate"]["status"], "red")
     console.print(
         f"[bold]{snapshot['vehicle']}[/bold] on {snapshot['bus']['channel']}: "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -22,9 +23,9 @@ Column = NDArray[Any]
 
 
 def numbers(values: Column, digits: int) -> list[float | None]:
-    """Return JSON numbers rounded to ``digits`` decimals, null for NaN."""
+    """Return JSON numbers rounded to ``digits`` decimals, null for what is no number."""
     rounded = np.round(np.asarray(values, np.float64), digits)
-    return [None if v != v else v for v in rounded.tolist()]  # noqa: PLR0124 - NaN
+    return [v if math.isfinite(v) else None for v in rounded.tolist()]
 
 
 class Rows:
@@ -147,6 +148,21 @@ class Rows:
         })  # fmt: skip
         return f"y{number}"
 
+    def _mark_empty_rows(self) -> None:
+        """Write into rows without a single value that there is none; their scale would mean nothing."""
+        filled = {trace["yaxis"] for trace in self.traces if any(y is not None for y in trace["y"])}
+        notes: list[dict[str, Any]] = []
+        self.layout["annotations"] = notes
+        for row in range(1, self.rows + 1):
+            if self._at(row)["yaxis"] in filled:
+                continue
+            axis = self.axis(row)
+            axis["showticklabels"] = axis["showgrid"] = False
+            notes.append({
+                "text": "no values", "showarrow": False, "font": {"color": MUTED}, "xref": "paper", "x": 0.5,
+                "yref": "paper", "y": sum(axis["domain"]) / 2, "yanchor": "middle",
+            })  # fmt: skip
+
     def _at(self, row: int) -> dict[str, str]:
         key = str(row) if row > 1 else ""
         return {"xaxis": f"x{key}", "yaxis": f"y{key}"}
@@ -154,6 +170,7 @@ class Rows:
     def to_json(self) -> str:
         """Return the figure as JSON that may stand inside a script element (see `page.html.j2`)."""
         # curves over one time axis share it: written once, named by its place in `shared`
+        self._mark_empty_rows()
         shared: list[Any] = []
         places: dict[int, int] = {}
         data = []

@@ -14,7 +14,8 @@ FIRST_STRIDE = 10
 EDGES_MAX = 20_000
 
 COLUMNS = (
-    "speed_mps", "accel_mps2", "force_N", "traction_N", "aero_N", "mu", "force_per_torque_1pm",
+    "raw_speed_mps", "raw_torque_Nm", "raw_force_N", "accel_mps2", "force_N", "traction_N", "mu",
+    "force_per_torque_1pm",
     "mass_kg", "mass_std_kg", "grade", "grade_std", "status", "gate",
 )  # fmt: skip
 

@@ -17,6 +17,7 @@ from canest.report.gates import OPEN_COLOUR, spans_of
 from canest.report.gates import look as gate_look
 from canest.report.page import Card, Page, Section, Table
 from canest.report.recorder import Recorder, residual_N
+from canest.vehicle.model import LongitudinalModel
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -113,8 +114,8 @@ def _drive(
     stamps, t, columns = _with_gaps(stamps, t, columns)
     x = numbers(t, 2)
     rows = Rows(
-        ["mass, t", "grade, %", "speed, km/h", "gear", "force, kN", "residual, kN"],
-        [1.5, 1.3, 0.9, 0.45, 0.9, 0.8],
+        ["mass, t", "grade, %", "speed, km/h", "torque, N m", "gear", "force, kN", "residual, kN"],
+        [1.5, 1.3, 0.9, 0.9, 0.45, 0.9, 0.8],
         "seconds since the start",
     )
     mass_true, grade_true = score.truth_at(stamps) if score is not None else (None, None)
@@ -125,22 +126,16 @@ def _drive(
     _estimate(rows, 2, x, columns["grade"] * 1e2, columns["grade_std"] * 1e2, "grade", look.GREEN, 3, "%")
     if grade_true is not None and np.isfinite(grade_true).any():
         rows.line(2, x, numbers(grade_true * 1e2, 3), "true grade", look.INK, dash="dash", hover="%{y:.2f} %")
-    rows.line(3, x, numbers(columns["speed_mps"] * 3.6, 2), "speed", look.ORANGE, hover="%{y:.1f} km/h")
-    gear = _gear(columns["force_per_torque_1pm"], config)
-    rows.line(4, x, numbers(gear, 0), "gear", look.MUTED, shape="hv", width=1.3)
-    rows.line(5, x, numbers(columns["traction_N"] / 1e3, 2), "traction", look.VIOLET, width=1.2,
-              hover="%{y:.1f} kN")  # fmt: skip
-    rows.line(5, x, numbers(columns["force_N"] / 1e3, 2), "net force", look.BLUE, width=1.2,
-              hover="%{y:.1f} kN")  # fmt: skip
+    _motion(rows, x, columns, config)
     residual = residual_N(
         columns["mass_kg"], columns["accel_mps2"], columns["grade"], columns["mu"], columns["force_N"]
     )
     residual = np.where(columns["gate"] == 0, residual, np.nan)
-    rows.line(6, x, numbers(residual / 1e3, 3), "residual", look.RED, width=1.0, hover="%{y:.2f} kN")
+    rows.line(7, x, numbers(residual / 1e3, 3), "residual", look.RED, width=1.0, hover="%{y:.2f} kN")
     size = np.abs(residual[np.isfinite(residual)]) / 1e3
     if len(size):
         limit = 1.4 * float(np.percentile(size, 99.5))
-        rows.axis(6)["range"] = [-limit, limit]
+        rows.axis(7)["range"] = [-limit, limit]
     spans = spans_of(recorder.closures(), origin)
     for gate in sorted(spans, key=lambda name: sum(end - first for first, end in spans[name])):
         rows.spans(spans[gate], f"gate: {gate}", gate_look(gate)[0])
@@ -150,6 +145,22 @@ def _drive(
         "knows. The residual is m (a + g sin β + g μ cos β) - F with the estimate of the moment, where open.",
         figure=rows.to_json(),
     )
+
+
+def _motion(rows: Rows, x: list[float | None], columns: dict[str, FloatColumn], config: Config) -> None:
+    """Draw what the model was given, rows 3 to 6; a gap where it is not known."""
+    rows.line(3, x, numbers(columns["raw_speed_mps"] * 3.6, 2), "speed", look.ORANGE, hover="%{y:.1f} km/h")
+    torque = "torque at the wheels" if LongitudinalModel(config).at_wheels else "net engine torque"
+    rows.line(4, x, numbers(columns["raw_torque_Nm"], 0), torque, look.GREEN, width=1.2,
+              hover="%{y:,.0f} N m")  # fmt: skip
+    gear = _gear(columns["force_per_torque_1pm"], config)
+    rows.line(5, x, numbers(gear, 0), "gear", look.MUTED, shape="hv", width=1.3)
+    # the filter repeats the last force where there is none
+    known = np.where(np.isfinite(columns["raw_force_N"]), 1e-3, np.nan)
+    rows.line(6, x, numbers(columns["traction_N"] * known, 2), "traction", look.VIOLET, width=1.2,
+              hover="%{y:.1f} kN")  # fmt: skip
+    rows.line(6, x, numbers(columns["force_N"] * known, 2), "net force", look.BLUE, width=1.2,
+              hover="%{y:.1f} kN")  # fmt: skip
 
 
 def _with_gaps(

@@ -66,6 +66,8 @@ class LongitudinalModel:
         self.roles = frozenset(config.signals)
         self.speed_roles = _speed_roles(config)
         self.torque_role = _torque_role(config)
+        #: the torque is measured at the wheels: crank, gear and efficiency do not matter
+        self.at_wheels = self.torque_role in ("wheel_torque", "half_shaft_torque_left")
         self._stages = {
             stage: [e for e in self.effects if e.stage == stage]
             for stage in ("geometry", "crank", "driveline", "speed", "road")
@@ -88,7 +90,6 @@ class LongitudinalModel:
         if not grid.continues:
             self._last_speed_mps = np.nan
         c = self._columns(grid)
-        at_wheels = self.torque_role in ("wheel_torque", "half_shaft_torque_left")
         geared = c.ratio > 0
         c.ratio = np.where(geared, c.ratio, 0.0)
         self._run("geometry", c)
@@ -97,18 +98,18 @@ class LongitudinalModel:
         self._run("driveline", c)
         # losses always take: a driving engine gives less to the wheels, an overrun one takes more from them
         per_torque = c.ratio / c.radius_m * np.where(c.torque_Nm < 0, 1.0 / c.efficiency, c.efficiency)
-        traction = c.wheel_torque_Nm / c.radius_m if at_wheels else c.torque_Nm * per_torque
+        traction = c.wheel_torque_Nm / c.radius_m if self.at_wheels else c.torque_Nm * per_torque
         c.notes["traction_N"] = traction
         self._speed(c)
         self._run("road", c)
         # torque measured at the wheels has already accelerated everything before them
-        before = 0.0 if at_wheels else c.crank_inertia_kgm2 * c.ratio * c.ratio * c.efficiency
+        before = 0.0 if self.at_wheels else c.crank_inertia_kgm2 * c.ratio * c.ratio * c.efficiency
         rotating = (c.wheel_inertia_kgm2 + before) / c.radius_m**2
         air = c.speed_mps + c.wind_mps
         aero = 0.5 * c.density_kgpm3 * c.drag_area_m2 * air * np.abs(air)
         force = traction - rotating * c.accel_mps2 - aero + c.extra_N
         usable = (np.abs(force) <= MAX_FORCE_N) & (np.abs(c.speed_mps) <= MAX_SPEED_MPS)
-        geared = geared | at_wheels
+        geared = geared | self.at_wheels
         return RawModel(c, c.speed_mps, force, traction, aero, per_torque, rotating, usable, geared)
 
     # -- the steps ---------------------------------------------------------------------------------

@@ -97,6 +97,7 @@ class Regression:
             yaw_rate_radps=c.signals.get("yaw_rate", nothing),
             raw_speed_mps=raw.speed_mps,
             raw_force_N=raw.force_N,
+            raw_torque_Nm=c.wheel_torque_Nm if self.model.at_wheels else c.torque_Nm,
             gate=gate,
             restart=is_open & ~was_open,
             stopped=np.abs(raw.speed_mps) < STANDSTILL_MPS,

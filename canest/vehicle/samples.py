@@ -51,7 +51,10 @@ class ModelBlock:
     slope: measured grade (slope sensor), ratio, filtered; NaN without one.
     altitude_m: altitude as last sent; NaN without.
     yaw_rate_radps: NaN without.
-    raw_speed_mps, raw_force_N: as `speed_mps` and `force_N`, before the Butterworth.
+    raw_speed_mps, raw_force_N: as `speed_mps` and `force_N`, before the Butterworth; NaN where not known
+        (the filtered columns repeat themselves there).
+    raw_torque_Nm: net torque at the crank, or at the wheels where the vehicle measures it there, unfiltered;
+        NaN where not known.
     gate: uint8 code of `canest.gates.Gate`; 0 where the estimator may learn.
     restart: True on a sample whose predecessor was gated or missing (windows and differences start anew).
     stopped: True while the vehicle certainly stands.
@@ -74,6 +77,7 @@ class ModelBlock:
     yaw_rate_radps: FloatColumn
     raw_speed_mps: FloatColumn
     raw_force_N: FloatColumn
+    raw_torque_Nm: FloatColumn
     gate: NDArray[np.uint8]
     restart: BoolColumn
     stopped: BoolColumn

@@ -161,3 +161,16 @@ def test_live_bus(canest):
         thread.join()
     assert role(found, "engine_speed")["verdict"] == "ok"
     assert role(found, "vehicle_speed")["verdict"] == "not found"
+
+
+def test_live_bus_that_never_was_there(canest, monkeypatch):
+    import can
+
+    def absent(**_) -> None:
+        raise OSError(19, "No such device")
+
+    monkeypatch.setattr(can, "Bus", absent)
+    bus = ("--set", "bus.interface=virtual", "--set", "bus.channel=gone")
+    done = canest("check", "-c", "class8", "--live", "--seconds", "0.2", *bus)
+    assert done.code == 1
+    assert done.err == "error: virtual:gone: could not be opened in 0.2 s (No such device)\n"

@@ -122,6 +122,7 @@ def trip(
         yaw_rate_radps=nan,
         raw_speed_mps=measured,
         raw_force_N=reported - aero - ROTATING_KG * accel,
+        raw_torque_Nm=reported / GEAR_1PM,
         gate=gate,
         restart=np.concatenate(([True], (gate[1:] == 0) & (gate[:-1] != 0))),
         stopped=speed < 0.05,

@@ -71,6 +71,7 @@ def drive(
         yaw_rate_radps=nan,
         raw_speed_mps=speed,
         raw_force_N=force,
+        raw_torque_Nm=(force + 500.0) / 10.0,
         gate=gate,
         restart=restart,
         stopped=np.zeros(n, bool),

@@ -45,7 +45,7 @@ class Script:
         self._frames, self._time, self._at = frames, time, 0
         begin_us = int(frames.t_us[0]) if len(frames) else 1_700_000_000_000_000
         self.offset_us = begin_us - time.now_ns // 1000
-        self.state, self.opened, self.counters, self.sent = "up", 1, Counter(), []
+        self.state, self.reason, self.opened, self.counters, self.sent = "up", "", 1, Counter(), []
         self.rest_us = 20_000
 
     def collect(self):

@@ -192,8 +192,11 @@ def test_a_daemon_imports_neither_what_is_heavy_nor_what_cannot_run_hardened(tmp
     [
         (["run"], 2, "-c"),
         (["run", "-c", "no-such-config"], 2, "no-such-config"),
-        (["run", "-c", "vcan", "--set", "bus.interface=nonsense"], 1, "nonsense"),
+        (["run", "-c", "vcan", "--set", "bus.interface=nosuch"], 2, "found 'nosuch'"),
+        (["check", "-c", "vcan", "--set", "bus.interface=pkan"], 2, "perhaps pcan"),
         (["run", "-c", "vcan", "--set", "broadcast.rate_hz=500"], 2, "rate_hz"),
+        (["run", "-c", "bmw-i3"], 2, "signals: the config maps only table columns"),
+        (["check", "--live", "-c", "bmw-i3"], 2, "a bus carries frames"),
         (["status", "--socket", "/no/such/socket"], 1, "no daemon"),
         (["monitor", "can0"], 2, "INTERFACE:CHANNEL"),
         (["monitor", "--pgn", "1"], 2, "proprietary-B"),

@@ -13,7 +13,7 @@ import pytest
 
 from canest.config import load_config
 from canest.decode import j1939
-from canest.errors import BusError, ConfigError
+from canest.errors import ConfigError
 from canest.frames import EXTENDED, FrameBlock
 from canest.live.address_claim import CLAIM_PGN
 from canest.live.daemon import MOST_FAILURES_IN_A_ROW
@@ -212,6 +212,22 @@ def test_the_real_attack_logs_are_survived_and_counted(tmp_path, data, monkeypat
     lost = next(text for name, text in rows_of(unheard) if name == "addresses lost")
     assert lost == "1 times an ECU had to give its own up; no claim of an address was heard"
     assert "addresses-lost-by-others now=1" in rig.log.getvalue()
+
+
+def test_a_bus_that_cannot_be_opened_says_why_once(tmp_path, monkeypatch):
+    from canest.live.snapshot import snapshot
+    from canest.live.status_view import rows as rows_of
+
+    with Rig(monkeypatch, config(tmp_path)) as rig:
+        rig.script.state, rig.script.reason = "absent", "No such device"
+        rig.run(10)
+        told = snapshot(rig.daemon, rig.now_us)
+        assert told["bus"]["reason"] == "No such device"
+        assert ("why not valid", "the bus vcan0 is absent: No such device") in rows_of(told)
+        rig.script.state, rig.script.reason = "up", ""
+        rig.run(2)
+    told = [line for line in rig.log.getvalue().splitlines() if line[3:].startswith("bus ")]
+    assert told == ['<4>bus now="absent: No such device"', "<5>bus now=up"]
 
 
 def test_a_quiet_bus_is_progress_for_the_watchdog(tmp_path, monkeypatch):
@@ -447,7 +463,7 @@ def test_stopping_takes_no_longer_than_a_second_even_with_a_disk_that_hangs(tmp_
 def test_an_impossible_bus_is_one_plain_error(tmp_path):
     from canest.live.daemon import Daemon
 
-    with pytest.raises(BusError):
+    with pytest.raises(ConfigError, match="unknown interface"):
         Daemon(config(tmp_path, "bus.interface=no_such_thing"))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import socket
 import struct
 import time
@@ -190,11 +191,12 @@ def test_an_interface_that_is_absent_is_waited_for():
     try:
         receiver = Interface("can0", [])
         assert receiver.state == "absent" and receiver.opened == 0
+        assert receiver.reason == "No such device"
         assert receiver.drain().reached_us is not None
         receiver.index = 5
         time.sleep(0.03)
         receiver.drain()
-        assert receiver.state == "up" and receiver.opened == 1
+        assert receiver.state == "up" and receiver.opened == 1 and not receiver.reason
         receiver.close()
     finally:
         Interface.index = 1
@@ -439,7 +441,7 @@ def test_an_unplugged_adapter_is_opened_again(virtual):
 
     receiver._bus.recv = unplugged
     assert len(receiver.drain().frames) == 0
-    assert receiver.state == "absent"
+    assert receiver.state == "absent" and receiver.reason == "device removed"
     end = time.monotonic() + 2
     while receiver.state != "up" and time.monotonic() < end:
         receiver.drain()
@@ -447,6 +449,36 @@ def test_an_unplugged_adapter_is_opened_again(virtual):
     other.send(frame(ID))
     assert len(receiver.drain().frames) == 1
     assert receiver.opened == 2 and receiver.counters["interface_lost"] == 1
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (OSError(errno.ENODEV, "No such device"), "No such device"),
+        (can.CanInitializationError("no adapter\n at COM3"), "no adapter at COM3"),
+        (NameError("name 'canOpen' is not defined"), "NameError: name 'canOpen' is not defined"),
+        (OSError(), "OSError"),
+    ],
+)
+def test_a_bus_that_cannot_be_opened_says_why_and_is_tried_again(monkeypatch, caplog, error, reason):
+    class Absent(can.BusABC):
+        def __init__(self, **_):
+            raise error
+
+        def send(self, msg, timeout=None):
+            raise NotImplementedError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(can, "Bus", Absent)
+        receiver, _ = open_link(Bus(interface="virtual", channel="late"), [], transmit=False)
+        error.__traceback__ = None  # it holds the bus that never was
+        gc.collect()
+    assert receiver.state == "absent" and receiver.reason == reason
+    assert "not properly shut down" not in caplog.text
+    receiver._retry_at_s = 0.0
+    receiver.drain()
+    assert receiver.state == "up" and not receiver.reason
+    receiver.close()
 
 
 def test_an_interface_python_can_does_not_know_is_one_plain_error():

@@ -127,16 +127,57 @@ def test_one_small_file_without_outside_references(reports, kind):
     assert not re.search(r"<(script|link|img|iframe)[^>]+(src|href)\s*=", html)
 
 
+def figure_of(report: Path) -> dict:
+    data = re.search(
+        r'<script type="application/json" id="data1">(.*?)</script>', report.read_text(), re.DOTALL
+    )
+    return json.loads(data[1])
+
+
+def curves_of(figure: dict) -> dict[str, list[float | None]]:
+    return {trace["name"]: trace["y"] for trace in figure["data"] if "name" in trace}
+
+
 def test_every_curve_is_there(reports):
-    html = reports["replay"].read_text()
-    data = re.search(r'<script type="application/json" id="data1">(.*?)</script>', html, re.DOTALL)
-    figure = json.loads(data[1])
-    names = {trace.get("name") for trace in figure["data"]}
-    assert {"mass", "true mass", "grade", "true grade", "speed", "gear", "traction", "residual"} <= names
-    assert "gate: shift" in names
+    figure = figure_of(reports["replay"])
+    curves = curves_of(figure)
+    assert {"mass", "true mass", "grade", "true grade", "speed", "net engine torque", "gear"} <= set(curves)
+    assert {"traction", "net force", "residual", "gate: shift"} <= set(curves)
     mass = next(trace for trace in figure["data"] if trace.get("name") == "mass")
     assert len(figure["shared"][mass["x"]]) == len(mass["y"]) > 800
     assert abs(mass["y"][-1] - 21.0) < 2.0
+    torque = [y for y in curves["net engine torque"] if y is not None]
+    assert 1000 < max(torque) < 3000
+    assert figure["layout"]["annotations"] == []
+
+
+def test_torque_measured_at_the_wheels_is_called_so(tmp_path, canest_run):
+    table, report = tmp_path / "drive.csv", tmp_path / "r.html"
+    rows = (f"{i / 10},{5 + i / 100},{200 + i % 30},{200 - i % 30}" for i in range(300))
+    table.write_text("t_s,v,left,right\n" + "\n".join(rows))
+    config = tmp_path / "car.yaml"
+    config.write_text(
+        "vehicle: {mass_min_kg: 1000, mass_max_kg: 2000, wheel_radius_m: 0.35, final_drive: 9.7,"
+        " drag_area_m2: 0.7, rolling_resistance: 0.01}\n"
+        "sampling: {time_column: t_s}\n"
+        "signals: {vehicle_speed: {column: v, unit: m/s}, half_shaft_torque_left: {column: left, unit: Nm},"
+        " half_shaft_torque_right: {column: right, unit: Nm}}\n"
+    )
+    assert canest_run("replay", table, "-c", config, "--report", report) == 0
+    assert set(curves_of(figure_of(report))["torque at the wheels"]) - {None} == {400}
+
+
+def test_what_is_not_known_is_a_gap(tmp_path, canest_run):
+    bike, report = Path(__file__).parents[1] / "data" / "ip332" / "bike.log.xz", tmp_path / "bike.html"
+    assert canest_run("replay", bike, "-c", "class8", "--report", report) == 0
+    curves = curves_of(figure := figure_of(report))
+    # the engine says "not available", the wheels turn
+    for name in ("net engine torque", "gear", "traction", "net force", "residual", "mass"):
+        assert set(curves[name]) <= {None}
+    speeds = [y for y in curves["speed"] if y is not None]
+    assert len(speeds) > 50
+    assert max(speeds) > 1
+    assert len(figure["layout"]["annotations"]) == 6
 
 
 def test_log_without_an_estimate_still_has_a_report(tmp_path, canest_run):
