@@ -64,6 +64,7 @@ def samples(n: int) -> ModelBlock:
         yaw_rate_radps=nan,
         raw_speed_mps=speed,
         raw_force_N=force,
+        raw_torque_Nm=force / 10.0,
         gate=np.zeros(n, np.uint8),
         restart=restart,
         stopped=np.zeros(n, bool),

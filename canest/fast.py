@@ -7,6 +7,7 @@ give the same bits: plain float64 arithmetic, no fastmath, no numpy reductions.
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 from collections.abc import Callable
 from types import FunctionType
@@ -42,7 +43,7 @@ class Kernel:
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        self._source = function
+        self._source: Any = function
         self.__doc__ = function.__doc__
         self.__name__ = function.__name__
         self._interpreted: Callable[..., Any] | None = None
@@ -61,10 +62,28 @@ class Kernel:
         if self._compiled is None:
             import numba
 
-            self._compiled = numba.njit(cache=True, error_model="numpy")(self._bound("compiled"))
+            function = self._bound("compiled")
+            # numba's cache looks at one file's age and at the name: a kernel that another file's change
+            # has changed must not be taken from it
+            function.__qualname__ = (
+                f"{self.__name__}_{hashlib.sha1(self.content().encode()).hexdigest()[:12]}"
+            )
+            self._compiled = numba.njit(cache=True, error_model="numpy")(function)
         return self._compiled
 
-    def _bound(self, form: str) -> Callable[..., Any]:
+    def content(self) -> str:
+        """Return all that the compiled code depends on: its own, numbers, and the kernels that it calls."""
+        code, scope = self._source.__code__, self._source.__globals__
+        parts = [code.co_code.hex(), repr(code.co_consts)]
+        for name in code.co_names:
+            value = scope.get(name)
+            if isinstance(value, Kernel):
+                parts.append(value.content())
+            elif isinstance(value, int | float):
+                parts.append(f"{name}={value!r}")
+        return "\n".join(parts)
+
+    def _bound(self, form: str) -> FunctionType:
         """Return the function with every kernel that it calls replaced by its ``form``."""
         scope: Any = getattr(self._source, "__globals__", {})
         for name, value in list(scope.items()):

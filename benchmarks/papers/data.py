@@ -198,6 +198,7 @@ def from_equation(
         yaw_rate_radps=nan,
         raw_speed_mps=speed,
         raw_force_N=force,
+        raw_torque_Nm=traction / 7.0,
         gate=np.zeros(n, np.uint8),
         restart=restart,
         stopped=np.zeros(n, bool),

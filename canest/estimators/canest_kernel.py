@@ -18,8 +18,7 @@ noise that looks like force which moves nothing, and so like mass (errors in var
 States that a closed gate must not move are only considered (Schmidt): their covariance widens what else is
 learned, their values stay as they are to the last bit.
 
-Plain scalar Python on lists, or the same source compiled on arrays (`canest.fast`). numba's cache looks at
-this file's age only: touch it after a change in a kernel that it calls.
+Plain scalar Python on lists, or the same source compiled on arrays (`canest.fast`).
 """
 
 from __future__ import annotations

@@ -1,0 +1,44 @@
+"""What is compiled once and loaded later is what stands in the source now."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+import pytest
+
+from canest import fast
+
+CALLED = """from canest import fast
+
+GAIN = {gain}
+
+
+@fast.kernel
+def scaled(x):
+    return GAIN * x
+"""
+CALLER = """from canest import fast
+from {called} import scaled
+
+
+@fast.kernel
+def run(x):
+    return scaled(x) + 1.0
+"""
+
+
+@pytest.mark.skipif(not fast.available(), reason="numba is not installed")
+def test_a_change_in_a_kernel_that_another_file_calls_is_seen(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    called, caller = tmp_path / "called_kernel.py", tmp_path / "calling_kernel.py"
+    caller.write_text(CALLER.format(called=called.stem))
+    found = []
+    for gain in (2.0, 30.0):
+        called.write_text(CALLED.format(gain=gain))
+        for name in (called.stem, caller.stem):
+            sys.modules.pop(name, None)
+        importlib.invalidate_caches()
+        run = importlib.import_module(caller.stem).run
+        found.append((run.interpreted(1.0), run.compiled(1.0)))
+    assert found == [(3.0, 3.0), (31.0, 31.0)]
