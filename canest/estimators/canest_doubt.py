@@ -25,14 +25,22 @@ Container = Any  #: list interpreted, array compiled
 #: forces that change within this time are the engine's, not the road's; with an accelerometer, which feels
 #: the road, those that change faster than its bias
 ROAD_S, BIAS_S = 1.0, 10.0
-#: the sharpest crests, in stds of a curvature
-CREST = 2.0
+#: ordinary crests and the sharpest, in stds of a curvature
+ORDINARY, CREST = 0.5, 2.0
 #: memory of the innovations' sign, in windows; one innovation counts for so many stds at most
 SIGN_MEMORY, CLIP = 15.0, 5.0
 #: innovations this one-signed for seconds surprise
 ONE_SIGNED = 1.5
 #: who is surprised again within this distance carries another load, m
 AGAIN_M = 1000.0
+
+
+@fast.kernel
+def steady_hand(memory: Container, pull: float, steepens_1ps: float) -> bool:
+    """Return whether a window's specific force (m/s2) has changed no more than an ordinary crest asks for."""
+    brisk = pull - memory[STEADY_MPS2]
+    crest = ORDINARY * GRAVITY_MPS2 * steepens_1ps * ROAD_S
+    return bool(brisk * brisk < crest * crest)
 
 
 @fast.kernel

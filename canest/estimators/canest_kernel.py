@@ -29,7 +29,7 @@ from typing import Any
 from canest import fast
 from canest.estimators.canest_axle import UNDRIVEN_EVERY, slip_seen
 from canest.estimators.canest_coarse import coarse_grade, surer
-from canest.estimators.canest_doubt import credit, follow, surprise
+from canest.estimators.canest_doubt import credit, follow, steady_hand, surprise
 from canest.estimators.canest_filter import (
     correct,
     hold_within,
@@ -204,6 +204,10 @@ def run(
         if sees:
             memory[UNSEEN] = 0.0
         climbs = altitude[k] == altitude[k]
+        pull = max(weight[STRAIGHT] * X[STRAIGHT][U] + weight[CURVED] * X[CURVED][U], least) * force[k]
+        steepens = prior[CURVATURE] * calm
+        # an accelerometer feels the road that a steady hand follows
+        steady = sensed[k] != sensed[k] and steady_hand(memory, pull, steepens)
         # -- each filter by itself
         odds = 0.0  # log-likelihood of a straight less that of a curve
         speed_surplus = sensed_surplus = bias = nis = pressed = settles = 0.0
@@ -238,10 +242,13 @@ def run(
                 z = v + J * (v - calm) * x[U]
                 r = (speed_var + jitter * jitter) * whole * whole
                 unsure = P[U][U]
+                kept, kept_var = x[U], P[U][U]
                 e, s = correct(
                     x, P, w, 0, z, r,
                     Q, 1.0, DELAY, late * whole, SLIP, calm * t * whole, U, -J * calm, Q, 0.0,
                 )  # fmt: skip
+                if steady:  # force follows the road: it may widen what else is learned, and moves no mass
+                    x[U], P[U][U] = kept, kept_var
                 told += likelihood(e, s)
                 speed_found = surplus(e / whole, s / (whole * whole))
                 found, found2 = e / math.sqrt(s), e * e / s
@@ -301,9 +308,8 @@ def run(
                 memory[SENSED_VAR] = level(memory[SENSED_VAR], sensed_surplus, floors[1], memory[COUNT])
             memory[LEARNED] = 1.0
             memory[PRESSED] = settles * memory[PRESSED] + pressed
-            pull = max(memory[HELD_U], least) * force[k]
             first = begins and memory[COUNT] == 0.0
-            credit(memory, pull, prior[CURVATURE] * calm, first, sensed[k] == sensed[k])
+            credit(memory, pull, steepens, first, sensed[k] == sensed[k])
             tally(memory, bias, nis)
             if t > 0.0:  # in overrun it may as well be a brake that nobody reports
                 follow(memory, bias)

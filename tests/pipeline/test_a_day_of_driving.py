@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import gc
+import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -32,34 +35,42 @@ def descriptors() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
 
 
-@pytest.fixture
-def compiled():
-    """Kernels compiled where numba is installed: the same bits in a fraction of the time."""
-    fast.enable()
-    yield
-    fast.enable(False)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("compiled")
-def test_a_day_leaves_nothing_behind():
+def drive_a_day() -> dict[str, float]:
+    """Return what a day leaves behind, and how much of it was estimated."""
+    fast.enable()  # the same bits in a fraction of the time, where numba is installed
     config = load_config("class8")
     scenario = load_scenario("demo").model_copy(update={"duration_s": float(DRIVE_S)})
     drive = Pipeline(config).decoder.select(simulate(scenario).frames)
     cuts = np.searchsorted(drive.t_us, drive.t_us[0] + 1_000_000 * np.arange(0, DRIVE_S + PIECE_S, PIECE_S))
     pieces = [drive[a:b] for a, b in zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True)]
     lap_s = DRIVE_S + BREAK_S
-    pipeline, before, valid = Pipeline(config), None, 0
+    pipeline, before, valid = Pipeline(config), (0, 0), 0
     for lap in range(DAY_S // lap_s):
-        if before is None and lap * lap_s >= WARM_S:
+        if before == (0, 0) and lap * lap_s >= WARM_S:
             before = resident_kb(), descriptors()
         for piece in pieces:
             t_us = piece.t_us + lap * lap_s * 1_000_000
             e = pipeline.push(FrameBlock(t_us, piece.can_id, piece.length, piece.data))
             valid += int(np.count_nonzero(e.status == Status.VALID))
-    assert descriptors() == before[1]
-    growth_kb = resident_kb() - before[0]
-    print(f"resident memory grew by {growth_kb} kB after the first {WARM_S} s")
-    assert growth_kb < MOST_GROWTH_KB
-    assert pipeline.samples > 0.9 * DAY_S * RATE_HZ
-    assert valid > 0.5 * pipeline.samples
+    return {
+        "descriptors": descriptors() - before[1],
+        "growth_kb": resident_kb() - before[0],
+        "samples": pipeline.samples,
+        "valid": valid,
+    }
+
+
+@pytest.mark.slow
+def test_a_day_leaves_nothing_behind():
+    # in a process of its own: what other tests have left in this one comes and goes
+    done = subprocess.run([sys.executable, __file__], capture_output=True, text=True, check=True)
+    found = json.loads(done.stdout)
+    print(f"resident memory grew by {found['growth_kb']} kB after the first {WARM_S} s")
+    assert found["descriptors"] == 0
+    assert found["growth_kb"] < MOST_GROWTH_KB
+    assert found["samples"] > 0.9 * DAY_S * RATE_HZ
+    assert found["valid"] > 0.5 * found["samples"]
+
+
+if __name__ == "__main__":
+    print(json.dumps(drive_a_day()))
