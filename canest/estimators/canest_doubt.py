@@ -13,8 +13,8 @@ from canest.estimators.canest_states import (
     BIASED,
     EFFORT,
     FELT,
-    SLOW_MPS2,
-    STEADY_MPS2,
+    SLOW_N,
+    STEADY_N,
     SURPRISED_M,
 )
 from canest.estimators.canest_windows import WINDOW_S
@@ -36,27 +36,30 @@ AGAIN_M = 1000.0
 
 
 @fast.kernel
-def steady_hand(memory: Container, pull: float, steepens_1ps: float) -> bool:
-    """Return whether a window's specific force (m/s2) has changed no more than an ordinary crest asks for."""
-    brisk = pull - memory[STEADY_MPS2]
+def steady_hand(memory: Container, u: float, force: float, steepens_1ps: float) -> bool:
+    """Return whether a window's force (N) has changed no more than an ordinary crest asks for.
+
+    u: inverse mass, 1/kg. steepens_1ps: how fast the grade changes on a usual crest, 1/s.
+    """
+    brisk = u * (force - memory[STEADY_N])
     crest = ORDINARY * GRAVITY_MPS2 * steepens_1ps * ROAD_S
     return bool(brisk * brisk < crest * crest)
 
 
 @fast.kernel
-def credit(memory: Container, pull: float, steepens_1ps: float, first: bool, feels: bool) -> None:
-    """Credit the mass with what a window's specific force (m/s2) tells of it.
+def credit(memory: Container, u: float, force: float, steepens_1ps: float, first: bool, feels: bool) -> None:
+    """Credit the mass with what a window's force tells of it (what u learns meanwhile is no effort).
 
-    steepens_1ps: how fast the grade changes on a usual crest, 1/s. first: of all windows. feels: an
-    accelerometer feels the road.
+    As above; first: of all windows. feels: an accelerometer feels the road.
     """
     if first:
-        memory[STEADY_MPS2] = memory[SLOW_MPS2] = pull
+        memory[STEADY_N] = memory[SLOW_N] = force
     crest = CREST * GRAVITY_MPS2 * steepens_1ps * ROAD_S
-    brisk, slow = pull - memory[STEADY_MPS2], pull - memory[SLOW_MPS2]
-    memory[STEADY_MPS2] += brisk * WINDOW_S / ROAD_S
+    brisk, slow = force - memory[STEADY_N], force - memory[SLOW_N]
+    memory[STEADY_N] += brisk * WINDOW_S / ROAD_S
+    memory[SLOW_N] += slow * WINDOW_S / BIAS_S
+    brisk, slow = u * brisk, u * slow
     memory[EFFORT] += max(brisk * brisk - crest * crest, 0.0) * WINDOW_S
-    memory[SLOW_MPS2] += slow * WINDOW_S / BIAS_S
     if feels:
         memory[FELT] += slow * slow * WINDOW_S
 

@@ -76,7 +76,7 @@ from canest.estimators.canest_states import (
     SLIP,
     SPEED_VAR,
     STANDING_S,
-    STEADY_MPS2,
+    STEADY_N,
     STRAIGHT,
     UNSEEN,
     WIND,
@@ -204,10 +204,10 @@ def run(
         if sees:
             memory[UNSEEN] = 0.0
         climbs = altitude[k] == altitude[k]
-        pull = max(weight[STRAIGHT] * X[STRAIGHT][U] + weight[CURVED] * X[CURVED][U], least) * force[k]
+        u = max(weight[STRAIGHT] * X[STRAIGHT][U] + weight[CURVED] * X[CURVED][U], least)
         steepens = prior[CURVATURE] * calm
         # an accelerometer feels the road that a steady hand follows
-        steady = sensed[k] != sensed[k] and steady_hand(memory, pull, steepens)
+        steady = sensed[k] != sensed[k] and steady_hand(memory, u, force[k], steepens)
         # -- each filter by itself
         odds = 0.0  # log-likelihood of a straight less that of a curve
         speed_surplus = sensed_surplus = bias = nis = pressed = settles = 0.0
@@ -309,7 +309,7 @@ def run(
             memory[LEARNED] = 1.0
             memory[PRESSED] = settles * memory[PRESSED] + pressed
             first = begins and memory[COUNT] == 0.0
-            credit(memory, pull, steepens, first, sensed[k] == sensed[k])
+            credit(memory, u, force[k], steepens, first, sensed[k] == sensed[k])
             tally(memory, bias, nis)
             if t > 0.0:  # in overrun it may as well be a brake that nobody reports
                 follow(memory, bias)
@@ -344,4 +344,4 @@ def run(
         row[OUT_STANDING_S] = memory[STANDING_S]
         row[OUT_EFFORT] = memory[EFFORT]
         row[OUT_FELT] = memory[FELT]
-        row[OUT_STEADY_MPS2] = memory[STEADY_MPS2]
+        row[OUT_STEADY_MPS2] = row[OUT_U] * memory[STEADY_N]

@@ -35,8 +35,8 @@ AXLE_STATES = 3
     CALM_MPS,  # speed without its recent noise
     EFFORT,  # what torque faster than roads has told of mass since it was opened, m2/s3
     FELT,  # the same of slower torque, where an accelerometer feels the road
-    STEADY_MPS2,  # specific force that changes no faster than roads do
-    SLOW_MPS2,  # specific force that changes no faster than an accelerometer's bias
+    STEADY_N,  # force that changes no faster than roads do
+    SLOW_N,  # force that changes no faster than an accelerometer's bias
     LAST_MPS2,  # acceleration in the window before
     STRETCH_M,  # travelled since the roads were last mixed
     UNSEEN,  # windows since an accelerometer was read

@@ -165,7 +165,7 @@ def test_momentum_balance_equals_two_dense_filters(compiled):
         fast.enable(False)
     prior = estimator._prior
     noise_var, calm = prior.noise_start[0] ** 2, w[AT["before_mps"], 0]
-    stretch_m = bent_m = bent_1pm = steady_mps2 = 0.0
+    stretch_m = bent_m = bent_1pm = steady_N = 0.0
     for i in range(n):
         memory = min(NOISE_MEMORY, NOISE_START + i)
         c = {name: w[AT[name], i] for name in COLUMNS}
@@ -191,10 +191,10 @@ def test_momentum_balance_equals_two_dense_filters(compiled):
         unknown = (share * t) ** 2 * k._FORCE_S + 2 * persistent
         found = []
         least = k._LEAST_SHARE * prior.std[at.U]
-        pull = max(sum(p * d.x[at.U] for p, d in zip(weight, roads, strict=True)), least) * c["force_N"]
+        u = max(sum(p * d.x[at.U] for p, d in zip(weight, roads, strict=True)), least)
         usual = ORDINARY * GRAVITY_MPS2 * prior.std[at.CURVATURE] * calm * ROAD_S
-        steady = abs(pull - steady_mps2) < usual
-        steady_mps2 = pull if i == 0 else steady_mps2 + (pull - steady_mps2) * WINDOW_S / ROAD_S
+        steady = u * abs(c["force_N"] - steady_N) < usual
+        steady_N = c["force_N"] if i == 0 else steady_N + (c["force_N"] - steady_N) * WINDOW_S / ROAD_S
         for dense in roads:
             dense.travel(c["distance_m"])
             inverse = max(dense.x[at.U], k._LEAST_SHARE * prior.std[at.U])
