@@ -19,7 +19,7 @@ from canest.roles import ROLES
 from canest.tables import TableMap
 from canest.vehicle.model import LongitudinalModel
 from canest.vehicle.samples import STATUS_LABELS
-from canest.verdict import needed_roles
+from canest.verdict import gate_shares, needed_roles, why_no_time
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -199,8 +199,6 @@ class Doctor:
         if missing:
             return f"estimator {self.config.estimator.name} cannot work here: {missing}"
         if not self.pipeline.updated:
-            from canest.verdict import gate_shares, why_no_time
-
             backward = why_no_time(self.pipeline.clock)
             if backward or not self.pipeline.samples:
                 return backward

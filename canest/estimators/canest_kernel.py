@@ -116,6 +116,8 @@ _JITTER_S = 0.004
 _DELAY_S, _LEAST_SHARE = 0.1, 0.1
 #: a vehicle that stands this long may have been loaded
 _LOADING_S = 30.0
+#: what surprises may be a curve this much beyond its prior variance
+_SHARPER = 9.0
 #: share of its prior variance by which a new load changes delay, slip, bias and pitch
 _LOOSER = 0.1
 
@@ -225,7 +227,7 @@ def run(
             if surprised:
                 P[GRADE][GRADE] += prior[GRADE] * prior[GRADE]
                 if m == CURVED:
-                    P[CURVATURE][CURVATURE] += 9.0 * curvature_var
+                    P[CURVATURE][CURVATURE] += _SHARPER * curvature_var
             motion = a
             if is_open:
                 inverse = max(x[U], least)
@@ -241,7 +243,6 @@ def run(
                 jitter = inverse * traction_rate[k] * _JITTER_S
                 z = v + J * (v - calm) * x[U]
                 r = (speed_var + jitter * jitter) * whole * whole
-                unsure = P[U][U]
                 kept, kept_var = x[U], P[U][U]
                 e, s = correct(
                     x, P, w, 0, z, r,
@@ -258,7 +259,7 @@ def run(
                         SLIP, 1.0, Q, 0.0, Q, 0.0, Q, 0.0, Q, 0.0,
                     )  # fmt: skip
                 # or an endless mass on a straight road would explain every cruise
-                settles += weight[m] * min(P[U][U] / unsure, 1.0)
+                settles += weight[m] * min(P[U][U] / kept_var, 1.0)
                 pressed += weight[m] * hold_within(x, P, U, lowest, highest)
             elif retarding[k] > 0.0:
                 share = _RETARDER_SHARE * x[U] * force[k]
@@ -308,8 +309,8 @@ def run(
                 memory[SENSED_VAR] = level(memory[SENSED_VAR], sensed_surplus, floors[1], memory[COUNT])
             memory[LEARNED] = 1.0
             memory[PRESSED] = settles * memory[PRESSED] + pressed
-            first = begins and memory[COUNT] == 0.0
-            credit(memory, u, force[k], steepens, first, sensed[k] == sensed[k])
+            first_of_all = begins and memory[COUNT] == 0.0
+            credit(memory, u, force[k], steepens, first_of_all, sensed[k] == sensed[k])
             tally(memory, bias, nis)
             if t > 0.0:  # in overrun it may as well be a brake that nobody reports
                 follow(memory, bias)
