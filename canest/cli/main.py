@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from importlib import import_module
@@ -26,6 +27,8 @@ COMMANDS: dict[str, tuple[str, str]] = {
 }
 
 OK, FAILED = 0, 1
+
+_OBJECTS_BETWEEN_COLLECTIONS = 50_000
 
 
 class _LazyGroup(click.Group):
@@ -83,6 +86,10 @@ def main(argv: list[str] | None = None) -> None:
     """Run the command line and exit: 0 done, 2 bad usage or config, 1 anything else."""
     # threads of OpenBLAS cost 50 to 200 ms of start-up, and nothing here multiplies large matrices
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # nothing here has plugins for pydantic: looking for them reads every installed package's metadata
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    # start-up makes objects by the hundred thousand and hardly any garbage: look for it less often
+    gc.set_threshold(_OBJECTS_BETWEEN_COLLECTIONS)
     arguments = list(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in arguments
     code = run([a for a in arguments if a != "--debug"], debug)

@@ -33,6 +33,14 @@ def _word_of_switch(value: Any) -> Any:
     return {True: "on", False: "off"}[value] if isinstance(value, bool) else value
 
 
+def _section(**differs: Any) -> Any:
+    """Return the default of a section: as if this were written in the config, and validated with it.
+
+    An instance would build a validator of its own at import, 1 ms each.
+    """
+    return Field(default_factory=lambda: dict(differs), validate_default=True)
+
+
 Number = Annotated[float, BeforeValidator(_number_not_bool)]
 Whole = Annotated[int, BeforeValidator(_number_not_bool)]
 
@@ -71,7 +79,7 @@ class Vehicle(Section):
     drag_area_m2: Number = Field(gt=0, lt=30)
     air_density_kgpm3: Number = Field(1.2, gt=0.5, lt=1.6)
     rolling_resistance: Number = Field(gt=0, lt=0.1)
-    accelerometer: Accelerometer = Accelerometer()
+    accelerometer: Accelerometer = _section()
 
     @model_validator(mode="after")
     def _consistent(self) -> Vehicle:
@@ -210,18 +218,18 @@ class ExcitationGate(Section):
 class Gates(Section):
     """All gates, by name."""
 
-    shift: GateSection = GateSection(recovery_s=1.2)
-    driveline: DrivelineGate = DrivelineGate()
-    brake: BrakeGate = BrakeGate(recovery_s=1.0)
-    retarder: RetarderGate = RetarderGate(recovery_s=1.0)
-    low_speed: LowSpeedGate = LowSpeedGate()
-    reverse: GateSection = GateSection()
-    turning: TurningGate = TurningGate(recovery_s=0.5)
-    pto: GateSection = GateSection()
-    stale: GateSection = GateSection()
-    invalid: GateSection = GateSection()
-    implausible: GateSection = GateSection()
-    low_excitation: ExcitationGate = ExcitationGate()
+    shift: GateSection = _section(recovery_s=1.2)
+    driveline: DrivelineGate = _section()
+    brake: BrakeGate = _section(recovery_s=1.0)
+    retarder: RetarderGate = _section(recovery_s=1.0)
+    low_speed: LowSpeedGate = _section()
+    reverse: GateSection = _section()
+    turning: TurningGate = _section(recovery_s=0.5)
+    pto: GateSection = _section()
+    stale: GateSection = _section()
+    invalid: GateSection = _section()
+    implausible: GateSection = _section()
+    low_excitation: ExcitationGate = _section()
 
 
 class EstimatorSection(Section):
@@ -269,7 +277,7 @@ class Broadcast(Section):
     #: `canest` learns five times a second; between, grade is carried on
     rate_hz: Number = Field(5.0, gt=0, le=50)
     preferred_address: Whole = Field(158, ge=128, le=247)
-    name: Name = Name()
+    name: Name = _section()
     #: also as SPN 1760 in PGN 65136, 1 Hz, only while valid
     cvw: bool = False
     #: also as SPN 7432 in PGN 61651: map-based controllers may act on it
@@ -320,14 +328,14 @@ class Config(Section):
     vehicle: Vehicle
     dbc: tuple[str, ...] = ("j1939.dbc",)
     signals: Annotated[dict[str, Source], BeforeValidator(_named)]
-    sampling: Sampling = Sampling()
-    filter: FilterSection = FilterSection()
-    gates: Gates = Gates()
-    estimator: EstimatorSection = EstimatorSection()
+    sampling: Sampling = _section()
+    filter: FilterSection = _section()
+    gates: Gates = _section()
+    estimator: EstimatorSection = _section()
     effects: tuple[dict[str, Any], ...] = ()
-    bus: Bus = Bus()
-    broadcast: Broadcast = Broadcast()
-    service: Service = Service()
+    bus: Bus = _section()
+    broadcast: Broadcast = _section()
+    service: Service = _section()
 
     def note_origins(self, origins: Origins) -> None:
         """Remember where keys were written, for messages."""

@@ -16,7 +16,6 @@ from canest.estimators.canest_states import (
     GRADE,
     HEIGHT,
     SLIP,
-    STATES,
     WIND,
     Q,
     U,
@@ -31,68 +30,97 @@ OUTLIER = 9.0
 
 
 @fast.kernel
-def settle_driveline(x: Container, P: Container, w: Container, gain: float) -> None:
-    """Do x += gain w, P -= w w' for the states before `FREE`. Written out: the three are most of the work."""
-    a, b, c, d, e = w[0], w[1], w[2], w[3], w[4]
-    x[0] += gain * a
-    x[1] += gain * b
-    x[2] += gain * c
-    x[3] += gain * d
-    x[4] += gain * e
-    A, B, C, D, E = P[0], P[1], P[2], P[3], P[4]
-    A[0] -= a * a
-    A[1] = B[0] = A[1] - a * b
-    B[1] -= b * b
-    A[2], B[2] = A[2] - a * c, B[2] - b * c
-    C[0], C[1] = A[2], B[2]
-    C[2] -= c * c
-    A[3], B[3], C[3] = A[3] - a * d, B[3] - b * d, C[3] - c * d
-    D[0], D[1], D[2] = A[3], B[3], C[3]
-    D[3] -= d * d
-    A[4], B[4], C[4], D[4] = A[4] - a * e, B[4] - b * e, C[4] - c * e, D[4] - d * e
-    E[0], E[1], E[2], E[3] = A[4], B[4], C[4], D[4]
-    E[4] -= e * e
+def settle(x: Container, P: Container, w: Container, root: float, gain: float, first: int) -> None:
+    """Do x += gain root w, P -= (root w) (root w)' but for the block of P before `first`, 0 or `FREE`.
 
-
-@fast.kernel
-def settle_road(x: Container, P: Container, w: Container, gain: float) -> None:
-    """Do the same for the states from `FREE` to `BASE_STATES`, and for what couples the others to them."""
-    a, b, c, d, e, f, g, h = w[0], w[1], w[2], w[3], w[4], w[5], w[6], w[7]
-    x[5] += gain * f
-    x[6] += gain * g
-    x[7] += gain * h
+    Written out, and states that w does not move are left out: this is most of the work.
+    """
+    a, b, c, d, e = w[0] * root, w[1] * root, w[2] * root, w[3] * root, w[4] * root
+    f, g, h = w[5] * root, w[6] * root, w[7] * root
     A, B, C, D, E, F, G, H = P[0], P[1], P[2], P[3], P[4], P[5], P[6], P[7]
-    A[5], B[5], C[5], D[5], E[5] = A[5] - a * f, B[5] - b * f, C[5] - c * f, D[5] - d * f, E[5] - e * f
-    F[0], F[1], F[2], F[3], F[4] = A[5], B[5], C[5], D[5], E[5]
+    if first == 0:
+        x[0] += gain * a
+        x[1] += gain * b
+        x[2] += gain * c
+        x[3] += gain * d
+        x[4] += gain * e
+        A[0] -= a * a
+        A[1] = B[0] = A[1] - a * b
+        B[1] -= b * b
+        A[2] = C[0] = A[2] - a * c
+        B[2] = C[1] = B[2] - b * c
+        C[2] -= c * c
+        A[3] = D[0] = A[3] - a * d
+        B[3] = D[1] = B[3] - b * d
+        C[3] = D[2] = C[3] - c * d
+        D[3] -= d * d
+        A[4] = E[0] = A[4] - a * e
+        B[4] = E[1] = B[4] - b * e
+        C[4] = E[2] = C[4] - c * e
+        D[4] = E[3] = D[4] - d * e
+        E[4] -= e * e
+    x[5] += gain * f
+    A[5] = F[0] = A[5] - a * f
+    B[5] = F[1] = B[5] - b * f
+    C[5] = F[2] = C[5] - c * f
+    D[5] = F[3] = D[5] - d * f
+    E[5] = F[4] = E[5] - e * f
     F[5] -= f * f
-    A[6], B[6], C[6], D[6], E[6] = A[6] - a * g, B[6] - b * g, C[6] - c * g, D[6] - d * g, E[6] - e * g
-    F[6] -= f * g
-    G[0], G[1], G[2], G[3], G[4], G[5] = A[6], B[6], C[6], D[6], E[6], F[6]
-    G[6] -= g * g
-    A[7], B[7], C[7], D[7], E[7] = A[7] - a * h, B[7] - b * h, C[7] - c * h, D[7] - d * h, E[7] - e * h
-    F[7], G[7] = F[7] - f * h, G[7] - g * h
-    H[0], H[1], H[2], H[3], H[4], H[5], H[6] = A[7], B[7], C[7], D[7], E[7], F[7], G[7]
-    H[7] -= h * h
-
-
-@fast.kernel
-def settle_sensed(x: Container, P: Container, w: Container, gain: float) -> None:
-    """Do the same for the three states of an accelerometer, which come last."""
-    i, j, k = w[8], w[9], w[10]
-    R, S, T = P[8], P[9], P[10]
-    for m in range(BASE_STATES):
-        v, row = w[m], P[m]
-        row[8], row[9], row[10] = row[8] - v * i, row[9] - v * j, row[10] - v * k
-        R[m], S[m], T[m] = row[8], row[9], row[10]
-    x[8] += gain * i
-    x[9] += gain * j
-    x[10] += gain * k
-    R[8] -= i * i
-    R[9] = S[8] = R[9] - i * j
-    S[9] -= j * j
-    R[10], S[10] = R[10] - i * k, S[10] - j * k
-    T[8], T[9] = R[10], S[10]
-    T[10] -= k * k
+    if g != 0.0:  # a straight has no curvature
+        x[6] += gain * g
+        A[6] = G[0] = A[6] - a * g
+        B[6] = G[1] = B[6] - b * g
+        C[6] = G[2] = C[6] - c * g
+        D[6] = G[3] = D[6] - d * g
+        E[6] = G[4] = E[6] - e * g
+        F[6] = G[5] = F[6] - f * g
+        G[6] -= g * g
+    if h != 0.0:  # without altitudes nobody asks for a height
+        x[7] += gain * h
+        A[7] = H[0] = A[7] - a * h
+        B[7] = H[1] = B[7] - b * h
+        C[7] = H[2] = C[7] - c * h
+        D[7] = H[3] = D[7] - d * h
+        E[7] = H[4] = E[7] - e * h
+        F[7] = H[5] = F[7] - f * h
+        G[7] = H[6] = G[7] - g * h
+        H[7] -= h * h
+    if len(x) > BASE_STATES:
+        i, j, k = w[8] * root, w[9] * root, w[10] * root
+        R, S, T = P[8], P[9], P[10]
+        x[8] += gain * i
+        x[9] += gain * j
+        x[10] += gain * k
+        A[8] = R[0] = A[8] - a * i
+        B[8] = R[1] = B[8] - b * i
+        C[8] = R[2] = C[8] - c * i
+        D[8] = R[3] = D[8] - d * i
+        E[8] = R[4] = E[8] - e * i
+        F[8] = R[5] = F[8] - f * i
+        G[8] = R[6] = G[8] - g * i
+        H[8] = R[7] = H[8] - h * i
+        R[8] -= i * i
+        A[9] = S[0] = A[9] - a * j
+        B[9] = S[1] = B[9] - b * j
+        C[9] = S[2] = C[9] - c * j
+        D[9] = S[3] = D[9] - d * j
+        E[9] = S[4] = E[9] - e * j
+        F[9] = S[5] = F[9] - f * j
+        G[9] = S[6] = G[9] - g * j
+        H[9] = S[7] = H[9] - h * j
+        R[9] = S[8] = R[9] - i * j
+        S[9] -= j * j
+        A[10] = T[0] = A[10] - a * k
+        B[10] = T[1] = B[10] - b * k
+        C[10] = T[2] = C[10] - c * k
+        D[10] = T[3] = D[10] - d * k
+        E[10] = T[4] = E[10] - e * k
+        F[10] = T[5] = F[10] - f * k
+        G[10] = T[6] = G[10] - g * k
+        H[10] = T[7] = H[10] - h * k
+        R[10] = T[8] = R[10] - i * k
+        S[10] = T[9] = S[10] - j * k
+        T[10] -= k * k
 
 
 @fast.kernel
@@ -121,23 +149,18 @@ def correct(
     its variance.
     """
     n = len(x)
-    rows = zip(P[i0], P[i1], P[i2], P[i3], P[i4])  # noqa: B905 - numba knows no strict
-    for i, (a, b, c, d, f) in enumerate(rows):
-        w[i] = h0 * a + h1 * b + h2 * c + h3 * d + h4 * f
+    a, b, c, d, f = P[i0], P[i1], P[i2], P[i3], P[i4]
+    for i in range(n):
+        w[i] = h0 * a[i] + h1 * b[i] + h2 * c[i] + h3 * d[i] + h4 * f[i]
     s = max(r + h0 * w[i0] + h1 * w[i1] + h2 * w[i2] + h3 * w[i3] + h4 * w[i4], r)
     e = z - h0 * x[i0] - h1 * x[i1] - h2 * x[i2] - h3 * x[i3] - h4 * x[i4]
     root = 1.0 / math.sqrt(max(s, e * e / OUTLIER))
     gain = e * root
-    for i in range(n):
-        w[i] *= root
     if n >= BASE_STATES:
-        if first == 0:
-            settle_driveline(x, P, w, gain)
-        settle_road(x, P, w, gain)
-        if n == STATES:
-            settle_sensed(x, P, w, gain)
+        settle(x, P, w, root, gain, first)
     else:
         for i in range(n):
+            w[i] *= root
             wi = w[i]
             x[i] += gain * wi
             row = P[i]
@@ -176,8 +199,7 @@ def carry(P: Container, i: int, j: int, factor: float) -> None:
     to, of = P[i], P[j]
     own = to[i] + factor * (2.0 * to[j] + factor * of[j])
     for k in range(len(P)):
-        to[k] += factor * of[k]
-        P[k][i] = to[k]
+        to[k] = P[k][i] = to[k] + factor * of[k]
     to[i] = own
 
 
@@ -223,8 +245,7 @@ def push(x: Container, P: Container, force: float, roll: float, drag: float, noi
     momentum[Q] += fu * (fu * inverse[U] + 2.0 * (fg * inverse[GRADE] + fw * inverse[WIND]))
     momentum[Q] += fg * (fg * grade[GRADE] + 2.0 * fw * grade[WIND]) + fw * fw * wind[WIND]
     for j in range(1, n):
-        momentum[j] += fu * inverse[j] + fg * grade[j] + fw * wind[j]
-        P[j][Q] = momentum[j]
+        momentum[j] = P[j][Q] = momentum[j] + (fu * inverse[j] + fg * grade[j] + fw * wind[j])
 
 
 @fast.kernel
