@@ -188,6 +188,7 @@ class LowSpeedGate(GateSection):
 class DrivelineGate(GateSection):
     """Driveline not engaged, converter not locked, clutch slipping, or shaft speeds not in ratio."""
 
+    recovery_s: Number = Field(0.6, ge=0, le=60)
     clutch_slip_pct: Number = Field(5.0, ge=0, le=100)
     #: engine speed against output shaft x ratio: largest relative difference of an engaged driveline
     ratio_mismatch: Number = Field(0.06, gt=0, le=1)
@@ -216,9 +217,13 @@ class ExcitationGate(Section):
 
 
 class Gates(Section):
-    """All gates, by name."""
+    """All gates, by name.
 
-    shift: GateSection = _section(recovery_s=1.2)
+    Shifts and the driveline recover while the filter settles (0.6 s at 2 Hz): a launch is little else than
+    the seconds between shifts, and its torque tells more of the mass than minutes of steady driving.
+    """
+
+    shift: GateSection = _section(recovery_s=0.6)
     driveline: DrivelineGate = _section()
     brake: BrakeGate = _section(recovery_s=1.0)
     retarder: RetarderGate = _section(recovery_s=1.0)
