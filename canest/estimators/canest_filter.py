@@ -17,6 +17,7 @@ from canest.estimators.canest_states import (
     HEIGHT,
     SLIP,
     WIND,
+    WINDUP,
     Q,
     U,
 )
@@ -36,46 +37,45 @@ def settle(x: Container, P: Container, w: Container, root: float, gain: float, f
     Written out, and states that w does not move are left out: this is most of the work.
     """
     a, b, c, d, e = w[0] * root, w[1] * root, w[2] * root, w[3] * root, w[4] * root
-    f, g, h = w[5] * root, w[6] * root, w[7] * root
-    A, B, C, D, E, F, G, H = P[0], P[1], P[2], P[3], P[4], P[5], P[6], P[7]
+    f, g, h, k = w[5] * root, w[6] * root, w[7] * root, w[8] * root
+    A, B, C, D, E, F, G, H, K = P[0], P[1], P[2], P[3], P[4], P[5], P[6], P[7], P[8]
     if first == 0:
         x[0] += gain * a
-        x[1] += gain * b
-        x[2] += gain * c
-        x[3] += gain * d
-        x[4] += gain * e
         A[0] -= a * a
+        x[1] += gain * b
         A[1] = B[0] = A[1] - a * b
         B[1] -= b * b
+        x[2] += gain * c
         A[2] = C[0] = A[2] - a * c
         B[2] = C[1] = B[2] - b * c
         C[2] -= c * c
+        x[3] += gain * d
         A[3] = D[0] = A[3] - a * d
         B[3] = D[1] = B[3] - b * d
         C[3] = D[2] = C[3] - c * d
         D[3] -= d * d
+        x[4] += gain * e
         A[4] = E[0] = A[4] - a * e
         B[4] = E[1] = B[4] - b * e
         C[4] = E[2] = C[4] - c * e
         D[4] = E[3] = D[4] - d * e
         E[4] -= e * e
-    x[5] += gain * f
-    A[5] = F[0] = A[5] - a * f
-    B[5] = F[1] = B[5] - b * f
-    C[5] = F[2] = C[5] - c * f
-    D[5] = F[3] = D[5] - d * f
-    E[5] = F[4] = E[5] - e * f
-    F[5] -= f * f
-    if g != 0.0:  # a straight has no curvature
-        x[6] += gain * g
-        A[6] = G[0] = A[6] - a * g
-        B[6] = G[1] = B[6] - b * g
-        C[6] = G[2] = C[6] - c * g
-        D[6] = G[3] = D[6] - d * g
-        E[6] = G[4] = E[6] - e * g
-        F[6] = G[5] = F[6] - f * g
-        G[6] -= g * g
-    if h != 0.0:  # without altitudes nobody asks for a height
+        x[5] += gain * f
+        A[5] = F[0] = A[5] - a * f
+        B[5] = F[1] = B[5] - b * f
+        C[5] = F[2] = C[5] - c * f
+        D[5] = F[3] = D[5] - d * f
+        E[5] = F[4] = E[5] - e * f
+        F[5] -= f * f
+    x[6] += gain * g
+    A[6] = G[0] = A[6] - a * g
+    B[6] = G[1] = B[6] - b * g
+    C[6] = G[2] = C[6] - c * g
+    D[6] = G[3] = D[6] - d * g
+    E[6] = G[4] = E[6] - e * g
+    F[6] = G[5] = F[6] - f * g
+    G[6] -= g * g
+    if h != 0.0:  # a straight has no curvature
         x[7] += gain * h
         A[7] = H[0] = A[7] - a * h
         B[7] = H[1] = B[7] - b * h
@@ -85,42 +85,56 @@ def settle(x: Container, P: Container, w: Container, root: float, gain: float, f
         F[7] = H[5] = F[7] - f * h
         G[7] = H[6] = G[7] - g * h
         H[7] -= h * h
+    if k != 0.0:  # without altitudes nobody asks for a height
+        x[8] += gain * k
+        A[8] = K[0] = A[8] - a * k
+        B[8] = K[1] = B[8] - b * k
+        C[8] = K[2] = C[8] - c * k
+        D[8] = K[3] = D[8] - d * k
+        E[8] = K[4] = E[8] - e * k
+        F[8] = K[5] = F[8] - f * k
+        G[8] = K[6] = G[8] - g * k
+        H[8] = K[7] = H[8] - h * k
+        K[8] -= k * k
     if len(x) > BASE_STATES:
-        i, j, k = w[8] * root, w[9] * root, w[10] * root
-        R, S, T = P[8], P[9], P[10]
-        x[8] += gain * i
-        x[9] += gain * j
-        x[10] += gain * k
-        A[8] = R[0] = A[8] - a * i
-        B[8] = R[1] = B[8] - b * i
-        C[8] = R[2] = C[8] - c * i
-        D[8] = R[3] = D[8] - d * i
-        E[8] = R[4] = E[8] - e * i
-        F[8] = R[5] = F[8] - f * i
-        G[8] = R[6] = G[8] - g * i
-        H[8] = R[7] = H[8] - h * i
-        R[8] -= i * i
-        A[9] = S[0] = A[9] - a * j
-        B[9] = S[1] = B[9] - b * j
-        C[9] = S[2] = C[9] - c * j
-        D[9] = S[3] = D[9] - d * j
-        E[9] = S[4] = E[9] - e * j
-        F[9] = S[5] = F[9] - f * j
-        G[9] = S[6] = G[9] - g * j
-        H[9] = S[7] = H[9] - h * j
-        R[9] = S[8] = R[9] - i * j
-        S[9] -= j * j
-        A[10] = T[0] = A[10] - a * k
-        B[10] = T[1] = B[10] - b * k
-        C[10] = T[2] = C[10] - c * k
-        D[10] = T[3] = D[10] - d * k
-        E[10] = T[4] = E[10] - e * k
-        F[10] = T[5] = F[10] - f * k
-        G[10] = T[6] = G[10] - g * k
-        H[10] = T[7] = H[10] - h * k
-        R[10] = T[8] = R[10] - i * k
-        S[10] = T[9] = S[10] - j * k
-        T[10] -= k * k
+        m, n, r = w[9] * root, w[10] * root, w[11] * root
+        M, N, R = P[9], P[10], P[11]
+        x[9] += gain * m
+        A[9] = M[0] = A[9] - a * m
+        B[9] = M[1] = B[9] - b * m
+        C[9] = M[2] = C[9] - c * m
+        D[9] = M[3] = D[9] - d * m
+        E[9] = M[4] = E[9] - e * m
+        F[9] = M[5] = F[9] - f * m
+        G[9] = M[6] = G[9] - g * m
+        H[9] = M[7] = H[9] - h * m
+        K[9] = M[8] = K[9] - k * m
+        M[9] -= m * m
+        x[10] += gain * n
+        A[10] = N[0] = A[10] - a * n
+        B[10] = N[1] = B[10] - b * n
+        C[10] = N[2] = C[10] - c * n
+        D[10] = N[3] = D[10] - d * n
+        E[10] = N[4] = E[10] - e * n
+        F[10] = N[5] = F[10] - f * n
+        G[10] = N[6] = G[10] - g * n
+        H[10] = N[7] = H[10] - h * n
+        K[10] = N[8] = K[10] - k * n
+        M[10] = N[9] = M[10] - m * n
+        N[10] -= n * n
+        x[11] += gain * r
+        A[11] = R[0] = A[11] - a * r
+        B[11] = R[1] = B[11] - b * r
+        C[11] = R[2] = C[11] - c * r
+        D[11] = R[3] = D[11] - d * r
+        E[11] = R[4] = E[11] - e * r
+        F[11] = R[5] = F[11] - f * r
+        G[11] = R[6] = G[11] - g * r
+        H[11] = R[7] = H[11] - h * r
+        K[11] = R[8] = K[11] - k * r
+        M[11] = R[9] = M[11] - m * r
+        N[11] = R[10] = N[11] - n * r
+        R[11] -= r * r
 
 
 @fast.kernel
@@ -250,18 +264,27 @@ def push(x: Container, P: Container, force: float, roll: float, drag: float, noi
 
 @fast.kernel
 def start(
-    x: Container, P: Container, z: float, r: float, t: float, late: float, rotating: float, whole: float
+    x: Container,
+    P: Container,
+    z: float,
+    r: float,
+    t: float,
+    late: float,
+    rate: float,
+    rotating: float,
+    whole: float,
 ) -> None:
-    """Begin a balance at the measured speed: q = z + u J z - (1 + u J) (delta T + sigma z T + noise r)."""
+    """Begin a balance at the measured speed: q = (1 + u J) (z - delta T - sigma z T - noise) - gamma dT/dt"""
     n = len(x)
     hd, hs, hu = -late * whole, -z * t * whole, rotating * z
-    x[Q] = z + hd * x[DELAY] + hs * x[SLIP] + hu * x[U]
-    delay, slip, inverse = P[DELAY], P[SLIP], P[U]
+    x[Q] = z + hd * x[DELAY] + hs * x[SLIP] - rate * x[WINDUP] + hu * x[U]
+    delay, slip, windup, inverse = P[DELAY], P[SLIP], P[WINDUP], P[U]
     momentum = P[Q]
     for j in range(1, n):
-        momentum[j] = hd * delay[j] + hs * slip[j] + hu * inverse[j]
+        momentum[j] = hd * delay[j] + hs * slip[j] - rate * windup[j] + hu * inverse[j]
         P[j][Q] = momentum[j]
-    momentum[Q] = r * whole * whole + hd * momentum[DELAY] + hs * momentum[SLIP] + hu * momentum[U]
+    momentum[Q] = r * whole * whole + hd * momentum[DELAY] + hs * momentum[SLIP]
+    momentum[Q] += hu * momentum[U] - rate * momentum[WINDUP]
 
 
 @fast.kernel

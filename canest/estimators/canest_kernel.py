@@ -5,11 +5,14 @@ enters a linearisation:
 
     dq/dt = u F - g mu - g theta - c omega         F known forces, c = 2 F_aero / v, omega = u x wind
     q = (1 + u J) v                                J mass of what rotates, in this gear
-    v measured = v + delta T + sigma v T           delta = u x delay left, sigma = u x slip, T traction
+    v measured = v + delta T + sigma v T + gamma dT/dt    delta = u x delay left, sigma = u x slip, T traction
     undriven speed = v measured - sigma v T - lag dv/dt - scale v
     accelerometer - dv/dt = g theta + bias + p dv/dt - late d2v/dt2
     dtheta/ds = kappa                              grade lives in distance, not in time; see `canest_roads`
     dh/ds = theta,  altitude = h
+
+A driveline that winds up adds what it gives way (r2 / stiffness = gamma) to the speed in front of it, where
+the engine turns: that part of the momentum needs no correction.
 
 Integrated over a window the first line is a momentum balance, free of the colour that filters give to
 accelerations. The rotating mass J stays on the left: a measured acceleration in the force would carry
@@ -80,6 +83,7 @@ from canest.estimators.canest_states import (
     STRAIGHT,
     UNSEEN,
     WIND,
+    WINDUP,
     Q,
     U,
 )
@@ -114,6 +118,9 @@ _SEE_EVERY = 2.0
 _JITTER_S = 0.004
 #: the remaining delay is trusted to, s; the inverse mass is taken for it at least this share of its prior std
 _DELAY_S, _LEAST_SHARE = 0.1, 0.1
+#: when its gate opens, what rotates still swings against the vehicle, by its share of the mass: m/s per
+#: share at first, half of it a window later
+_SWING_MPS = 0.05
 #: a vehicle that stands this long may have been loaded
 _LOADING_S = 30.0
 #: what surprises may be a curve this much beyond its prior variance
@@ -207,6 +214,8 @@ def run(
             memory[UNSEEN] = 0.0
         climbs = altitude[k] == altitude[k]
         u = max(weight[STRAIGHT] * X[STRAIGHT][U] + weight[CURVED] * X[CURVED][U], least)
+        swing = _SWING_MPS * u * J * 0.5 ** (memory[SINCE] - 1.0)
+        swing_var = swing * swing
         steepens = prior[CURVATURE] * calm
         # an accelerometer feels the road that a steady hand follows
         steady = sensed[k] != sensed[k] and steady_hand(memory, u, force[k], steepens)
@@ -236,17 +245,18 @@ def run(
                 whole = 1.0 + inverse * J
                 if begins:
                     late = before_N[k] + half * before_rate[k]
-                    start(x, P, began, speed_var, before_N[k], late, J, whole)
+                    start(x, P, began, speed_var + swing_var, before_N[k], late, before_rate[k], J, whole)
                 motion = (x[U] * force[k] - roll[k] - _G * x[GRADE]) / whole
                 push(x, P, force[k], roll[k], drag[k], inverse * inverse * unknown * WINDOW_S)
                 late = t + half * traction_rate[k]
                 jitter = inverse * traction_rate[k] * _JITTER_S
                 z = v + J * (v - calm) * x[U]
-                r = (speed_var + jitter * jitter) * whole * whole
+                r = (speed_var + swing_var + jitter * jitter) * whole * whole
                 kept, kept_var = x[U], P[U][U]
                 e, s = correct(
                     x, P, w, 0, z, r,
-                    Q, 1.0, DELAY, late * whole, SLIP, calm * t * whole, U, -J * calm, Q, 0.0,
+                    Q, 1.0, DELAY, late * whole, SLIP, calm * t * whole, U, -J * calm,
+                    WINDUP, traction_rate[k],
                 )  # fmt: skip
                 if steady:  # force follows the road: it may widen what else is learned, and moves no mass
                     x[U], P[U][U] = kept, kept_var

@@ -20,6 +20,7 @@ from canest.estimators.canest_states import (
     SLIP,
     STATES,
     WIND,
+    WINDUP,
     U,
 )
 from canest.vehicle.samples import GRAVITY_MPS2, VehicleFacts
@@ -34,6 +35,9 @@ WIND_STD_MPS = 1.7
 DELAY_S, DELAY_STD_S = 0.06, 0.04
 #: slip of driven wheels per m/s2 of traction: tyre stiffness of some 20 to 30 per unit of slip
 SLIP_STD_PER_MPS2 = 0.005
+#: a driveline winds up by some 3 degrees at the wheel under full torque, and a swinging one looks the other
+#: way: change of speed per change of specific traction, m/s per m/s3
+WINDUP_STD_S2 = 0.015
 #: an undriven axle's speed comes later (100 ms cycle) and from another tyre radius
 LAG_S, LAG_STD_S, SCALE_STD = 0.05, 0.05, 0.02
 #: the axle's own filter begins this much less sure of slip than the main one: it only adds what it measures
@@ -86,6 +90,7 @@ def prior_of(facts: VehicleFacts, mass_kg: float | None = None, mass_std_kg: flo
     std[DELAY] = typical * DELAY_STD_S
     std[SLIP] = typical * SLIP_STD_PER_MPS2
     std[WIND] = typical * WIND_STD_MPS
+    std[WINDUP] = typical * WINDUP_STD_S2
     mean[GRADE], std[GRADE] = facts.initial_grade or 0.0, GRADE_STD
     std[CURVATURE] = CURVATURE_STD_1PM
     std[BIAS] = BIAS_STD_MPS2

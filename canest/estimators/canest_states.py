@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 # states of one filter; those below FREE are the driveline's, which closed gates freeze
-Q, U, DELAY, SLIP, WIND = range(5)
-GRADE, CURVATURE, HEIGHT, BIAS, PITCH, SENSE_LAG = range(5, 11)
+Q, U, DELAY, SLIP, WIND, WINDUP = range(6)
+GRADE, CURVATURE, HEIGHT, BIAS, PITCH, SENSE_LAG = range(6, 12)
 FREE = GRADE
 #: without an accelerometer the last three have no use
-BASE_STATES, STATES = 8, 11
+BASE_STATES, STATES = 9, 12
 
 # kinds of road: of constant grade, or a crest or sag of constant curvature
 STRAIGHT, CURVED = range(2)

@@ -57,6 +57,7 @@ def trip(
     stops: list[tuple[float, float]] | None = None,
     delay_s: float = 0.06,
     slip_per_mps2: float = 0.0,
+    windup_mpN: float = 0.0,
     gain: float = 1.0,
     accelerometer: bool = False,
     bias_mps2: float = 0.1,
@@ -99,6 +100,7 @@ def trip(
     late = round(delay_s / STEP_S)
     reported = np.concatenate((np.full(late, traction[0]), traction[: n - late])) / gain
     measured = speed * (1.0 + slip_per_mps2 * traction / mass) + noise * rng.normal(0, 0.002, n)
+    measured += windup_mpN * np.gradient(traction, STEP_S)  # what the driveline gives way
     accel = np.diff(measured, prepend=measured[0]) / STEP_S
     grade = road(s)
     nan = np.full(n, np.nan)

@@ -75,6 +75,15 @@ def test_driven_wheels_may_slip():
     assert estimator._X[k.STRAIGHT][k.SLIP] / estimator._X[k.STRAIGHT][k.U] == pytest.approx(0.008, abs=0.001)
 
 
+@pytest.mark.parametrize("load_kg", [9_000.0, 30_000.0])
+def test_drivelines_may_wind_up(load_kg):
+    """r2 / stiffness: half a metre, 1.5e5 Nm/rad at the wheels."""
+    drive = trip(150, mass_kg=load_kg, windup_mpN=1.7e-6)
+    estimator, e = run(drive)
+    assert np.abs(drive.error(e)[60 * 50 :]).max() < 0.03
+    assert estimator._X[k.STRAIGHT][k.WINDUP] == pytest.approx(1.7e-6, rel=0.2)
+
+
 def test_a_torque_gain_cannot_be_seen_and_is_in_the_std():
     drive = trip(150, gain=0.98)
     _, e = run(drive)

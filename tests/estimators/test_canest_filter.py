@@ -63,7 +63,7 @@ class Dense:
     def __init__(self, estimator, road):
         self.x, self.P = np.array(estimator._X[road]), np.array(estimator._PP[road])
         self.n = len(self.x)
-        self.wind_var = estimator._prior.std[at.WIND] ** 2
+        self.wind_var, self.inverse_std = estimator._prior.std[at.WIND] ** 2, estimator._prior.std[at.U]
         self.bend_var = estimator._prior.std[at.CURVATURE] ** 2 if road == at.CURVED else 0.0
 
     def predict(self, F, Q):
@@ -94,12 +94,21 @@ class Dense:
         self.predict(F, Q)
         self.x[at.Q] -= WINDOW_S * roll
 
-    def begin(self, z, t, noise_var):
-        lever = h(DELAY=-t, SLIP=-z * t)
+    def begin(self, z, t, rate, rotating, noise_var):
+        whole = 1 + self.inverse() * rotating
+        late = t + self.halfway() * rate
+        lever = h(DELAY=-late * whole, SLIP=-z * t * whole, WINDUP=-rate, U=rotating * z)
+        noise_var = noise_var * whole**2
         self.x[at.Q] = z + lever @ self.x
         cross = self.P @ lever
         self.P[at.Q, :], self.P[:, at.Q] = cross, cross
         self.P[at.Q, at.Q] = noise_var + lever @ cross
+
+    def inverse(self):
+        return max(self.x[at.U], k._LEAST_SHARE * self.inverse_std)
+
+    def halfway(self):
+        return 0.5 * np.clip(self.x[at.DELAY] / self.inverse(), -k._DELAY_S, k._DELAY_S)
 
     def correct(self, h, z, r, first=0):
         s = h @ self.P @ h + r
@@ -156,7 +165,8 @@ def test_momentum_balance_equals_two_dense_filters(compiled):
     fast.enable(compiled)
     try:
         n = 60
-        w = random_windows(n)
+        swings = np.random.default_rng(2).normal(0, 9000, (2, n))
+        w = random_windows(n, traction_Nps=swings[0], before_Nps=swings[1], rotating_kg=1500.0)
         estimator = Canest("canest", replace(FACTS, mass_max_kg=400_000.0))  # no bound is ever met
         roads = [Dense(estimator, at.STRAIGHT), Dense(estimator, at.CURVED)]
         weight = np.array(estimator._weight)
@@ -197,16 +207,25 @@ def test_momentum_balance_equals_two_dense_filters(compiled):
         steady_N = c["force_N"] if i == 0 else steady_N + (c["force_N"] - steady_N) * WINDOW_S / ROAD_S
         for dense in roads:
             dense.travel(c["distance_m"])
-            inverse = max(dense.x[at.U], k._LEAST_SHARE * prior.std[at.U])
+            inverse, rate = dense.inverse(), c["traction_Nps"]
+            swing_var = (k._SWING_MPS * u * c["rotating_kg"] * 0.5**i) ** 2
+            whole = 1 + inverse * c["rotating_kg"]
             if i == 0:
-                dense.begin(began, c["before_N"], noise_var)
+                dense.begin(began, c["before_N"], c["before_Nps"], c["rotating_kg"], noise_var + swing_var)
+            late = t + dense.halfway() * rate
+            slow = -c["rotating_kg"] * calm
+            lever = h(Q=1.0, DELAY=late * whole, SLIP=calm * t * whole, U=slow, WINDUP=rate)
             dense.push(c["force_N"], c["roll_mps2"], c["drag_N_per_mps"], inverse**2 * unknown * WINDOW_S)
             kept = dense.x[at.U], dense.P[at.U, at.U]
-            found.append(dense.correct(h(Q=1.0, DELAY=t, SLIP=calm * t), c["speed_mps"], noise_var))
+            jitter_var = (inverse * rate * k._JITTER_S) ** 2
+            z = c["speed_mps"] + c["rotating_kg"] * (c["speed_mps"] - calm) * dense.x[at.U]
+            e, s = dense.correct(lever, z, (noise_var + swing_var + jitter_var) * whole**2)
+            found.append((e, s, whole))
             if steady:  # Schmidt: considered, not moved
                 dense.x[at.U], dense.P[at.U, at.U] = kept
-        told = np.array([-0.5 * (min(e * e / s, OUTLIER) + np.log(s)) for e, s in found])
-        surplus = sum(p * (min(e * e, OUTLIER * s) - s) for p, (e, s) in zip(weight, found, strict=True))
+        told = np.array([-0.5 * (min(e * e / s, OUTLIER) + np.log(s)) for e, s, _ in found])
+        surplus = [(min(e * e, OUTLIER * s) - s) / whole**2 for e, s, whole in found]
+        surplus = weight @ surplus
         noise_var = max(prior.noise_floor[0] ** 2, noise_var + surplus / memory)
         weight = weight * np.exp(told - told.max())
         weight /= weight.sum()

@@ -146,7 +146,7 @@ def test_brake_and_shift_close_their_gates_and_dwell() -> None:
     )
     _, e = estimate(frames)
     t_s = (e.t_us - frames.t_us[0]) * 1e-6
-    for begin, end, gate, dwell in ((5, 7, Gate.BRAKE, 1.0), (11, 12, Gate.SHIFT, 1.2)):
+    for begin, end, gate, dwell in ((5, 7, Gate.BRAKE, 1.0), (11, 12, Gate.SHIFT, 0.6)):
         assert (e.gate[(t_s > begin + 0.2) & (t_s < end)] == gate).all()
         assert (e.gate[(t_s > end + 0.2) & (t_s < end + dwell - 0.1)] == Gate.RECOVERY).all()
         assert (e.gate[(t_s > end + dwell + 0.2) & (t_s < end + dwell + 1)] == Gate.OPEN).all()
