@@ -66,7 +66,7 @@ class Canest(Estimator):
             self._memory[slot] = noise * noise
         self._memory[at.COARSE_VAR] = self._memory[at.LAST_VAR] = prior.std[at.GRADE] ** 2
         self._memory[at.COARSE_GRADE] = self._memory[at.LAST_GRADE] = prior.mean[at.GRADE]
-        self._memory[at.SURPRISED_M] = math.inf
+        self._memory[at.SURPRISED_M] = self._memory[at.DRIVEN_S] = math.inf
         self._windows = Windows()
         self._status = StatusTracker(VALID_SHARE)
         # a guess is given out until there is something better, and has no other part in it
@@ -75,6 +75,7 @@ class Canest(Estimator):
         start = np.zeros((1, at.OUTPUTS))
         start[0, at.OUT_U], start[0, at.OUT_U_VAR] = self._memory[at.HELD_U], prior.std[at.U] ** 2
         start[0, at.OUT_EFFORT] = REMEMBERED
+        start[0, at.OUT_PROVEN] = 1.0
         start[0, at.OUT_GRADE] = prior.mean[at.GRADE]
         start[0, at.OUT_GRADE_VAR] = prior.std[at.GRADE] ** 2
         self._last = output.known(start, np.zeros(1), self.facts, wide.std[at.U])[0]
@@ -150,11 +151,12 @@ class Canest(Estimator):
         samples = np.diff(np.concatenate(([0], ends, [n])))
         mass, mass_std, sine, grade_std, per_tick, last = np.repeat(rows, samples, axis=1)
         learned = np.repeat(table[output.LEARNED] > 0.0, samples)
-        standing = np.repeat(table[output.STANDING_S] > output.UNLOADED_S, samples)
+        doubtful = (table[output.STANDING_S] > output.UNLOADED_S) | (table[output.PROVEN] == 0.0)
+        doubtful = np.repeat(doubtful, samples)
         sine += per_tick * (np.arange(n) - last + (SHIFT + self.facts.filter_delay_s / STEP_S))
         np.clip(sine, -STEEPEST, STEEPEST, out=sine)
-        status = self._status.update(learned & ~standing, mass, mass_std)
-        status[learned & standing] = Status.CONVERGING
+        status = self._status.update(learned & ~doubtful, mass, mass_std)
+        status[learned & doubtful] = Status.CONVERGING
         grade = sine / np.sqrt(1.0 - sine * sine)
         if self.facts.initial_mass_kg is None and not learned.all():
             mass, mass_std, grade, grade_std = (

@@ -10,9 +10,13 @@ from typing import Any
 
 from canest import fast
 from canest.estimators.canest_states import (
+    BEFORE_U,
     BIASED,
+    DRIVEN_S,
     EFFORT,
     FELT,
+    HELD_U,
+    LEARNED,
     SLOW_N,
     STEADY_N,
     SURPRISED_M,
@@ -31,6 +35,8 @@ ORDINARY, CREST = 0.5, 2.0
 SIGN_MEMORY, CLIP = 15.0, 5.0
 #: innovations this one-signed for seconds surprise
 ONE_SIGNED = 1.5
+#: a load that is another than before, by this share, has to prove itself for so long, s
+ANOTHER, PROOF_S = 0.045, 60.0
 #: who is surprised again within this distance carries another load, m
 AGAIN_M = 1000.0
 
@@ -62,6 +68,23 @@ def credit(memory: Container, u: float, force: float, steepens_1ps: float, first
     memory[EFFORT] += max(brisk * brisk - crest * crest, 0.0) * WINDOW_S
     if feels:
         memory[FELT] += slow * slow * WINDOW_S
+
+
+@fast.kernel
+def proven(memory: Container, u: float) -> float:
+    """Return 1 where an inverse mass is that from before the vehicle stood, or has lasted since, else 0."""
+    moved = abs(u - memory[BEFORE_U])
+    return 1.0 if memory[DRIVEN_S] >= PROOF_S or moved < ANOTHER * memory[BEFORE_U] else 0.0
+
+
+@fast.kernel
+def unload(memory: Container) -> None:
+    """Forget what torque has told: the vehicle has stood long enough to carry another load."""
+    memory[EFFORT] = memory[FELT] = 0.0
+    if memory[LEARNED] > 0.0:
+        if proven(memory, memory[HELD_U]) > 0.0:
+            memory[BEFORE_U] = memory[HELD_U]
+        memory[DRIVEN_S] = 0.0
 
 
 @fast.kernel

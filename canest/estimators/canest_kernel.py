@@ -32,7 +32,7 @@ from typing import Any
 from canest import fast
 from canest.estimators.canest_axle import UNDRIVEN_EVERY, slip_seen
 from canest.estimators.canest_coarse import coarse_grade, surer
-from canest.estimators.canest_doubt import credit, follow, steady_hand, surprise
+from canest.estimators.canest_doubt import credit, follow, proven, steady_hand, surprise, unload
 from canest.estimators.canest_filter import (
     correct,
     hold_within,
@@ -52,6 +52,7 @@ from canest.estimators.canest_states import (
     CURVATURE,
     CURVED,
     DELAY,
+    DRIVEN_S,
     EFFORT,
     FELT,
     FREE,
@@ -67,6 +68,7 @@ from canest.estimators.canest_states import (
     OUT_GRADE,
     OUT_GRADE_VAR,
     OUT_LEARNED,
+    OUT_PROVEN,
     OUT_STANDING_S,
     OUT_STEADY_MPS2,
     OUT_U,
@@ -177,7 +179,7 @@ def run(
             ds += gap_s[k] * max(v, 0.0)
         drive_on(X, PP, weight, memory, ds, wind_var, curvature_var)
         if loaded:
-            memory[EFFORT] = memory[FELT] = 0.0
+            unload(memory)
             Y[AXLE_SLIP][AXLE_SLIP] += _LOOSER * prior[SLIP] * prior[SLIP] + y[AXLE_SLIP] * y[AXLE_SLIP]
         # the road has a step, or the load has changed where nobody saw it: let the next seconds tell
         surprised, again = surprise(memory, ds)
@@ -318,6 +320,7 @@ def run(
             if sees:
                 memory[SENSED_VAR] = level(memory[SENSED_VAR], sensed_surplus, floors[1], memory[COUNT])
             memory[LEARNED] = 1.0
+            memory[DRIVEN_S] += WINDOW_S
             memory[PRESSED] = settles * memory[PRESSED] + pressed
             first_of_all = begins and memory[COUNT] == 0.0
             credit(memory, u, force[k], steepens, first_of_all, sensed[k] == sensed[k])
@@ -356,3 +359,4 @@ def run(
         row[OUT_EFFORT] = memory[EFFORT]
         row[OUT_FELT] = memory[FELT]
         row[OUT_STEADY_MPS2] = row[OUT_U] * memory[STEADY_N]
+        row[OUT_PROVEN] = proven(memory, row[OUT_U])

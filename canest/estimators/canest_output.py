@@ -11,8 +11,8 @@ from canest.frames import FloatColumn
 from canest.vehicle.samples import GRAVITY_MPS2, VehicleFacts
 
 # columns of what is known after a window
-MASS_KG, MASS_STD_KG, SINE, SINE_STD, SINE_PER_M, SPEED_MPS, LEARNED, STANDING_S = range(8)
-COLUMNS = 8
+MASS_KG, MASS_STD_KG, SINE, SINE_STD, SINE_PER_M, SPEED_MPS, LEARNED, STANDING_S, PROVEN = range(9)
+COLUMNS = 9
 
 #: share of the mass left in doubt is this by the effort (m2/s3): half of it on a motorway at one speed,
 #: however long, 1 % after two or three launches; and the same by what an accelerometer has felt
@@ -53,6 +53,7 @@ def known(
     table[:, SINE_STD] = np.minimum(np.sqrt(grade_var + rolling * rolling + borne * borne), 1.0)
     table[:, LEARNED] = out[:, at.OUT_LEARNED]
     table[:, STANDING_S] = out[:, at.OUT_STANDING_S]
+    table[:, PROVEN] = out[:, at.OUT_PROVEN]
     table[:, SPEED_MPS] = np.maximum(speed_mps, 0.0)
     return table
 

@@ -49,10 +49,12 @@ AXLE_STATES = 3
     PRESSED,  # how far beyond its bounds the inverse mass would be, had nobody held it
     BENT_M,  # travelled in curves, and the sum of their curvature squared, 1/m
     BENT_1PM,
-) = range(30)
-MEMORY = 30
+    DRIVEN_S,  # with open gates since the load may have changed
+    BEFORE_U,  # the inverse mass before that
+) = range(32)
+MEMORY = 32
 
 # one window's outputs
 OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S, OUT_EFFORT = range(8)
-OUT_FELT, OUT_STEADY_MPS2 = 8, 9
-OUTPUTS = 10
+OUT_FELT, OUT_STEADY_MPS2, OUT_PROVEN = 8, 9, 10
+OUTPUTS = 11
