@@ -5,8 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+from canest.config.schema import Bus
 from canest.errors import BusError, LogError, UsageError
 from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
+from canest.live.link import require_interface
 from canest.logs.lines import CLASSIC_BYTES
 from canest.logs.reader import open_log
 
@@ -30,11 +32,13 @@ def play(
 
     A frame that the interface does not take in time is dropped and counted. Error frames are not sent, nor
     are CAN FD frames beyond eight bytes, of which a block holds the first eight only.
-    Returns one sentence that says how many went out. Errors: UsageError, BusError, LogError.
+    Returns one sentence that says how many went out. Errors: UsageError, ConfigError (an unknown
+    interface), BusError, LogError.
     """
     interface, colon, name = bus.partition(":")
     if not colon or not interface or not name:
         raise UsageError("malformed --to", found=bus, expected="INTERFACE:CHANNEL, e.g. socketcan:vcan0")
+    require_interface(Bus(interface=interface, channel=name), lambda _: bus)
     reader = open_log(log, channel=channel, block_frames=_BLOCK_FRAMES)
     if reader.kind != "frames":
         raise LogError("holds decoded signals, no frames: it cannot be played onto a bus", where=log)

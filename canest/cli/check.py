@@ -67,7 +67,7 @@ def command(
     from canest.live.link import require_interface
 
     keep_apart([*config_files(config_name, config), ("the log", log)], [("--json", json_path)])
-    require_interface(config)
+    require_interface(config.bus, config.at)
     doctor = Doctor(config)
     if log is None and not live:
         if json_path is not None:
