@@ -211,7 +211,7 @@ class TestLogs:
     def test_an_estimator_that_compare_does_not_know(self, canest):
         done = canest("compare", KENWORTH, "-c", "kenworth", "--mass", "7700", "--only", "canest,magic")
         assert done.code == 2
-        assert one_line(done).startswith("error: --only: unknown estimator, found 'magic', expected some of ")
+        assert one_line(done).startswith("error: --only: unknown estimator, found 'magic', expected one of ")
 
     def test_truth_of_another_shape(self, canest, tmp_path):
         path = tmp_path / "truth.csv"
