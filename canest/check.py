@@ -116,7 +116,7 @@ class Doctor:
             status=self._status,
             stops=self._stops(findings),
             hints=self._hints(findings),
-            notes=([] if log is None else log_notes(log)) + stream_notes(self.pipeline),
+            notes=([] if log is None else log_notes(log)) + stream_notes(self.pipeline.intake),
         )
 
     def _frames(self, block: FrameBlock) -> Samples:

@@ -83,7 +83,7 @@ def replay(
     summary = _summary(run, last)
     if score is not None:
         summary["errors"] = score.errors()
-    notes = log_notes(run.reader) + stream_notes(run.pipeline)
+    notes = log_notes(run.reader) + stream_notes(run.pipeline.intake)
     if doubts := run.pipeline.estimator.doubts():
         notes.append(doubts)
     summary["notes"] = notes

@@ -127,3 +127,5 @@ def _show(log: str, result: Comparison) -> None:
         style = "bold" if name == result.table["default"] else ""
         table.add_row(name, *cells(estimators[name]), escape(estimators[name]["note"]), style=style)
     console.print(table)
+    for note in result.table["notes"]:
+        console.print(f"[dim]note[/]  {escape(note)}", soft_wrap=True)

@@ -11,7 +11,7 @@ import click
 from canest.cli.options import Number, config_option, load, override_options
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from canest.config import Config
     from canest.diagnose.outcome import Entry
@@ -119,15 +119,22 @@ def _diagnose(
             written = write(diagnosis, config_name, names, output)
     except TooLittleDrivingError as error:
         written = write_empty(error, config, config_name, names, output)
-        print(f"{written.finding}\n\n{_files(written.paths)}")
+        print("\n".join([written.finding, "", *_notes(error.notes), _files(written.paths)]))
         return _failures(error.failed)
     _show(diagnosis, written.found)
     for reason in diagnosis.problem.left_out:
         print(f"left out: {reason}")
-    print(_files(written.paths))
+    print("\n".join([*_notes(diagnosis.problem.notes), _files(written.paths)]))
     if diagnosis.search.chosen:
         print(f"try it: canest replay ANOTHER.log -c {output / 'revised.yaml'}")
     return _failures(diagnosis.problem.failed)
+
+
+def _notes(noted: Mapping[str, Sequence[str]]) -> list[str]:
+    from canest.cli.summary import note_lines, short_names
+    from canest.diagnose.files import JSON_NAME
+
+    return note_lines(list(zip(short_names(list(noted)), noted.values(), strict=True)), JSON_NAME)
 
 
 def _failures(failed: Sequence[str]) -> int:

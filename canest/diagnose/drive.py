@@ -17,6 +17,7 @@ from canest.grid.grid import Feed, GridBlock
 from canest.intake import Intake, grid_for
 from canest.logs.blocks import TableBlock
 from canest.logs.reader import open_log
+from canest.notes import log_notes, stream_notes
 from canest.pipeline import Estimates, Pipeline
 from canest.tables import TableMap
 from canest.vehicle.effects import Effect
@@ -55,8 +56,11 @@ class NothingToDiagnoseError(LogError):
 class Drive:
     """One log's decoded samples with the config they were decoded by."""
 
-    def __init__(self, path: Path, config: Config, feeds: Sequence[Feed], flaw: str = "") -> None:
+    def __init__(
+        self, path: Path, config: Config, feeds: Sequence[Feed], flaw: str = "", notes: Sequence[str] = ()
+    ) -> None:
         self.path, self.config, self._feeds, self._flaw = path, config, feeds, flaw
+        self.notes = list(notes)  #: what a user should know of the log beside the numbers
         self.name = path.name.split(".")[0]
         self._grids: dict[tuple[float, ...], list[GridBlock]] = {}
 
@@ -77,7 +81,8 @@ class Drive:
         if not feeds:
             what = "holds no frame that the config's signal map wants"
             raise NothingToDiagnoseError(what, where=str(path))
-        return Drive(path, config, feeds, why_no_time(intake.clock))
+        notes = log_notes(reader) + stream_notes(intake)
+        return Drive(path, config, feeds, why_no_time(intake.clock), notes)
 
     @staticmethod
     def with_effects(config: Config, effects: Sequence[Effect]) -> Config:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,13 @@ MIN_WINDOWS = 8
 
 
 class TooLittleDrivingError(LogError):
-    """The logs that can be read hardly ever had open gates; ``failed`` says why of those that cannot."""
+    """The logs that can be read hardly ever had open gates.
+
+    failed: why others cannot be read; notes: log -> what a user should know of it.
+    """
 
     failed: Sequence[str] = ()
+    notes: Mapping[str, Sequence[str]] = MappingProxyType({})
 
 
 class _Part:
@@ -73,6 +78,8 @@ class Problem:
         self.parts = [p for p in parts if p.windows.count >= MIN_WINDOWS]
         #: logs that cannot be used at all, and why
         self.failed = list(failed)
+        #: log -> what a user should know of it, where there is anything
+        self.notes = {str(d.path): d.notes for d, _, _ in drives if d.notes}
         #: logs that take no part, and why
         self.left_out = [
             f"{p.drive.path}: only {p.windows.count} s with open gates"
@@ -85,7 +92,7 @@ class Problem:
                 found=f"{sum(p.windows.count for p in parts)} seconds",
                 expected=f"at least {MIN_WINDOWS} in a row; see `canest check`",
             )
-            error.failed = self.failed
+            error.failed, error.notes = self.failed, self.notes
             raise error
         offset, chunks = 0, []
         for part in self.parts:
