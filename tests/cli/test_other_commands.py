@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import lzma
+import time
 
 import pytest
 
@@ -34,6 +35,23 @@ def test_demo_settles_near_the_truth(canest):
     assert "at the end" in done.out
     end = next(line for line in done.out.splitlines() if line.startswith("at the end"))
     assert abs(float(end.rsplit(":", 1)[1].split("%")[0])) < 8
+
+
+def test_demo_waits_for_a_daemon_that_is_slower_than_the_drive():
+    from canest.demo.session import Session
+
+    with Session(60.0) as session:
+        push = session.daemon.pipeline.push
+
+        def late(frames):
+            time.sleep(0.6)  # longer than an estimate is one of now, so "not available" is said meanwhile
+            return push(frames)
+
+        session.daemon.pipeline.push = late
+        last = list(session.play(1.0))[-1]
+        estimates, _ = session.finish()
+    assert abs(last.estimate.mass_kg / last.true_mass_kg - 1) < 0.08
+    assert (estimates.t_us[-1] - estimates.t_us[0]) * 1e-6 == pytest.approx(session.duration_s, abs=0.1)
 
 
 @pytest.mark.parametrize(
