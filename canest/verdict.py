@@ -14,6 +14,11 @@ if TYPE_CHECKING:
     from canest.grid.clock import Clock
     from canest.replay import LogRun
 
+#: a clock that is set back this often, and for this share of its stamps, is not one clock
+_FEW_JUMPS, _JUMPING_SHARE = 10, 0.01
+#: no more frames than these fit into a tick, at 1 Mbit/s
+_MOST_IN_A_TICK = 200
+
 
 def why_unestimated(run: LogRun) -> str:
     """Return the reason: a signal that nothing works without, else the gates, else too little data."""
@@ -71,11 +76,16 @@ def why_not_learning(run: LogRun) -> str:
 
 
 def why_no_time(clock: Clock) -> str:
-    """Return that time runs backwards where most stamps do, '' where it passes."""
-    backward = clock.counters["reordered"] + clock.counters["clock_set_back"]
-    if 2 * backward <= clock.stamps:
-        return ""
-    return f"time runs backwards: {backward:,} of {clock.stamps:,} stamps lie before one that precedes them"
+    """Return that time stands still, runs backwards or is told by two clocks, '' where it passes."""
+    set_back, stamps = clock.counters["clock_set_back"], clock.stamps
+    backward = clock.counters["reordered"] + set_back
+    if 2 * backward > stamps:
+        return f"time runs backwards: {backward:,} of {stamps:,} stamps lie before one that precedes them"
+    if set_back > max(_FEW_JUMPS, _JUMPING_SHARE * stamps):
+        return f"the time stamps jump back {set_back:,} times, as where two clocks stamp one log"
+    if stamps > _MOST_IN_A_TICK and clock.first_us == clock.last_us and not backward:
+        return f"time stands still: all {stamps:,} stamps are the same"
+    return ""
 
 
 def gate_shares(gates: dict[str, int], samples: int) -> str:

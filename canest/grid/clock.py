@@ -31,6 +31,7 @@ class Clock:
 
     def __init__(self, hold_us: int, max_backward_us: int) -> None:
         self._hold_us, self._max_backward_us = hold_us, max_backward_us
+        self.first_us: int | None = None
         self.last_us: int | None = None
         self.stamps = 0  #: seen so far
         self.counters = {"reordered": 0, "gaps": 0, "clock_set_back": 0}
@@ -42,6 +43,8 @@ class Clock:
         self.stamps += len(frames)
         t_us = frames.t_us
         first = self.last_us is None
+        if first:
+            self.first_us = int(t_us[0])
         step = 0 if self.last_us is None else int(t_us[0]) - self.last_us
         steps = t_us[1:] - t_us[:-1]
         if min(step, steps.min(initial=0)) < 0 or max(step, steps.max(initial=0)) > self._hold_us:

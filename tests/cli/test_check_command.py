@@ -77,6 +77,20 @@ def test_a_log_in_reverse_stops_the_estimator(canest, tmp_path):
     assert "because   time runs backwards: " in done.out
 
 
+def test_a_clock_that_stands_still_or_is_two_clocks_stops_the_estimator(canest, tmp_path):
+    path = tmp_path / "flawed.log"
+    lines = lzma.decompress(KENWORTH.read_bytes()).strip().splitlines(keepends=True)
+    path.write_bytes(b"".join(b" (000.000000)" + line[line.index(b")") + 1 :] for line in lines))
+    told = report(canest, "-c", "kenworth", path)["stops"]
+    assert told.startswith("time stands still: all ") and told.endswith(" stamps are the same")
+    assert f"because   {told}" in canest("replay", path, "-c", "kenworth").out
+    # every third frame was stamped by a logger an hour ahead
+    path.write_bytes(b"".join(x.replace(b"(0", b"(36", 1) if i % 3 else x for i, x in enumerate(lines)))
+    told = report(canest, "-c", "kenworth", path)["stops"]
+    assert told.startswith("the time stamps jump back ") and told.endswith("two clocks stamp one log")
+    assert f"because   {told}" in canest("replay", path, "-c", "kenworth").out
+
+
 def test_bus_of_eleven_bit_identifiers(canest, tmp_path):
     path = tmp_path / "car.log"
     path.write_text("".join(f"({i * 0.01:.6f}) can0 1A0#0011223344556677\n" for i in range(200)))
