@@ -19,7 +19,7 @@ from canest.roles import ROLES
 from canest.tables import TableMap
 from canest.vehicle.model import LongitudinalModel
 from canest.vehicle.samples import STATUS_LABELS
-from canest.verdict import gate_shares, needed_roles, why_no_time
+from canest.verdict import gate_shares, needed_roles, what_lacks, why_no_time
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -99,11 +99,17 @@ class Doctor:
             self._status = STATUS_LABELS[int(estimates.status[-1])]
         model = LongitudinalModel(self.config)
         needed, speeds = needed_roles(self.config, model), set(model.speed_roles)
+        ratio = {role for way in model.ratio_ways for role in way}
         findings = []
         for role, source in self.config.signals.items():
-            need = "needed" if role in needed else "speed" if role in speeds else "optional"
+            need = (
+                "needed" if role in needed
+                else "speed" if role in speeds
+                else "ratio" if role in ratio
+                else "optional"
+            )  # fmt: skip
             findings.append(self._finding(role, source, need))
-        order = {"needed": 0, "speed": 1, "optional": 2}
+        order = {"needed": 0, "speed": 1, "ratio": 2, "optional": 3}
         findings.sort(key=lambda finding: order[finding.need])
         span = self._span_us or (0, 0)
         return Report(
@@ -114,7 +120,7 @@ class Doctor:
             updated=self.pipeline.updated,
             gates=self.pipeline.gate_counts,
             status=self._status,
-            stops=self._stops(findings),
+            stops=self._stops(model, findings),
             hints=self._hints(findings),
             notes=([] if log is None else log_notes(log)) + stream_notes(self.pipeline.intake),
         )
@@ -186,15 +192,17 @@ class Doctor:
         span = self._span_us or (0, 0)
         return (self._rows - 1) * 1e6 / (span[1] - span[0]) if span[1] > span[0] else None
 
-    def _stops(self, findings: list[Finding]) -> str:
+    def _stops(self, model: LongitudinalModel, findings: list[Finding]) -> str:
         if not self.frames:
             return "nothing was received: the log is empty, or the bus is silent"
-        for finding in findings:
-            if finding.need == "needed" and not finding.values:
-                return f"{finding.role} ({finding.text}) {complaint(finding)}"
-        speeds = [f for f in findings if f.need == "speed"]
-        if not any(f.values for f in speeds):
-            return "no speed: " + "; ".join(f"{f.role} {complaint(f)}" for f in speeds)
+        found = {f.role: f for f in findings}
+
+        def dead(role: str) -> str:
+            finding = found[role]
+            return "" if finding.values else f"{role} ({finding.text}) {complaint(finding)}"
+
+        if lacking := what_lacks(self.config, model, dead):
+            return lacking
         missing = self.pipeline.estimator.missing()
         if missing:
             return f"estimator {self.config.estimator.name} cannot work here: {missing}"

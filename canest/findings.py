@@ -34,8 +34,9 @@ class Sender:
 class Finding:
     """What the log or bus has of one role.
 
-    need: "needed", "speed" (one of these is needed) or "optional". low, high: range of its values in the
-    role's unit. verdict: ok, no value, not found, elsewhere (another address has it).
+    need: "needed", "speed" (one of these is needed), "ratio" (one way to the gear ratio is) or "optional".
+    low, high: range of its values in the role's unit. verdict: ok, no value, not found, elsewhere (another
+    address has it).
     """
 
     role: str
@@ -71,13 +72,20 @@ def judge(finding: Finding, source: Source) -> tuple[str, str]:
         where = _shown(best.address)
         return ELSEWHERE, f"{where} sends it with {best.valid:,} values: try source: {where}"
     if mine:
-        if all(s.wrong_length >= s.frames for s in mine):
-            return SILENT, "every frame has another length than the DBC says"
-        return SILENT, ""
+        return SILENT, _why_silent(mine)
     if finding.senders:
         shown = ", ".join(_shown(s.address) for s in finding.senders)
         return ABSENT, f"sent by {shown} only, and without a sound value"
     return ABSENT, ""
+
+
+def _why_silent(senders: list[Sender]) -> str:
+    """Return why senders that are heard give no sample of a role, '' when their samples hold no value."""
+    if all(s.wrong_length >= s.frames for s in senders):
+        return "every frame has another length than the DBC says"
+    if not any(s.not_available + s.error_value for s in senders):
+        return "no frame holds it: they end before it, or their multiplexor never selects it"
+    return ""
 
 
 def _is_sound(sender: Sender) -> bool:
@@ -94,7 +102,7 @@ def complaint(finding: Finding) -> str:
         bad = sum(s.not_available for s in finding.senders if finding.source in (None, s.address))
         if bad:
             return f"said not available in all {bad:,} frames of {expected}"
-        return f"never had a valid value in {expected}"
+        return f"never had a valid value in {expected}" + (f" ({finding.hint})" if finding.hint else "")
     if finding.verdict == ELSEWHERE:
         return f"is not sent as {expected}, but {finding.hint}"
     return f"was not found as {expected}" + (f" ({finding.hint})" if finding.hint else "")

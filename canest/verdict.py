@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from canest.roles import ROLES
@@ -46,13 +47,29 @@ def needed_roles(config: Config, model: LongitudinalModel) -> dict[str, str]:
 
 def why_no_signal(config: Config, counters: Counters, frames: int) -> str:
     """Return which needed signal never had a value in the log's frames, '' when all had."""
-    model = LongitudinalModel(config)
+
+    def dead(role: str) -> str:
+        if _valid(counters, role):
+            return ""
+        return f"{describe(config, role)} {_absence(config, counters, role, frames)}"
+
+    return what_lacks(config, LongitudinalModel(config), dead)
+
+
+def what_lacks(config: Config, model: LongitudinalModel, dead: Callable[[str], str]) -> str:
+    """Return the first thing that a force cannot be had without, '' when all is there.
+
+    dead: says of a role without a single value what is wrong with it, '' of one that has some.
+    """
     for role, more in needed_roles(config, model).items():
-        if not _valid(counters, role):
-            return f"{describe(config, role)} {_absence(config, counters, role, frames)}{more}"
-    if not any(_valid(counters, role) for role in model.speed_roles):
-        told = [f"{describe(config, r)} {_absence(config, counters, r, frames)}" for r in model.speed_roles]
-        return "no speed: " + "; ".join(told)
+        if reason := dead(role):
+            return reason + more
+    speeds = [dead(role) for role in model.speed_roles]
+    if all(speeds):
+        return "no speed: " + "; ".join(speeds)
+    ways = [[reason for role in way if (reason := dead(role))] for way in model.ratio_ways]
+    if ways and all(ways):
+        return "no gear ratio: " + "; ".join(dict.fromkeys(reason for way in ways for reason in way))
     return ""
 
 
@@ -121,7 +138,6 @@ def _absence(config: Config, counters: Counters, role: str, frames: int) -> str:
 
 
 def _lacking_column(run: LogRun) -> str:
-    model = LongitudinalModel(run.config)
     held = set(getattr(run.reader, "columns", ()))
     bad: dict[str, int] = getattr(run.reader, "bad_cells", {})
 
@@ -135,9 +151,4 @@ def _lacking_column(run: LogRun) -> str:
             return f"{describe(run.config, role)} holds no number in any of {run.reader.frames:,} rows"
         return ""
 
-    for role, more in needed_roles(run.config, model).items():
-        reason = dead(role)
-        if reason:
-            return reason + more
-    speeds = [dead(role) for role in model.speed_roles]
-    return "" if "" in speeds else "no speed: " + "; ".join(speeds)
+    return what_lacks(run.config, LongitudinalModel(run.config), dead)

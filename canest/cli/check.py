@@ -197,7 +197,8 @@ def _show(report: Report, title: str) -> None:
 
 def _rows(finding: Finding) -> Iterator[dict[str, str]]:
     """Yield the rows of one role: as the config expects it, then whoever else sends it."""
-    colour = "green" if finding.verdict == "ok" else "yellow" if finding.need == "optional" else "red"
+    mild = finding.need in ("optional", "ratio")  # there may be another way to the ratio
+    colour = "green" if finding.verdict == "ok" else "yellow" if mild else "red"
     expected = finding.expected + (f" @0x{finding.source:02X}" if finding.source is not None else "")
     unit = f" {finding.unit}" if finding.unit else ""
     head = {

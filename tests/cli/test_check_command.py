@@ -91,6 +91,34 @@ def test_a_clock_that_stands_still_or_is_two_clocks_stops_the_estimator(canest, 
     assert f"because   {told}" in canest("replay", path, "-c", "kenworth").out
 
 
+def test_a_gear_ratio_that_nothing_tells_is_named(canest, tmp_path):
+    """A ratio has ways, of which one is enough; the gates that close without any do not say which."""
+    source = "signals.gear={message: ETC2, signal: TransCurrentGear, source: 0x31}"
+    ratio = "signals.gear_ratio={message: ETC2, signal: TransActualGearRatio, source: 0x31}"
+    shaft = "signals.output_shaft_speed={message: ETC1, signal: Trans1OutputShaftSpeed, source: 0x31}"
+    elsewhere = [part for change in (source, ratio, shaft) for part in ("--set", change)]
+    found = report(canest, "-c", "kenworth", KENWORTH, *elsewhere)
+    assert role(found, "gear")["need"] == "ratio"
+    assert found["stops"].startswith("no gear ratio: gear_ratio (actual transmission ratio (SPN 526))")
+    assert "gear (current gear number" in found["stops"] and "output_shaft_speed" in found["stops"]
+    done = canest("replay", KENWORTH, "-c", "kenworth", *elsewhere)
+    assert "because   no gear ratio: gear_ratio (actual" in done.out
+    assert not report(canest, "-c", "kenworth", KENWORTH, *elsewhere[:4])["stops"]
+
+
+def test_messages_that_end_before_the_signal_are_the_reason(canest, tmp_path):
+    path = tmp_path / "short.log"
+    text = lzma.decompress(KENWORTH.read_bytes())
+    path.write_bytes(
+        b"".join(x for x in text.splitlines(keepends=True) if b"ECFF00" not in x and b"EBFF00" not in x)
+        + b" (029.990000)  can0  18FEE300   [8]  FF FF FF FF FF FF FF FF\n"
+    )
+    found = report(canest, "-c", "kenworth", path, "--set", "vehicle.reference_torque_Nm=null")
+    told = "no frame holds it: they end before it, or their multiplexor never selects it"
+    assert role(found, "reference_torque")["hint"] == told
+    assert f"({told})" in found["stops"]
+
+
 def test_bus_of_eleven_bit_identifiers(canest, tmp_path):
     path = tmp_path / "car.log"
     path.write_text("".join(f"({i * 0.01:.6f}) can0 1A0#0011223344556677\n" for i in range(200)))

@@ -328,6 +328,11 @@ def test_a_model_without_torque_or_speed_says_what_it_needs() -> None:
         (without("engine_torque_pct:"), "signals:", "signals: no torque, expected engine_torque_pct"),
         (half, "signals:", "signals: no torque, .*both half-shaft"),
         (without(*speeds), "signals:", "signals: no speed, expected output_shaft"),
+        (
+            without("gear_ratio:", "gear:", "output_shaft_speed:"),
+            "signals:",
+            "signals: nothing tells which of the 10 vehicle.gear_ratios is engaged, expected gear_ratio",
+        ),
         (without("reference_torque"), "vehicle:", "vehicle.reference_torque_Nm: is missing"),
     ):
         with pytest.raises(ConfigError, match=f"^truck.yaml:{line_with(text, line)}: {words}"):
