@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ import numpy as np
 from canest.decode.signal_map import decoder_for
 from canest.findings import Finding, Sender, complaint, judge
 from canest.frames import ERROR, EXTENDED, FloatColumn, FrameBlock, IntColumn
+from canest.intake import stale_limit_s
 from canest.logs.blocks import TableBlock
 from canest.notes import log_notes, stream_notes
 from canest.pipeline import Pipeline
@@ -164,7 +166,9 @@ class Doctor:
             finding.senders = [Sender(None, self._row_rate(), self._rows, self._rows - bad, bad, 0, 0)]
         low, high, count = self._ranges.get(role, (None, None, 0))
         finding.low, finding.high, finding.values = low, high, count
-        finding.verdict, finding.hint = judge(finding, source)
+        # a mean rate over a silence tells nothing
+        limit_s = math.inf if self.pipeline.clock.counters["gaps"] else stale_limit_s(role, source)
+        finding.verdict, finding.hint = judge(finding, source, limit_s)
         return finding
 
     def _senders(self, role: str) -> list[Sender]:

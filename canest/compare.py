@@ -15,11 +15,10 @@ from canest.estimators.base import REGISTRY, Estimator, create
 from canest.frames import FloatColumn, FrameBlock
 from canest.grid.grid import GridBlock
 from canest.intake import Intake, grid_for
-from canest.logs.reader import open_log
 from canest.notes import log_notes, stream_notes
 from canest.pipeline import Estimates, estimator_of, facts_of
 from canest.scoring import Score
-from canest.tables import TableMap
+from canest.tables import TableMap, open_for
 from canest.vehicle.regression import Regression
 from canest.vehicle.samples import RATE_HZ, ModelBlock, Status
 
@@ -123,7 +122,7 @@ def _samples(
     def both(ticks: GridBlock) -> tuple[ModelBlock, ModelBlock]:
         return plain.process(ticks), excited.process(ticks)
 
-    reader = open_log(log, channel=channel, time_column=config.sampling.time_column, columns=tables.columns)
+    reader = open_for(config, log, channel)
     for block in reader:
         if isinstance(block, FrameBlock):
             feeds = intake.frames(block)

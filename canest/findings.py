@@ -54,8 +54,8 @@ class Finding:
     hint: str = ""
 
 
-def judge(finding: Finding, source: Source) -> tuple[str, str]:
-    """Return the verdict on a role, and what to do about it ('' when nothing)."""
+def judge(finding: Finding, source: Source, stale_s: float) -> tuple[str, str]:
+    """Return the verdict on a role whose samples count for ``stale_s``, and what to do about it."""
     mine = [s for s in finding.senders if source.source in (None, s.address)]
     others = [s for s in finding.senders if s not in mine and _is_sound(s)]
     if finding.values:
@@ -66,6 +66,9 @@ def judge(finding: Finding, source: Source) -> tuple[str, str]:
         if source.source is None and len(with_values) > 1:
             shown = ", ".join(_shown(s.address) for s in with_values)
             return OK, f"several addresses send it ({shown}): name one with source:"
+        every_s = min((1.0 / s.rate_hz if s.rate_hz else 0.0 for s in with_values), default=0.0)
+        if every_s > stale_s:
+            return OK, f"comes every {every_s:.2g} s, and a value counts for {stale_s:g} s only (stale_s)"
         return OK, ""
     if others:
         best = max(others, key=lambda s: s.valid)

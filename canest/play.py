@@ -40,7 +40,7 @@ def play(
         raise UsageError("malformed --to", found=bus, expected="INTERFACE:CHANNEL, e.g. socketcan:vcan0")
     require_interface(Bus(interface=interface, channel=name), lambda _: bus)
     reader = open_log(log, channel=channel, block_frames=_BLOCK_FRAMES)
-    if reader.kind != "frames":
+    if reader.kind == "table":
         raise LogError("holds decoded signals, no frames: it cannot be played onto a bus", where=log)
     import can
 

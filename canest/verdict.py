@@ -99,7 +99,13 @@ def why_no_time(clock: Clock) -> str:
     if 2 * backward > stamps:
         return f"time runs backwards: {backward:,} of {stamps:,} stamps lie before one that precedes them"
     if set_back > max(_FEW_JUMPS, _JUMPING_SHARE * stamps):
-        return f"the time stamps jump back {set_back:,} times, as where two clocks stamp one log"
+        return f"the time stamps jump back {set_back:,} times: out of order, or of two clocks in one log"
+    if 2 * clock.counters["gaps"] > stamps > 2:
+        hold_s = clock.hold_us * 1e-6
+        return (
+            f"{clock.counters['gaps']:,} of {stamps:,} stamps come more than {hold_s:g} s (sampling.hold_s) "
+            "after the one before: are they in seconds?"
+        )
     if stamps > _MOST_IN_A_TICK and clock.first_us == clock.last_us and not backward:
         return f"time stands still: all {stamps:,} stamps are the same"
     return ""

@@ -16,10 +16,9 @@ from canest.frames import BoolColumn, FloatColumn
 from canest.grid.grid import Feed, GridBlock
 from canest.intake import Intake, grid_for
 from canest.logs.blocks import TableBlock
-from canest.logs.reader import open_log
 from canest.notes import log_notes, stream_notes
 from canest.pipeline import Estimates, Pipeline
-from canest.tables import TableMap
+from canest.tables import TableMap, open_for
 from canest.vehicle.effects import Effect
 from canest.vehicle.regression import Regression
 from canest.vehicle.samples import ModelBlock
@@ -70,7 +69,7 @@ class Drive:
         intake = Intake(config)
         table = TableMap(config)
         feeds: list[Feed] = []
-        reader = open_log(path, time_column=config.sampling.time_column, columns=table.columns or None)
+        reader = open_for(config, path)
         for block in reader:
             if isinstance(block, TableBlock):
                 feeds.extend(intake.table(table.samples(block), block.t_us))

@@ -87,7 +87,7 @@ def test_a_clock_that_stands_still_or_is_two_clocks_stops_the_estimator(canest, 
     # every third frame was stamped by a logger an hour ahead
     path.write_bytes(b"".join(x.replace(b"(0", b"(36", 1) if i % 3 else x for i, x in enumerate(lines)))
     told = report(canest, "-c", "kenworth", path)["stops"]
-    assert told.startswith("the time stamps jump back ") and told.endswith("two clocks stamp one log")
+    assert told.startswith("the time stamps jump back ") and told.endswith("of two clocks in one log")
     assert f"because   {told}" in canest("replay", path, "-c", "kenworth").out
 
 
@@ -117,6 +117,19 @@ def test_messages_that_end_before_the_signal_are_the_reason(canest, tmp_path):
     told = "no frame holds it: they end before it, or their multiplexor never selects it"
     assert role(found, "reference_torque")["hint"] == told
     assert f"({told})" in found["stops"]
+
+
+def test_a_signal_that_comes_too_seldom_is_told(canest, tmp_path):
+    path = tmp_path / "slow.log"
+    lines = lzma.decompress(KENWORTH.read_bytes()).splitlines(keepends=True)
+    torque = [line for line in lines if b"0CF00400" in line]
+    path.write_bytes(b"".join(line for line in lines if b"0CF00400" not in line or line in torque[::25]))
+    found = report(canest, "-c", "kenworth", path)
+    told = "comes every 0.5 s, and a value counts for 0.25 s only (stale_s)"
+    assert role(found, "engine_torque_pct")["hint"] == told
+    assert f"signals.engine_torque_pct: {told}" in found["hints"]
+    slow = ("--set", "signals.engine_torque_pct.stale_s=1")
+    assert not role(report(canest, "-c", "kenworth", path, *slow), "engine_torque_pct")["hint"]
 
 
 def test_bus_of_eleven_bit_identifiers(canest, tmp_path):

@@ -191,12 +191,17 @@ class TestLogs:
         line = one_line(done)
         assert "no frame on this channel, found 'can7', expected one of can0 (19,957 frames)" in line
 
-    def test_table_log_for_a_config_of_dbc_signals(self, canest, tmp_path):
+    @pytest.mark.parametrize(
+        "command", [["replay"], ["compare", "--mass", "9000"], ["diagnose", "-o", "out"]]
+    )
+    def test_table_log_for_a_config_of_dbc_signals(self, canest, tmp_path, monkeypatch, command):
+        monkeypatch.chdir(tmp_path)
         path = tmp_path / "table.csv"
         path.write_text("t_s,v\n0.0,1\n0.1,2\n")
-        done = canest("replay", path, "-c", "kenworth")
+        done = canest(*command, path, "-c", "kenworth")
         assert done.code == 1
         assert "DBC signals" in one_line(done)
+        assert [p.name for p in tmp_path.iterdir()] == ["table.csv"]
 
     def test_output_that_cannot_be_written(self, canest, tmp_path):
         done = canest("replay", KENWORTH, "-c", "kenworth", "-o", tmp_path / "none" / "est.csv")

@@ -110,6 +110,21 @@ class TestTables:
         result = replay(path, parse_config(TABLE_CONFIG))
         assert result.summary["reason"].startswith("time runs backwards: 1,799 of 1,800 stamps")
 
+    def test_rows_that_come_too_far_apart_are_the_reason(self, tmp_path):
+        path = write_table(tmp_path / "trip.csv")
+        header, *rows = path.read_text().splitlines()
+        cells = [row.split(",", 1) for row in rows]
+        path.write_text("\n".join([header, *(f"{float(t) * 1000},{rest}" for t, rest in cells)]) + "\n")
+        result = replay(path, parse_config(TABLE_CONFIG))
+        assert result.summary["reason"].startswith("1,799 of 1,800 stamps come more than 2 s")
+        assert "in seconds?" in result.summary["reason"]
+
+    def test_an_empty_file_is_empty_whatever_its_name(self, tmp_path):
+        for config in (parse_config(TABLE_CONFIG), load_config("kenworth")):
+            (tmp_path / "trip.csv").write_bytes(b"")
+            result = replay(tmp_path / "trip.csv", config)
+            assert result.summary["reason"] == "the log is empty: it holds no frames"
+
     def test_missing_column_is_the_reason(self, tmp_path):
         path = tmp_path / "trip.csv"
         path.write_text("seconds,v_kmh\n" + "".join(f"{i / 10},36\n" for i in range(100)))
@@ -261,7 +276,7 @@ def test_reading_in_small_blocks_gives_the_same_file(tmp_path, monkeypatch):
     from canest.logs import base
 
     monkeypatch.setattr(base, "_TEXT_BYTES", 3000)
-    from canest import replay as module
+    from canest import tables as module
 
     small = module.open_log
     monkeypatch.setattr(module, "open_log", lambda *a, **k: small(*a, **k, block_frames=100))
