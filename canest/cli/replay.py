@@ -27,6 +27,9 @@ Logs: candump text in both its forms, .asc .blf .trc .mf4 .csv .db, and tables (
 plain or compressed (.gz .xz .zst .bz2).
 """
 
+#: of files that hold estimates; what says another format (.xlsx, .csv.gz) would hold csv all the same
+_TABLE_ENDINGS = (".csv", ".parquet", ".txt", "")
+
 
 @click.command(epilog=EPILOG)
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
@@ -123,6 +126,11 @@ def _with_outputs(jobs: list[Job], output: str | None, report: str | None) -> li
         reports = Path(report) if report and len(jobs) > 1 else None
         jobs = with_outputs(jobs, Path(output) if output else None, reports)
     elif output is not None:
+        if Path(output).suffix.lower() not in _TABLE_ENDINGS:
+            raise click.UsageError(
+                f"-o: found the file {output}, expected one that ends in .csv or .parquet",
+                click.get_current_context(),
+            )
         jobs = [replace(jobs[0], output=Path(output))]
     if report is not None and len(jobs) == 1:
         jobs = [replace(jobs[0], report=Path(report))]

@@ -177,6 +177,13 @@ class TestLogs:
         assert done.code == 1
         assert "none.log" in one_line(done)
 
+    @pytest.mark.parametrize("name", ["est.csv.gz", "est.xlsx", "est.html"])
+    def test_estimates_are_written_in_no_format_but_their_own(self, canest, tmp_path, name):
+        done = canest("replay", KENWORTH, "-c", "kenworth", "-o", tmp_path / name)
+        assert done.code == 2
+        assert f"{name}, expected one that ends in .csv or .parquet" in one_line(done)
+        assert not list(tmp_path.iterdir())
+
     def test_no_log_at_all(self, canest, tmp_path):
         path = tmp_path / "picture.png"
         path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 20)

@@ -390,3 +390,8 @@ def test_an_effect_in_a_gear_that_the_vehicle_has_not() -> None:
     bare = ["vehicle.gear_ratios={}", "effects=[{effect: driveline_loss, gear: 11}]"]
     assert parse_config(TRUCK, overrides=bare).effects[0]["gear"] == 11
     assert "found 11, expected null" in refused(TRUCK, *bare, "signals.gear=null")
+
+
+def test_a_channel_may_be_a_number() -> None:
+    assert parse_config(TRUCK, "truck.yaml", ["bus={interface: kvaser, channel: 0}"]).bus.channel == "0"
+    assert "bus.channel" in refused(TRUCK, "bus.channel=[0]")
