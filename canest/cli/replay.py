@@ -108,6 +108,12 @@ def command(
         + [("--report", job.report) for job in jobs]
         + [("--json", json_path)],
     )
+    for job in jobs:
+        if job.output is not None and job.output.suffix.lower() not in _TABLE_ENDINGS:
+            raise click.UsageError(
+                f"-o: found the file {job.output}, expected one that ends in .csv or .parquet",
+                click.get_current_context(),
+            )
     if playing:  # after all that can be refused has been: a bus cannot take back what it carried
         _play(logs, bus, speed, channel, quiet=json_path == "-")
     if len(jobs) == 1:
@@ -126,11 +132,6 @@ def _with_outputs(jobs: list[Job], output: str | None, report: str | None) -> li
         reports = Path(report) if report and len(jobs) > 1 else None
         jobs = with_outputs(jobs, Path(output) if output else None, reports)
     elif output is not None:
-        if Path(output).suffix.lower() not in _TABLE_ENDINGS:
-            raise click.UsageError(
-                f"-o: found the file {output}, expected one that ends in .csv or .parquet",
-                click.get_current_context(),
-            )
         jobs = [replace(jobs[0], output=Path(output))]
     if report is not None and len(jobs) == 1:
         jobs = [replace(jobs[0], report=Path(report))]
