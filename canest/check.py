@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from canest.decode.signal_map import decoder_for
+from canest.decode import j1939
+from canest.decode.database import find_signal, is_j1939
+from canest.decode.signal_map import SAYS_J1939, databases_of, decoder_for
 from canest.findings import Finding, Sender, complaint, judge
 from canest.frames import ERROR, EXTENDED, FloatColumn, FrameBlock, IntColumn
 from canest.intake import stale_limit_s
@@ -70,6 +72,7 @@ class Doctor:
         self._missing_cells: dict[str, int] = {}
         self._table_columns: set[str] = set()
         self._addresses: set[int] = set()
+        self._pgns: set[int] = set()
         self._span_us: tuple[int, int] | None = None
         self._status = STATUS_LABELS[0]
         self.plausibility = Plausibility(config)
@@ -132,6 +135,9 @@ class Doctor:
         extended = (block.can_id & np.uint32(EXTENDED)) != 0
         self._standard_frames += int(np.count_nonzero(~extended))
         self._addresses.update(np.unique(block.can_id[extended] & np.uint32(0xFF)).tolist())
+        self._pgns.update(
+            map(j1939.pgn_of, np.unique(block.can_id[extended] >> np.uint32(8) << np.uint32(8)).tolist())
+        )
         self._survey.push(block)
         return self._listening.push(block).samples
 
@@ -170,6 +176,18 @@ class Doctor:
         limit_s = math.inf if self.pipeline.clock.counters["gaps"] else stale_limit_s(role, source)
         finding.verdict, finding.hint = judge(finding, source, limit_s)
         return finding
+
+    def _comes_from_others(self, role: str) -> bool:
+        """Return whether a message that is matched by its exact identifier is there under others."""
+        source = self.config.signals[role]
+        if source.message is None or source.signal is None:
+            return False
+        message, _ = find_signal(databases_of(self.config), source.message, source.signal)
+        return (
+            message.is_extended_frame
+            and not is_j1939(message)
+            and j1939.pgn_of(message.frame_id) in self._pgns
+        )
 
     def _senders(self, role: str) -> list[Sender]:
         found: list[tuple[int | None, SenderCounters]] = [
@@ -226,6 +244,13 @@ class Doctor:
             elif self._addresses:
                 seen = ", ".join(f"0x{a:02X}" for a in sorted(self._addresses)[:12])
                 hints.append(f"none of the config's messages is there; the bus has addresses {seen}")
+        by_identifier = [f.expected for f in findings if not f.senders and self._comes_from_others(f.role)]
+        if by_identifier:
+            more = f" (and {len(by_identifier) - 1} more)" if len(by_identifier) > 1 else ""
+            hints.append(
+                f"{by_identifier[0]}{more} is matched by its whole identifier, and the bus has its parameter "
+                f"group under others: to take it from them needs {SAYS_J1939}"
+            )
         if self._bad_frames:
             hints.append(f"{self._bad_frames:,} error frames: check bit rate, termination and wiring")
         unheard = any(f.role == "engine_friction_pct" and not f.values for f in findings)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import lzma
+import re
 from pathlib import Path
 
 from canest.resources import shipped
@@ -130,6 +131,21 @@ def test_a_signal_that_comes_too_seldom_is_told(canest, tmp_path):
     assert f"signals.engine_torque_pct: {told}" in found["hints"]
     slow = ("--set", "signals.engine_torque_pct.stale_s=1")
     assert not role(report(canest, "-c", "kenworth", path, *slow), "engine_torque_pct")["hint"]
+
+
+def test_a_dbc_that_does_not_say_j1939_is_told_so(canest, tmp_path):
+    """Most hand-made DBC lack the attributes: their messages are then matched by the whole identifier."""
+    dbc = (shipped("dbc") / "j1939.dbc").read_text()
+    (tmp_path / "plain.dbc").write_text("".join(x for x in dbc.splitlines(True) if not x.startswith("BA_")))
+    text = (shipped("configs") / "kenworth.yaml").read_text().replace("[j1939.dbc]", "[plain.dbc]")
+    config = tmp_path / "plain.yaml"
+    config.write_text(text)
+    done = canest("check", "-c", config)
+    assert done.code == 2 and "is no J1939 message" in done.err and 'VFrameFormat "J1939PG"' in done.err
+    kept = [x for x in text.splitlines() if "reference_torque:" not in x]
+    config.write_text(re.sub(r", source: 0x[0-9A-F]+", "", "\n".join(kept)))
+    (hint,) = [h for h in report(canest, "-c", config, KENWORTH)["hints"] if "J1939PG" in h]
+    assert hint.startswith("EEC1.") and "more) is matched by its whole identifier" in hint
 
 
 def test_bus_of_eleven_bit_identifiers(canest, tmp_path):
