@@ -97,7 +97,10 @@ def why_no_time(clock: Clock) -> str:
     set_back, stamps = clock.counters["clock_set_back"], clock.stamps
     backward = clock.counters["reordered"] + set_back
     if 2 * backward > stamps:
-        return f"time runs backwards: {backward:,} of {stamps:,} stamps lie before one that precedes them"
+        # small steps alone, never far back: no clock, but the time from each frame to the next
+        differences = "" if set_back else " (candump -t d writes differences, -t a writes times)"
+        told = f"{backward:,} of {stamps:,} stamps lie before one that precedes them"
+        return f"time runs backwards: {told}{differences}"
     if set_back > max(_FEW_JUMPS, _JUMPING_SHARE * stamps):
         return f"the time stamps jump back {set_back:,} times: out of order, or of two clocks in one log"
     if 2 * clock.counters["gaps"] > stamps > 2:

@@ -78,6 +78,18 @@ def test_a_log_in_reverse_stops_the_estimator(canest, tmp_path):
     assert "because   time runs backwards: " in done.out
 
 
+def test_differences_in_place_of_times_are_told(canest, tmp_path):
+    path = tmp_path / "delta.log"
+    before, lines = 0.0, []
+    for line in lzma.decompress(KENWORTH.read_bytes()).decode().strip().splitlines():
+        stamp, rest = float(line.strip()[1:11]), line.split(")", 1)[1]
+        lines.append(f" ({stamp - before:010.6f}){rest}\n")
+        before = stamp
+    path.write_text("".join(lines))
+    told = report(canest, "-c", "kenworth", path)["stops"]
+    assert told.startswith("time runs backwards: ") and "candump -t d writes differences" in told
+
+
 def test_a_clock_that_stands_still_or_is_two_clocks_stops_the_estimator(canest, tmp_path):
     path = tmp_path / "flawed.log"
     lines = lzma.decompress(KENWORTH.read_bytes()).strip().splitlines(keepends=True)
