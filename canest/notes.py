@@ -39,6 +39,9 @@ def stream_notes(intake: Intake) -> list[str]:
     lost = intake.decoder.counters.lost()
     if lost:
         notes.append("not decoded: " + ", ".join(f"{n:,} {what}" for what, n in lost.items()))
+    for role, others in sorted(intake.decoder.counters.contested().items()):
+        counts = ", ".join(f"{n:,} from 0x{address or 0:02X}" for address, n in others.items())
+        notes.append(f"{role} comes from several addresses: not used {counts}; name one with source:")
     refused = intake.screen.refused
     if refused:
         counts = ", ".join(f"{n:,} of {role}" for role, n in sorted(refused.items()))

@@ -270,6 +270,14 @@ class TestBadInput:
         assert "not decoded: 1 remote frames, 1 error frames" in result.summary["notes"]
 
 
+def test_samples_that_another_address_owns_are_noted():
+    anyone = "signals.vehicle_speed={message: CCVS1, signal: WheelBasedVehicleSpeed}"
+    notes = replay(KENWORTH, load_config("kenworth", [anyone])).notes
+    assert notes == [
+        "vehicle_speed comes from several addresses: not used 300 from 0x31; name one with source:"
+    ]
+
+
 def test_reading_in_small_blocks_gives_the_same_file(tmp_path, monkeypatch):
     config = load_config("class8")
     replay(DRIVE, config, output=tmp_path / "a.csv")
