@@ -16,6 +16,8 @@ from canest.logs.reader import open_log
 SEND_TIMEOUT_S = 0.1
 #: frames this close are sent without sleeping between them
 _SHORT_S = 0.0005
+#: a clock that goes back further was set: the rhythm begins anew, where else all that follows would be late
+_SET_BACK_US = 500_000
 #: frames read at once
 _BLOCK_FRAMES = 1 << 12
 
@@ -49,8 +51,9 @@ def play(
     except Exception as error:  # each of python-can's interfaces has exceptions of its own
         raise BusError(f"cannot be opened ({' '.join(str(error).split())})", where=bus) from None
     sent = dropped = long = 0
-    begin = time.monotonic()
+    started = begin = time.monotonic()
     first_us: int | None = None
+    last_us = 0
     try:
         for block in reader:
             assert isinstance(block, FrameBlock)
@@ -66,7 +69,9 @@ def play(
                 if length > CLASSIC_BYTES and not can_id & REMOTE:
                     long += 1
                     continue
-                first_us = t_us if first_us is None else first_us
+                if first_us is None or t_us < last_us - _SET_BACK_US:
+                    begin, first_us = time.monotonic(), t_us
+                last_us = t_us
                 wait_s = begin + (t_us - first_us) * 1e-6 / speed - time.monotonic()
                 if wait_s > _SHORT_S:
                     time.sleep(wait_s)
@@ -89,4 +94,4 @@ def play(
     lost = f", {dropped:,} dropped (the interface did not take them)" if dropped else ""
     if long:
         lost += f", {long:,} CAN FD frames of more than eight bytes not sent"
-    return f"{log}: {sent:,} frames sent to {bus} in {time.monotonic() - begin:.1f} s{lost}"
+    return f"{log}: {sent:,} frames sent to {bus} in {time.monotonic() - started:.1f} s{lost}"
