@@ -99,14 +99,14 @@ def compare(
     score = Score(truth, mass_kg, after_s)
     times = np.concatenate([b.t_us for b in blocks]) if blocks else np.empty(0, np.int64)
     true_mass, true_grade = score.truth_at(times)
+    scores = {name: Score(truth, mass_kg, after_s) for name in entries}
     table = {
         "estimators": {
-            name: _row(entry, estimates[name], true_mass, Score(truth, mass_kg, after_s))
-            for name, entry in entries.items()
+            name: _row(entry, estimates[name], true_mass, scores[name]) for name, entry in entries.items()
         },
         "default": chosen.name,
         "compiled": fast.enabled(),
-        "notes": notes,
+        "notes": notes + list(dict.fromkeys(note for s in scores.values() for note in s.notes())),
     }
     speed = np.concatenate([b.raw_speed_mps for b in blocks]) if blocks else np.empty(0)
     return Comparison(table, estimates, true_mass, true_grade, speed)

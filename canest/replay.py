@@ -84,6 +84,8 @@ def replay(
     notes = log_notes(run.reader) + stream_notes(run.pipeline.intake)
     if doubts := run.pipeline.estimator.doubts():
         notes.append(doubts)
+    if score is not None:
+        notes += score.notes()
     summary["notes"] = notes
     summary["wall_s"] = round(time.perf_counter() - begin, 4)
     snapshot = run.pipeline.snapshot()

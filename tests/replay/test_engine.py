@@ -52,6 +52,16 @@ class TestScore:
         score.add(some_estimates([1010] * 10, [0] * 10))
         assert score.mass_samples == 2
 
+    def test_a_truth_of_another_time_is_noted(self):
+        truth = Truth(np.array([0, 300_000_000]), np.array([0.0, 0.1]), None)
+        score = Score(truth, None, 5)
+        score.add(some_estimates([1000] * 10, [0] * 10, first_us=1_700_000_000_000_000))
+        told = "the truth is of another time, t_s 0 to 300, than the log's 1700000000 to 1700000009"
+        assert score.notes() == [told]
+        later = Score(truth, None, 5)
+        later.add(some_estimates([1000] * 10, [0] * 10, first_us=295_000_000))
+        assert later.notes() == []
+
     def test_cuts_do_not_matter(self):
         truth = Truth(np.array([0, 60_000_000]), np.array([0.0, 0.1]), np.array([900.0, 1100.0]))
         whole, cut = Score(truth, None, 5), Score(truth, None, 5)
