@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from canest.decode.signal_map import resolution_of
 from canest.diagnose.drive import Drive, Run
-from canest.diagnose.reference import Reference
+from canest.diagnose.reference import Reference, filled
 from canest.diagnose.windows import Windows, windows_of
 from canest.errors import LogError
 from canest.frames import FloatColumn, IntColumn
@@ -42,6 +42,8 @@ class _Part:
         usable = np.isfinite(m.force_N) & np.isfinite(m.speed_mps)
         if reference.mass_kg is not None:
             usable &= np.isfinite(reference.mass_kg)
+        if reference.grade is not None:
+            usable &= np.isfinite(reference.grade)
         self.windows: Windows = windows_of(run.open, run.t_s, usable)
         self.speed_mps = self.windows.mean(m.speed_mps)
         self.cos_beta = np.sqrt(1.0 - np.minimum(reference.sin_beta**2, 0.5))
@@ -56,7 +58,7 @@ class _Part:
     def _mass(self) -> FloatColumn:
         """Return the known mass, else the least-squares start value (it stays free in every fit)."""
         if self.reference.mass_kg is not None:
-            return self.reference.mass_kg
+            return filled(self.reference.mass_kg)
         v = self.drive.config.vehicle
         if not self.windows.count:
             return np.full(len(self.specific), v.mass_min_kg)

@@ -141,14 +141,14 @@ def _problem(
         try:
             drive = Drive.load(path, config)
             run = drive.run(base)
+            reference = reference_for(drive, run, truth=truths[i] if truths else None, mass_kg=mass_kg)
         except NothingToDiagnoseError as error:
             useless.append(str(error))
             continue
         except LogError as error:
             failed.append(str(error))
             continue
-        truth = truths[i] if truths else None
-        drives.append((drive, reference_for(drive, run, truth=truth, mass_kg=mass_kg), run))
+        drives.append((drive, reference, run))
     if not drives:
         raise LogError("; ".join(failed + useless))
     problem = Problem(drives, failed)
