@@ -78,7 +78,7 @@ def build_groups(wants: Mapping[str, Want], databases: Sequence[Database]) -> li
         where = want.where or f"signals.{role}"
         message, signal = find_signal(databases, want.message, want.signal, where)
         j1939 = is_j1939(message)
-        identifier = pgn_of(message.frame_id) if j1939 else _exact_id(message)
+        identifier = pgn_of(message.frame_id) if j1939 else exact_id(message)
         group = groups.get((j1939, identifier))
         if group is None:
             group = Group(
@@ -124,5 +124,6 @@ def _compiled(message: Message, signal: Signal, want: Want, where: str, group: G
         ) from None
 
 
-def _exact_id(message: Message) -> int:
+def exact_id(message: Message) -> int:
+    """Return a message's whole identifier, with the `EXTENDED` flag where it has 29 bits."""
     return message.frame_id | (EXTENDED if message.is_extended_frame else 0)
