@@ -54,6 +54,7 @@ SHOWN = 6
 @click.option("--recorded", metavar="DIR", help="Recording that `canest run` keeps (service.residual_dir); "
               "its segments join the logs, oldest first.")  # fmt: skip
 @click.option("-o", "--output", required=True, metavar="DIR", help="Directory for the three files.")
+@click.option("--channel", metavar="NAME", help="Use this interface of the logs only (can0, can1, ...).")
 @override_options
 def command(
     logs: tuple[str, ...],
@@ -62,6 +63,7 @@ def command(
     mass_kg: float | None,
     recorded: str | None,
     output: str,
+    channel: str | None,
     overrides: tuple[str, ...],
     estimator: str | None,
     initial_mass: float | None,
@@ -87,7 +89,7 @@ def command(
         + [(f"the truth {path}", path) for path in truths or ()],
         [("-o", Path(output) / name) for name in (JSON_NAME, CONFIG_NAME, REPORT_NAME)],
     )
-    return _diagnose(paths, config, config_name, truths, mass_kg, Path(output))
+    return _diagnose(paths, config, config_name, truths, mass_kg, channel, Path(output))
 
 
 def _diagnose(
@@ -96,6 +98,7 @@ def _diagnose(
     config_name: str,
     truths: list[Path | None] | None,
     mass_kg: float | None,
+    channel: str | None,
     output: Path,
 ) -> int:
     from canest import fast
@@ -114,7 +117,9 @@ def _diagnose(
     names = [str(p) for p in paths]
     try:
         with Stage("diagnose") as bar:
-            diagnosis = diagnose(paths, config, truths=truths, mass_kg=mass_kg, tell=bar.tell)
+            diagnosis = diagnose(
+                paths, config, truths=truths, mass_kg=mass_kg, channel=channel, tell=bar.tell
+            )
             bar.tell("writing", 0.95)
             written = write(diagnosis, config_name, names, output)
     except TooLittleDrivingError as error:

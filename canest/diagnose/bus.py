@@ -25,6 +25,7 @@ from canest.errors import ConfigError
 from canest.frames import ERROR, EXTENDED, REMOTE, FloatColumn, IntColumn
 from canest.logs.blocks import TableBlock
 from canest.logs.reader import open_log
+from canest.tables import open_for
 
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message
@@ -51,7 +52,7 @@ def rank_bus_signals(config: Config, problem: Problem, search: Search) -> list[R
     used = {(s.message, s.signal, s.source) for s in config.signals.values()} | {
         (None, s.column, None) for s in config.signals.values() if s.column
     }
-    per_drive = [_signals(part.drive.path, config) for part in problem.parts]
+    per_drive = [_signals(part.drive.path, config, part.drive.channel) for part in problem.parts]
     names = set.intersection(*(set(found) for found in per_drive)) if per_drive else set()
     residual = problem.whiten(search.residual_N)
     base = search.local_matrix()
@@ -114,13 +115,16 @@ def _windowed(problem: Problem, drives: list[tuple[IntColumn, FloatColumn]]) -> 
     return column if np.ptp(column) > 0 else None
 
 
-def _signals(path: Path, config: Config) -> dict[str, tuple[Source, IntColumn, FloatColumn]]:
+def _signals(
+    path: Path, config: Config, channel: str | None = None
+) -> dict[str, tuple[Source, IntColumn, FloatColumn]]:
     """Return every decodable signal of a log: name -> (source, stamps, values)."""
-    if not config.dbc:
-        return _columns(path, config)
+    with open_for(config, path, channel) as reader:
+        if reader.kind == "table":
+            return _columns(path, config)
     databases = databases_of(config)
     heard: set[int] = set()
-    for block in open_log(path):
+    for block in open_for(config, path, channel):
         if not isinstance(block, TableBlock):
             heard.update(np.unique(block.can_id).tolist())
     wants: dict[str, Want] = {}
@@ -137,7 +141,7 @@ def _signals(path: Path, config: Config) -> dict[str, tuple[Source, IntColumn, F
                         sources[name] = Source(message=message.name, signal=signal.name, source=address)
     decoder = Decoder(wants, databases)
     pieces: dict[str, list[tuple[IntColumn, FloatColumn]]] = {}
-    for block in open_log(path):
+    for block in open_for(config, path, channel):
         if not isinstance(block, TableBlock):
             for name, piece in decoder.push(block).samples.items():
                 pieces.setdefault(name, []).append(piece)

@@ -37,3 +37,12 @@ def test_messages_that_are_no_j1939_come_under_their_own_identifier(tmp_path):
     source, stamps, values = found["Aux.AcOn"]
     assert (source.source, len(stamps), set(values.tolist())) == (None, 9, {1.0})
     decoder_for(config.model_copy(update={"signals": config.signals | {"acon": source}}))
+
+
+def test_a_table_has_columns_whatever_dbc_its_config_lists(tmp_path):
+    log = tmp_path / "trip.csv"
+    log.write_text("seconds,v,lamp\n" + "".join(f"{0.1 * i},10,{i % 2}\n" for i in range(9)))
+    text = (shipped("configs") / "bmw-i3.yaml").read_text().replace("dbc: []", "dbc: [j1939.dbc]")
+    found = _signals(log, parse_config(text, overrides=["sampling.time_column=seconds"]))
+    assert set(found) == {"v", "lamp"}
+    assert found["lamp"][0].column == "lamp"

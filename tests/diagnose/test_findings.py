@@ -93,6 +93,20 @@ def test_a_truth_of_another_time_says_nothing_and_is_no_reason_to_find_anything(
     assert not (tmp_path / "out").exists()
 
 
+def test_one_interface_of_a_log_is_diagnosed_as_if_it_were_alone(drive, found, tmp_path):
+    log = drive({"effect": "torque_gain", "gain": 0.9}, seed=3)
+    lines = log.read_text().splitlines(keepends=True)
+    other = [line.replace(" can0 ", " can1 ") for line in lines[len(lines) // 2 :]]
+    both = tmp_path / "both.log"
+    both.write_text("".join(sorted([*lines, *other], key=lambda line: float(line[1:18]))))
+    out, config = tmp_path / "out", log.with_suffix(".yaml")
+    arguments = [both, "-c", config, "--mass", "21250", "--channel", "can0", "-o", out]
+    assert run(["diagnose", *map(str, arguments)]) == 0
+    told, alone = json.loads((out / "diagnosis.json").read_text("utf-8")), found(log, "--mass", "21250")
+    assert told["candidates"] == alone["candidates"] and told["unused_signals"] == alone["unused_signals"]
+    assert told["data"]["notes"] == {}
+
+
 def test_what_the_truth_does_not_cover_takes_no_part(drive, found, tmp_path):
     log = drive({"effect": "torque_gain", "gain": 0.9}, seed=3)
     header, *rows = log.with_suffix(".truth.csv").read_text().splitlines()
