@@ -60,13 +60,14 @@ def reference_for(
     n = len(run.samples)
     mass = None if mass_kg is None else np.full(n, float(mass_kg))
     if truth is not None:
-        true_mass, grade = Score(read_truth(truth), mass_kg).truth_at(run.samples.t_us)
+        true_mass, grade = Score(read_truth(truth)).truth_at(run.samples.t_us)
         has_mass, has_grade = np.isfinite(true_mass).any(), np.isfinite(grade).any()
-        if not (has_grade or (has_mass and mass_kg is None)):
+        if not (has_grade or has_mass):
             begin, end = run.t_s[[0, -1]]
             of_drive = f"mass_kg or grade between t_s {begin:.0f} and {end:.0f}"
             raise LogError("tells nothing of the drive", where=str(truth), expected=of_drive)
-        mass = true_mass if has_mass else mass
+        if mass is None and has_mass:
+            mass = true_mass
         if has_grade:
             sin_beta = drive.filtered(np.sin(np.arctan(filled(grade))), run)
             return Reference("truth", "known grade", mass, sin_beta, 0.0, grade=grade)
