@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from canest.decode.signal_map import decoder_for
+from canest.decode import j1939
+from canest.decode.database import find_signal, is_j1939
+from canest.decode.signal_map import SAYS_J1939, databases_of, decoder_for
 from canest.findings import Finding, Sender, complaint, judge
 from canest.frames import ERROR, EXTENDED, FloatColumn, FrameBlock, IntColumn
+from canest.intake import stale_limit_s
 from canest.logs.blocks import TableBlock
 from canest.notes import log_notes, stream_notes
 from canest.pipeline import Pipeline
@@ -19,7 +23,7 @@ from canest.roles import ROLES
 from canest.tables import TableMap
 from canest.vehicle.model import LongitudinalModel
 from canest.vehicle.samples import STATUS_LABELS
-from canest.verdict import gate_shares, needed_roles, why_no_time
+from canest.verdict import gate_shares, needed_roles, what_lacks, why_no_time
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -68,6 +72,7 @@ class Doctor:
         self._missing_cells: dict[str, int] = {}
         self._table_columns: set[str] = set()
         self._addresses: set[int] = set()
+        self._pgns: set[int] = set()
         self._span_us: tuple[int, int] | None = None
         self._status = STATUS_LABELS[0]
         self.plausibility = Plausibility(config)
@@ -99,11 +104,17 @@ class Doctor:
             self._status = STATUS_LABELS[int(estimates.status[-1])]
         model = LongitudinalModel(self.config)
         needed, speeds = needed_roles(self.config, model), set(model.speed_roles)
+        ratio = {role for way in model.ratio_ways for role in way}
         findings = []
         for role, source in self.config.signals.items():
-            need = "needed" if role in needed else "speed" if role in speeds else "optional"
+            need = (
+                "needed" if role in needed
+                else "speed" if role in speeds
+                else "ratio" if role in ratio
+                else "optional"
+            )  # fmt: skip
             findings.append(self._finding(role, source, need))
-        order = {"needed": 0, "speed": 1, "optional": 2}
+        order = {"needed": 0, "speed": 1, "ratio": 2, "optional": 3}
         findings.sort(key=lambda finding: order[finding.need])
         span = self._span_us or (0, 0)
         return Report(
@@ -114,9 +125,9 @@ class Doctor:
             updated=self.pipeline.updated,
             gates=self.pipeline.gate_counts,
             status=self._status,
-            stops=self._stops(findings),
+            stops=self._stops(model, findings),
             hints=self._hints(findings),
-            notes=([] if log is None else log_notes(log)) + stream_notes(self.pipeline),
+            notes=([] if log is None else log_notes(log)) + stream_notes(self.pipeline.intake),
         )
 
     def _frames(self, block: FrameBlock) -> Samples:
@@ -124,6 +135,9 @@ class Doctor:
         extended = (block.can_id & np.uint32(EXTENDED)) != 0
         self._standard_frames += int(np.count_nonzero(~extended))
         self._addresses.update(np.unique(block.can_id[extended] & np.uint32(0xFF)).tolist())
+        self._pgns.update(
+            map(j1939.pgn_of, np.unique(block.can_id[extended] >> np.uint32(8) << np.uint32(8)).tolist())
+        )
         self._survey.push(block)
         return self._listening.push(block).samples
 
@@ -158,8 +172,22 @@ class Doctor:
             finding.senders = [Sender(None, self._row_rate(), self._rows, self._rows - bad, bad, 0, 0)]
         low, high, count = self._ranges.get(role, (None, None, 0))
         finding.low, finding.high, finding.values = low, high, count
-        finding.verdict, finding.hint = judge(finding, source)
+        # a mean rate over a silence tells nothing
+        limit_s = math.inf if self.pipeline.clock.counters["gaps"] else stale_limit_s(role, source)
+        finding.verdict, finding.hint = judge(finding, source, limit_s)
         return finding
+
+    def _comes_from_others(self, role: str) -> bool:
+        """Return whether a message that is matched by its exact identifier is there under others."""
+        source = self.config.signals[role]
+        if source.message is None or source.signal is None:
+            return False
+        message, _ = find_signal(databases_of(self.config), source.message, source.signal)
+        return (
+            message.is_extended_frame
+            and not is_j1939(message)
+            and j1939.pgn_of(message.frame_id) in self._pgns
+        )
 
     def _senders(self, role: str) -> list[Sender]:
         found: list[tuple[int | None, SenderCounters]] = [
@@ -186,15 +214,17 @@ class Doctor:
         span = self._span_us or (0, 0)
         return (self._rows - 1) * 1e6 / (span[1] - span[0]) if span[1] > span[0] else None
 
-    def _stops(self, findings: list[Finding]) -> str:
+    def _stops(self, model: LongitudinalModel, findings: list[Finding]) -> str:
         if not self.frames:
             return "nothing was received: the log is empty, or the bus is silent"
-        for finding in findings:
-            if finding.need == "needed" and not finding.values:
-                return f"{finding.role} ({finding.text}) {complaint(finding)}"
-        speeds = [f for f in findings if f.need == "speed"]
-        if not any(f.values for f in speeds):
-            return "no speed: " + "; ".join(f"{f.role} {complaint(f)}" for f in speeds)
+        found = {f.role: f for f in findings}
+
+        def dead(role: str) -> str:
+            finding = found[role]
+            return "" if finding.values else f"{role} ({finding.text}) {complaint(finding)}"
+
+        if lacking := what_lacks(self.config, model, dead):
+            return lacking
         missing = self.pipeline.estimator.missing()
         if missing:
             return f"estimator {self.config.estimator.name} cannot work here: {missing}"
@@ -214,6 +244,13 @@ class Doctor:
             elif self._addresses:
                 seen = ", ".join(f"0x{a:02X}" for a in sorted(self._addresses)[:12])
                 hints.append(f"none of the config's messages is there; the bus has addresses {seen}")
+        by_identifier = [f.expected for f in findings if not f.senders and self._comes_from_others(f.role)]
+        if by_identifier:
+            more = f" (and {len(by_identifier) - 1} more)" if len(by_identifier) > 1 else ""
+            hints.append(
+                f"{by_identifier[0]}{more} is matched by its whole identifier, and the bus has its parameter "
+                f"group under others: to take it from them needs {SAYS_J1939}"
+            )
         if self._bad_frames:
             hints.append(f"{self._bad_frames:,} error frames: check bit rate, termination and wiring")
         unheard = any(f.role == "engine_friction_pct" and not f.values for f in findings)

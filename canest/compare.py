@@ -15,10 +15,10 @@ from canest.estimators.base import REGISTRY, Estimator, create
 from canest.frames import FloatColumn, FrameBlock
 from canest.grid.grid import GridBlock
 from canest.intake import Intake, grid_for
-from canest.logs.reader import open_log
+from canest.notes import log_notes, stream_notes
 from canest.pipeline import Estimates, estimator_of, facts_of
 from canest.scoring import Score
-from canest.tables import TableMap
+from canest.tables import TableMap, open_for
 from canest.vehicle.regression import Regression
 from canest.vehicle.samples import RATE_HZ, ModelBlock, Status
 
@@ -41,7 +41,8 @@ class Comparison:
     """What came out.
 
     table: {"estimators": {NAME: {mass_end_pct, mass_rms_pct, mass_max_pct, grade_rms_deg, to_5pct_s,
-    ns_per_sample, note}}, "default": NAME, "compiled": bool}; None where a number does not apply.
+    ns_per_sample, note}}, "default": NAME, "compiled": bool, "notes": [what a user should know of the log]};
+    None where a number does not apply.
     estimates: NAME -> its estimates, one row per 50 Hz sample. true_mass_kg, true_grade, speed_mps
     (unfiltered): (n,), NaN where unknown.
     """
@@ -89,7 +90,8 @@ def compare(
         for name in (names or REGISTRY)
     }
     blocks: list[ModelBlock] = []
-    for plain, excited in _samples(config, log, channel, progress):
+    notes: list[str] = []
+    for plain, excited in _samples(config, log, channel, progress, notes):
         blocks.append(plain)
         for entry in entries.values():
             _run(entry, excited if entry.estimator.wants_excitation_gate else plain)
@@ -97,29 +99,30 @@ def compare(
     score = Score(truth, mass_kg, after_s)
     times = np.concatenate([b.t_us for b in blocks]) if blocks else np.empty(0, np.int64)
     true_mass, true_grade = score.truth_at(times)
+    scores = {name: Score(truth, mass_kg, after_s) for name in entries}
     table = {
         "estimators": {
-            name: _row(entry, estimates[name], true_mass, Score(truth, mass_kg, after_s))
-            for name, entry in entries.items()
+            name: _row(entry, estimates[name], true_mass, scores[name]) for name, entry in entries.items()
         },
         "default": chosen.name,
         "compiled": fast.enabled(),
+        "notes": notes + list(dict.fromkeys(note for s in scores.values() for note in s.notes())),
     }
     speed = np.concatenate([b.raw_speed_mps for b in blocks]) if blocks else np.empty(0)
     return Comparison(table, estimates, true_mass, true_grade, speed)
 
 
 def _samples(
-    config: Config, log: str | Path, channel: str | None, progress: Progress | None
+    config: Config, log: str | Path, channel: str | None, progress: Progress | None, notes: list[str]
 ) -> Iterator[tuple[ModelBlock, ModelBlock]]:
-    """Yield the model samples of a log, without and with the low-excitation gate."""
+    """Yield the samples of a log, without and with the low-excitation gate; add to ``notes`` at its end."""
     intake, grid, tables = Intake(config), grid_for(config), TableMap(config)
     plain, excited = Regression(config, excitation_gate=False), Regression(config, excitation_gate=True)
 
     def both(ticks: GridBlock) -> tuple[ModelBlock, ModelBlock]:
         return plain.process(ticks), excited.process(ticks)
 
-    reader = open_log(log, channel=channel, time_column=config.sampling.time_column, columns=tables.columns)
+    reader = open_for(config, log, channel)
     for block in reader:
         if isinstance(block, FrameBlock):
             feeds = intake.frames(block)
@@ -134,6 +137,7 @@ def _samples(
         ticks_left = grid.ticks_until(intake.clock.last_us, inclusive=True)
         if ticks_left is not None:
             yield both(ticks_left)
+    notes += log_notes(reader) + stream_notes(intake)
 
 
 def _run(entry: _Entry, block: ModelBlock) -> None:

@@ -34,8 +34,9 @@ class Sender:
 class Finding:
     """What the log or bus has of one role.
 
-    need: "needed", "speed" (one of these is needed) or "optional". low, high: range of its values in the
-    role's unit. verdict: ok, no value, not found, elsewhere (another address has it).
+    need: "needed", "speed" (one of these is needed), "ratio" (one way to the gear ratio is) or "optional".
+    low, high: range of its values in the role's unit. verdict: ok, no value, not found, elsewhere (another
+    address has it).
     """
 
     role: str
@@ -53,8 +54,8 @@ class Finding:
     hint: str = ""
 
 
-def judge(finding: Finding, source: Source) -> tuple[str, str]:
-    """Return the verdict on a role, and what to do about it ('' when nothing)."""
+def judge(finding: Finding, source: Source, stale_s: float) -> tuple[str, str]:
+    """Return the verdict on a role whose samples count for ``stale_s``, and what to do about it."""
     mine = [s for s in finding.senders if source.source in (None, s.address)]
     others = [s for s in finding.senders if s not in mine and _is_sound(s)]
     if finding.values:
@@ -65,19 +66,29 @@ def judge(finding: Finding, source: Source) -> tuple[str, str]:
         if source.source is None and len(with_values) > 1:
             shown = ", ".join(_shown(s.address) for s in with_values)
             return OK, f"several addresses send it ({shown}): name one with source:"
+        every_s = min((1.0 / s.rate_hz if s.rate_hz else 0.0 for s in with_values), default=0.0)
+        if every_s > stale_s:
+            return OK, f"comes every {every_s:.2g} s, and a value counts for {stale_s:g} s only (stale_s)"
         return OK, ""
     if others:
         best = max(others, key=lambda s: s.valid)
         where = _shown(best.address)
         return ELSEWHERE, f"{where} sends it with {best.valid:,} values: try source: {where}"
     if mine:
-        if all(s.wrong_length >= s.frames for s in mine):
-            return SILENT, "every frame has another length than the DBC says"
-        return SILENT, ""
+        return SILENT, _why_silent(mine)
     if finding.senders:
         shown = ", ".join(_shown(s.address) for s in finding.senders)
         return ABSENT, f"sent by {shown} only, and without a sound value"
     return ABSENT, ""
+
+
+def _why_silent(senders: list[Sender]) -> str:
+    """Return why senders that are heard give no sample of a role, '' when their samples hold no value."""
+    if all(s.wrong_length >= s.frames for s in senders):
+        return "every frame has another length than the DBC says"
+    if not any(s.not_available + s.error_value for s in senders):
+        return "no frame holds it: they end before it, or their multiplexor never selects it"
+    return ""
 
 
 def _is_sound(sender: Sender) -> bool:
@@ -94,7 +105,7 @@ def complaint(finding: Finding) -> str:
         bad = sum(s.not_available for s in finding.senders if finding.source in (None, s.address))
         if bad:
             return f"said not available in all {bad:,} frames of {expected}"
-        return f"never had a valid value in {expected}"
+        return f"never had a valid value in {expected}" + (f" ({finding.hint})" if finding.hint else "")
     if finding.verdict == ELSEWHERE:
         return f"is not sent as {expected}, but {finding.hint}"
     return f"was not found as {expected}" + (f" ({finding.hint})" if finding.hint else "")

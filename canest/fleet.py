@@ -64,8 +64,12 @@ def unique_names(logs: Sequence[Path]) -> list[str]:
     ] if len(set(plain)) < len(plain) else plain  # fmt: skip
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
+        alike = [str(log) for log, name in zip(logs, names, strict=True) if name == twice]
         raise UsageError(
-            "two logs would write the same file", where="-o", found=twice, expected="different names"
+            f"two logs would write the same file, {twice}.csv",
+            where="-o",
+            found=" and ".join(alike[:2]),
+            expected="different names",
         )
     return names
 

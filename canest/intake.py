@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from canest.config.schema import Config
+from canest.config.schema import Config, Source
 from canest.decode.signal_map import decoder_for
 from canest.frames import FloatColumn, FrameBlock, IntColumn
 from canest.grid.clock import Clock, Stretch
@@ -61,14 +61,19 @@ def hold_us(config: Config) -> int:
     return round(config.sampling.hold_s * 1e6)
 
 
+def stale_limit_s(role: str, source: Source) -> float:
+    """Return how old a sample of a role may be."""
+    if source.stale_s is not None:
+        return source.stale_s
+    return ROLES[role].stale_s if role in ROLES else EFFECT_SIGNAL_STALE_S
+
+
 def grid_for(config: Config) -> Grid:
     """Return the grid of a config: the signal map with its delays and staleness limits."""
     late_s = sum(float(getattr(e, "delay_s", 0.0)) for e in effects_of(config) if e.stage == "sampling")
     channels = []
     for role, source in config.signals.items():
-        known = ROLES[role].stale_s if role in ROLES else EFFECT_SIGNAL_STALE_S
-        stale_s = known if source.stale_s is None else source.stale_s
-        stale_us = round(min(stale_s * 1e6, FOREVER_US))
+        stale_us = round(min(stale_limit_s(role, source) * 1e6, FOREVER_US))
         delay_s = source.delay_s + (late_s if role in TORQUE_ROLES else 0.0)
         channels.append(Channel(role, round(delay_s * 1e6), stale_us))
     channels += [Channel(name, 0, round(DOUBT_S * 1e6)) for name in (JUMP, MOTION_JUMP)]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from canest.intake import Intake
     from canest.logs.base import LogReader
-    from canest.pipeline import Pipeline
 
 _LINES_SHOWN = 3
 
@@ -28,18 +28,21 @@ def log_notes(reader: LogReader) -> list[str]:
     return notes
 
 
-def stream_notes(pipeline: Pipeline) -> list[str]:
-    """Return what a pipeline could not use of all that it was given, one sentence each."""
+def stream_notes(intake: Intake) -> list[str]:
+    """Return what an intake could not use of all that it was given, one sentence each."""
     notes = []
-    mended = {name: n for name, n in pipeline.clock.counters.items() if n}
+    mended = {name: n for name, n in intake.clock.counters.items() if n}
     if mended:
         notes.append(
             "time stamps: " + ", ".join(f"{n:,} {name.replace('_', ' ')}" for name, n in mended.items())
         )
-    lost = pipeline.decoder.counters.lost()
+    lost = intake.decoder.counters.lost()
     if lost:
         notes.append("not decoded: " + ", ".join(f"{n:,} {what}" for what, n in lost.items()))
-    refused = pipeline.intake.screen.refused
+    for role, others in sorted(intake.decoder.counters.contested().items()):
+        counts = ", ".join(f"{n:,} from 0x{address or 0:02X}" for address, n in others.items())
+        notes.append(f"{role} comes from several addresses: not used {counts}; name one with source:")
+    refused = intake.screen.refused
     if refused:
         counts = ", ".join(f"{n:,} of {role}" for role, n in sorted(refused.items()))
         notes.append(f"jumps beyond physics, not used: {counts}")

@@ -5,8 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+from canest.config.schema import Bus
 from canest.errors import BusError, LogError, UsageError
 from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
+from canest.live.link import require_interface
 from canest.logs.lines import CLASSIC_BYTES
 from canest.logs.reader import open_log
 
@@ -14,6 +16,8 @@ from canest.logs.reader import open_log
 SEND_TIMEOUT_S = 0.1
 #: frames this close are sent without sleeping between them
 _SHORT_S = 0.0005
+#: a clock that goes back further was set: the rhythm begins anew, where else all that follows would be late
+_SET_BACK_US = 500_000
 #: frames read at once
 _BLOCK_FRAMES = 1 << 12
 
@@ -30,13 +34,15 @@ def play(
 
     A frame that the interface does not take in time is dropped and counted. Error frames are not sent, nor
     are CAN FD frames beyond eight bytes, of which a block holds the first eight only.
-    Returns one sentence that says how many went out. Errors: UsageError, BusError, LogError.
+    Returns one sentence that says how many went out. Errors: UsageError, ConfigError (an unknown
+    interface), BusError, LogError.
     """
     interface, colon, name = bus.partition(":")
     if not colon or not interface or not name:
         raise UsageError("malformed --to", found=bus, expected="INTERFACE:CHANNEL, e.g. socketcan:vcan0")
+    require_interface(Bus(interface=interface, channel=name), lambda _: bus)
     reader = open_log(log, channel=channel, block_frames=_BLOCK_FRAMES)
-    if reader.kind != "frames":
+    if reader.kind == "table":
         raise LogError("holds decoded signals, no frames: it cannot be played onto a bus", where=log)
     import can
 
@@ -45,8 +51,9 @@ def play(
     except Exception as error:  # each of python-can's interfaces has exceptions of its own
         raise BusError(f"cannot be opened ({' '.join(str(error).split())})", where=bus) from None
     sent = dropped = long = 0
-    begin = time.monotonic()
+    started = begin = time.monotonic()
     first_us: int | None = None
+    last_us = 0
     try:
         for block in reader:
             assert isinstance(block, FrameBlock)
@@ -62,7 +69,9 @@ def play(
                 if length > CLASSIC_BYTES and not can_id & REMOTE:
                     long += 1
                     continue
-                first_us = t_us if first_us is None else first_us
+                if first_us is None or t_us < last_us - _SET_BACK_US:
+                    begin, first_us = time.monotonic(), t_us
+                last_us = t_us
                 wait_s = begin + (t_us - first_us) * 1e-6 / speed - time.monotonic()
                 if wait_s > _SHORT_S:
                     time.sleep(wait_s)
@@ -85,4 +94,4 @@ def play(
     lost = f", {dropped:,} dropped (the interface did not take them)" if dropped else ""
     if long:
         lost += f", {long:,} CAN FD frames of more than eight bytes not sent"
-    return f"{log}: {sent:,} frames sent to {bus} in {time.monotonic() - begin:.1f} s{lost}"
+    return f"{log}: {sent:,} frames sent to {bus} in {time.monotonic() - started:.1f} s{lost}"

@@ -10,14 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from canest import fast
-from canest.errors import LogError
 from canest.frames import FrameBlock
-from canest.logs.reader import open_log
 from canest.logs.writer import open_writer
 from canest.notes import log_notes, stream_notes
 from canest.pipeline import Listener, Pipeline
 from canest.scoring import Score
-from canest.tables import TableMap
+from canest.tables import TableMap, open_for
 from canest.vehicle.samples import STATUS_LABELS
 
 if TYPE_CHECKING:
@@ -83,9 +81,11 @@ def replay(
     summary = _summary(run, last)
     if score is not None:
         summary["errors"] = score.errors()
-    notes = log_notes(run.reader) + stream_notes(run.pipeline)
+    notes = log_notes(run.reader) + stream_notes(run.pipeline.intake)
     if doubts := run.pipeline.estimator.doubts():
         notes.append(doubts)
+    if score is not None:
+        notes += score.notes()
     summary["notes"] = notes
     summary["wall_s"] = round(time.perf_counter() - begin, 4)
     snapshot = run.pipeline.snapshot()
@@ -107,26 +107,7 @@ class LogRun:
         self.config = config
         self.pipeline = Pipeline(config, listener=listener)
         self.table_map = TableMap(config)
-        self.reader: LogReader = open_log(
-            log,
-            channel=channel,
-            time_column=config.sampling.time_column,
-            columns=self.table_map.columns,
-        )
-        mapped = len(self.table_map.roles) if self.reader.kind == "table" else self.frame_roles
-        if not mapped:
-            self.reader.close()
-            kinds = (
-                ("DBC signals", "a decoded table")
-                if self.reader.kind == "table"
-                else ("table columns", "frames")
-            )
-            raise LogError(f"the config maps only {kinds[0]}, and this log holds {kinds[1]}", where=str(log))
-
-    @property
-    def frame_roles(self) -> int:
-        """How many roles come from frames."""
-        return len(self.config.signals) - len(self.table_map.roles)
+        self.reader: LogReader = open_for(config, log, channel)
 
     def estimates(self, progress: Progress | None = None) -> Iterator[Estimates]:
         """Yield the estimates, in blocks (none of them empty)."""

@@ -28,6 +28,7 @@ class Score:
     def __init__(self, truth: Truth | None, mass_kg: float | None = None, after_s: float = 60.0) -> None:
         self._truth, self._mass_kg, self.after_s = truth, mass_kg, after_s
         self._first_us: int | None = None
+        self._last_us = 0
         self.mass_samples = self.grade_samples = self.without_estimate = 0
         self.mass_square_pct2 = self.grade_square_deg2 = 0.0
         self.mass_max_pct = 0.0
@@ -38,6 +39,7 @@ class Score:
             return
         if self._first_us is None:
             self._first_us = int(estimates.t_us[0])
+        self._last_us = int(estimates.t_us[-1])
         late = estimates.t_us - self._first_us >= round(self.after_s * 1e6)
         if not late.any():
             return
@@ -68,6 +70,18 @@ class Score:
         if self._mass_kg is not None:
             mass_kg = np.full(len(t_us), self._mass_kg)
         return mass_kg, grade
+
+    def notes(self) -> list[str]:
+        """Return that the truth is of another time than the estimates, nothing where it is not."""
+        if self._truth is None or self._first_us is None:
+            return []
+        (begin, end), (first, last) = self._truth.t_us[[0, -1]].tolist(), (self._first_us, self._last_us)
+        if begin <= last + TRUTH_REACH_US and first <= end + TRUTH_REACH_US:
+            return []
+        return [
+            f"the truth is of another time, t_s {begin / 1e6:.0f} to {end / 1e6:.0f}, than the log's "
+            f"{first / 1e6:.0f} to {last / 1e6:.0f}"
+        ]
 
     def merge(self, other: Score) -> None:
         """Add what another log scored (pooled errors)."""

@@ -1,15 +1,22 @@
-"""Decoded tables into the pipeline: the columns that the config's signal map names, in the roles' units."""
+"""Decoded tables into the pipeline: the columns that the config's signal map names, in the roles' units.
+
+And the opening of a log, table or frames, as a config wants it.
+"""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canest.decode.signal_map import factor_and_offset
+from canest.errors import LogError
 from canest.frames import FloatColumn, IntColumn
 from canest.logs.blocks import TableBlock
+from canest.logs.reader import open_log
 
 if TYPE_CHECKING:
     from canest.config import Config
+    from canest.logs.base import LogReader
 
 
 class TableMap:
@@ -40,3 +47,22 @@ class TableMap:
             if values is not None:
                 found[role] = block.t_us, values * factor + offset
         return found
+
+
+def open_for(config: Config, log: str | Path, channel: str | None = None) -> LogReader:
+    """Open a log to be read with a config.
+
+    Errors: LogError for what is no log, or is of a kind that the config has no signals for.
+    """
+    table = TableMap(config)
+    time_column = config.sampling.time_column
+    reader = open_log(log, channel=channel, time_column=time_column, columns=table.columns)
+    of_frames = len(config.signals) - len(table.roles)
+    if reader.kind == "table" and not table.roles:
+        mapped, held = "DBC signals", "a decoded table"
+    elif reader.kind == "frames" and not of_frames:
+        mapped, held = "table columns", "frames"
+    else:
+        return reader
+    reader.close()
+    raise LogError(f"the config maps only {mapped}, and this log holds {held}", where=str(log))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from canest.roles import ROLES
@@ -13,6 +14,11 @@ if TYPE_CHECKING:
     from canest.decode.counters import Counters
     from canest.grid.clock import Clock
     from canest.replay import LogRun
+
+#: a clock that is set back this often, and for this share of its stamps, is not one clock
+_FEW_JUMPS, _JUMPING_SHARE = 10, 0.01
+#: no more frames than these fit into a tick, at 1 Mbit/s
+_MOST_IN_A_TICK = 200
 
 
 def why_unestimated(run: LogRun) -> str:
@@ -41,13 +47,29 @@ def needed_roles(config: Config, model: LongitudinalModel) -> dict[str, str]:
 
 def why_no_signal(config: Config, counters: Counters, frames: int) -> str:
     """Return which needed signal never had a value in the log's frames, '' when all had."""
-    model = LongitudinalModel(config)
+
+    def dead(role: str) -> str:
+        if _valid(counters, role):
+            return ""
+        return f"{describe(config, role)} {_absence(config, counters, role, frames)}"
+
+    return what_lacks(config, LongitudinalModel(config), dead)
+
+
+def what_lacks(config: Config, model: LongitudinalModel, dead: Callable[[str], str]) -> str:
+    """Return the first thing that a force cannot be had without, '' when all is there.
+
+    dead: says of a role without a single value what is wrong with it, '' of one that has some.
+    """
     for role, more in needed_roles(config, model).items():
-        if not _valid(counters, role):
-            return f"{describe(config, role)} {_absence(config, counters, role, frames)}{more}"
-    if not any(_valid(counters, role) for role in model.speed_roles):
-        told = [f"{describe(config, r)} {_absence(config, counters, r, frames)}" for r in model.speed_roles]
-        return "no speed: " + "; ".join(told)
+        if reason := dead(role):
+            return reason + more
+    speeds = [dead(role) for role in model.speed_roles]
+    if all(speeds):
+        return "no speed: " + "; ".join(speeds)
+    ways = [[reason for role in way if (reason := dead(role))] for way in model.ratio_ways]
+    if ways and all(ways):
+        return "no gear ratio: " + "; ".join(dict.fromkeys(reason for way in ways for reason in way))
     return ""
 
 
@@ -71,11 +93,25 @@ def why_not_learning(run: LogRun) -> str:
 
 
 def why_no_time(clock: Clock) -> str:
-    """Return that time runs backwards where most stamps do, '' where it passes."""
-    backward = clock.counters["reordered"] + clock.counters["clock_set_back"]
-    if 2 * backward <= clock.stamps:
-        return ""
-    return f"time runs backwards: {backward:,} of {clock.stamps:,} stamps lie before one that precedes them"
+    """Return that time stands still, runs backwards or is told by two clocks, '' where it passes."""
+    set_back, stamps = clock.counters["clock_set_back"], clock.stamps
+    backward = clock.counters["reordered"] + set_back
+    if 2 * backward > stamps:
+        # small steps alone, never far back: no clock, but the time from each frame to the next
+        differences = "" if set_back else " (candump -t d writes differences, -t a writes times)"
+        told = f"{backward:,} of {stamps:,} stamps lie before one that precedes them"
+        return f"time runs backwards: {told}{differences}"
+    if set_back > max(_FEW_JUMPS, _JUMPING_SHARE * stamps):
+        return f"the time stamps jump back {set_back:,} times: out of order, or of two clocks in one log"
+    if 2 * clock.counters["gaps"] > stamps > 2:
+        hold_s = clock.hold_us * 1e-6
+        return (
+            f"{clock.counters['gaps']:,} of {stamps:,} stamps come more than {hold_s:g} s (sampling.hold_s) "
+            "after the one before: are they in seconds?"
+        )
+    if stamps > _MOST_IN_A_TICK and clock.first_us == clock.last_us and not backward:
+        return f"time stands still: all {stamps:,} stamps are the same"
+    return ""
 
 
 def gate_shares(gates: dict[str, int], samples: int) -> str:
@@ -111,7 +147,6 @@ def _absence(config: Config, counters: Counters, role: str, frames: int) -> str:
 
 
 def _lacking_column(run: LogRun) -> str:
-    model = LongitudinalModel(run.config)
     held = set(getattr(run.reader, "columns", ()))
     bad: dict[str, int] = getattr(run.reader, "bad_cells", {})
 
@@ -125,9 +160,4 @@ def _lacking_column(run: LogRun) -> str:
             return f"{describe(run.config, role)} holds no number in any of {run.reader.frames:,} rows"
         return ""
 
-    for role, more in needed_roles(run.config, model).items():
-        reason = dead(role)
-        if reason:
-            return reason + more
-    speeds = [dead(role) for role in model.speed_roles]
-    return "" if "" in speeds else "no speed: " + "; ".join(speeds)
+    return what_lacks(run.config, LongitudinalModel(run.config), dead)

@@ -237,7 +237,11 @@ def _signals() -> str:
         ]
         for r in ROLES.values()
     ]
-    text += "\n## Roles\n\nOne torque and one speed are needed; everything else helps or guards.\n\n"
+    text += (
+        "\n## Roles\n\nOne torque and one speed are needed, and where a vehicle has several gears one way "
+        "to the ratio\n(`gear_ratio`, `gear`, or `engine_speed` with `output_shaft_speed`); everything else "
+        "helps or guards.\n\n"
+    )
     text += _table(["role", "unit", "stale after, s", "what it is"], rows)
     rows = [[inside or "none", ", ".join(u for u in units if u)] for inside, units in UNITS.items() if inside]
     return text + "\nUnits that are converted:\n\n" + _table(["into", "from"], rows)

@@ -67,7 +67,7 @@ def command(
     from canest.live.link import require_interface
 
     keep_apart([*config_files(config_name, config), ("the log", log)], [("--json", json_path)])
-    require_interface(config)
+    require_interface(config.bus, config.at)
     doctor = Doctor(config)
     if log is None and not live:
         if json_path is not None:
@@ -197,7 +197,8 @@ def _show(report: Report, title: str) -> None:
 
 def _rows(finding: Finding) -> Iterator[dict[str, str]]:
     """Yield the rows of one role: as the config expects it, then whoever else sends it."""
-    colour = "green" if finding.verdict == "ok" else "yellow" if finding.need == "optional" else "red"
+    mild = finding.need in ("optional", "ratio")  # there may be another way to the ratio
+    colour = "green" if finding.verdict == "ok" else "yellow" if mild else "red"
     expected = finding.expected + (f" @0x{finding.source:02X}" if finding.source is not None else "")
     unit = f" {finding.unit}" if finding.unit else ""
     head = {

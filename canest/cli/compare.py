@@ -99,15 +99,12 @@ def command(
 
 
 def _known(only: str) -> list[str]:
-    """Return the names of --only. Errors: UsageError for one that no estimator has."""
-    from canest.errors import UsageError
-    from canest.estimators.base import REGISTRY
+    """Return the names of --only. Errors: ConfigError for one that no estimator has."""
+    from canest.estimators.base import require_known
 
     names = [name.strip() for name in only.split(",")]
     for name in names:
-        if name not in REGISTRY:
-            known = ", ".join(REGISTRY)
-            raise UsageError("unknown estimator", where="--only", found=name, expected=f"some of {known}")
+        require_known(name, where="--only")
     return names
 
 
@@ -130,3 +127,5 @@ def _show(log: str, result: Comparison) -> None:
         style = "bold" if name == result.table["default"] else ""
         table.add_row(name, *cells(estimators[name]), escape(estimators[name]["note"]), style=style)
     console.print(table)
+    for note in result.table["notes"]:
+        console.print(f"[dim]note[/]  {escape(note)}", soft_wrap=True)

@@ -11,7 +11,7 @@ import click
 from canest.cli.options import Number, config_option, load, override_options
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from canest.config import Config
     from canest.diagnose.outcome import Entry
@@ -54,6 +54,7 @@ SHOWN = 6
 @click.option("--recorded", metavar="DIR", help="Recording that `canest run` keeps (service.residual_dir); "
               "its segments join the logs, oldest first.")  # fmt: skip
 @click.option("-o", "--output", required=True, metavar="DIR", help="Directory for the three files.")
+@click.option("--channel", metavar="NAME", help="Use this interface of the logs only (can0, can1, ...).")
 @override_options
 def command(
     logs: tuple[str, ...],
@@ -62,6 +63,7 @@ def command(
     mass_kg: float | None,
     recorded: str | None,
     output: str,
+    channel: str | None,
     overrides: tuple[str, ...],
     estimator: str | None,
     initial_mass: float | None,
@@ -87,7 +89,7 @@ def command(
         + [(f"the truth {path}", path) for path in truths or ()],
         [("-o", Path(output) / name) for name in (JSON_NAME, CONFIG_NAME, REPORT_NAME)],
     )
-    return _diagnose(paths, config, config_name, truths, mass_kg, Path(output))
+    return _diagnose(paths, config, config_name, truths, mass_kg, channel, Path(output))
 
 
 def _diagnose(
@@ -96,6 +98,7 @@ def _diagnose(
     config_name: str,
     truths: list[Path | None] | None,
     mass_kg: float | None,
+    channel: str | None,
     output: Path,
 ) -> int:
     from canest import fast
@@ -114,20 +117,29 @@ def _diagnose(
     names = [str(p) for p in paths]
     try:
         with Stage("diagnose") as bar:
-            diagnosis = diagnose(paths, config, truths=truths, mass_kg=mass_kg, tell=bar.tell)
+            diagnosis = diagnose(
+                paths, config, truths=truths, mass_kg=mass_kg, channel=channel, tell=bar.tell
+            )
             bar.tell("writing", 0.95)
             written = write(diagnosis, config_name, names, output)
     except TooLittleDrivingError as error:
         written = write_empty(error, config, config_name, names, output)
-        print(f"{written.finding}\n\n{_files(written.paths)}")
+        print("\n".join([written.finding, "", *_notes(error.notes), _files(written.paths)]))
         return _failures(error.failed)
     _show(diagnosis, written.found)
     for reason in diagnosis.problem.left_out:
         print(f"left out: {reason}")
-    print(_files(written.paths))
+    print("\n".join([*_notes(diagnosis.problem.notes), _files(written.paths)]))
     if diagnosis.search.chosen:
         print(f"try it: canest replay ANOTHER.log -c {output / 'revised.yaml'}")
     return _failures(diagnosis.problem.failed)
+
+
+def _notes(noted: Mapping[str, Sequence[str]]) -> list[str]:
+    from canest.cli.summary import note_lines, short_names
+    from canest.diagnose.files import JSON_NAME
+
+    return note_lines(list(zip(short_names(list(noted)), noted.values(), strict=True)), JSON_NAME)
 
 
 def _failures(failed: Sequence[str]) -> int:

@@ -42,8 +42,9 @@ def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: 
         if not colon or not channel:
             raise click.UsageError(f"found {bus!r}, expected INTERFACE:CHANNEL, e.g. socketcan:vcan0")
         section = Bus(interface=interface, channel=channel)
+        require_interface(section, lambda _: str(bus))
     elif config is not None:
-        require_interface(config)
+        require_interface(config.bus, config.at)
     group = config.broadcast.pgn if config is not None else Broadcast().pgn
     if pgn is not None:
         try:

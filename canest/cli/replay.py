@@ -27,6 +27,9 @@ Logs: candump text in both its forms, .asc .blf .trc .mf4 .csv .db, and tables (
 plain or compressed (.gz .xz .zst .bz2).
 """
 
+#: of files that hold estimates; what says another format (.xlsx, .csv.gz) would hold csv all the same
+_TABLE_ENDINGS = (".csv", ".parquet", ".txt", "")
+
 
 @click.command(epilog=EPILOG)
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
@@ -105,6 +108,12 @@ def command(
         + [("--report", job.report) for job in jobs]
         + [("--json", json_path)],
     )
+    for job in jobs:
+        if job.output is not None and job.output.suffix.lower() not in _TABLE_ENDINGS:
+            raise click.UsageError(
+                f"-o: found the file {job.output}, expected one that ends in .csv or .parquet",
+                click.get_current_context(),
+            )
     if playing:  # after all that can be refused has been: a bus cannot take back what it carried
         _play(logs, bus, speed, channel, quiet=json_path == "-")
     if len(jobs) == 1:

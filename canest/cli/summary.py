@@ -83,17 +83,23 @@ def many_lines(summary: dict[str, Any]) -> list[str]:
     if "errors" not in summary:
         rows = [row[:6] for row in rows]
     lines = table(rows)
-    noted = [
-        (name, log["notes"]) for name, log in zip(names, summary["logs"], strict=True) if log.get("notes")
-    ]
-    for name, notes in noted[:_MOST_NOTED]:
-        lines.append(f"note: {name}: {'; '.join(notes)}")
-    if len(noted) > _MOST_NOTED:
-        lines.append(f"note: {len(noted) - _MOST_NOTED:,} more logs have notes (--json PATH has them all)")
+    lines += note_lines(
+        [(name, log.get("notes", [])) for name, log in zip(names, summary["logs"], strict=True)],
+        "--json PATH",
+    )
     done = len(summary["logs"]) - summary["failed"]
     lines.append(f"{done:,} logs, {summary['frames']:,} frames, {summary['failed']:,} failed")
     if "errors" in summary:
         lines.append("pooled: " + errors_text(summary["errors"]))
+    return lines
+
+
+def note_lines(noted: Sequence[tuple[str, Sequence[str]]], in_full: str) -> list[str]:
+    """Return the notes of many logs, a line for each log that has any; ``in_full``: where they all are."""
+    noted = [(name, notes) for name, notes in noted if notes]
+    lines = [f"note: {name}: {'; '.join(notes)}" for name, notes in noted[:_MOST_NOTED]]
+    if len(noted) > _MOST_NOTED:
+        lines.append(f"note: {len(noted) - _MOST_NOTED:,} more logs have notes ({in_full} has them all)")
     return lines
 
 

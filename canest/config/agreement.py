@@ -42,14 +42,12 @@ def _start_possible(config: Config) -> None:
 
 
 def _estimator_known(config: Config) -> None:
-    from canest.estimators.base import REGISTRY
+    from canest.estimators.base import require_known
 
-    if config.estimator.name not in REGISTRY:
-        raise MisplacedError(
-            f"unknown estimator, found {config.estimator.name!r}, expected one of {', '.join(REGISTRY)}",
-            "estimator",
-            "name",
-        )
+    try:
+        require_known(config.estimator.name, where="")
+    except ConfigError as error:
+        raise MisplacedError(str(error), "estimator", "name") from None
 
 
 def _effects_possible(config: Config) -> dict[str, int]:

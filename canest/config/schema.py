@@ -250,7 +250,8 @@ class Bus(Section):
     """The CAN interface, as python-can names it."""
 
     interface: str = "socketcan"
-    channel: str = "vcan0"
+    #: some interfaces number theirs (kvaser, vector, ...)
+    channel: str = Field("vcan0", coerce_numbers_to_str=True)
     bitrate: Whole | None = Field(None, gt=0)
     options: dict[str, Any] = Field(default_factory=dict)
 

@@ -79,6 +79,15 @@ class Counters:
         """Frames of wanted groups from addresses that the config does not name."""
         return {key: s.frames for key, s in self.senders.items() if not s.used and s.frames}
 
+    def contested(self) -> dict[str, dict[int | None, int]]:
+        """Return role -> address -> samples that were refused because another address owns the role."""
+        found: dict[str, dict[int | None, int]] = {}
+        for (_, source), sender in self.senders.items():
+            for role, counted in sender.roles.items() if sender.used else ():
+                if counted.not_owner:
+                    found.setdefault(role, {})[source] = counted.not_owner
+        return found
+
     def lost(self) -> dict[str, int]:
         """Frames that could not be decoded, by why; nothing for what did not happen."""
         senders = self.senders.values()

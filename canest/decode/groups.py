@@ -14,7 +14,7 @@ from canest.errors import ConfigError
 from canest.frames import EXTENDED
 
 if TYPE_CHECKING:
-    from cantools.database.can import Database, Message
+    from cantools.database.can import Database, Message, Signal
 
     from canest.decode.senders import Sender
 
@@ -28,6 +28,7 @@ class Want:
     source: address that may send it, None for any (see `canest.decode.ownership`).
     validity: a rule of `canest.decode.validity.RULES`.
     factor, offset: from the DBC's unit to the role's, value_role = value_dbc * factor + offset.
+    where: the place in the config, for messages.
     """
 
     role: str
@@ -37,6 +38,7 @@ class Want:
     validity: str = "j1939"
     factor: float = 1.0
     offset: float = 0.0
+    where: str = ""
 
 
 @dataclass(slots=True)
@@ -73,10 +75,10 @@ def build_groups(wants: Mapping[str, Want], databases: Sequence[Database]) -> li
     """
     groups: dict[tuple[bool, int], Group] = {}
     for role, want in wants.items():
-        where = f"signals.{role}"
+        where = want.where or f"signals.{role}"
         message, signal = find_signal(databases, want.message, want.signal, where)
         j1939 = is_j1939(message)
-        identifier = pgn_of(message.frame_id) if j1939 else _exact_id(message)
+        identifier = pgn_of(message.frame_id) if j1939 else exact_id(message)
         group = groups.get((j1939, identifier))
         if group is None:
             group = Group(
@@ -93,14 +95,7 @@ def build_groups(wants: Mapping[str, Want], databases: Sequence[Database]) -> li
                 found=f"{message.length} bytes in {message.name}",
                 expected=f"{group.length} bytes",
             )
-        compiled = CompiledSignal(
-            message,
-            signal,
-            validity=want.validity,
-            factor=want.factor,
-            offset=want.offset,
-            size=max(FRAME_BYTES, message.length) if group.multi_packet else FRAME_BYTES,
-        )
+        compiled = _compiled(message, signal, want, where, group)
         if compiled.needs > (message.length if group.multi_packet else FRAME_BYTES):
             raise ConfigError("signal beyond the eighth byte of a frame", where=where, found=want.signal)
         source = want.source if j1939 else None
@@ -113,5 +108,22 @@ def build_groups(wants: Mapping[str, Want], databases: Sequence[Database]) -> li
     return list(groups.values())
 
 
-def _exact_id(message: Message) -> int:
+def _compiled(message: Message, signal: Signal, want: Want, where: str, group: Group) -> CompiledSignal:
+    try:
+        return CompiledSignal(
+            message,
+            signal,
+            validity=want.validity,
+            factor=want.factor,
+            offset=want.offset,
+            size=max(FRAME_BYTES, message.length) if group.multi_packet else FRAME_BYTES,
+        )
+    except ConfigError as error:  # it knows the signal, but not where the config asks for it
+        raise ConfigError(
+            error.what, where=f"{where}: {error.where}", found=error.found, expected=error.expected
+        ) from None
+
+
+def exact_id(message: Message) -> int:
+    """Return a message's whole identifier, with the `EXTENDED` flag where it has 29 bits."""
     return message.frame_id | (EXTENDED if message.is_extended_frame else 0)

@@ -15,6 +15,9 @@ from canest.roles import ROLES, UNITS, conversion
 if TYPE_CHECKING:
     from cantools.database.can import Database
 
+#: how a DBC says that a message is matched by parameter group, and not by its exact identifier
+SAYS_J1939 = 'a DBC that says J1939 (VFrameFormat "J1939PG", or ProtocolType "J1939")'
+
 
 def decoder_for(config: Config) -> Decoder:
     """Return the decoder of a config's DBC signals (one that listens to nothing for a table-only config).
@@ -35,7 +38,7 @@ def decoder_for(config: Config) -> Decoder:
                 f"{message.name} is no J1939 message: its identifier holds no source address",
                 where=config.at(f"signals.{role}.source"),
                 found=f"0x{source.source:02X}",
-                expected="no such key",
+                expected="no such key" + (f", or {SAYS_J1939}" if message.is_extended_frame else ""),
             )
         factor, offset = factor_and_offset(role, source, source.unit or signal.unit or "", where)
         wants[role] = Want(
@@ -46,6 +49,7 @@ def decoder_for(config: Config) -> Decoder:
             validity=source.validity,
             factor=factor,
             offset=offset,
+            where=where,
         )
     return Decoder(wants, databases)
 

@@ -18,11 +18,12 @@ import numpy as np
 
 from canest.config import load_config
 from canest.config.schema import Bus
+from canest.decode.signal_map import decoder_for
 from canest.demo import DRIVE, TRUTH
 from canest.errors import CanestError, UsageError
 from canest.frames import EXTENDED, ID_MASK, FrameBlock
 from canest.live.daemon import Daemon
-from canest.live.estimate_frame import Estimate, decode
+from canest.live.estimate_frame import NOT_AVAILABLE_STATUS, Estimate, decode
 from canest.live.journal import Journal
 from canest.logs.reader import open_log
 from canest.logs.truth import read_truth
@@ -38,8 +39,10 @@ CONFIG = "class8"
 AFTER_S = 60.0
 #: event time handed over at once; the daemon's own beat is 20 ms of real time
 _STEP_S = 0.01
-#: how long the daemon needs to speak about the last frames (after 0.2 s an estimate is no longer of now)
+#: how long the daemon needs to speak about the last frames, once it has them
 _SPEAK_S = 0.12
+#: how long a busy machine may get on with none of them
+_STALLED_S = 10.0
 #: how long it may take to claim an address and make sure that nobody uses its group
 _CLAIM_S = 5.0
 
@@ -101,6 +104,8 @@ class Session:
         self._thread = threading.Thread(target=self._work, name="daemon", daemon=True)
         self._failure: BaseException | None = None
         self._estimate, self._broadcasts, self._sent = Estimate(), 0, 0
+        wanted_us = decoder_for(self.config).select(self.frames).t_us
+        self._last_us = int(wanted_us[-1]) if len(wanted_us) else None  #: where the daemon's clock ends
 
     def __enter__(self) -> Session:
         self._thread.start()
@@ -167,11 +172,13 @@ class Session:
 
     def _wait_for_the_last(self) -> None:
         """Give a busy machine the time it needs for the last frames, while it gets on with them."""
-        taken, since = -1, time.monotonic()
-        while time.monotonic() - since < _SPEAK_S:
-            counted = self.daemon.pipeline.decoder.counters.frames
-            if counted != taken:
-                taken, since = counted, time.monotonic()
+        reached_us: int | None = -1
+        since, patience_s = time.monotonic(), _STALLED_S
+        while time.monotonic() - since < patience_s and self._failure is None:
+            now_us = self.daemon.pipeline.clock.last_us
+            if now_us != reached_us:
+                reached_us, since = now_us, time.monotonic()
+                patience_s = _SPEAK_S if now_us == self._last_us else _STALLED_S
             time.sleep(_STEP_S)
             self._hear()
 
@@ -205,8 +212,11 @@ class Session:
             can_id = message.arbitration_id | EXTENDED
             received = decode(bytes(message.data), can_id)
             if received is not None and received.intact:
-                self._estimate = received.estimate
                 self._broadcasts += 1
+                over = self._sent == len(self.frames)
+                # the bus is silent then, which the daemon tells: what it said of the drive stands
+                if not (over and received.estimate.status == NOT_AVAILABLE_STATUS):
+                    self._estimate = received.estimate
 
 
 def _refuse(config: Config, key: str, changed: bool) -> None:

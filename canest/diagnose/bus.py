@@ -5,26 +5,36 @@ The answer is often there: a fan speed, a power take-off, a steering angle.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from canest.config.schema import Config, Source
+from canest.decode.database import is_j1939
 from canest.decode.decoder import Decoder
-from canest.decode.groups import Want
-from canest.decode.j1939 import pgn_of
+from canest.decode.groups import Want, build_groups, exact_id
+from canest.decode.j1939 import pgn_of, source_of
 from canest.decode.signal_map import databases_of
 from canest.diagnose.fit import held_out
 from canest.diagnose.problem import Problem
 from canest.diagnose.search import Search
-from canest.frames import FloatColumn, IntColumn
+from canest.errors import ConfigError
+from canest.frames import ERROR, EXTENDED, REMOTE, FloatColumn, IntColumn
 from canest.logs.blocks import TableBlock
 from canest.logs.reader import open_log
+from canest.tables import open_for
+
+if TYPE_CHECKING:
+    from cantools.database.can import Database, Message
 
 #: a signal must have spoken this often, and on this share of the windows
 MIN_SAMPLES, MIN_COVERAGE = 20, 0.8
 _STALE_S = 10.0
+#: the null and the global address: a config can name neither as a source
+_NOBODY = {0xFE, 0xFF}
 
 
 @dataclass(frozen=True)
@@ -42,7 +52,7 @@ def rank_bus_signals(config: Config, problem: Problem, search: Search) -> list[R
     used = {(s.message, s.signal, s.source) for s in config.signals.values()} | {
         (None, s.column, None) for s in config.signals.values() if s.column
     }
-    per_drive = [_signals(part.drive.path, config) for part in problem.parts]
+    per_drive = [_signals(part.drive.path, config, part.drive.channel) for part in problem.parts]
     names = set.intersection(*(set(found) for found in per_drive)) if per_drive else set()
     residual = problem.whiten(search.residual_N)
     base = search.local_matrix()
@@ -105,30 +115,33 @@ def _windowed(problem: Problem, drives: list[tuple[IntColumn, FloatColumn]]) -> 
     return column if np.ptp(column) > 0 else None
 
 
-def _signals(path: Path, config: Config) -> dict[str, tuple[Source, IntColumn, FloatColumn]]:
+def _signals(
+    path: Path, config: Config, channel: str | None = None
+) -> dict[str, tuple[Source, IntColumn, FloatColumn]]:
     """Return every decodable signal of a log: name -> (source, stamps, values)."""
-    if not config.dbc:
-        return _columns(path, config)
+    with open_for(config, path, channel) as reader:
+        if reader.kind == "table":
+            return _columns(path, config)
     databases = databases_of(config)
     heard: set[int] = set()
-    for block in open_log(path):
+    for block in open_for(config, path, channel):
         if not isinstance(block, TableBlock):
             heard.update(np.unique(block.can_id).tolist())
-    addresses: dict[int, set[int]] = {}
-    for can_id in heard:
-        addresses.setdefault(pgn_of(can_id), set()).add(can_id & 0xFF)
     wants: dict[str, Want] = {}
     sources: dict[str, Source] = {}
     for database in databases:
         for message in database.messages:
-            for address in sorted(addresses.get(pgn_of(message.frame_id | 0x8000_0000), ())):
+            for address in _senders(message, heard):
                 for signal in message.signals:
-                    name = f"{message.name}.{signal.name} from {address:#04x}"
-                    wants[name] = Want(name, message.name, signal.name, address)
-                    sources[name] = Source(message=message.name, signal=signal.name, source=address)
+                    sender = "" if address is None else f" from {address:#04x}"
+                    name = f"{message.name}.{signal.name}{sender}"
+                    want = Want(name, message.name, signal.name, address)
+                    if _decodable(want, databases):
+                        wants[name] = want
+                        sources[name] = Source(message=message.name, signal=signal.name, source=address)
     decoder = Decoder(wants, databases)
     pieces: dict[str, list[tuple[IntColumn, FloatColumn]]] = {}
-    for block in open_log(path):
+    for block in open_for(config, path, channel):
         if not isinstance(block, TableBlock):
             for name, piece in decoder.push(block).samples.items():
                 pieces.setdefault(name, []).append(piece)
@@ -136,6 +149,24 @@ def _signals(path: Path, config: Config) -> dict[str, tuple[Source, IntColumn, F
         name: (sources[name], np.concatenate([p[0] for p in ps]), np.concatenate([p[1] for p in ps]))
         for name, ps in pieces.items()
     }
+
+
+def _decodable(want: Want, databases: Sequence[Database]) -> bool:
+    """Return whether we can decode a signal that nobody asked for: a DBC may hold others."""
+    try:
+        build_groups({want.role: want}, databases)
+    except ConfigError:
+        return False
+    return True
+
+
+def _senders(message: Message, heard: set[int]) -> list[int] | list[None]:
+    """Return the addresses that send a message; None for one that is matched by its whole identifier."""
+    if not is_j1939(message):
+        return [None] if exact_id(message) in heard else []
+    pgn = pgn_of(message.frame_id)
+    data = (i for i in heard if i & EXTENDED and not i & (REMOTE | ERROR) and pgn_of(i) == pgn)
+    return sorted({source_of(i) for i in data} - _NOBODY)
 
 
 def _columns(path: Path, config: Config) -> dict[str, tuple[Source, IntColumn, FloatColumn]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,15 +16,13 @@ from canest.frames import BoolColumn, FloatColumn
 from canest.grid.grid import Feed, GridBlock
 from canest.intake import Intake, grid_for
 from canest.logs.blocks import TableBlock
-from canest.logs.reader import open_log
+from canest.notes import log_notes, stream_notes
 from canest.pipeline import Estimates, Pipeline
-from canest.tables import TableMap
+from canest.tables import TableMap, open_for
 from canest.vehicle.effects import Effect
 from canest.vehicle.regression import Regression
 from canest.vehicle.samples import ModelBlock
 from canest.verdict import why_no_time
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -55,29 +53,34 @@ class NothingToDiagnoseError(LogError):
 class Drive:
     """One log's decoded samples with the config they were decoded by."""
 
-    def __init__(self, path: Path, config: Config, feeds: Sequence[Feed], flaw: str = "") -> None:
+    def __init__(
+        self, path: Path, config: Config, feeds: Sequence[Feed], flaw: str = "", notes: Sequence[str] = ()
+    ) -> None:
         self.path, self.config, self._feeds, self._flaw = path, config, feeds, flaw
+        self.notes = list(notes)  #: what a user should know of the log beside the numbers
+        self.channel: str | None = None  #: the one interface of the log that was read
         self.name = path.name.split(".")[0]
         self._grids: dict[tuple[float, ...], list[GridBlock]] = {}
 
     @staticmethod
-    def load(path: Path, config: Config, progress: Progress | None = None) -> Drive:
+    def load(path: Path, config: Config, channel: str | None = None) -> Drive:
         """Read and decode a log (frames or table). Errors: LogError, NothingToDiagnoseError."""
         intake = Intake(config)
         table = TableMap(config)
         feeds: list[Feed] = []
-        reader = open_log(path, time_column=config.sampling.time_column, columns=table.columns or None)
+        reader = open_for(config, path, channel)
         for block in reader:
             if isinstance(block, TableBlock):
                 feeds.extend(intake.table(table.samples(block), block.t_us))
             else:
                 feeds.extend(intake.frames(block))
-            if progress is not None:
-                progress(reader.bytes_done, reader.bytes_total)
         if not feeds:
             what = "holds no frame that the config's signal map wants"
             raise NothingToDiagnoseError(what, where=str(path))
-        return Drive(path, config, feeds, why_no_time(intake.clock))
+        notes = log_notes(reader) + stream_notes(intake)
+        drive = Drive(path, config, feeds, why_no_time(intake.clock), notes)
+        drive.channel = channel
+        return drive
 
     @staticmethod
     def with_effects(config: Config, effects: Sequence[Effect]) -> Config:

@@ -52,7 +52,7 @@ def write_empty(
 
     finding = f"Nothing can be said of the model: {error.what}, {error.found}; `canest check` tells why."
     _make(directory)
-    told = _json(directory, empty_document(finding, logs, config.vehicle.name))
+    told = _json(directory, empty_document(finding, logs, config.vehicle.name, error.notes))
     kept = _text(directory / CONFIG_NAME, f"# Nothing was added: {finding}\n" + _original(config_name))
     report = directory / REPORT_NAME
     Page(title=" · ".join(Path(log).name for log in logs), headline=finding).write(report)

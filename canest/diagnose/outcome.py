@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -115,6 +115,7 @@ def document(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str]) 
         "data": {
             "logs": list(logs),
             "left_out": problem.failed + problem.left_out,
+            "notes": problem.notes,
             "drives": len(problem.parts),
             "open_s": problem.rows,
             "blocks": problem.chunks,
@@ -133,7 +134,9 @@ def dependence(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
     }
 
 
-def empty_document(finding: str, logs: Sequence[str], vehicle: str) -> dict[str, Any]:
+def empty_document(
+    finding: str, logs: Sequence[str], vehicle: str, notes: Mapping[str, Sequence[str]]
+) -> dict[str, Any]:
     """Return the document of logs in which the gates were never open for long enough to measure anything."""
     unknown = dict.fromkeys(
         ("residual_rms_N", "mass_kg", "mass_error_pct", "mass_rms_pct", "grade_rms_deg"), None
@@ -150,6 +153,7 @@ def empty_document(finding: str, logs: Sequence[str], vehicle: str) -> dict[str,
         "data": {
             "logs": list(logs),
             "left_out": list(logs),
+            "notes": {log: list(said) for log, said in notes.items()},
             "drives": 0,
             "open_s": 0,
             "blocks": 0,

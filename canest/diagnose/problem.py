@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from canest.decode.signal_map import resolution_of
 from canest.diagnose.drive import Drive, Run
-from canest.diagnose.reference import Reference
+from canest.diagnose.reference import Reference, filled
 from canest.diagnose.windows import Windows, windows_of
 from canest.errors import LogError
 from canest.frames import FloatColumn, IntColumn
@@ -23,9 +24,13 @@ MIN_WINDOWS = 8
 
 
 class TooLittleDrivingError(LogError):
-    """The logs that can be read hardly ever had open gates; ``failed`` says why of those that cannot."""
+    """The logs that can be read hardly ever had open gates.
+
+    failed: why others cannot be read; notes: log -> what a user should know of it.
+    """
 
     failed: Sequence[str] = ()
+    notes: Mapping[str, Sequence[str]] = MappingProxyType({})
 
 
 class _Part:
@@ -37,6 +42,8 @@ class _Part:
         usable = np.isfinite(m.force_N) & np.isfinite(m.speed_mps)
         if reference.mass_kg is not None:
             usable &= np.isfinite(reference.mass_kg)
+        if reference.grade is not None:
+            usable &= np.isfinite(reference.grade)
         self.windows: Windows = windows_of(run.open, run.t_s, usable)
         self.speed_mps = self.windows.mean(m.speed_mps)
         self.cos_beta = np.sqrt(1.0 - np.minimum(reference.sin_beta**2, 0.5))
@@ -51,7 +58,7 @@ class _Part:
     def _mass(self) -> FloatColumn:
         """Return the known mass, else the least-squares start value (it stays free in every fit)."""
         if self.reference.mass_kg is not None:
-            return self.reference.mass_kg
+            return filled(self.reference.mass_kg)
         v = self.drive.config.vehicle
         if not self.windows.count:
             return np.full(len(self.specific), v.mass_min_kg)
@@ -73,6 +80,8 @@ class Problem:
         self.parts = [p for p in parts if p.windows.count >= MIN_WINDOWS]
         #: logs that cannot be used at all, and why
         self.failed = list(failed)
+        #: log -> what a user should know of it, where there is anything
+        self.notes = {str(d.path): d.notes for d, _, _ in drives if d.notes}
         #: logs that take no part, and why
         self.left_out = [
             f"{p.drive.path}: only {p.windows.count} s with open gates"
@@ -85,7 +94,7 @@ class Problem:
                 found=f"{sum(p.windows.count for p in parts)} seconds",
                 expected=f"at least {MIN_WINDOWS} in a row; see `canest check`",
             )
-            error.failed = self.failed
+            error.failed, error.notes = self.failed, self.notes
             raise error
         offset, chunks = 0, []
         for part in self.parts:

@@ -13,8 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from canest.diagnose.drive import Drive, Run
+from canest.errors import LogError
 from canest.frames import FloatColumn
 from canest.logs.truth import read_truth
+from canest.scoring import Score
 from canest.vehicle.samples import GRAVITY_MPS2
 
 #: how fast a road's slope may wander, per root metre: from motorway to hills (0.1 to 0.8 % over 100 m);
@@ -33,9 +35,10 @@ _STEP = 50  #: ticks per smoother step: one second
 class Reference:
     """Mass and grade of one drive on its ticks.
 
-    mass_kg (n,) or None when unknown. sin_beta (n,), already passed through the model's filter, and
-    sin_beta_std (scalar): 0 where it is known, large where nothing tells it; correlation_m: distance over
-    which its error keeps its value. kind: a name for the report.
+    mass_kg (n,) or None when unknown; NaN where the truth does not tell it, as in grade. sin_beta (n,),
+    already passed through the model's filter, and sin_beta_std (scalar): 0 where it is known, large where
+    nothing tells it; correlation_m: distance over which its error keeps its value. kind: a name for the
+    report.
     """
 
     kind: str
@@ -50,16 +53,23 @@ class Reference:
 def reference_for(
     drive: Drive, run: Run, *, truth: Path | None = None, mass_kg: float | None = None
 ) -> Reference:
-    """Return the best reference: truth file, then --mass with the bus' own sensors, then the bus alone."""
+    """Return the best reference: truth file, then --mass with the bus' own sensors, then the bus alone.
+
+    Errors: LogError for a truth file that is none, or is of another time than the drive.
+    """
     n = len(run.samples)
     mass = None if mass_kg is None else np.full(n, float(mass_kg))
     if truth is not None:
-        known = read_truth(truth)
-        if known.mass_kg is not None and mass is None:
-            mass = np.interp(run.samples.t_us, known.t_us, known.mass_kg)
-        if known.grade is not None:
-            grade = np.interp(run.samples.t_us, known.t_us, known.grade)
-            sin_beta = drive.filtered(np.sin(np.arctan(grade)), run)
+        true_mass, grade = Score(read_truth(truth)).truth_at(run.samples.t_us)
+        has_mass, has_grade = np.isfinite(true_mass).any(), np.isfinite(grade).any()
+        if not (has_grade or has_mass):
+            begin, end = run.t_s[[0, -1]]
+            of_drive = f"mass_kg or grade between t_s {begin:.0f} and {end:.0f}"
+            raise LogError("tells nothing of the drive", where=str(truth), expected=of_drive)
+        if mass is None and has_mass:
+            mass = true_mass
+        if has_grade:
+            sin_beta = drive.filtered(np.sin(np.arctan(filled(grade))), run)
             return Reference("truth", "known grade", mass, sin_beta, 0.0, grade=grade)
     sensed = _slope_sensor(drive, run) or _altitude_and_accelerometer(drive, run)
     if sensed is not None:
@@ -67,6 +77,12 @@ def reference_for(
         return Reference(kind, text, mass, sin_beta, std, correlation_m)
     text = "nothing but the bus: the grade is only known to change slowly with distance"
     return Reference("none", text, mass, np.zeros(n), 0.03)
+
+
+def filled(column: FloatColumn) -> FloatColumn:
+    """Return a column (n,) of which some is known, with numbers between and beside what is known."""
+    known = np.flatnonzero(np.isfinite(column))
+    return np.interp(np.arange(len(column)), known, column[known])
 
 
 #: kind, text, sin(beta) per tick, its standard deviation, correlation length of its error in m

@@ -41,6 +41,8 @@ def report_page(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str
         page.sections.append(_candidates(diagnosis, found))
     page.sections.append(_reference(diagnosis))
     page.sections.append(_signals(diagnosis))
+    if diagnosis.problem.notes:
+        page.sections.append(_notes(diagnosis))
     return page
 
 
@@ -125,6 +127,11 @@ def _seen(d: Diagnosis) -> str:
     if all(p.reference.sin_beta_std == 0.0 for p in d.problem.parts):
         return ""
     return "The grade is not known exactly: what changes as slowly as a road may is filtered out here."
+
+
+def _notes(d: Diagnosis) -> Section:
+    noted = (f"{Path(log).name}: {'; '.join(notes)}" for log, notes in d.problem.notes.items())
+    return Section("Notes", text=" · ".join(noted))
 
 
 def _everything(d: Diagnosis) -> Section:

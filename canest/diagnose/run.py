@@ -65,17 +65,19 @@ def diagnose(
     *,
     truths: Sequence[Path | None] | None = None,
     mass_kg: float | None = None,
+    channel: str | None = None,
     tell: Tell = lambda _text, _share: None,
 ) -> Diagnosis:
     """Diagnose one drive, or several of one vehicle together.
 
-    truths: a truth file per log, or None; mass_kg: known mass of all. tell: progress (text, share done).
+    truths: a truth file per log, or None; mass_kg: known mass of all. channel: this interface of the logs
+    only. tell: progress (text, share done).
     Errors: LogError for logs with too little open driving, UsageError for no log.
     """
     if not paths:
         raise UsageError("no log to diagnose")
     tell("reading", 0.0)
-    problem, references = _problem(paths, config, truths, mass_kg, tell)
+    problem, references = _problem(paths, config, truths, mass_kg, channel, tell)
     if problem.chunks < MIN_CHUNKS:
         return _too_short(config, problem, references)
     search, tried = _search(problem, config, SWITCH_ROLES, tell)
@@ -85,7 +87,7 @@ def diagnose(
         ranked = rank_bus_signals(config, problem, search)
         extended = _with_switches(config, ranked)
         if extended is not config:
-            again, references_again = _problem(paths, extended, truths, mass_kg, tell)
+            again, references_again = _problem(paths, extended, truths, mass_kg, channel, tell)
             new = [r for r in extended.signals if r not in config.signals]
             search_again, tried_again = _search(again, extended, [*SWITCH_ROLES, *new], tell)
             if any(dict(c.candidate.shape).get("signal") in new for c in search_again.chosen):
@@ -132,6 +134,7 @@ def _problem(
     config: Config,
     truths: Sequence[Path | None] | None,
     mass_kg: float | None,
+    channel: str | None,
     tell: Tell,
 ) -> tuple[Problem, list[Reference]]:
     base = effects_of(config)
@@ -139,16 +142,16 @@ def _problem(
     for i, path in enumerate(paths):
         tell(f"reading {path.name}", 0.3 * i / len(paths))
         try:
-            drive = Drive.load(path, config)
+            drive = Drive.load(path, config, channel)
             run = drive.run(base)
+            reference = reference_for(drive, run, truth=truths[i] if truths else None, mass_kg=mass_kg)
         except NothingToDiagnoseError as error:
             useless.append(str(error))
             continue
         except LogError as error:
             failed.append(str(error))
             continue
-        truth = truths[i] if truths else None
-        drives.append((drive, reference_for(drive, run, truth=truth, mass_kg=mass_kg), run))
+        drives.append((drive, reference, run))
     if not drives:
         raise LogError("; ".join(failed + useless))
     problem = Problem(drives, failed)

@@ -69,15 +69,19 @@ class Estimator(ABC):
         """Start from a remembered mass and its (already widened) standard deviation."""
 
 
+def require_known(name: str, where: str = "estimator.name") -> None:
+    """Refuse a name that no estimator has. Errors: ConfigError."""
+    if name not in REGISTRY:
+        expected = "one of " + ", ".join(REGISTRY)
+        raise ConfigError("unknown estimator", where=where, found=name, expected=expected)
+
+
 def create(name: str, facts: VehicleFacts, options: Mapping[str, Any] | None = None) -> Estimator:
     """Build the estimator ``name``.
 
     Errors: ConfigError for an unknown name or option.
     """
-    if name not in REGISTRY:
-        raise ConfigError(
-            "unknown estimator", where="estimator.name", found=name, expected="one of " + ", ".join(REGISTRY)
-        )
+    require_known(name)
     module = import_module(REGISTRY[name])
     for candidate in vars(module).values():
         if isinstance(candidate, type) and issubclass(candidate, Estimator) and name in candidate.names:

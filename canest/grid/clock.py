@@ -30,7 +30,8 @@ class Clock:
     """Splits blocks into monotone stretches; carries the last stamp; counts what it had to mend."""
 
     def __init__(self, hold_us: int, max_backward_us: int) -> None:
-        self._hold_us, self._max_backward_us = hold_us, max_backward_us
+        self.hold_us, self._max_backward_us = hold_us, max_backward_us
+        self.first_us: int | None = None
         self.last_us: int | None = None
         self.stamps = 0  #: seen so far
         self.counters = {"reordered": 0, "gaps": 0, "clock_set_back": 0}
@@ -42,9 +43,11 @@ class Clock:
         self.stamps += len(frames)
         t_us = frames.t_us
         first = self.last_us is None
+        if first:
+            self.first_us = int(t_us[0])
         step = 0 if self.last_us is None else int(t_us[0]) - self.last_us
         steps = t_us[1:] - t_us[:-1]
-        if min(step, steps.min(initial=0)) < 0 or max(step, steps.max(initial=0)) > self._hold_us:
+        if min(step, steps.min(initial=0)) < 0 or max(step, steps.max(initial=0)) > self.hold_us:
             yield from self._split_slowly(frames)
             return
         self.last_us = int(t_us[-1])
@@ -57,7 +60,7 @@ class Clock:
         last = int(t_us[0]) if self.last_us is None else self.last_us
         for i, stamp in enumerate(frames.t_us.tolist()):
             step = stamp - last
-            if step < -self._max_backward_us or step > self._hold_us:
+            if step < -self._max_backward_us or step > self.hold_us:
                 if i > begin:
                     yield Stretch(self._part(frames, t_us, begin, i), jump, before)
                 begin, jump, before = i, "back" if step < 0 else "gap", last

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canest.live.impostors import contested
 from canest.live.snapshot import bus_state, sender_name
 
 if TYPE_CHECKING:
@@ -31,7 +30,7 @@ class Changes:
         self._tell("status", _STATUSES[daemon.estimate(now_us).status])
         others = len(daemon.pipeline.decoder.counters.other_senders)
         self._tell("other-senders", others, bad=True, unless_first=not others)
-        doubted = ", ".join(sorted(contested(daemon.pipeline.decoder.counters)))
+        doubted = ", ".join(sorted(daemon.pipeline.decoder.counters.contested()))
         self._tell("contested-signals", doubted, bad=True, unless_first=not doubted)
         faster = ", ".join(sorted(map(sender_name, daemon.paces.faster)))
         self._tell("senders-faster-than-usual", faster or "none", bad=bool(faster), unless_first=not faster)

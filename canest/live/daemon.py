@@ -258,7 +258,7 @@ class Daemon:
 
     def _join(self, config: Config, pipeline: Pipeline) -> tuple[Receiver, Node]:
         require_frames(config)
-        require_interface(config)
+        require_interface(config.bus, config.at)
         watch = BusWatch(config.broadcast.pgn)
         filters = sorted({*pipeline.decoder.can_filters(), *watch.filters()})
         receiver, transmitter = open_link(

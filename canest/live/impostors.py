@@ -1,8 +1,8 @@
 """Signs that a sender is not who it says it is. They are reported, never acted upon.
 
 J1939 has no authentication: whoever sends under the right address is believed. Two things still show:
-several addresses that send one signal, and an address that suddenly sends much more than it used to, as it
-does when a second node sends under it too.
+several addresses that send one signal (`canest.decode.counters`), and an address that suddenly sends much
+more than it used to, as it does when a second node sends under it too.
 """
 
 from __future__ import annotations
@@ -18,16 +18,6 @@ _SLOWEST_GAIN = 1 / 120  #: a rate that has changed for good is the usual one af
 _FEWEST_FRAMES = 20  #: per window; below it a rate says little
 
 Key = tuple[int, int | None]  #: group (or identifier) and source address
-
-
-def contested(counters: Counters) -> dict[str, dict[int | None, int]]:
-    """Return role -> address -> samples that were refused because another address owns the role."""
-    found: dict[str, dict[int | None, int]] = {}
-    for (_, source), sender in counters.senders.items():
-        for role, counted in sender.roles.items() if sender.used else ():
-            if counted.not_owner:
-                found.setdefault(role, {})[source] = counted.not_owner
-    return found
 
 
 @dataclass(slots=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -72,23 +72,41 @@ def may_transmit(bus: Bus, broadcast: Broadcast) -> bool:
     return is_virtual(bus) if broadcast.enabled is None else broadcast.enabled
 
 
-def require_interface(config: Config) -> None:
-    """Refuse an interface that python-can does not know. Errors: ConfigError with the nearest names."""
-    name = config.bus.interface
-    if name == "socketcan" or name in _VIRTUAL_INTERFACES:
+def require_interface(bus: Bus, at: Callable[[str], str]) -> None:
+    """Refuse an interface that python-can does not know, and a channel that it can never open.
+
+    at: a config's key -> where it was written. Errors: ConfigError with the nearest names.
+    """
+    if bus.interface == "udp_multicast":
+        _require_group(bus.channel, at("bus.channel"))
+    if bus.interface == "socketcan" or bus.interface in _VIRTUAL_INTERFACES:
         return  # python-can takes its time to import, and has nothing to say about these
     from difflib import get_close_matches
 
     from canest.live.pythoncan import INTERFACES
 
-    if name not in INTERFACES:
-        near = get_close_matches(name.lower(), INTERFACES, n=3, cutoff=0.5)
+    if bus.interface not in INTERFACES:
+        near = get_close_matches(bus.interface.lower(), INTERFACES, n=3, cutoff=0.5)
         raise ConfigError(
             "unknown interface",
-            where=config.at("bus.interface"),
-            found=name,
+            where=at("bus.interface"),
+            found=bus.interface,
             expected="an interface of python-can, "
             + ("perhaps " + " or ".join(near) if near else "one of " + ", ".join(sorted(INTERFACES))),
+        )
+
+
+def _require_group(channel: str, where: str) -> None:
+    """Refuse what is no address of a group: python-can looks a name up for seconds, and then fails."""
+    from ipaddress import ip_address
+
+    try:
+        is_group = ip_address(channel).is_multicast and "%" not in channel
+    except ValueError:
+        is_group = False
+    if not is_group:
+        raise ConfigError(
+            "no multicast group", where=where, found=channel, expected="its address, e.g. 239.74.163.2"
         )
 
 

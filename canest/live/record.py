@@ -150,6 +150,13 @@ class Ring(_Spool[FrameBlock]):
         self._begun_s = 0.0
         self._holds_frames = False
 
+    def _put(self, blocks: list[FrameBlock]) -> None:
+        try:
+            super()._put(blocks)
+        except OSError as error:
+            error.filename = str(self._folder)  # every segment has another name; the failure is one
+            raise
+
     def _write(self, text: bytes) -> None:
         if self._file is None:
             self._begin_segment()

@@ -6,7 +6,6 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from canest.gates import LABELS
-from canest.live.impostors import contested
 from canest.vehicle.samples import STATUS_LABELS
 from canest.verdict import why_no_signal
 
@@ -64,7 +63,7 @@ def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
         "other_senders_count": len(counters.other_senders),
         "contested_signals": {
             role: {_address(a): n for a, n in sorted(refused.items(), key=_by_count)[:MOST_OTHERS]}
-            for role, refused in contested(counters).items()
+            for role, refused in counters.contested().items()
         },
         "sends_faster": {
             _sender_key(key): [round(usual, 1), round(now, 1)]

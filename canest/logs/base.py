@@ -45,7 +45,7 @@ class LogReader(ABC):
     channels: frames per interface. Iteration ends with a LogError when the one asked for has none.
     """
 
-    #: what iteration yields: "frames" (FrameBlock) or "table" (TableBlock)
+    #: what iteration yields: "frames" (FrameBlock), "table" (TableBlock) or "nothing" (an empty file)
     kind = "frames"
     format = ""
 
@@ -148,6 +148,8 @@ class CandumpReader(LogReader):
     def __init__(self, source: Source, head: bytes, parser: CandumpParser, block_frames: int) -> None:
         super().__init__(source, parser.channel)
         self._head, self._parser, self._block_frames = head, parser, block_frames
+        if not head:
+            self.kind = "nothing"
 
     @property
     def frames(self) -> int:

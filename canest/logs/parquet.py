@@ -77,11 +77,13 @@ class ParquetReader(TableReader):
 
 
 def _floats(column: Any) -> NDArray[np.float64] | None:
-    """Return a column as float64, time stamps in seconds, NaN where there is nothing; None for text."""
+    """Return a column as float64, times and durations in seconds, NaN for nothing; None for text."""
     import pyarrow as pa
 
-    if pa.types.is_timestamp(column.type):
-        micros = column.cast(pa.timestamp("us", column.type.tz), safe=False).cast(pa.int64())
+    if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
+        stamps = pa.types.is_timestamp(column.type)
+        precise = pa.timestamp("us", column.type.tz) if stamps else pa.duration("us")
+        micros = column.cast(precise, safe=False).cast(pa.int64())
         return np.asarray(micros.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)) / 1e6
     try:
         floats = column.cast(pa.float64(), safe=False)

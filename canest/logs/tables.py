@@ -19,6 +19,7 @@ _TEXT_BYTES = 1 << 18
 #: where int64 microseconds end, with room to spare
 _SECONDS_MAX = 9e12
 _SEPARATORS = (",", ";", "\t")
+_TRUTH = {"false": 0.0, "true": 1.0}
 
 
 class TableReader(LogReader):
@@ -38,6 +39,7 @@ class TableReader(LogReader):
         self.columns: list[str] = []
         self.bad_cells: dict[str, int] = {}
         self.text_cells: dict[str, tuple[int, int, str]] = {}
+        self._text_times: dict[int, str] = {}  #: of the block that is being read
 
     @property
     def frames(self) -> int:
@@ -64,6 +66,9 @@ class TableReader(LogReader):
         ]
 
     def _note_text(self, name: str, number: int, text: str) -> None:
+        if name == self._time_column:
+            self._text_times[number] = text
+            return
         count, first, shown = self.text_cells.get(name, (0, number, text))
         self.text_cells[name] = count + 1, first, shown
 
@@ -97,7 +102,9 @@ class TableReader(LogReader):
         """Make a block of rows (n, columns), time first; ``numbers`` are their line numbers."""
         timed = np.isfinite(values[:, 0]) & (np.abs(values[:, 0]) < _SECONDS_MAX)
         for row in np.flatnonzero(~timed).tolist():
-            self._skip(int(numbers[row]), f"{self._time_column} = {values[row, 0]}", "no time")
+            found = self._text_times.get(int(numbers[row]), values[row, 0])
+            self._skip(int(numbers[row]), f"{self._time_column} = {found}", "no time in seconds")
+        self._text_times.clear()
         if not timed.all():
             values = values[timed]
         self._rows += len(values)
@@ -203,7 +210,7 @@ class CsvReader(TableReader):
                 self._skip(number, line, f"{len(cells)} cells where the header has {len(self.columns)}")
                 continue
             row = [number_of(cells[position]) for position in chosen]
-            for position, name, value in zip(chosen[1:], names[1:], row[1:], strict=True):
+            for position, name, value in zip(chosen, names, row, strict=True):
                 if value is None and cells[position].strip():
                     self._note_text(name, number, cells[position])
             rows.append([math.nan if value is None else value for value in row])
@@ -212,8 +219,8 @@ class CsvReader(TableReader):
 
 
 def number_of(cell: str) -> float | None:
-    """Return the number in a cell, None for text and nothing."""
+    """Return the number in a cell (of a truth value 0 or 1, as parquet has it), None for text and nothing."""
     try:
         return float(cell)
     except ValueError:
-        return None
+        return _TRUTH.get(cell.strip().lower())

@@ -68,14 +68,15 @@ def compare_page(log: str, vehicle: str, result: Comparison) -> Page:
             for name in order[:5] if estimators[name]["mass_rms_pct"] is not None
         ]  # fmt: skip
     rows = [[name, *cells(estimators[name]), estimators[name]["note"]] for name in order]
-    table = Table(
-        ["estimator", *(title for _, title, _ in COLUMNS), "note"], rows, order.index(default), (0, 7)
-    )
+    marked = order.index(default) if default in order else None  # --only may have left it out
+    table = Table(["estimator", *(title for _, title, _ in COLUMNS), "note"], rows, marked, (0, 7))
     speed_note = "compiled" if result.table.get("compiled") else "interpreted"
     text = (
         f"Smallest mass error first; the config's own estimator is marked. Costs are of {speed_note} kernels."
     )
     page.sections.append(Section("Figures", text=text, table=table))
+    if result.table["notes"]:
+        page.sections.append(Section("Notes", text=" · ".join(result.table["notes"])))
     if len(result.true_mass_kg):
         page.sections.append(_curves(result, order, default))
     return page

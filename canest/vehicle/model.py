@@ -18,12 +18,12 @@ import numpy as np
 
 from canest.columns import constant, shifted
 from canest.config.schema import Config
-from canest.errors import ConfigError
 from canest.frames import BoolColumn, FloatColumn
 from canest.grid.grid import GridBlock
 from canest.vehicle.columns import Columns
 from canest.vehicle.samples import STEP_S
-from canest.vehicle.screen import MAX_SPEED_MPS, SPEED_ORDER
+from canest.vehicle.screen import MAX_SPEED_MPS
+from canest.vehicle.sources import AT_WHEELS, ratio_ways, speed_roles, torque_role
 
 if TYPE_CHECKING:
     from canest.vehicle.effects import Effect
@@ -64,10 +64,11 @@ class LongitudinalModel:
         self.vehicle = config.vehicle
         self.effects = effects_of(config)
         self.roles = frozenset(config.signals)
-        self.speed_roles = _speed_roles(config)
-        self.torque_role = _torque_role(config)
+        self.speed_roles = speed_roles(config)
+        self.torque_role = torque_role(config)
         #: the torque is measured at the wheels: crank, gear and efficiency do not matter
-        self.at_wheels = self.torque_role in ("wheel_torque", "half_shaft_torque_left")
+        self.at_wheels = self.torque_role in AT_WHEELS
+        self.ratio_ways = ratio_ways(config, self.torque_role)
         self._stages = {
             stage: [e for e in self.effects if e.stage == stage]
             for stage in ("geometry", "crank", "driveline", "speed", "road")
@@ -251,40 +252,6 @@ class LongitudinalModel:
         before = shifted(speed, self._last_speed_mps)
         c.accel_mps2 = np.where(np.isnan(before), 0.0, speed - before) / STEP_S
         self._last_speed_mps = float(speed[-1])
-
-
-def _torque_role(config: Config) -> str:
-    """Return the role that tells the torque: the nearest to the wheels. Errors: ConfigError for none."""
-    for role in ("wheel_torque", "half_shaft_torque_left", "engine_torque", "engine_torque_pct"):
-        if role == "half_shaft_torque_left" and "half_shaft_torque_right" not in config.signals:
-            continue
-        if role in config.signals:
-            if role == "engine_torque_pct" and not (
-                "reference_torque" in config.signals or config.vehicle.reference_torque_Nm
-            ):
-                raise ConfigError(
-                    "is missing, and no signal gives it",
-                    where=config.at("vehicle.reference_torque_Nm"),
-                    expected="the engine's 100 % torque in N m (SPN 544)",
-                )
-            return role
-    raise ConfigError(
-        "no torque",
-        where=config.at("signals"),
-        expected="engine_torque_pct, engine_torque, wheel_torque or both half-shaft torques",
-    )
-
-
-def _speed_roles(config: Config) -> tuple[str, ...]:
-    """Return the roles that tell the speed, the finest first. Errors: ConfigError for none."""
-    present = tuple(r for r in SPEED_ORDER if r in config.signals)
-    if not present:
-        raise ConfigError(
-            "no speed",
-            where=config.at("signals"),
-            expected="output_shaft_speed, vehicle_speed or another speed",
-        )
-    return present
 
 
 def effects_of(config: Config) -> list[Effect]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import lzma
+import re
 from pathlib import Path
 
 from canest.resources import shipped
@@ -75,6 +76,88 @@ def test_a_log_in_reverse_stops_the_estimator(canest, tmp_path):
     done = canest("replay", path, "-c", "kenworth")
     assert done.code == 0
     assert "because   time runs backwards: " in done.out
+
+
+def test_differences_in_place_of_times_are_told(canest, tmp_path):
+    path = tmp_path / "delta.log"
+    before, lines = 0.0, []
+    for line in lzma.decompress(KENWORTH.read_bytes()).decode().strip().splitlines():
+        stamp, rest = float(line.strip()[1:11]), line.split(")", 1)[1]
+        lines.append(f" ({stamp - before:010.6f}){rest}\n")
+        before = stamp
+    path.write_text("".join(lines))
+    told = report(canest, "-c", "kenworth", path)["stops"]
+    assert told.startswith("time runs backwards: ") and "candump -t d writes differences" in told
+
+
+def test_a_clock_that_stands_still_or_is_two_clocks_stops_the_estimator(canest, tmp_path):
+    path = tmp_path / "flawed.log"
+    lines = lzma.decompress(KENWORTH.read_bytes()).strip().splitlines(keepends=True)
+    path.write_bytes(b"".join(b" (000.000000)" + line[line.index(b")") + 1 :] for line in lines))
+    told = report(canest, "-c", "kenworth", path)["stops"]
+    assert told.startswith("time stands still: all ") and told.endswith(" stamps are the same")
+    assert f"because   {told}" in canest("replay", path, "-c", "kenworth").out
+    # every third frame was stamped by a logger an hour ahead
+    path.write_bytes(b"".join(x.replace(b"(0", b"(36", 1) if i % 3 else x for i, x in enumerate(lines)))
+    told = report(canest, "-c", "kenworth", path)["stops"]
+    assert told.startswith("the time stamps jump back ") and told.endswith("of two clocks in one log")
+    assert f"because   {told}" in canest("replay", path, "-c", "kenworth").out
+
+
+def test_a_gear_ratio_that_nothing_tells_is_named(canest, tmp_path):
+    """A ratio has ways, of which one is enough; the gates that close without any do not say which."""
+    source = "signals.gear={message: ETC2, signal: TransCurrentGear, source: 0x31}"
+    ratio = "signals.gear_ratio={message: ETC2, signal: TransActualGearRatio, source: 0x31}"
+    shaft = "signals.output_shaft_speed={message: ETC1, signal: Trans1OutputShaftSpeed, source: 0x31}"
+    elsewhere = [part for change in (source, ratio, shaft) for part in ("--set", change)]
+    found = report(canest, "-c", "kenworth", KENWORTH, *elsewhere)
+    assert role(found, "gear")["need"] == "ratio"
+    assert found["stops"].startswith("no gear ratio: gear_ratio (actual transmission ratio (SPN 526))")
+    assert "gear (current gear number" in found["stops"] and "output_shaft_speed" in found["stops"]
+    done = canest("replay", KENWORTH, "-c", "kenworth", *elsewhere)
+    assert "because   no gear ratio: gear_ratio (actual" in done.out
+    assert not report(canest, "-c", "kenworth", KENWORTH, *elsewhere[:4])["stops"]
+
+
+def test_messages_that_end_before_the_signal_are_the_reason(canest, tmp_path):
+    path = tmp_path / "short.log"
+    text = lzma.decompress(KENWORTH.read_bytes())
+    path.write_bytes(
+        b"".join(x for x in text.splitlines(keepends=True) if b"ECFF00" not in x and b"EBFF00" not in x)
+        + b" (029.990000)  can0  18FEE300   [8]  FF FF FF FF FF FF FF FF\n"
+    )
+    found = report(canest, "-c", "kenworth", path, "--set", "vehicle.reference_torque_Nm=null")
+    told = "no frame holds it: they end before it, or their multiplexor never selects it"
+    assert role(found, "reference_torque")["hint"] == told
+    assert f"({told})" in found["stops"]
+
+
+def test_a_signal_that_comes_too_seldom_is_told(canest, tmp_path):
+    path = tmp_path / "slow.log"
+    lines = lzma.decompress(KENWORTH.read_bytes()).splitlines(keepends=True)
+    torque = [line for line in lines if b"0CF00400" in line]
+    path.write_bytes(b"".join(line for line in lines if b"0CF00400" not in line or line in torque[::25]))
+    found = report(canest, "-c", "kenworth", path)
+    told = "comes every 0.5 s, and a value counts for 0.25 s only (stale_s)"
+    assert role(found, "engine_torque_pct")["hint"] == told
+    assert f"signals.engine_torque_pct: {told}" in found["hints"]
+    slow = ("--set", "signals.engine_torque_pct.stale_s=1")
+    assert not role(report(canest, "-c", "kenworth", path, *slow), "engine_torque_pct")["hint"]
+
+
+def test_a_dbc_that_does_not_say_j1939_is_told_so(canest, tmp_path):
+    """Most hand-made DBC lack the attributes: their messages are then matched by the whole identifier."""
+    dbc = (shipped("dbc") / "j1939.dbc").read_text()
+    (tmp_path / "plain.dbc").write_text("".join(x for x in dbc.splitlines(True) if not x.startswith("BA_")))
+    text = (shipped("configs") / "kenworth.yaml").read_text().replace("[j1939.dbc]", "[plain.dbc]")
+    config = tmp_path / "plain.yaml"
+    config.write_text(text)
+    done = canest("check", "-c", config)
+    assert done.code == 2 and "is no J1939 message" in done.err and 'VFrameFormat "J1939PG"' in done.err
+    kept = [x for x in text.splitlines() if "reference_torque:" not in x]
+    config.write_text(re.sub(r", source: 0x[0-9A-F]+", "", "\n".join(kept)))
+    (hint,) = [h for h in report(canest, "-c", config, KENWORTH)["hints"] if "J1939PG" in h]
+    assert hint.startswith("EEC1.") and "more) is matched by its whole identifier" in hint
 
 
 def test_bus_of_eleven_bit_identifiers(canest, tmp_path):

@@ -177,6 +177,13 @@ class TestLogs:
         assert done.code == 1
         assert "none.log" in one_line(done)
 
+    @pytest.mark.parametrize("name", ["est.csv.gz", "est.xlsx", "est.html"])
+    def test_estimates_are_written_in_no_format_but_their_own(self, canest, tmp_path, name):
+        done = canest("replay", KENWORTH, "-c", "kenworth", "-o", tmp_path / name)
+        assert done.code == 2
+        assert f"{name}, expected one that ends in .csv or .parquet" in one_line(done)
+        assert not list(tmp_path.iterdir())
+
     def test_no_log_at_all(self, canest, tmp_path):
         path = tmp_path / "picture.png"
         path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 20)
@@ -191,12 +198,17 @@ class TestLogs:
         line = one_line(done)
         assert "no frame on this channel, found 'can7', expected one of can0 (19,957 frames)" in line
 
-    def test_table_log_for_a_config_of_dbc_signals(self, canest, tmp_path):
+    @pytest.mark.parametrize(
+        "command", [["replay"], ["compare", "--mass", "9000"], ["diagnose", "-o", "out"]]
+    )
+    def test_table_log_for_a_config_of_dbc_signals(self, canest, tmp_path, monkeypatch, command):
+        monkeypatch.chdir(tmp_path)
         path = tmp_path / "table.csv"
         path.write_text("t_s,v\n0.0,1\n0.1,2\n")
-        done = canest("replay", path, "-c", "kenworth")
+        done = canest(*command, path, "-c", "kenworth")
         assert done.code == 1
         assert "DBC signals" in one_line(done)
+        assert [p.name for p in tmp_path.iterdir()] == ["table.csv"]
 
     def test_output_that_cannot_be_written(self, canest, tmp_path):
         done = canest("replay", KENWORTH, "-c", "kenworth", "-o", tmp_path / "none" / "est.csv")
@@ -211,7 +223,7 @@ class TestLogs:
     def test_an_estimator_that_compare_does_not_know(self, canest):
         done = canest("compare", KENWORTH, "-c", "kenworth", "--mass", "7700", "--only", "canest,magic")
         assert done.code == 2
-        assert one_line(done).startswith("error: --only: unknown estimator, found 'magic', expected some of ")
+        assert one_line(done).startswith("error: --only: unknown estimator, found 'magic', expected one of ")
 
     def test_truth_of_another_shape(self, canest, tmp_path):
         path = tmp_path / "truth.csv"

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import lzma
+import time
 
 import pytest
 
 from canest.cli.main import COMMANDS
 from canest.demo import DRIVE, TRUTH
+from tests.cli.conftest import KENWORTH
 
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))
@@ -34,6 +37,23 @@ def test_demo_settles_near_the_truth(canest):
     assert abs(float(end.rsplit(":", 1)[1].split("%")[0])) < 8
 
 
+def test_demo_waits_for_a_daemon_that_is_slower_than_the_drive():
+    from canest.demo.session import Session
+
+    with Session(60.0) as session:
+        push = session.daemon.pipeline.push
+
+        def late(frames):
+            time.sleep(0.6)  # longer than an estimate is one of now, so "not available" is said meanwhile
+            return push(frames)
+
+        session.daemon.pipeline.push = late
+        last = list(session.play(1.0))[-1]
+        estimates, _ = session.finish()
+    assert abs(last.estimate.mass_kg / last.true_mass_kg - 1) < 0.08
+    assert (estimates.t_us[-1] - estimates.t_us[0]) * 1e-6 == pytest.approx(session.duration_s, abs=0.1)
+
+
 @pytest.mark.parametrize(
     ("override", "key"),
     [
@@ -55,6 +75,28 @@ def test_demo_names_the_option_that_is_wrong(canest):
     done = canest("demo", "--initial-mass", "3")
     assert (done.code, done.out) == (2, "")
     assert done.err.startswith("error: --initial-mass: no mass of this vehicle, found 3, expected 7000 to")
+
+
+def test_compare_and_diagnose_tell_what_was_wrong_with_the_log_as_replay_does(canest, tmp_path):
+    lines = lzma.decompress(KENWORTH.read_bytes()).splitlines(keepends=True)
+    late = [line.replace(b"(0", b"(9", 1) for line in lines[-200:]]
+    log = tmp_path / "flawed.log"
+    log.write_bytes(b"".join([lines[0], b"no frame\n", *lines[1:], *late]))
+    told = canest("replay", log, "-c", "kenworth", "--json", tmp_path / "replay.json")
+    notes = json.loads((tmp_path / "replay.json").read_text())["notes"]
+    assert len(notes) == 2 and "line 2 skipped" in notes[0] and "1 gaps" in notes[1]
+    told = canest(
+        "compare", log, "-c", "kenworth", "--mass", "7700", "--only", "rls",
+        "--json", tmp_path / "compare.json", "--report", tmp_path / "compare.html",
+    )  # fmt: skip
+    assert json.loads((tmp_path / "compare.json").read_text())["notes"] == notes
+    assert all(note in told.out for note in notes)
+    assert "line 2 skipped" in (tmp_path / "compare.html").read_text("utf-8")
+    told = canest("diagnose", log, "-c", "kenworth", "--mass", "7700", "-o", tmp_path / "found")
+    data = json.loads((tmp_path / "found/diagnosis.json").read_text("utf-8"))["data"]
+    assert data["notes"] == {str(log): notes}
+    assert f"note: flawed.log: {'; '.join(notes)}" in told.out
+    assert "line 2 skipped" in (tmp_path / "found/report.html").read_text("utf-8")
 
 
 def test_compare_on_the_bundled_drive(canest, tmp_path):

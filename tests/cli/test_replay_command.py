@@ -215,6 +215,19 @@ class TestOntoABus:
         assert 0.04 < heard[20].timestamp - heard[0].timestamp < 1.0
         assert "21 frames sent" in done.out
 
+    def test_a_clock_that_is_set_back_does_not_turn_the_rest_into_a_flood(self, canest, tmp_path):
+        import can
+
+        path = tmp_path / "back.log"
+        stamps = [*range(7300, 7310), *range(100, 110)]
+        path.write_text("".join(f"({t + 0.05 * i:.6f}) can0 123#00\n" for i, t in enumerate(stamps)))
+        with can.Bus(interface="virtual", channel="play-back") as bus:
+            assert canest("replay", path, "--to", "virtual:play-back", "--speed", "20").code == 0
+            times = [bus.recv(0).timestamp for _ in stamps]
+        # nine steps of 1.05 s, at twenty times real time, on either side of the jump
+        assert times[9] - times[0] > 0.4
+        assert times[19] - times[10] > 0.4
+
     def test_a_result_that_is_asked_for_is_written_too_and_nothing_is_sent_before_all_is_right(
         self, canest, tmp_path
     ):

@@ -300,6 +300,36 @@ def test_an_address_where_none_can_be_is_refused(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            'SG_ Torque : 0|16@1- (1,0) [0|0] "Nm" X\n\nSIG_VALTYPE_ 256 Torque : 1;',
+            "float signal of this width",
+        ),
+        ('SG_ Torque : 64|16@1+ (1,0) [0|0] "Nm" X', "signal beyond the eighth byte of a frame"),
+        (
+            'SG_ Deep m0M : 0|8@1+ (1,0) [0|0] "" X\n SG_ Top M : 8|8@1+ (1,0) [0|0] "" X\n'
+            ' SG_ Torque m3 : 16|16@1+ (1,0) [0|0] "Nm" X\n\nSG_MUL_VAL_ 256 Torque Deep 3-3;\n'
+            "SG_MUL_VAL_ 256 Deep Top 0-0;",
+            "multiplexed more than one level deep",
+        ),
+    ],
+)
+def test_a_signal_that_no_frame_can_carry_names_its_line(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "own.dbc").write_text(f'VERSION ""\n\nBU_: X\n\nBO_ 256 Motor: 12 X\n {text}\n')
+    config = tmp_path / "own.yaml"
+    mapped = "  engine_torque: {message: Motor, signal: Torque, validity: full}"
+    lines = [x for x in TRUCK.splitlines() if not x.strip().startswith("engine_torque_pct")]
+    lines.insert(lines.index("signals:") + 1, mapped)
+    config.write_text("\n".join(lines).replace("[j1939.dbc]", "[j1939.dbc, own.dbc]"))
+    with pytest.raises(ConfigError) as caught:
+        Pipeline(load_config(config))
+    line = line_with(config.read_text(), "engine_torque:")
+    assert str(caught.value).startswith(f"{config}:{line}: signals.engine_torque: ")
+    assert words in str(caught.value)
+
+
 def test_a_dbc_beside_its_config_is_found_from_anywhere_and_comes_before_the_shipped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -328,6 +358,11 @@ def test_a_model_without_torque_or_speed_says_what_it_needs() -> None:
         (without("engine_torque_pct:"), "signals:", "signals: no torque, expected engine_torque_pct"),
         (half, "signals:", "signals: no torque, .*both half-shaft"),
         (without(*speeds), "signals:", "signals: no speed, expected output_shaft"),
+        (
+            without("gear_ratio:", "gear:", "output_shaft_speed:"),
+            "signals:",
+            "signals: nothing tells which of the 10 vehicle.gear_ratios is engaged, expected gear_ratio",
+        ),
         (without("reference_torque"), "vehicle:", "vehicle.reference_torque_Nm: is missing"),
     ):
         with pytest.raises(ConfigError, match=f"^truck.yaml:{line_with(text, line)}: {words}"):
@@ -385,3 +420,8 @@ def test_an_effect_in_a_gear_that_the_vehicle_has_not() -> None:
     bare = ["vehicle.gear_ratios={}", "effects=[{effect: driveline_loss, gear: 11}]"]
     assert parse_config(TRUCK, overrides=bare).effects[0]["gear"] == 11
     assert "found 11, expected null" in refused(TRUCK, *bare, "signals.gear=null")
+
+
+def test_a_channel_may_be_a_number() -> None:
+    assert parse_config(TRUCK, "truck.yaml", ["bus={interface: kvaser, channel: 0}"]).bus.channel == "0"
+    assert "bus.channel" in refused(TRUCK, "bus.channel=[0]")

@@ -82,6 +82,42 @@ def test_a_recording_of_the_daemon_is_pooled_in_the_order_of_its_segments(drive,
     assert told["reference"]["mass_known"] and told["reference"]["kind"] != "truth"
 
 
+def test_a_truth_of_another_time_says_nothing_and_is_no_reason_to_find_anything(drive, tmp_path, capsys):
+    truth = tmp_path / "other.csv"
+    truth.write_text("t_s,grade,mass_kg\n1e6,0.1,21250\n1e7,0.2,21250\n")
+    log = drive({"effect": "torque_gain", "gain": 0.9}, seed=3)
+    arguments = [log, "-c", log.with_suffix(".yaml"), "--truth", truth, "-o", tmp_path / "out"]
+    assert run(["diagnose", *map(str, arguments)]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: {truth}: tells nothing of the drive, expected mass_kg or grade between")
+    assert not (tmp_path / "out").exists()
+
+
+def test_one_interface_of_a_log_is_diagnosed_as_if_it_were_alone(drive, found, tmp_path):
+    log = drive({"effect": "torque_gain", "gain": 0.9}, seed=3)
+    lines = log.read_text().splitlines(keepends=True)
+    other = [line.replace(" can0 ", " can1 ") for line in lines[len(lines) // 2 :]]
+    both = tmp_path / "both.log"
+    both.write_text("".join(sorted([*lines, *other], key=lambda line: float(line[1:18]))))
+    out, config = tmp_path / "out", log.with_suffix(".yaml")
+    arguments = [both, "-c", config, "--mass", "21250", "--channel", "can0", "-o", out]
+    assert run(["diagnose", *map(str, arguments)]) == 0
+    told, alone = json.loads((out / "diagnosis.json").read_text("utf-8")), found(log, "--mass", "21250")
+    assert told["candidates"] == alone["candidates"] and told["unused_signals"] == alone["unused_signals"]
+    assert told["data"]["notes"] == {}
+
+
+def test_what_the_truth_does_not_cover_takes_no_part(drive, found, tmp_path):
+    log = drive({"effect": "torque_gain", "gain": 0.9}, seed=3)
+    header, *rows = log.with_suffix(".truth.csv").read_text().splitlines()
+    truth = tmp_path / "most.csv"
+    truth.write_text("\n".join([header, *rows[: 2 * len(rows) // 3]]) + "\n")
+    part, whole = found(log, "--truth", truth), found(log, "--truth", "auto")
+    assert part["data"]["open_s"] < 0.75 * whole["data"]["open_s"]
+    assert part["selected"][0] == whole["selected"][0] == "torque_gain"
+    assert value(part, "torque_gain", "gain") == pytest.approx(0.9, abs=0.02)
+
+
 def test_logs_that_cannot_be_used_are_named_and_the_others_diagnosed(drive, tmp_path, capsys):
     broken, idle, out = tmp_path / "broken.log", tmp_path / "idle.log", tmp_path / "out"
     broken.write_text("this is no candump\n" * 50)

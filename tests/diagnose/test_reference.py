@@ -1,13 +1,18 @@
 """The road smoother against one dense least-squares problem for the whole drive."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from canest.config import load_config
+from canest.diagnose.drive import Drive
 from canest.diagnose.reference import (
     ACCELEROMETER_STD_MPS2,
     BIAS_STD_MPS2,
     PITCH_STD,
     _smooth,
+    reference_for,
 )
 from canest.vehicle.samples import GRAVITY_MPS2
 
@@ -56,6 +61,19 @@ def batch(speed, accel, extra, altitude, walk):
     A = np.array(rows)
     p = np.linalg.lstsq(A, np.array(values), rcond=None)[0]
     return slopes @ p, np.sqrt(np.diag(slopes @ np.linalg.inv(A.T @ A) @ slopes.T))
+
+
+def test_a_mass_that_is_given_wins_over_the_table_and_the_table_need_not_tell_more(tmp_path):
+    config = load_config("kenworth")
+    log = Path(__file__).parents[1] / "data/kenworth/normal.log.xz"
+    drive = Drive.load(log, config)
+    run = drive.run([])
+    truth = tmp_path / "truth.csv"
+    truth.write_text("t_s,mass_kg\n0,7000\n10,7500\n")
+    told = reference_for(drive, run, truth=truth, mass_kg=8000.0)
+    assert set(told.mass_kg.tolist()) == {8000.0}
+    told = reference_for(drive, run, truth=truth)
+    assert np.nanmin(told.mass_kg) >= 7000 and np.isnan(told.mass_kg[-1]) and told.grade is None
 
 
 def test_smoothed_grade_and_its_doubt_are_those_of_the_batch():

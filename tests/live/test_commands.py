@@ -200,6 +200,12 @@ def test_a_daemon_imports_neither_what_is_heavy_nor_what_cannot_run_hardened(tmp
         (["status", "--socket", "/no/such/socket"], 1, "no daemon"),
         (["monitor", "can0"], 2, "INTERFACE:CHANNEL"),
         (["monitor", "--pgn", "1"], 2, "proprietary-B"),
+        (["monitor", "nosuch:x"], 2, "nosuch:x: unknown interface, found 'nosuch'"),
+        (["replay", "drive.log", "--to", "pkan:x"], 2, "perhaps pcan"),
+        # python-can would look a name up within the receive loop, and then refuse it
+        (["monitor", "udp_multicast:some.host"], 2, "found 'some.host', expected its address"),
+        (["monitor", "udp_multicast:10.0.0.1"], 2, "no multicast group"),
+        (["run", "-c", "vcan", "--set", "bus.interface=udp_multicast"], 2, "bus.channel: no multicast group"),
         (["install-service", "--install", "-c", "no-such-config"], 2, "no-such-config"),
     ],
 )

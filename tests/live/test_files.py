@@ -230,6 +230,24 @@ def test_other_files_in_the_rings_folder_are_left_alone(tmp_path, background):
     assert (tmp_path / "notes.txt").exists()
 
 
+def test_a_full_disk_is_one_failure_though_every_segment_has_another_name(tmp_path, background, monkeypatch):
+    clock, told = [1_700_000_000.0], set()
+    ring = Ring(tmp_path, "can0", 10_000_000, background, lambda: clock[0])
+
+    class FullFile(gzip.GzipFile):
+        def write(self, data):
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("canest.live.record.gzip.open", FullFile)
+    for _ in range(3):
+        clock[0] += 1.0
+        ring.add(frames(10), clock[0])
+        ring.flush()
+        assert background.flush(5)
+        told.add(background.failures["ring"])
+    assert told == {f"[Errno 28] No space left on device: '{tmp_path}'"}
+
+
 def test_a_full_disk_leaves_no_empty_segments(tmp_path, background, monkeypatch):
     clock = [1_700_000_000.0]
     ring = Ring(tmp_path, "can0", 10_000_000, background, lambda: clock[0])

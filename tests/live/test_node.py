@@ -91,6 +91,15 @@ def test_any_rate_up_to_the_grid_is_kept_on_average(rate_hz):
     assert abs(len(bus.estimates()) - 10 * rate_hz) <= 2
 
 
+@pytest.mark.parametrize("stall_us", [300_000, 900_000, 1_900_000])
+def test_beats_missed_while_we_were_stopped_are_not_made_up_for(stall_us):
+    bus = Bus("broadcast.rate_hz=5").run(LISTEN_US + 1_000_000)
+    bus.wire.sent.clear()
+    bus.now_us += stall_us
+    bus.run(1_000_000)
+    assert 5 <= len(bus.estimates()) <= 6
+
+
 def test_a_group_somebody_else_uses_silences_us_and_says_so():
     foreign = (j1939.pack(OWN_PGN, 0x44), bytes(8))
     bus = Bus().run(500_000).run(LISTEN_US + 3_000_000, [foreign])

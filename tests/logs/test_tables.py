@@ -51,6 +51,30 @@ def test_text_in_a_cell_is_told_with_the_first_row_that_has_it(tmp_path):
     assert reader.text_cells == {"v": (1, 2, "abc")}
 
 
+def test_truth_values_are_0_and_1_in_csv_as_they_are_in_parquet(tmp_path):
+    block, reader = read(write(tmp_path / "a.csv", "t_s,brake\n0.1,False\n0.2,True\n0.3,true\n0.4,off\n"))
+    np.testing.assert_array_equal(block.columns["brake"], [0.0, 1.0, 1.0, np.nan])
+    assert reader.text_cells == {"brake": (1, 5, "off")}
+    pq.write_table(pa.table({"t_s": [0.1, 0.2], "brake": [False, True]}), tmp_path / "a.parquet")
+    assert read(tmp_path / "a.parquet")[0].columns["brake"].tolist() == [0.0, 1.0]
+
+
+def test_a_time_that_is_no_number_of_seconds_is_shown(tmp_path):
+    path = write(tmp_path / "a.csv", "t_s,v\ns,m/s\n0.1,1\n2024-01-01 00:00:00,2\n")
+    told = ["t_s = s", "t_s = 2024-01-01 00:00:00"]
+    assert [text for _, text, _ in read(path)[1].skipped] == told
+    path = tmp_path / "a.parquet"
+    pq.write_table(pa.table({"t_s": ["s", "0.1", "2024-01-01 00:00:00"], "v": [0.0, 1.0, 2.0]}), path)
+    assert [text for _, text, _ in read(path)[1].skipped] == told
+
+
+def test_durations_are_seconds_as_time_stamps_are(tmp_path):
+    path = tmp_path / "a.parquet"
+    times = pa.array([0, 20_000_000, 40_000_001], pa.duration("ns"))
+    pq.write_table(pa.table({"t_s": times, "v": [1.0, 2.0, 3.0]}), path)
+    assert read(path)[0].t_us.tolist() == [0, 20_000, 40_000]
+
+
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 def test_a_table_has_no_interface_to_choose(tmp_path, suffix):
     path = tmp_path / f"a{suffix}"

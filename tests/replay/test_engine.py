@@ -52,6 +52,16 @@ class TestScore:
         score.add(some_estimates([1010] * 10, [0] * 10))
         assert score.mass_samples == 2
 
+    def test_a_truth_of_another_time_is_noted(self):
+        truth = Truth(np.array([0, 300_000_000]), np.array([0.0, 0.1]), None)
+        score = Score(truth, None, 5)
+        score.add(some_estimates([1000] * 10, [0] * 10, first_us=1_700_000_000_000_000))
+        told = "the truth is of another time, t_s 0 to 300, than the log's 1700000000 to 1700000009"
+        assert score.notes() == [told]
+        later = Score(truth, None, 5)
+        later.add(some_estimates([1000] * 10, [0] * 10, first_us=295_000_000))
+        assert later.notes() == []
+
     def test_cuts_do_not_matter(self):
         truth = Truth(np.array([0, 60_000_000]), np.array([0.0, 0.1]), np.array([900.0, 1100.0]))
         whole, cut = Score(truth, None, 5), Score(truth, None, 5)
@@ -109,6 +119,21 @@ class TestTables:
         path.write_text("\n".join([header, *reversed(rows)]) + "\n")
         result = replay(path, parse_config(TABLE_CONFIG))
         assert result.summary["reason"].startswith("time runs backwards: 1,799 of 1,800 stamps")
+
+    def test_rows_that_come_too_far_apart_are_the_reason(self, tmp_path):
+        path = write_table(tmp_path / "trip.csv")
+        header, *rows = path.read_text().splitlines()
+        cells = [row.split(",", 1) for row in rows]
+        path.write_text("\n".join([header, *(f"{float(t) * 1000},{rest}" for t, rest in cells)]) + "\n")
+        result = replay(path, parse_config(TABLE_CONFIG))
+        assert result.summary["reason"].startswith("1,799 of 1,800 stamps come more than 2 s")
+        assert "in seconds?" in result.summary["reason"]
+
+    def test_an_empty_file_is_empty_whatever_its_name(self, tmp_path):
+        for config in (parse_config(TABLE_CONFIG), load_config("kenworth")):
+            (tmp_path / "trip.csv").write_bytes(b"")
+            result = replay(tmp_path / "trip.csv", config)
+            assert result.summary["reason"] == "the log is empty: it holds no frames"
 
     def test_missing_column_is_the_reason(self, tmp_path):
         path = tmp_path / "trip.csv"
@@ -255,13 +280,21 @@ class TestBadInput:
         assert "not decoded: 1 remote frames, 1 error frames" in result.summary["notes"]
 
 
+def test_samples_that_another_address_owns_are_noted():
+    anyone = "signals.vehicle_speed={message: CCVS1, signal: WheelBasedVehicleSpeed}"
+    notes = replay(KENWORTH, load_config("kenworth", [anyone])).notes
+    assert notes == [
+        "vehicle_speed comes from several addresses: not used 300 from 0x31; name one with source:"
+    ]
+
+
 def test_reading_in_small_blocks_gives_the_same_file(tmp_path, monkeypatch):
     config = load_config("class8")
     replay(DRIVE, config, output=tmp_path / "a.csv")
     from canest.logs import base
 
     monkeypatch.setattr(base, "_TEXT_BYTES", 3000)
-    from canest import replay as module
+    from canest import tables as module
 
     small = module.open_log
     monkeypatch.setattr(module, "open_log", lambda *a, **k: small(*a, **k, block_frames=100))

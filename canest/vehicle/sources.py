@@ -1,0 +1,68 @@
+"""Which of the roles that a config maps tell torque, speed and gear ratio."""
+
+from __future__ import annotations
+
+from canest.config.schema import Config
+from canest.errors import ConfigError
+from canest.vehicle.screen import SPEED_ORDER
+
+#: torque roles that are measured where neither crank nor gear matters
+AT_WHEELS = ("wheel_torque", "half_shaft_torque_left")
+
+
+def torque_role(config: Config) -> str:
+    """Return the role that tells the torque: the nearest to the wheels. Errors: ConfigError for none."""
+    for role in ("wheel_torque", "half_shaft_torque_left", "engine_torque", "engine_torque_pct"):
+        if role == "half_shaft_torque_left" and "half_shaft_torque_right" not in config.signals:
+            continue
+        if role in config.signals:
+            if role == "engine_torque_pct" and not (
+                "reference_torque" in config.signals or config.vehicle.reference_torque_Nm
+            ):
+                raise ConfigError(
+                    "is missing, and no signal gives it",
+                    where=config.at("vehicle.reference_torque_Nm"),
+                    expected="the engine's 100 % torque in N m (SPN 544)",
+                )
+            return role
+    raise ConfigError(
+        "no torque",
+        where=config.at("signals"),
+        expected="engine_torque_pct, engine_torque, wheel_torque or both half-shaft torques",
+    )
+
+
+def speed_roles(config: Config) -> tuple[str, ...]:
+    """Return the roles that tell the speed, the finest first. Errors: ConfigError for none."""
+    present = tuple(r for r in SPEED_ORDER if r in config.signals)
+    if not present:
+        raise ConfigError(
+            "no speed",
+            where=config.at("signals"),
+            expected="output_shaft_speed, vehicle_speed or another speed",
+        )
+    return present
+
+
+def ratio_ways(config: Config, torque_role: str) -> tuple[tuple[str, ...], ...]:
+    """Return the ways to the gear ratio, each the roles that it takes; none where it need not be told.
+
+    Errors: ConfigError where there are gears to tell apart and nothing that could.
+    """
+    gears, has = config.vehicle.gear_ratios, config.signals
+    ways: list[tuple[str, ...]] = [("gear_ratio",)] if "gear_ratio" in has else []
+    if torque_role in AT_WHEELS or (not ways and not gears):
+        return ()
+    if gears and "gear" in has:
+        ways.append(("gear",))
+    if not ways and len(gears) == 1:
+        return ()
+    if gears and "engine_speed" in has and "output_shaft_speed" in has:
+        ways.append(("engine_speed", "output_shaft_speed"))
+    if not ways:
+        raise ConfigError(
+            f"nothing tells which of the {len(gears)} vehicle.gear_ratios is engaged",
+            where=config.at("signals"),
+            expected="gear_ratio, gear, or engine_speed and output_shaft_speed",
+        )
+    return tuple(ways)
