@@ -107,6 +107,9 @@ def run(arguments: list[str], debug: bool = False) -> int:
         return result if isinstance(result, int) else OK
     except click.exceptions.Exit as done:
         return done.exit_code
+    except click.exceptions.NoArgsIsHelpError as error:
+        print(error.format_message(), file=sys.stderr)
+        return error.exit_code
     except (click.exceptions.Abort, KeyboardInterrupt):
         return FAILED
     except BrokenPipeError:  # the reader of our output has seen enough

@@ -68,7 +68,7 @@ def mass_of(u: FloatColumn, u_var: FloatColumn, facts: VehicleFacts) -> tuple[Fl
     """
     least, most = 1.0 / facts.mass_max_kg, 1.0 / facts.mass_min_kg
     possible = np.clip(u, least, most)
-    mass = 1.0 / possible
+    mass = np.clip(1.0 / possible, facts.mass_min_kg, facts.mass_max_kg)  # or rounding were beyond
     u_std = np.sqrt(np.maximum(u_var, 0.0) + (u - possible) ** 2)
     share = u_std * mass
     wide = np.flatnonzero(share > _NARROW)

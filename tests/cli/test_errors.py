@@ -23,6 +23,14 @@ def one_line(done) -> str:
     return lines[0]
 
 
+def test_without_arguments_the_help_is_shown_as_it_is(canest):
+    done = canest()
+    assert done.code == 2
+    assert done.out == ""
+    assert done.err.startswith("Usage: canest ")
+    assert "\n  replay " in done.err
+
+
 def changed_config(folder: Path, old: str, new: str) -> Path:
     text = CLASS8.read_text()
     assert old in text

@@ -9,6 +9,7 @@ import pytest
 
 from canest.estimators import canest_states as k
 from canest.estimators.base import create
+from canest.estimators.canest_output import mass_of
 from canest.gates import Gate
 from canest.vehicle.samples import Status
 
@@ -131,6 +132,16 @@ def test_the_load_from_before_a_long_stop_is_soon_trusted_again():
     t = np.arange(len(e)) * 0.02
     assert (e.status[(t > 141) & (t < 178)] == Status.CONVERGING).all()
     assert (e.status[t > 200] == Status.VALID).all()
+
+
+def test_no_mass_is_beyond_its_bounds_by_rounding():
+    bounds = np.array([3_000.0, 7_000.0, 36_000.1, 41_300.0])
+    for least, most in zip(bounds, bounds[1:], strict=False):
+        facts = replace(FACTS, mass_min_kg=least, mass_max_kg=most)
+        u = np.array([1.0 / most, 1.0 / least, 0.5 / most, 2.0 / least])
+        mass_kg, _ = mass_of(u, np.full(4, 1e-12), facts)
+        assert mass_kg.min() >= least
+        assert mass_kg.max() <= most
 
 
 def test_a_short_stop_keeps_the_mass():
