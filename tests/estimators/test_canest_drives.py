@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -136,7 +137,7 @@ def test_the_load_from_before_a_long_stop_is_soon_trusted_again():
 
 def test_no_mass_is_beyond_its_bounds_by_rounding():
     bounds = np.array([3_000.0, 7_000.0, 36_000.1, 41_300.0])
-    for least, most in zip(bounds, bounds[1:], strict=False):
+    for least, most in pairwise(bounds):
         facts = replace(FACTS, mass_min_kg=least, mass_max_kg=most)
         u = np.array([1.0 / most, 1.0 / least, 0.5 / most, 2.0 / least])
         mass_kg, _ = mass_of(u, np.full(4, 1e-12), facts)
