@@ -43,7 +43,7 @@ from canest.estimators.canest_filter import (
     widen,
 )
 from canest.estimators.canest_noise import level, surplus, tally
-from canest.estimators.canest_roads import drive_on, likelihood, weigh
+from canest.estimators.canest_roads import blend, drive_on, likelihood, weigh
 from canest.estimators.canest_states import (
     AXLE_SLIP,
     BIAS,
@@ -59,10 +59,8 @@ from canest.estimators.canest_states import (
     GRADE,
     HAS_HEIGHT,
     HEIGHT,
-    HELD_U,
     LAST_MPS2,
     LEARNED,
-    OUT_CURVATURE,
     OUT_EFFORT,
     OUT_FELT,
     OUT_GRADE,
@@ -331,29 +329,17 @@ def run(
             memory[HAS_HEIGHT] = 1.0
         memory[LAST_MPS2] = a
         weigh(weight, odds, 0.0)
-        # -- one Gaussian of the two
-        p = weight[STRAIGHT]
-        b, c = X[STRAIGHT], X[CURVED]
-        B, C = PP[STRAIGHT], PP[CURVED]
-        apart, steeper = b[U] - c[U], b[GRADE] - c[GRADE]
         row = out[k]
-        if is_open or memory[HELD_U] == 0.0:
-            memory[HELD_U] = c[U] + p * apart
-        row[OUT_U] = memory[HELD_U]
-        beyond = memory[PRESSED]
-        row[OUT_U_VAR] = C[U][U] + p * (B[U][U] - C[U][U]) + p * (1.0 - p) * apart * apart + beyond * beyond
-        grade_var = C[GRADE][GRADE] + p * (B[GRADE][GRADE] - C[GRADE][GRADE])
-        grade_var += p * (1.0 - p) * steeper * steeper
+        blend(X, PP, weight, memory, is_open, row)
         seen = seen_var = 0.0
         if coarse[k] > 0.0:
-            wind = c[WIND] + p * (b[WIND] - c[WIND])
+            wind = weight[STRAIGHT] * X[STRAIGHT][WIND] + weight[CURVED] * X[CURVED][WIND]
             seen, seen_var = coarse_grade(
                 row[OUT_U], row[OUT_U_VAR], wind, force[k], J, a, roll[k], drag[k], bend[k], memory[SPEED_VAR]
             )
         row[OUT_GRADE], row[OUT_GRADE_VAR] = surer(
-            memory, c[GRADE] + p * steeper, grade_var, is_open, seen, seen_var
+            memory, row[OUT_GRADE], row[OUT_GRADE_VAR], is_open, seen, seen_var
         )
-        row[OUT_CURVATURE] = (1.0 - p) * c[CURVATURE]
         row[OUT_LEARNED] = memory[LEARNED]
         row[OUT_STANDING_S] = memory[STANDING_S]
         row[OUT_EFFORT] = memory[EFFORT]

@@ -13,7 +13,24 @@ from typing import Any
 
 from canest import fast
 from canest.estimators.canest_filter import OUTLIER, fade
-from canest.estimators.canest_states import BENT_1PM, BENT_M, CURVATURE, CURVED, STRAIGHT, STRETCH_M, WIND
+from canest.estimators.canest_states import (
+    BENT_1PM,
+    BENT_M,
+    CURVATURE,
+    CURVED,
+    GRADE,
+    HELD_U,
+    OUT_CURVATURE,
+    OUT_GRADE,
+    OUT_GRADE_VAR,
+    OUT_U,
+    OUT_U_VAR,
+    PRESSED,
+    STRAIGHT,
+    STRETCH_M,
+    WIND,
+    U,
+)
 
 Container = Any
 
@@ -106,6 +123,28 @@ def mix(X: Container, PP: Container, weight: Container, far_m: float, curvature_
         b[i] = b[i] + bent * d
     b[CURVATURE] = keep * kappa
     a[CURVATURE] = 0.0
+
+
+@fast.kernel
+def blend(
+    X: Container, PP: Container, weight: Container, memory: Container, is_open: bool, row: Container
+) -> None:
+    """Give mass, grade and their variances of both filters together, one Gaussian, into an output row.
+
+    A closed gate moves no mass.
+    """
+    p = weight[STRAIGHT]
+    b, c = X[STRAIGHT], X[CURVED]
+    B, C = PP[STRAIGHT], PP[CURVED]
+    between = p * (1.0 - p)
+    apart, steeper, beyond = b[U] - c[U], b[GRADE] - c[GRADE], memory[PRESSED]
+    if is_open or memory[HELD_U] == 0.0:
+        memory[HELD_U] = c[U] + p * apart
+    row[OUT_U] = memory[HELD_U]
+    row[OUT_U_VAR] = C[U][U] + p * (B[U][U] - C[U][U]) + between * apart * apart + beyond * beyond
+    grade_var = C[GRADE][GRADE] + p * (B[GRADE][GRADE] - C[GRADE][GRADE])
+    row[OUT_GRADE], row[OUT_GRADE_VAR] = c[GRADE] + p * steeper, grade_var + between * steeper * steeper
+    row[OUT_CURVATURE] = (1.0 - p) * c[CURVATURE]
 
 
 @fast.kernel

@@ -98,7 +98,8 @@ def test_a_clock_that_stands_still_or_is_two_clocks_stops_the_estimator(canest, 
     assert told.startswith("time stands still: all ") and told.endswith(" stamps are the same")
     assert f"because   {told}" in canest("replay", path, "-c", "kenworth").out
     # every third frame was stamped by a logger an hour ahead
-    path.write_bytes(b"".join(x.replace(b"(0", b"(36", 1) if i % 3 else x for i, x in enumerate(lines)))
+    some = lines[:900]
+    path.write_bytes(b"".join(x.replace(b"(0", b"(36", 1) if i % 3 else x for i, x in enumerate(some)))
     told = report(canest, "-c", "kenworth", path)["stops"]
     assert told.startswith("the time stamps jump back ") and told.endswith("of two clocks in one log")
     assert f"because   {told}" in canest("replay", path, "-c", "kenworth").out
