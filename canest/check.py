@@ -20,7 +20,7 @@ from canest.notes import log_notes, stream_notes
 from canest.pipeline import Pipeline
 from canest.plausible import Plausibility
 from canest.roles import ROLES
-from canest.tables import TableMap
+from canest.tables import TableMap, wrong_kind
 from canest.vehicle.model import LongitudinalModel
 from canest.vehicle.samples import STATUS_LABELS
 from canest.verdict import gate_shares, needed_roles, what_lacks, why_no_time
@@ -125,7 +125,7 @@ class Doctor:
             updated=self.pipeline.updated,
             gates=self.pipeline.gate_counts,
             status=self._status,
-            stops=self._stops(model, findings),
+            stops=("" if log is None else wrong_kind(self.config, log)) or self._stops(model, findings),
             hints=self._hints(findings),
             notes=([] if log is None else log_notes(log)) + stream_notes(self.pipeline.intake),
         )

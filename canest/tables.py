@@ -54,15 +54,19 @@ def open_for(config: Config, log: str | Path, channel: str | None = None) -> Log
 
     Errors: LogError for what is no log, or is of a kind that the config has no signals for.
     """
-    table = TableMap(config)
-    time_column = config.sampling.time_column
-    reader = open_log(log, channel=channel, time_column=time_column, columns=table.columns)
-    of_frames = len(config.signals) - len(table.roles)
-    if reader.kind == "table" and not table.roles:
-        mapped, held = "DBC signals", "a decoded table"
-    elif reader.kind == "frames" and not of_frames:
-        mapped, held = "table columns", "frames"
-    else:
-        return reader
-    reader.close()
-    raise LogError(f"the config maps only {mapped}, and this log holds {held}", where=str(log))
+    columns = TableMap(config).columns
+    reader = open_log(log, channel=channel, time_column=config.sampling.time_column, columns=columns)
+    if reason := wrong_kind(config, reader):
+        reader.close()
+        raise LogError(reason, where=str(log))
+    return reader
+
+
+def wrong_kind(config: Config, log: LogReader) -> str:
+    """Return why a config has no signal in a log of this kind, frames or table; '' where it may have."""
+    columns = len(TableMap(config).columns)
+    if log.kind == "table" and not columns:
+        return "the config maps only DBC signals, and this log holds a decoded table"
+    if log.kind == "frames" and columns == len(config.signals):
+        return "the config maps only table columns, and this log holds frames"
+    return ""

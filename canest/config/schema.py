@@ -33,12 +33,17 @@ def _word_of_switch(value: Any) -> Any:
     return {True: "on", False: "off"}[value] if isinstance(value, bool) else value
 
 
-def _section(**differs: Any) -> Any:
-    """Return the default of a section: as if this were written in the config, and validated with it.
+def _word_of_number(value: Any) -> Any:
+    """Return a name that was written as a whole number."""
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def _section() -> Any:
+    """Return the default of a section: as if it stood empty in the config, and validated with it.
 
     An instance would build a validator of its own at import, 1 ms each.
     """
-    return Field(default_factory=lambda: dict(differs), validate_default=True)
+    return Field(default_factory=dict, validate_default=True)
 
 
 Number = Annotated[float, BeforeValidator(_number_not_bool)]
@@ -185,6 +190,12 @@ class LowSpeedGate(GateSection):
     min_mps: Number = Field(2.0, ge=0, le=30)
 
 
+class ShiftGate(GateSection):
+    """A shift in process, or no gear."""
+
+    recovery_s: Number = Field(0.6, ge=0, le=60)
+
+
 class DrivelineGate(GateSection):
     """Driveline not engaged, converter not locked, clutch slipping, or shaft speeds not in ratio."""
 
@@ -203,6 +214,7 @@ class RetarderGate(GateSection):
 class TurningGate(GateSection):
     """Curves scrub the tyres: lateral acceleration (speed x yaw rate, or measured) beyond this."""
 
+    recovery_s: Number = Field(0.5, ge=0, le=60)
     lateral_mps2: Number = Field(1.0, gt=0, le=20)
 
 
@@ -223,13 +235,13 @@ class Gates(Section):
     the seconds between shifts, and its torque tells more of the mass than minutes of steady driving.
     """
 
-    shift: GateSection = _section(recovery_s=0.6)
+    shift: ShiftGate = _section()
     driveline: DrivelineGate = _section()
-    brake: BrakeGate = _section(recovery_s=1.0)
-    retarder: RetarderGate = _section(recovery_s=1.0)
+    brake: BrakeGate = _section()
+    retarder: RetarderGate = _section()
     low_speed: LowSpeedGate = _section()
     reverse: GateSection = _section()
-    turning: TurningGate = _section(recovery_s=0.5)
+    turning: TurningGate = _section()
     pto: GateSection = _section()
     stale: GateSection = _section()
     invalid: GateSection = _section()
@@ -251,7 +263,7 @@ class Bus(Section):
 
     interface: str = "socketcan"
     #: some interfaces number theirs (kvaser, vector, ...)
-    channel: str = Field("vcan0", coerce_numbers_to_str=True)
+    channel: Annotated[str, BeforeValidator(_word_of_number)] = "vcan0"
     bitrate: Whole | None = Field(None, gt=0)
     options: dict[str, Any] = Field(default_factory=dict)
 

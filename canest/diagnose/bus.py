@@ -5,7 +5,7 @@ The answer is often there: a fan speed, a power take-off, a steering angle.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -127,34 +127,47 @@ def _signals(
     for block in open_for(config, path, channel):
         if not isinstance(block, TableBlock):
             heard.update(np.unique(block.can_id).tolist())
-    wants: dict[str, Want] = {}
+    batches: list[dict[str, Want]] = []
     sources: dict[str, Source] = {}
     for database in databases:
         for message in database.messages:
             for address in _senders(message, heard):
+                wants: dict[str, Want] = {}
                 for signal in message.signals:
                     sender = "" if address is None else f" from {address:#04x}"
                     name = f"{message.name}.{signal.name}{sender}"
                     want = Want(name, message.name, signal.name, address)
-                    if _decodable(want, databases):
+                    if _decodable({name: want}, databases):
                         wants[name] = want
                         sources[name] = Source(message=message.name, signal=signal.name, source=address)
-    decoder = Decoder(wants, databases)
+                _join(batches, wants, databases)
+    decoders = [Decoder(batch, databases) for batch in batches]
     pieces: dict[str, list[tuple[IntColumn, FloatColumn]]] = {}
     for block in open_for(config, path, channel):
         if not isinstance(block, TableBlock):
-            for name, piece in decoder.push(block).samples.items():
-                pieces.setdefault(name, []).append(piece)
+            for decoder in decoders:
+                for name, piece in decoder.push(block).samples.items():
+                    pieces.setdefault(name, []).append(piece)
     return {
         name: (sources[name], np.concatenate([p[0] for p in ps]), np.concatenate([p[1] for p in ps]))
         for name, ps in pieces.items()
     }
 
 
-def _decodable(want: Want, databases: Sequence[Database]) -> bool:
-    """Return whether we can decode a signal that nobody asked for: a DBC may hold others."""
+def _join(batches: list[dict[str, Want]], wants: dict[str, Want], databases: Sequence[Database]) -> None:
+    """Add a message's signals to the first batch that one decoder can decode together with them."""
+    for batch in batches:
+        if _decodable(batch | wants, databases):
+            batch.update(wants)
+            return
+    if wants:
+        batches.append(wants)
+
+
+def _decodable(wants: Mapping[str, Want], databases: Sequence[Database]) -> bool:
+    """Return whether one decoder can decode signals that nobody asked for: a DBC may hold others."""
     try:
-        build_groups({want.role: want}, databases)
+        build_groups(wants, databases)
     except ConfigError:
         return False
     return True

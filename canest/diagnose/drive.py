@@ -54,11 +54,17 @@ class Drive:
     """One log's decoded samples with the config they were decoded by."""
 
     def __init__(
-        self, path: Path, config: Config, feeds: Sequence[Feed], flaw: str = "", notes: Sequence[str] = ()
+        self,
+        path: Path,
+        config: Config,
+        feeds: Sequence[Feed],
+        flaw: str = "",
+        notes: Sequence[str] = (),
+        channel: str | None = None,
     ) -> None:
         self.path, self.config, self._feeds, self._flaw = path, config, feeds, flaw
         self.notes = list(notes)  #: what a user should know of the log beside the numbers
-        self.channel: str | None = None  #: the one interface of the log that was read
+        self.channel = channel  #: the one interface of the log that was read, None for all
         self.name = path.name.split(".")[0]
         self._grids: dict[tuple[float, ...], list[GridBlock]] = {}
 
@@ -78,9 +84,7 @@ class Drive:
             what = "holds no frame that the config's signal map wants"
             raise NothingToDiagnoseError(what, where=str(path))
         notes = log_notes(reader) + stream_notes(intake)
-        drive = Drive(path, config, feeds, why_no_time(intake.clock), notes)
-        drive.channel = channel
-        return drive
+        return Drive(path, config, feeds, why_no_time(intake.clock), notes, channel)
 
     @staticmethod
     def with_effects(config: Config, effects: Sequence[Effect]) -> Config:

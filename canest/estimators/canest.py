@@ -66,7 +66,7 @@ class Canest(Estimator):
             self._memory[slot] = noise * noise
         self._memory[at.COARSE_VAR] = self._memory[at.LAST_VAR] = prior.std[at.GRADE] ** 2
         self._memory[at.COARSE_GRADE] = self._memory[at.LAST_GRADE] = prior.mean[at.GRADE]
-        self._memory[at.SURPRISED_M] = self._memory[at.DRIVEN_S] = math.inf
+        self._memory[at.SURPRISED_M] = math.inf
         self._windows = Windows()
         self._status = StatusTracker(VALID_SHARE)
         # a guess is given out until there is something better, and has no other part in it
@@ -206,4 +206,5 @@ class Canest(Estimator):
         self._begin(mass_kg, mass_std_kg)
         self._memory[at.LEARNED] = 1.0
         self._memory[at.EFFORT] = REMEMBERED
+        self._memory[at.BEFORE_U] = 1.0 / mass_kg
         self._last[output.LEARNED] = 1.0

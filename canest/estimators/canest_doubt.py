@@ -12,11 +12,11 @@ from canest import fast
 from canest.estimators.canest_states import (
     BEFORE_U,
     BIASED,
-    DRIVEN_S,
     EFFORT,
     FELT,
     HELD_U,
-    LEARNED,
+    LASTED_S,
+    LASTING_U,
     SLOW_N,
     STEADY_N,
     SURPRISED_M,
@@ -71,20 +71,29 @@ def credit(memory: Container, u: float, force: float, steepens_1ps: float, first
 
 
 @fast.kernel
-def proven(memory: Container, u: float) -> float:
-    """Return 1 where an inverse mass is that from before the vehicle stood, or has lasted since, else 0."""
-    moved = abs(u - memory[BEFORE_U])
-    return 1.0 if memory[DRIVEN_S] >= PROOF_S or moved < ANOTHER * memory[BEFORE_U] else 0.0
+def last(memory: Container) -> None:
+    """Count how long the inverse mass has lasted, a window with open gates more; another begins anew."""
+    u = memory[HELD_U]
+    if abs(u - memory[LASTING_U]) > ANOTHER * memory[LASTING_U]:
+        memory[LASTING_U] = u
+        memory[LASTED_S] = 0.0
+    memory[LASTED_S] += WINDOW_S
+
+
+@fast.kernel
+def proven(memory: Container) -> float:
+    """Return 0 for another mass than the one before a long stop, as long as it has not lasted, else 1."""
+    before = memory[BEFORE_U]
+    same = before == 0.0 or abs(memory[HELD_U] - before) < ANOTHER * before
+    return 1.0 if same or memory[LASTED_S] >= PROOF_S else 0.0
 
 
 @fast.kernel
 def unload(memory: Container) -> None:
     """Forget what torque has told: the vehicle has stood long enough to carry another load."""
     memory[EFFORT] = memory[FELT] = 0.0
-    if memory[LEARNED] > 0.0:
-        if proven(memory, memory[HELD_U]) > 0.0:
-            memory[BEFORE_U] = memory[HELD_U]
-        memory[DRIVEN_S] = 0.0
+    if memory[LASTED_S] >= PROOF_S:
+        memory[BEFORE_U] = memory[HELD_U]
 
 
 @fast.kernel

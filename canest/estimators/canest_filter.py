@@ -289,7 +289,7 @@ def start(
 
 @fast.kernel
 def reopen(x: Container, P: Container, prior: Container, std: float, looser: float) -> None:
-    """The load may have changed, u by `std`: what is a product with u goes along, less sure than before.
+    """The load may have changed, u by `std`: what is a product with u (windup is none) goes along, less sure.
 
     looser: share of its prior variance that delay, slip and an accelerometer's bias and pitch gain.
     """

@@ -32,7 +32,7 @@ from typing import Any
 from canest import fast
 from canest.estimators.canest_axle import UNDRIVEN_EVERY, slip_seen
 from canest.estimators.canest_coarse import coarse_grade, surer
-from canest.estimators.canest_doubt import credit, follow, proven, steady_hand, surprise, unload
+from canest.estimators.canest_doubt import credit, follow, last, proven, steady_hand, surprise, unload
 from canest.estimators.canest_filter import (
     correct,
     hold_within,
@@ -52,7 +52,6 @@ from canest.estimators.canest_states import (
     CURVATURE,
     CURVED,
     DELAY,
-    DRIVEN_S,
     EFFORT,
     FELT,
     FREE,
@@ -318,7 +317,6 @@ def run(
             if sees:
                 memory[SENSED_VAR] = level(memory[SENSED_VAR], sensed_surplus, floors[1], memory[COUNT])
             memory[LEARNED] = 1.0
-            memory[DRIVEN_S] += WINDOW_S
             memory[PRESSED] = settles * memory[PRESSED] + pressed
             first_of_all = begins and memory[COUNT] == 0.0
             credit(memory, u, force[k], steepens, first_of_all, sensed[k] == sensed[k])
@@ -331,6 +329,8 @@ def run(
         weigh(weight, odds, 0.0)
         row = out[k]
         blend(X, PP, weight, memory, is_open, row)
+        if is_open:
+            last(memory)
         seen = seen_var = 0.0
         if coarse[k] > 0.0:
             wind = weight[STRAIGHT] * X[STRAIGHT][WIND] + weight[CURVED] * X[CURVED][WIND]
@@ -345,4 +345,4 @@ def run(
         row[OUT_EFFORT] = memory[EFFORT]
         row[OUT_FELT] = memory[FELT]
         row[OUT_STEADY_MPS2] = row[OUT_U] * memory[STEADY_N]
-        row[OUT_PROVEN] = proven(memory, row[OUT_U])
+        row[OUT_PROVEN] = proven(memory)

@@ -49,10 +49,11 @@ AXLE_STATES = 3
     PRESSED,  # how far beyond its bounds the inverse mass would be, had nobody held it
     BENT_M,  # travelled in curves, and the sum of their curvature squared, 1/m
     BENT_1PM,
-    DRIVEN_S,  # with open gates since the load may have changed
-    BEFORE_U,  # the inverse mass before that
-) = range(32)
-MEMORY = 32
+    LASTING_U,  # the inverse mass that lasts, and for how long it has, open gates only
+    LASTED_S,
+    BEFORE_U,  # the one that had lasted before the load may have changed, 0 for none
+) = range(33)
+MEMORY = 33
 
 # one window's outputs
 OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S, OUT_EFFORT = range(8)

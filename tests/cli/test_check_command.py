@@ -34,6 +34,11 @@ def test_kenworth_has_everything(canest):
     assert torque["values"] == 1499
 
 
+def test_a_log_of_the_wrong_kind_is_named(canest):
+    found = report(canest, "-c", "bmw-i3", KENWORTH)
+    assert found["stops"] == "the config maps only table columns, and this log holds frames"
+
+
 def test_two_senders_of_one_group_are_both_shown(canest):
     senders = role(report(canest, "-c", "kenworth", KENWORTH), "brake_switch")["senders"]
     assert {s["address"]: s["valid"] > 0 for s in senders} == {0x00: False, 0x31: True}

@@ -425,3 +425,12 @@ def test_an_effect_in_a_gear_that_the_vehicle_has_not() -> None:
 def test_a_channel_may_be_a_number() -> None:
     assert parse_config(TRUCK, "truck.yaml", ["bus={interface: kvaser, channel: 0}"]).bus.channel == "0"
     assert "bus.channel" in refused(TRUCK, "bus.channel=[0]")
+    assert "bus.channel" in refused(TRUCK, "bus.channel=1.5")
+
+
+def test_a_key_of_a_section_leaves_its_others_at_their_defaults() -> None:
+    plain = parse_config(TRUCK, "truck.yaml").gates
+    for name, gate in plain:
+        if "recovery_s" in type(gate).model_fields:
+            changed = parse_config(TRUCK, "truck.yaml", [f"gates.{name}.enabled=false"]).gates
+            assert getattr(changed, name).recovery_s == gate.recovery_s, name

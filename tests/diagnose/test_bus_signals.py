@@ -39,6 +39,28 @@ def test_messages_that_are_no_j1939_come_under_their_own_identifier(tmp_path):
     decoder_for(config.model_copy(update={"signals": config.signals | {"acon": source}}))
 
 
+def test_more_messages_than_one_decoder_takes_and_two_lengths_of_one_group(tmp_path):
+    many = 'VERSION ""\n\nBU_: X\n\n'
+    many += "".join(f'BO_ {i} M{i}: 8 X\n SG_ S{i} : 0|8@1+ (1,0) [0|255] "" X\n\n' for i in range(1, 301))
+    many += 'BO_ 2566834699 Short: 2 X\n SG_ A : 0|8@1+ (1,0) [0|255] "" X\n\n'
+    many += 'BO_ 2566834700 Long: 4 X\n SG_ B : 24|8@1+ (1,0) [0|255] "" X\n\n'
+    many += 'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";\n'
+    many += 'BA_DEF_DEF_ "VFrameFormat" "StandardCAN";\n'
+    many += "".join(f'BA_ "VFrameFormat" BO_ {i} 3;\n' for i in (2566834699, 2566834700))
+    (tmp_path / "many.dbc").write_text(many)
+    frames = [f"{i:03X}#{i % 256:02X}00000000000000" for i in range(1, 301)]
+    frames += ["18FECA0B#0700", "18FECA0C#00000009", "0CF00400#F1CD86451400FFFF"]
+    log = tmp_path / "car.log"
+    lines = [f"({t + 0.001 * i:.6f}) can0 {frame}\n" for t in range(3) for i, frame in enumerate(frames)]
+    log.write_text("".join(lines))
+    text = (shipped("configs") / "class8.yaml").read_text()
+    config = parse_config(text.replace("[j1939.dbc]", f"[{tmp_path / 'many.dbc'}, j1939.dbc]"))
+    found = _signals(log, config)
+    assert {f"M{i}.S{i}" for i in range(1, 301)} <= set(found)
+    assert {"Short.A from 0x0b", "Long.B from 0x0c", "EEC1.EngSpeed from 0x00"} <= set(found)
+    assert found["M300.S300"][2].tolist() == [300 % 256] * 3
+
+
 def test_a_table_has_columns_whatever_dbc_its_config_lists(tmp_path):
     log = tmp_path / "trip.csv"
     log.write_text("seconds,v,lamp\n" + "".join(f"{0.1 * i},10,{i % 2}\n" for i in range(9)))

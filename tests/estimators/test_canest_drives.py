@@ -124,7 +124,7 @@ def test_a_load_change_in_a_stop_is_found(accelerometer):
     driven_s = np.cumsum((drive.block.gate == Gate.OPEN) & (t > 142)) * 0.02
     assert (e.status[(t > 142) & (driven_s < 58)] == Status.CONVERGING).all()
     assert (e.mass_std_kg / e.mass_kg)[driven_s > 30].max() < 0.045
-    assert (e.status[driven_s > 65] == Status.VALID).all()
+    assert (e.status[driven_s > 70] == Status.VALID).all()
 
 
 def test_the_load_from_before_a_long_stop_is_soon_trusted_again():
@@ -133,6 +133,25 @@ def test_the_load_from_before_a_long_stop_is_soon_trusted_again():
     t = np.arange(len(e)) * 0.02
     assert (e.status[(t > 141) & (t < 178)] == Status.CONVERGING).all()
     assert (e.status[t > 200] == Status.VALID).all()
+
+
+def test_another_load_may_prove_itself_over_several_long_stops():
+    stops = [(110, 175), (220, 255), (300, 335), (380, 415)]
+    drive = trip(480, mass_kg=[(0, 19_000.0), (140, 31_000.0)], stops=stops)
+    _, e = run(drive)
+    t = np.arange(len(e)) * 0.02
+    driven_s = np.cumsum((drive.block.gate == Gate.OPEN) & (t > 142)) * 0.02
+    assert driven_s[t < 219][-1] < 45
+    assert (e.status[(t > 142) & (driven_s < 58)] == Status.CONVERGING).all()
+    assert (e.status[t > 460] == Status.VALID).all()
+
+
+def test_a_mass_that_never_lasted_is_no_reference():
+    """Stopped early, the truck knows its mass to some percent only: what corrects that is no other load."""
+    drive = trip(200, mass_kg=30_000.0, gain=0.98, stops=[(20, 55)], start_mps=8.0, seed=50)
+    _, e = run(drive)
+    t = np.arange(len(e)) * 0.02
+    assert t[e.status == Status.VALID][0] < 90
 
 
 def test_no_mass_is_beyond_its_bounds_by_rounding():
