@@ -134,10 +134,10 @@ class Doctor:
         self._bad_frames += int(np.count_nonzero(block.can_id & np.uint32(ERROR)))
         extended = (block.can_id & np.uint32(EXTENDED)) != 0
         self._standard_frames += int(np.count_nonzero(~extended))
-        self._addresses.update(np.unique(block.can_id[extended] & np.uint32(0xFF)).tolist())
-        self._pgns.update(
-            map(j1939.pgn_of, np.unique(block.can_id[extended] >> np.uint32(8) << np.uint32(8)).tolist())
-        )
+        identifiers = np.unique(block.can_id[extended])
+        self._addresses.update(np.unique(identifiers & np.uint32(0xFF)).tolist())
+        groups = np.unique(identifiers >> np.uint32(8) << np.uint32(8))
+        self._pgns.update(map(j1939.pgn_of, groups.tolist()))
         self._survey.push(block)
         return self._listening.push(block).samples
 

@@ -54,17 +54,22 @@ def open_for(config: Config, log: str | Path, channel: str | None = None) -> Log
 
     Errors: LogError for what is no log, or is of a kind that the config has no signals for.
     """
-    columns = TableMap(config).columns
-    reader = open_log(log, channel=channel, time_column=config.sampling.time_column, columns=columns)
+    reader = open_whatever(config, log, channel)
     if reason := wrong_kind(config, reader):
         reader.close()
         raise LogError(reason, where=str(log))
     return reader
 
 
+def open_whatever(config: Config, log: str | Path, channel: str | None = None) -> LogReader:
+    """Open a log of any kind, of a table the columns that a config maps. Errors: LogError."""
+    columns = TableMap(config).columns
+    return open_log(log, channel=channel, time_column=config.sampling.time_column, columns=columns)
+
+
 def wrong_kind(config: Config, log: LogReader) -> str:
     """Return why a config has no signal in a log of this kind, frames or table; '' where it may have."""
-    columns = len(TableMap(config).columns)
+    columns = sum(source.column is not None for source in config.signals.values())
     if log.kind == "table" and not columns:
         return "the config maps only DBC signals, and this log holds a decoded table"
     if log.kind == "frames" and columns == len(config.signals):

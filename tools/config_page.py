@@ -136,11 +136,11 @@ def keys(model: type[BaseModel], instance: Any = None, path: str = "") -> Iterat
             getattr(instance, name) if instance is not None else field.get_default(call_default_factory=True)
         )
         section = _section(field.annotation)
-        if section is not None and isinstance(default, dict):
-            default = section(**default)
         if section is None:
             yield path + name, field, default
             continue
+        if default == {}:  # as if it stood empty in the config
+            default = section()
         if not isinstance(default, BaseModel):
             if section is Retarder:
                 yield path + name, field, None

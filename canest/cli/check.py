@@ -80,15 +80,9 @@ def command(
     reader = None
     if log is not None:
         from canest.cli.progress import Bar
-        from canest.logs.reader import open_log
-        from canest.tables import TableMap
+        from canest.tables import open_whatever
 
-        reader = open_log(
-            log,
-            channel=channel,
-            time_column=config.sampling.time_column,
-            columns=TableMap(config).columns,
-        )
+        reader = open_whatever(config, log, channel)
         with Bar(Path(log).name) as bar:
             for block in reader:
                 doctor.push(block)

@@ -191,7 +191,7 @@ class LowSpeedGate(GateSection):
 
 
 class ShiftGate(GateSection):
-    """A shift in process, or no gear."""
+    """A shift in process, or a ratio that is another than just before."""
 
     recovery_s: Number = Field(0.6, ge=0, le=60)
 

@@ -5,8 +5,9 @@ The answer is often there: a fan speed, a power take-off, a steering angle.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ import numpy as np
 from canest.config.schema import Config, Source
 from canest.decode.database import is_j1939
 from canest.decode.decoder import Decoder
-from canest.decode.groups import Want, build_groups, exact_id
+from canest.decode.groups import MAX_GROUPS, Want, build_groups, exact_id
 from canest.decode.j1939 import pgn_of, source_of
 from canest.decode.signal_map import databases_of
 from canest.diagnose.fit import held_out
@@ -119,29 +120,28 @@ def _signals(
     path: Path, config: Config, channel: str | None = None
 ) -> dict[str, tuple[Source, IntColumn, FloatColumn]]:
     """Return every decodable signal of a log: name -> (source, stamps, values)."""
+    heard: set[int] = set()
     with open_for(config, path, channel) as reader:
         if reader.kind == "table":
             return _columns(path, config)
+        for block in reader:
+            if not isinstance(block, TableBlock):
+                heard.update(np.unique(block.can_id).tolist())
     databases = databases_of(config)
-    heard: set[int] = set()
-    for block in open_for(config, path, channel):
-        if not isinstance(block, TableBlock):
-            heard.update(np.unique(block.can_id).tolist())
-    batches: list[dict[str, Want]] = []
+    batches: list[_Batch] = []
     sources: dict[str, Source] = {}
-    for database in databases:
-        for message in database.messages:
-            for address in _senders(message, heard):
-                wants: dict[str, Want] = {}
-                for signal in message.signals:
-                    sender = "" if address is None else f" from {address:#04x}"
-                    name = f"{message.name}.{signal.name}{sender}"
-                    want = Want(name, message.name, signal.name, address)
-                    if _decodable({name: want}, databases):
-                        wants[name] = want
-                        sources[name] = Source(message=message.name, signal=signal.name, source=address)
-                _join(batches, wants, databases)
-    decoders = [Decoder(batch, databases) for batch in batches]
+    for message in (message for database in databases for message in database.messages):
+        senders = _senders(message, heard)
+        if not senders:
+            continue
+        signals = [s.name for s in message.signals if _decodable(message.name, s.name, databases)]
+        batch = _batch_for(message, batches)
+        for address, signal in product(senders, signals):
+            sender = "" if address is None else f" from {address:#04x}"
+            name = f"{message.name}.{signal}{sender}"
+            batch.wants[name] = Want(name, message.name, signal, address)
+            sources[name] = Source(message=message.name, signal=signal, source=address)
+    decoders = [Decoder(batch.wants, databases) for batch in batches]
     pieces: dict[str, list[tuple[IntColumn, FloatColumn]]] = {}
     for block in open_for(config, path, channel):
         if not isinstance(block, TableBlock):
@@ -154,20 +154,30 @@ def _signals(
     }
 
 
-def _join(batches: list[dict[str, Want]], wants: dict[str, Want], databases: Sequence[Database]) -> None:
-    """Add a message's signals to the first batch that one decoder can decode together with them."""
+class _Batch:
+    """Signals for one decoder. messages: which one stands for each group or identifier."""
+
+    def __init__(self) -> None:
+        self.wants: dict[str, Want] = {}
+        self.messages: dict[int, str] = {}
+
+
+def _batch_for(message: Message, batches: list[_Batch]) -> _Batch:
+    """Return a batch with room for a message: two of one parameter group may differ in length."""
+    key = pgn_of(message.frame_id) if is_j1939(message) else exact_id(message)
     for batch in batches:
-        if _decodable(batch | wants, databases):
-            batch.update(wants)
-            return
-    if wants:
-        batches.append(wants)
+        room = key in batch.messages or len(batch.messages) < MAX_GROUPS
+        if room and batch.messages.setdefault(key, message.name) == message.name:
+            return batch
+    batches.append(_Batch())
+    batches[-1].messages[key] = message.name
+    return batches[-1]
 
 
-def _decodable(wants: Mapping[str, Want], databases: Sequence[Database]) -> bool:
-    """Return whether one decoder can decode signals that nobody asked for: a DBC may hold others."""
+def _decodable(message: str, signal: str, databases: Sequence[Database]) -> bool:
+    """Return whether a decoder can decode a signal that nobody asked for: a DBC may hold others."""
     try:
-        build_groups(wants, databases)
+        build_groups({signal: Want(signal, message, signal, None)}, databases)
     except ConfigError:
         return False
     return True
