@@ -83,7 +83,7 @@ def compare(
     """
     from canest.replay import compiling_pays
 
-    fast.enable(compiling_pays(Path(log), config) if compiled is None else compiled)
+    fast.enable(compiling_pays([Path(log)]) if compiled is None else compiled)
     facts, chosen = facts_of(config), config.estimator
     entries = {
         name: _Entry(estimator_of(config) if name == chosen.name else create(name, facts))

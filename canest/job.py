@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canest.errors import UsageError
+from canest.logs.compression import ARCHIVE_SUFFIXES
 
 if TYPE_CHECKING:
     from canest.config import Config
     from canest.replay import Progress, ReplayResult
 
-ARCHIVES = (".gz", ".xz", ".zst", ".bz2")
 TRUTH_SUFFIX = ".truth.csv"
 
 
@@ -69,13 +69,13 @@ class Job:
 
 def name_of(log: Path) -> str:
     """Return a log's name without the suffixes of archive and format."""
-    stem = Path(log.stem) if log.suffix.lower() in ARCHIVES else log
+    stem = Path(log.stem) if log.suffix.lower() in ARCHIVE_SUFFIXES else log
     return stem.stem or log.name
 
 
 def truth_beside(log: Path) -> Path | None:
     """Return NAME.truth.csv beside a log (plain or compressed), None when there is none."""
-    for suffix in ("", *ARCHIVES):
+    for suffix in ("", *ARCHIVE_SUFFIXES):
         path = log.with_name(name_of(log) + TRUTH_SUFFIX + suffix)
         if path.is_file():
             return path

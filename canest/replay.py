@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import closing, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from canest import fast
 from canest.frames import FrameBlock
+from canest.logs.compression import ARCHIVE_SUFFIXES
 from canest.logs.writer import open_writer
 from canest.notes import log_notes, stream_notes
 from canest.pipeline import Listener, Pipeline
@@ -28,7 +29,6 @@ Progress = Callable[[int, int], None]  #: bytes done, bytes in all (0: unknown)
 
 #: a 1,000 frames/s bus as candump text, and how much smaller archives of it are
 TEXT_BYTES_PER_S, ARCHIVE_RATIO = 50_000.0, 7.0
-_ARCHIVES = (".gz", ".xz", ".zst", ".bz2")
 #: importing numba costs about this much; interpreted kernels cost this much per second of log
 NUMBA_S, INTERPRETED_S_PER_S = 0.45, 0.45 / 2700
 
@@ -67,7 +67,7 @@ def replay(
     Errors: LogError, ConfigError, OutputError.
     """
     begin = time.perf_counter()
-    fast.enable(compiling_pays(Path(log), config))
+    fast.enable(compiling_pays([Path(log)]))
     run = LogRun(log, config, listener=listener, channel=channel)
     score = Score(truth, mass_kg, after_s) if truth is not None or mass_kg is not None else None
     last: Estimates | None = None
@@ -125,14 +125,17 @@ class LogRun:
             yield estimates
 
 
-def compiling_pays(log: Path, config: Config) -> bool:
-    """Return whether a log is so long that compiled kernels win back what importing numba costs."""
-    try:
-        size = log.stat().st_size
-    except OSError:
-        return False
-    packed = ARCHIVE_RATIO if log.suffix.lower() in _ARCHIVES else 1.0
-    return fast.available() and size * packed / TEXT_BYTES_PER_S * INTERPRETED_S_PER_S > NUMBA_S
+def compiling_pays(logs: Sequence[Path], passes: int = 1) -> bool:
+    """Return whether logs are so long that compiled kernels win back what importing numba costs.
+
+    passes: how often the kernels go over each.
+    """
+    size = 0.0
+    for log in logs:
+        packed = ARCHIVE_RATIO if log.suffix.lower() in ARCHIVE_SUFFIXES else 1.0
+        with suppress(OSError):
+            size += packed * log.stat().st_size
+    return fast.available() and passes * size / TEXT_BYTES_PER_S * INTERPRETED_S_PER_S > NUMBA_S
 
 
 def _summary(run: LogRun, last: Estimates | None) -> dict[str, Any]:

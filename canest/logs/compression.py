@@ -17,6 +17,8 @@ from typing import Any, BinaryIO
 
 from canest.errors import LogError
 
+#: how archives of one log are named
+ARCHIVE_SUFFIXES = (".gz", ".xz", ".zst", ".bz2")
 _PIECE_BYTES = 1 << 14
 _MAGIC_BYTES = 6
 

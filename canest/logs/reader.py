@@ -8,7 +8,7 @@ from pathlib import Path
 from canest.errors import LogError
 from canest.logs.base import BLOCK_FRAMES, CandumpReader, LogReader
 from canest.logs.candump import CandumpParser, Wanted
-from canest.logs.compression import Source
+from canest.logs.compression import ARCHIVE_SUFFIXES, Source
 from canest.logs.lines import Line, is_ignorable, parse_line
 
 _HEAD_BYTES = 1 << 16
@@ -17,7 +17,6 @@ _BLANK = 0x20  #: what stands before it in ASCII steers a terminal
 _BINARY = {b"LOGG": ".blf", b"MDF     ": ".mf4", b"UnFinMF ": ".mf4", b"SQLite format 3\0": ".db"}
 _PARQUET = b"PAR1"
 _CANDUMP_SUFFIXES = (".log", ".txt", ".candump", ".dump", "")
-_ARCHIVE_SUFFIXES = (".gz", ".xz", ".zst", ".bz2")
 EXPECTED = "candump text, .asc .blf .trc .mf4 .csv .db, or a table (.csv .parquet), also compressed"
 
 
@@ -90,7 +89,7 @@ def _from_python_can(
 def _suffix(path: Path) -> str:
     """Return the suffix below that of the archive: '.csv' of 'trip.csv.xz'."""
     suffix = path.suffix.lower()
-    return Path(path.stem).suffix.lower() if suffix in _ARCHIVE_SUFFIXES else suffix
+    return Path(path.stem).suffix.lower() if suffix in ARCHIVE_SUFFIXES else suffix
 
 
 def _looks_like_candump(head: bytes) -> bool:

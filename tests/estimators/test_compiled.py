@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 
+import numpy as np
 import pytest
 
 from canest import fast
@@ -17,6 +18,20 @@ GAIN = {gain}
 @fast.kernel
 def scaled(x):
     return GAIN * x
+"""
+INDEXED = """from canest import fast
+
+FIRST, SECOND = 0, 1
+
+
+@fast.kernel
+def taken(x, i):
+    return x[i]
+
+
+@fast.kernel
+def run(x):
+    return taken(x, FIRST) + 10.0 * taken(x, SECOND)
 """
 CALLER = """from canest import fast
 from {called} import scaled
@@ -42,3 +57,12 @@ def test_a_change_in_a_kernel_that_another_file_calls_is_seen(tmp_path, monkeypa
         run = importlib.import_module(caller.stem).run
         found.append((run.interpreted(1.0), run.compiled(1.0)))
     assert found == [(3.0, 3.0), (31.0, 31.0)]
+
+
+@pytest.mark.skipif(not fast.available(), reason="numba is not installed")
+def test_a_kernel_called_with_other_constants_is_not_compiled_again(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "indexed_kernel.py").write_text(INDEXED)
+    module = importlib.import_module("indexed_kernel")
+    assert module.run.compiled(np.array([1.0, 2.0])) == 21.0
+    assert len(module.taken.compiled.signatures) == 1
