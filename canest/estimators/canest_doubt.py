@@ -15,6 +15,8 @@ from canest.estimators.canest_states import (
     EFFORT,
     FELT,
     HELD_U,
+    HERE_EFFORT,
+    HERE_M,
     LASTED_S,
     LASTING_U,
     SLOW_N,
@@ -31,6 +33,9 @@ Container = Any  #: list interpreted, array compiled
 ROAD_S, BIAS_S = 1.0, 10.0
 #: ordinary crests and the sharpest, in stds of a curvature
 ORDINARY, CREST = 0.5, 2.0
+#: a crest or sag is so long, m: on one such stretch force may happen to follow the road, so it is credited
+#: with no more effort than this, m2/s3, whatever the driver does (two stretches are two witnesses)
+HILL_M, HILL_EFFORT = 200.0, 0.12
 #: memory of the innovations' sign, in windows; one innovation counts for so many stds at most
 SIGN_MEMORY, CLIP = 15.0, 5.0
 #: innovations this one-signed for seconds surprise
@@ -53,11 +58,16 @@ def steady_hand(memory: Container, u: float, force: float, steepens_1ps: float) 
 
 
 @fast.kernel
-def credit(memory: Container, u: float, force: float, steepens_1ps: float, first: bool, feels: bool) -> None:
+def credit(
+    memory: Container, u: float, force: float, steepens_1ps: float, first: bool, feels: bool, ds: float
+) -> None:
     """Credit the mass with what a window's force tells of it (what u learns meanwhile is no effort).
 
-    As above; first: of all windows. feels: an accelerometer feels the road.
+    As above; first: of all windows. feels: an accelerometer feels the road. ds: metres of the window.
     """
+    memory[HERE_M] += ds
+    if memory[HERE_M] > HILL_M:
+        memory[HERE_M] = memory[HERE_EFFORT] = 0.0
     if first:
         memory[STEADY_N] = memory[SLOW_N] = force
     crest = CREST * GRAVITY_MPS2 * steepens_1ps * ROAD_S
@@ -65,7 +75,11 @@ def credit(memory: Container, u: float, force: float, steepens_1ps: float, first
     memory[STEADY_N] += brisk * WINDOW_S / ROAD_S
     memory[SLOW_N] += slow * WINDOW_S / BIAS_S
     brisk, slow = u * brisk, u * slow
-    memory[EFFORT] += max(brisk * brisk - crest * crest, 0.0) * WINDOW_S
+    effort = max(brisk * brisk - crest * crest, 0.0) * WINDOW_S
+    if not feels:
+        effort = min(effort, HILL_EFFORT - memory[HERE_EFFORT])
+        memory[HERE_EFFORT] += effort
+    memory[EFFORT] += effort
     if feels:
         memory[FELT] += slow * slow * WINDOW_S
 
@@ -91,7 +105,7 @@ def proven(memory: Container) -> float:
 @fast.kernel
 def unload(memory: Container) -> None:
     """Forget what torque has told: the vehicle has stood long enough to carry another load."""
-    memory[EFFORT] = memory[FELT] = 0.0
+    memory[EFFORT] = memory[FELT] = memory[HERE_M] = memory[HERE_EFFORT] = 0.0
     if memory[LASTED_S] >= PROOF_S:
         memory[BEFORE_U] = memory[HELD_U]
 
@@ -115,5 +129,5 @@ def surprise(memory: Container, ds: float) -> tuple[bool, bool]:
     if surprised:
         memory[BIASED] = memory[SURPRISED_M] = 0.0
     if again:
-        memory[EFFORT] = memory[FELT] = 0.0
+        memory[EFFORT] = memory[FELT] = memory[HERE_M] = memory[HERE_EFFORT] = 0.0
     return surprised, again

@@ -218,17 +218,14 @@ def carry(P: Container, i: int, j: int, factor: float) -> None:
 
 
 @fast.kernel
-def travel(
-    x: Container, P: Container, ds: float, bends: bool, climbs: bool, grade_var: float, height_var: float
-) -> None:
-    """Move `ds` metres along the road: h += ds theta, theta += ds kappa, and what they gain in variance.
+def travel(x: Container, P: Container, ds: float, bends: bool, climbs: bool, grade_var: float) -> None:
+    """Move `ds` metres along the road: h += ds theta, theta += ds kappa, and what theta gains in variance.
 
     bends: a straight has no kappa. climbs: without altitudes nobody asks for h.
     """
     if climbs:
         x[HEIGHT] += ds * x[GRADE]
         carry(P, HEIGHT, GRADE, ds)
-        P[HEIGHT][HEIGHT] += height_var
     if bends:
         x[GRADE] += ds * x[CURVATURE]
         carry(P, GRADE, CURVATURE, ds)

@@ -96,8 +96,9 @@ _G = GRAVITY_MPS2
 _ROUGHNESS = 3e-9
 #: gusts: m/s, and how long they last
 _GUST_MPS, _GUST_S = 0.15, 5.0
-#: drift of a GPS altitude beyond its noise, m2 per m; and the std of one reading, m
-_HEIGHT_DRIFT, _HEIGHT_STD_M = 0.004, 2.5
+#: a satellite altitude wanders (2 m in a minute, whether the vehicle moves or not), m2/s; and the std of one
+#: reading, m
+_HEIGHT_WANDER, _HEIGHT_STD_M = 0.07, 2.5
 #: force that the model lacks: share of the traction, correlated over this time (torque holes, oscillation);
 #: more in overrun, where friction torque is coarse and brakes blend in
 _FORCE_SHARE, _OVERRUN_SHARE, _FORCE_S = 0.02, 0.1, 0.2
@@ -202,7 +203,8 @@ def run(
         gust = _GUST_MPS * drag[k]
         unknown = lacking * lacking * _FORCE_S + 2.0 * (step * step * lasts + gust * gust * _GUST_S)
         high = memory[HAS_HEIGHT] > 0.0
-        uneven, drift, fuel = _ROUGHNESS * ds, _HEIGHT_DRIFT * ds, _MASS_DRIFT * ds
+        uneven, fuel = _ROUGHNESS * ds, _MASS_DRIFT * ds
+        wander = _HEIGHT_WANDER * (WINDOW_S + gap_s[k])
         speed_var = memory[SPEED_VAR]
         slip_z = slip_r = 0.0
         if is_open and undriven[k] == undriven[k] and (memory[COUNT] + 1.0) % UNDRIVEN_EVERY == 0.0:
@@ -226,8 +228,10 @@ def run(
             told = 0.0
             speed_found = sensed_found = found = found2 = 0.0
             if ds > 0.0:
-                travel(x, P, ds, m == CURVED, high, uneven, drift)
+                travel(x, P, ds, m == CURVED, high, uneven)
                 P[U][U] += fuel * x[U] * x[U]
+            if high:
+                P[HEIGHT][HEIGHT] += wander
             if loaded:
                 reopen(x, P, prior, prior[U], _LOOSER)
             if again:
@@ -319,7 +323,7 @@ def run(
             memory[LEARNED] = 1.0
             memory[PRESSED] = settles * memory[PRESSED] + pressed
             first_of_all = begins and memory[COUNT] == 0.0
-            credit(memory, u, force[k], steepens, first_of_all, sensed[k] == sensed[k])
+            credit(memory, u, force[k], steepens, first_of_all, sensed[k] == sensed[k], ds)
             tally(memory, bias, nis)
             if t > 0.0:  # in overrun it may as well be a brake that nobody reports
                 follow(memory, bias)

@@ -52,8 +52,10 @@ AXLE_STATES = 3
     LASTING_U,  # the inverse mass that lasts, and for how long it has, open gates only
     LASTED_S,
     BEFORE_U,  # the one that had lasted before the load may have changed, 0 for none
-) = range(33)
-MEMORY = 33
+    HERE_M,  # travelled on this stretch of road, and the effort that was credited on it
+    HERE_EFFORT,
+) = range(35)
+MEMORY = 35
 
 # one window's outputs
 OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S, OUT_EFFORT = range(8)

@@ -13,7 +13,7 @@ from canest.estimators import canest_states as at
 from canest.estimators.canest import Canest
 from canest.estimators.canest_axle import slip_seen
 from canest.estimators.canest_coarse import surer
-from canest.estimators.canest_doubt import ORDINARY, ROAD_S
+from canest.estimators.canest_doubt import HILL_EFFORT, HILL_M, ORDINARY, ROAD_S, credit
 from canest.estimators.canest_filter import OUTLIER, correct, fade, travel
 from canest.estimators.canest_noise import NOISE_MEMORY, NOISE_START
 from canest.estimators.canest_roads import (
@@ -72,7 +72,6 @@ class Dense:
     def travel(self, ds):
         Q = np.zeros((self.n, self.n))
         Q[at.GRADE, at.GRADE] = k._ROUGHNESS * ds
-        Q[at.HEIGHT, at.HEIGHT] = k._HEIGHT_DRIFT * ds
         Q[at.U, at.U] = k._MASS_DRIFT * ds * self.x[at.U] ** 2
         # one after the other, as the filter does: height with the grade before it changes
         first, second = np.eye(self.n), np.eye(self.n)
@@ -307,7 +306,7 @@ def test_travel_and_fading_equal_the_dense_prediction(road, states):
     if road == at.STRAIGHT:
         dense.x, dense.P = redrawn(dense.x, dense.P, 0.0)
     x, P = list(dense.x), dense.P.tolist()
-    travel(x, P, 7.0, road == at.CURVED, True, k._ROUGHNESS * 7.0, k._HEIGHT_DRIFT * 7.0)
+    travel(x, P, 7.0, road == at.CURVED, True, k._ROUGHNESS * 7.0)
     P[at.U][at.U] += k._MASS_DRIFT * 7.0 * dense.x[at.U] ** 2
     dense.travel(7.0)
     calm, bent = np.exp(-40.0 / WIND_M), np.exp(-40.0 / CURVE_M)
@@ -316,6 +315,41 @@ def test_travel_and_fading_equal_the_dense_prediction(road, states):
     dense.fade(40.0)
     np.testing.assert_allclose(x, dense.x, rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(P, dense.P, rtol=1e-12, atol=1e-14)
+
+
+def test_a_satellite_altitude_gets_no_surer_than_it_wanders_while_the_vehicle_stands():
+    """Against the scalar random walk, read once a second: or the first metres driven would be a hill."""
+    n = 600
+    altitude = np.full(n, np.nan)
+    altitude[::5] = 100.0
+    still = dict.fromkeys(("distance_m", "open", "speed_mps", "before_mps", "accel_mps2"), 0.0)
+    estimator = Canest("canest", FACTS)
+    estimator._filter(random_windows(n, altitude_m=altitude, stopped=1.0, **still))
+    reading = variance = k._HEIGHT_STD_M**2
+    for i in range(1, n):
+        variance += k._HEIGHT_WANDER * WINDOW_S
+        if i % 5 == 0:
+            variance *= reading / (variance + reading)
+    for P in estimator._PP:
+        assert P[at.HEIGHT][at.HEIGHT] == pytest.approx(variance, rel=1e-6)
+    assert np.sqrt(variance) > 0.7  # averaging 120 readings of a white noise would say 0.2 m
+
+
+def test_one_stretch_of_road_is_one_witness_however_much_the_driver_does():
+    """200 m at full swing of the force, and again; an accelerometer, which feels the road, is not doubted."""
+    credited = {}
+    for feels in (False, True):
+        memory = [0.0] * at.MEMORY
+        efforts = []
+        for i in range(100):
+            force = 20_000.0 if i // 5 % 2 else -2_000.0
+            credit(memory, 1 / 20_000, force, 0.003, i == 0, feels, 4.0)
+            efforts.append(memory[at.EFFORT])
+        credited[feels] = np.array(efforts)
+    stretches = np.arange(1, 101) * 4.0 // (HILL_M + 4.0) + 1
+    assert (credited[False] <= stretches * HILL_EFFORT + 1e-12).all()
+    assert credited[False][-1] == pytest.approx(2 * HILL_EFFORT)
+    assert credited[True][-1] > 10 * HILL_EFFORT
 
 
 def test_noise_free_windows_give_the_exact_mass_and_grade():
