@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from canest import fast
 from canest.estimators.base import REGISTRY, create
-from canest.estimators.ekf import ekf_steps
+from canest.estimators.ekf_filter import ekf_steps
 from canest.estimators.multiple import MultipleForgetting
 from canest.estimators.rlsmf import own_gain
 from canest.estimators.rsvd import Rsvd

@@ -17,7 +17,7 @@ from pydantic import Field
 from canest import fast
 from canest.estimators.chunked import ChunkedEstimator
 from canest.estimators.columns import Container, give, room, state_in, state_out, take
-from canest.estimators.ekf import Rows
+from canest.estimators.ekf_filter import Rows
 from canest.estimators.hold import rows_until
 from canest.estimators.options import Options, parse
 from canest.estimators.regression import grade_of, grade_std_of, theta2_of, theta2_range

@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from canest.estimators.ekf import EkfBase, EkfCore, EkfOptions, Rows
+from canest.estimators.ekf import EkfBase, EkfOptions
+from canest.estimators.ekf_filter import EkfCore, Rows
 from canest.frames import FloatColumn
 from canest.vehicle.samples import STEP_US, EstimateBlock, ModelBlock
 
