@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from canest.config.schema import Bus
+from canest.config.bus import Bus
 from canest.errors import BusError, LogError, UsageError
 from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.live.link import require_interface

@@ -14,7 +14,8 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from canest.config.schema import Config, Retarder, Source
+from canest.config.schema import Config, Source
+from canest.config.vehicle import Retarder
 from canest.decode.validity import RULES
 from canest.estimators.base import REGISTRY
 from canest.roles import ROLES, UNITS

@@ -30,7 +30,7 @@ def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: 
     from rich.console import Console
     from rich.live import Live
 
-    from canest.config.schema import Broadcast, Bus
+    from canest.config.bus import Broadcast, Bus
     from canest.decode import j1939
     from canest.live.link import open_link, require_interface
     from canest.live.view import LiveView

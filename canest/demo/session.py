@@ -17,7 +17,7 @@ import can
 import numpy as np
 
 from canest.config import load_config
-from canest.config.schema import Bus
+from canest.config.bus import Bus
 from canest.decode.signal_map import decoder_for
 from canest.demo import DRIVE, TRUTH
 from canest.errors import CanestError, UsageError

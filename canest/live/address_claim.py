@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from enum import Enum
 
-from canest.config.schema import Name
+from canest.config.bus import Name
 from canest.decode import j1939
 
 CLAIM_PGN = 0xEE00

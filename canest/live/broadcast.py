@@ -9,7 +9,7 @@ import math
 from collections import Counter
 from collections.abc import Set
 
-from canest.config.schema import Broadcast
+from canest.config.bus import Broadcast
 from canest.decode import j1939
 from canest.live.address_claim import Frame
 from canest.live.estimate_frame import Estimate, encode

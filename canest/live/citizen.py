@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 
-from canest.config.schema import Broadcast
+from canest.config.bus import Broadcast
 from canest.decode import j1939
 from canest.live.address_claim import CLAIM_PGN, AddressClaim, Frame, encode_name
 from canest.live.watch import BusWatch

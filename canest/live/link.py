@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from canest.config.schema import Broadcast, Bus, Config
+from canest.config.bus import Broadcast, Bus
+from canest.config.schema import Config
 from canest.errors import ConfigError
 from canest.live.kernel_drain import Drained
 

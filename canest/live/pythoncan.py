@@ -12,7 +12,7 @@ import sys
 import time
 from collections import Counter, deque
 
-from canest.config.schema import Bus
+from canest.config.bus import Bus
 from canest.errors import BusError
 from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.live.kernel_drain import Drained

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from canest.config.schema import Name
+from canest.config.bus import Name
 from canest.decode import j1939
 from canest.live.address_claim import (
     BURST,

@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 
 from canest.config import load_config
-from canest.config.schema import Broadcast
+from canest.config.bus import Broadcast
 from canest.decode import j1939
 from canest.frames import FrameBlock
 from canest.live.address_claim import CLAIM_PGN, REQUEST_PGN

@@ -11,7 +11,7 @@ import time
 import can
 import pytest
 
-from canest.config.schema import Broadcast, Bus
+from canest.config.bus import Broadcast, Bus
 from canest.decode import j1939
 from canest.errors import BusError
 from canest.frames import ERROR, EXTENDED

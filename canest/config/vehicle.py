@@ -1,0 +1,64 @@
+"""The section `vehicle`: its facts, with units in the names and bounds on every number."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from canest.config.agreement import MisplacedError
+from canest.config.section import Number, Section, empty_section
+
+
+class Retarder(Section):
+    """A retarder that reports its torque (ERC1)."""
+
+    reference_torque_Nm: Number = Field(gt=0, le=10_000)
+    #: where its torque acts: at the crank (through the gear) or at the transmission output shaft
+    location: Literal["crank", "output_shaft"] = "crank"
+
+
+class Accelerometer(Section):
+    """Facts of the longitudinal accelerometer, where known."""
+
+    pitch_rad_per_mps2: Number | None = Field(None, ge=0, le=0.1)
+
+
+class Vehicle(Section):
+    """Facts of the vehicle that an engineer would know."""
+
+    name: str = "vehicle"
+    key: str = ""
+    mass_min_kg: Number = Field(gt=50, le=500_000)
+    mass_max_kg: Number = Field(gt=50, le=500_000)
+    wheel_radius_m: Number = Field(gt=0.1, lt=2.0)
+    wheel_inertia_kgm2: Number = Field(0.0, ge=0, le=2_000)
+    final_drive: Number = Field(gt=0.1, lt=30)
+    gear_ratios: dict[int, Number] = Field(default_factory=dict)
+    driveline_efficiency: Number = Field(0.96, gt=0.5, le=1.0)
+    gear_efficiency: dict[int, Number] = Field(default_factory=dict)
+    engine_inertia_kgm2: Number = Field(0.0, ge=0, le=50)
+    reference_torque_Nm: Number | None = Field(None, gt=1, le=65_000)
+    friction_torque_pct: Number = Field(0.0, ge=-125, le=125)
+    retarder: Retarder | None = None
+    drag_area_m2: Number = Field(gt=0, lt=30)
+    air_density_kgpm3: Number = Field(1.2, gt=0.5, lt=1.6)
+    rolling_resistance: Number = Field(gt=0, lt=0.1)
+    accelerometer: Accelerometer = empty_section()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Vehicle:
+        if self.mass_min_kg >= self.mass_max_kg:
+            raise MisplacedError(
+                f"found {self.mass_min_kg:g}, expected less than mass_max_kg, {self.mass_max_kg:g}",
+                "mass_min_kg",
+            )
+        for gear, ratio in self.gear_ratios.items():
+            if not 0.1 < ratio < 50:
+                raise MisplacedError(f"found {ratio:g}, expected between 0.1 and 50", "gear_ratios", gear)
+        for gear, efficiency in self.gear_efficiency.items():
+            if not 0.5 < efficiency <= 1:
+                raise MisplacedError(
+                    f"found {efficiency:g}, expected above 0.5 and up to 1", "gear_efficiency", gear
+                )
+        return self
