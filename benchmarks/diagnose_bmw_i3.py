@@ -20,12 +20,12 @@ import numpy as np
 from canest import fast
 from canest.config import load_config
 from canest.diagnose.drive import Drive
+from canest.diagnose.gauss_newton import fit_on
 from canest.diagnose.outcome import Entry, entries, tells
 from canest.diagnose.problem import MIN_WINDOWS, Problem
 from canest.diagnose.reference import reference_for
 from canest.diagnose.revise import revised_config
 from canest.diagnose.run import Diagnosis, diagnose
-from canest.diagnose.search import Search
 from canest.diagnose.tell import entry_name, entry_value, interval, score_rows
 from canest.vehicle.effects import Effect
 from canest.vehicle.model import effects_of
@@ -75,7 +75,7 @@ def judge(path: Path, config_name: str, sides: tuple[list[Effect], list[Effect]]
     residuals, filtered, masses = [], [], []
     for effects in sides:
         # the mass is free on every trip and with either model, as it is for the estimator
-        _, taken = Search(problem, effects, []).fitted_on(np.ones(problem.rows, np.bool_))
+        _, taken = fit_on(problem, effects, [], np.ones(problem.rows, np.bool_))
         left = problem.residual_N(effects) - taken
         residuals.append(float(np.sqrt((left**2).mean())))
         filtered.append(float(np.sqrt((problem.whiten(left) ** 2).mean())) * problem.unit_N)

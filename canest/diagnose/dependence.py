@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from canest.diagnose.choice import Chosen
 from canest.diagnose.drive import Run
 from canest.diagnose.problem import Problem
-from canest.diagnose.search import Chosen
 from canest.frames import FloatColumn, IntColumn
 from canest.vehicle.samples import STEP_S
 

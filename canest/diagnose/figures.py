@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from canest.diagnose.choice import Chosen
 from canest.diagnose.dependence import Cause, binned, cause_of, causes
+from canest.diagnose.gauss_newton import fit_on
 from canest.diagnose.problem import Problem
 from canest.diagnose.run import Diagnosis
-from canest.diagnose.search import Chosen
 from canest.frames import FloatColumn
 from canest.pipeline import Estimates
 from canest.report.figure import BLUE, GREEN, INK, MUTED, ORANGE, Rows, numbers
@@ -61,7 +62,7 @@ def against_causes(diagnosis: Diagnosis) -> str:
     """Each selected effect against its own cause: residual without it (the others in) and with it."""
     problem, search = diagnosis.problem, diagnosis.search
     everything = np.ones(problem.rows, np.bool_)
-    taken = 0.0 if problem.mass_known else search.fitted_on(everything)[1]
+    taken = 0.0 if problem.mass_known else fit_on(problem, search.base, search.chosen, everything)[1]
     after = search.residual_N
     shown: list[tuple[Chosen, Cause, FloatColumn]] = []
     for chosen in search.chosen:

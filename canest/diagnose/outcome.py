@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from canest.diagnose.candidates import SCALE_EFFECTS, Candidate
+from canest.diagnose.choice import Chosen
 from canest.diagnose.dependence import causes, depends
 from canest.diagnose.reference import Reference
 from canest.diagnose.run import Diagnosis
-from canest.diagnose.search import Chosen, Search
+from canest.diagnose.search import Search
 from canest.vehicle.effects import EFFECTS
 
 #: alternatives of one selected effect that are fitted in its place; further ones are only named
@@ -85,7 +86,7 @@ def entries(diagnosis: Diagnosis) -> list[Entry]:
         if c.effect not in told and not c.shadow:
             told.add(c.effect)
             share = _unit(tried.explained)
-            alike = _names(search.alike(c), c)
+            alike = _names(search.alternatives.alike(c), c)
             found.append(Entry(c, tried.deviation, tried.std, share, min(share, whole), False, alike))
     order = sorted(range(len(found)), key=lambda i: (not found[i].selected, -found[i].score, i))
     return [found[i] for i in order]

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from canest.decode.signal_map import resolution_of
 from canest.diagnose.drive import Drive, Run
+from canest.diagnose.fit import Matrix, held_out
 from canest.diagnose.reference import Reference, filled
 from canest.diagnose.windows import Windows, windows_of
 from canest.errors import LogError
@@ -17,7 +17,6 @@ from canest.frames import FloatColumn, IntColumn
 from canest.vehicle.effects import Effect
 from canest.vehicle.samples import GRAVITY_MPS2
 
-Matrix = NDArray[np.float64]
 #: what is left of speed quantisation and oscillation in a one-second mean, as specific force (m/s2)
 WINDOW_NOISE_MPS2 = 0.004
 MIN_WINDOWS = 8
@@ -136,6 +135,14 @@ class Problem:
             out.append(_innovations(column_N[start : start + n], part))
             start += n
         return np.concatenate(out)
+
+    def beside_nuisance(self, columns: Sequence[FloatColumn]) -> Matrix:
+        """Return whitened regressors (n,) with what is always free behind them (n, columns)."""
+        return np.column_stack([*columns, self.nuisance])
+
+    def held_out(self, residual: FloatColumn, columns: Sequence[FloatColumn]) -> FloatColumn:
+        """Return what is left of a whitened residual on windows that were not used to fit it (n,)."""
+        return held_out(residual, self.beside_nuisance(columns), self.chunk)
 
     def _nuisance(self) -> Matrix:
         """Return what is always free per drive, in N per unit (n, columns).

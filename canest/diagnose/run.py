@@ -11,12 +11,14 @@ import numpy as np
 from canest.config.schema import Config
 from canest.diagnose.bus import Ranked, rank_bus_signals
 from canest.diagnose.candidates import Candidate, candidates_for, switching_roles
+from canest.diagnose.choice import Tried
 from canest.diagnose.drive import Drive, NothingToDiagnoseError
 from canest.diagnose.fit import FOLDS
+from canest.diagnose.gauss_newton import fit_on
 from canest.diagnose.problem import Problem
 from canest.diagnose.reference import Reference, reference_for
 from canest.diagnose.score import Fold, Score, score, two_folds
-from canest.diagnose.search import Search, Tried
+from canest.diagnose.search import Search
 from canest.diagnose.windows import CHUNK_S
 from canest.diagnose.words import finding_of, too_short
 from canest.errors import LogError, UsageError
@@ -204,7 +206,7 @@ def _remainder_N(problem: Problem, search: Search) -> float:
 def _mass_part(problem: Problem, search: Search) -> FloatColumn:
     if problem.mass_known:
         return np.zeros(problem.rows)
-    _, taken = search.fitted_on(np.ones(problem.rows, np.bool_))
+    _, taken = fit_on(problem, search.base, search.chosen, np.ones(problem.rows, np.bool_))
     return -taken
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from canest.diagnose.gauss_newton import fit_on
 from canest.diagnose.problem import Problem
 from canest.diagnose.search import Search
 from canest.diagnose.windows import CHUNK_S
@@ -65,7 +66,7 @@ def two_folds(problem: Problem, search: Search) -> list[Fold]:
     half = unit % 2 == 1
     folds = []
     for judged in (half, ~half):
-        effects, taken_N = search.fitted_on(~judged)
+        effects, taken_N = fit_on(problem, search.base, search.chosen, ~judged)
         folds.append(Fold(effects, taken_N, judged))
     return folds
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from canest.diagnose.search import Chosen
+from canest.diagnose.choice import Chosen
 
 #: what would separate effects that a drive could not
 SEPARATED_BY = {

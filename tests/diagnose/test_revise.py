@@ -10,8 +10,8 @@ from canest.config import load_config
 from canest.config.load import parse_config
 from canest.config.schema import Source
 from canest.diagnose.candidates import Candidate
+from canest.diagnose.choice import Chosen
 from canest.diagnose.revise import revised_config, revised_text
-from canest.diagnose.search import Chosen
 from canest.resources import shipped
 
 WIND = Chosen(Candidate("headwind", "headwind", "wind_mps"), 6.47956, 0.0256, 0.93)
