@@ -9,6 +9,7 @@ from canest.errors import ConfigError
 from canest.simulate.effects import Hidden
 from canest.simulate.scenario import Scenario
 
+GRAVITY = 9.80665  #: m/s2
 STEP_S = 0.001
 STEPS_PER_RECORD = 5
 RECORD_S = STEP_S * STEPS_PER_RECORD

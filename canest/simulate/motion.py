@@ -1,7 +1,8 @@
-"""The truth's motion: engine, clutch, driveline twist, tyres, body, driver and gearbox, at 1 kHz.
+"""The truth's motion: engine, clutch, driveline twist, tyres and body at 1 kHz, led by driver and gearbox.
 
-One scalar kernel, interpreted as it stands or compiled by numba. Physics run at 1 kHz (semi-implicit
-Euler: velocities first, positions with the new velocities), driver, gearbox and records at 200 Hz.
+One scalar kernel and the few that it calls, interpreted as they stand or compiled by numba. Physics run at
+1 kHz (semi-implicit Euler: velocities first, positions with the new velocities), driver, gearbox and records
+at 200 Hz.
 """
 
 from __future__ import annotations
@@ -10,6 +11,9 @@ import math
 from typing import Any
 
 from canest.fast import kernel
+from canest.simulate.constants import GRAVITY
+from canest.simulate.gearbox import gear_for, starting_gear
+from canest.simulate.pedals import accelerate, slow_down
 
 
 @kernel
@@ -24,8 +28,7 @@ def move(
     none), crr_extra, drag_scale, load_on: every 0.1 s. mass_t, mass_kg: changes, at the next standstill.
     """
     dt = 0.001
-    gravity = 9.80665
-    gears = len(ratios)
+    gravity = GRAVITY
     road_end = len(grades) - 2
     full_end = len(full) - 1
     records = len(out) // 20
@@ -108,31 +111,10 @@ def move(
         closed = phase in (0, 1, 3)
         per_force = radius / (ratio * etas[gear])  # crank torque per newton at the wheels
         least = -(friction + c.regeneration * (1.0 if v > 1.5 else v / 1.5)) / per_force if closed else 0.0
-        short = 0.0
-        error = wanted - v
-        if foot >= 0.0:
-            # beyond the upper speed the rest of the pulse is dropped, below the lower one it is prolonged
-            if v > wanted:
-                lifted = True
-            elif foot == 0.0:
-                lifted = False
-            if v < c.pulse_min:
-                pushed = True
-            elif v > c.pulse_min + 2.0:
-                pushed = False
-            want_pedal = 1.0 if pushed else 0.0 if lifted else foot
-        else:
-            accel = c.firmness * error
-            accel = min(accel, c.accel_limit)
-            accel = max(accel, -2.5)
-            force = resisted + m * accel
-            want_pedal = (force * per_force + friction + c.regeneration) / (highest + c.regeneration + 1.0)
-            short = least - force
-            if wanted < 0.05 and v < 2.0:
-                want_pedal = 0.0
+        pedal, short, lifted, pushed = accelerate(
+            c, m, v, wanted, foot, resisted, per_force, least, friction, highest, pedal, lifted, pushed
+        )
         ceiling = (resistance + m * c.accel_limit) * per_force + friction
-        want_pedal = min(1.0, max(0.0, want_pedal))
-        pedal += min(0.02, max(-0.025, want_pedal - pedal))  # a foot needs a quarter of a second
 
         want_retarder = 0.0
         if c.uses_retarder > 0.0 and short > 0.0 and phase == 0 and we > 100.0 and not electric:
@@ -141,18 +123,7 @@ def move(
         retarder += (want_retarder - retarder) * 0.005 / 0.15
         if retarder < 1.0 and want_retarder == 0.0:
             retarder = 0.0
-        if c.brakes > 0.0:
-            braking = short > 0.0 if braking else short > m * 0.2 and error < -0.8
-            holding = foot < 0.0 and wanted < 0.05 and v < 0.6
-            want_brake = 0.0
-            if holding:
-                braking = True
-                want_brake = 0.25
-            elif braking:
-                want_brake = min(1.0, short / (m * gravity * 0.6))
-            brake += (want_brake - brake) * 0.005 / 0.12
-            if not braking and brake < 0.002:
-                brake = 0.0
+        brake, braking = slow_down(c, m, v, wanted, foot, short, brake, braking)
         brake_force = brake * m * gravity * 0.6
         want_hidden = 0.0
         if phase == 0 and we > 95.0:
@@ -170,26 +141,8 @@ def move(
                 phase = 5
                 phase_s = 0.0
             elif c.fixed_gear < 0.0 and since_shift > 1.2 and not braking and v > 0.5:
-                chosen = gear
-                if we > c.upshift_low + (c.upshift_high - c.upshift_low) * pedal:
-                    for h in range(gear + 1, min(gears, gear + 3)):
-                        wh = win * ratios[h] / ratio
-                        i = min(full_end, int(wh * to_table))
-                        spare = 0.9 * full[i] * ratios[h] * etas[h] / radius - resistance
-                        if wh > c.downshift * 1.08 and (spare > m * 0.04 or we > c.upshift_high * 1.1):
-                            chosen = h
-                elif (
-                    we < c.downshift * (1.0 + 0.12 * pedal)
-                    and gear > 0
-                    and (pedal > 0.05 or we < c.downshift)
-                ):
-                    chosen = gear - 1
-                    if gear > 1 and resistance > 0.9 * full[i] * ratios[chosen] * etas[chosen] / radius:
-                        chosen = gear - 2
-                    if win * ratios[chosen] / ratio > c.upshift_high * 1.05:
-                        chosen = gear
-                if chosen != gear:
-                    next_gear = chosen
+                next_gear = gear_for(c, full, ratios, etas, gear, we, win, pedal, resistance, m, i, to_table)
+                if next_gear != gear:
                     phase = 1
                     phase_s = 0.0
         elif phase == 1:
@@ -218,13 +171,7 @@ def move(
             if c.fixed_gear >= 0.0:
                 gear = int(c.fixed_gear)
             else:
-                gear = 0
-                for h in range(min(3, gears)):
-                    pull = 0.6 * full[min(full_end, 48)] * ratios[h] * etas[h] / radius
-                    if pull > resistance + m * 1.0 and h < gears - 1:
-                        gear = h
-                while gear < gears - 1 and v / radius * ratios[gear] > c.downshift * 1.15:
-                    gear += 1
+                gear = starting_gear(c, full, ratios, etas, v, resistance, m)
             ratio = ratios[gear]
             win = ww * ratio
             phase = 4 if win < c.idle * 1.25 else 2

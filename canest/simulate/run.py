@@ -37,7 +37,7 @@ class SimulatedDrive:
     frames: what was on the bus. truth: columns at 10 Hz (t_s, distance_m, speed_mps, accel_mps2, grade,
     mass_kg, elevation_m, shift, brake), (n,) each. config: what an engineer would know.
     undeclared: the effects in force that the config does not know, small errors included. history: every
-    column of `motion.COLUMNS` at 200 Hz, for tests.
+    column of `constants.COLUMNS` at 200 Hz, for tests.
     """
 
     name: str

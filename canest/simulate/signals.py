@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canest.frames import FloatColumn
-from canest.simulate.constants import COLUMNS, LAUNCH, NEUTRAL, RAMP_IN, RAMP_OUT, RECORD_S, STANDING
+from canest.simulate.constants import COLUMNS, GRAVITY, LAUNCH, NEUTRAL, RAMP_IN, RAMP_OUT, RECORD_S, STANDING
 from canest.simulate.effects import Hidden
 from canest.simulate.roads import START_ELEVATION_M
 from canest.simulate.scenario import Scenario
 
-GRAVITY = 9.80665
 RPM = 60 / (2 * math.pi)
 CCVS_DELAY_S = 0.03  #: a controller derives road speed from the shaft and smooths it
 BIAS_MPS2 = 0.12  #: half-width of a drawn accelerometer bias
@@ -21,7 +20,7 @@ ALTITUDE_TAU_S = 40.0  #: satellite altitude wanders this slowly
 
 
 class Signals:
-    """A drive's records (5 ms rows of `motion.COLUMNS`) and the sensors that look at them."""
+    """A drive's records (5 ms rows of `constants.COLUMNS`) and the sensors that look at them."""
 
     def __init__(
         self, records: FloatColumn, scenario: Scenario, hidden: Hidden, rng: np.random.Generator
