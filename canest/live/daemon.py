@@ -15,8 +15,6 @@ import time
 from collections.abc import Callable
 from types import FrameType
 
-import numpy as np
-
 from canest.config.schema import Config
 from canest.errors import CanestError
 from canest.frames import FrameBlock
@@ -27,15 +25,15 @@ from canest.live.estimate_frame import Estimate
 from canest.live.files import Background
 from canest.live.impostors import Paces
 from canest.live.journal import Journal
-from canest.live.link import Receiver, may_transmit, open_link, require_frames, require_interface
+from canest.live.late import in_time
 from canest.live.memory import Memory
-from canest.live.node import Node
+from canest.live.node import join
 from canest.live.notify import Notifier
 from canest.live.outputs import Outputs
 from canest.live.rates import Rates
+from canest.live.reload import renew
 from canest.live.schedule import Schedule
 from canest.live.snapshot import flat, one_line, snapshot
-from canest.live.watch import BusWatch
 from canest.pipeline import Estimates, Pipeline
 from canest.vehicle.samples import EstimateBlock, ModelBlock
 
@@ -47,12 +45,6 @@ LONGEST_WAIT_US = 230_000
 CLOSE_S = 0.5  #: SIGTERM has to be over within a second, whatever the disk does
 #: errors inside the estimation are survived by starting the pipeline anew; this many in a row are not
 MOST_FAILURES_IN_A_ROW = 5
-#: sections of a config whose change means to leave the bus and join it anew
-_MAKES_THE_BUS = ("bus", "broadcast", "signals", "dbc")
-#: sections of a config whose change means to estimate anew, from the mass learned so far
-_MAKES_THE_ESTIMATE = (
-    "bus", "dbc", "signals", "sampling", "vehicle", "effects", "filter", "gates", "estimator",
-)  # fmt: skip
 
 
 class Daemon:
@@ -91,7 +83,7 @@ class Daemon:
         self.pipeline = Pipeline(config, listener=self._listen)
         self.memory = Memory(config, self.background, self.journal)
         self.memory.restore(self.pipeline)
-        self.receiver, self.node = self._join(config, self.pipeline)
+        self.receiver, self.node = join(config, self.pipeline.decoder.can_filters())
         self._opened = self.receiver.opened
         self.outputs = Outputs(config, self.background)
         self._changes = Changes(self)
@@ -157,7 +149,9 @@ class Daemon:
         if self.receiver.opened != self._opened:
             self._opened = self.receiver.opened
             self.node.restart(now_us)
-        frames = self._in_time(drained.frames)
+        back_s = self.config.sampling.max_backward_s
+        frames, late = in_time(drained.frames, self._reached_us, back_s)
+        self.late_frames += late
         if len(frames):
             self.rates.frames += len(frames)
             self.node.observe(frames, now_us)
@@ -196,22 +190,6 @@ class Daemon:
 
     def _listen(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
         self._standing = bool(samples.stopped[-1])
-
-    def _in_time(self, frames: FrameBlock) -> FrameBlock:
-        """Stamp frames that come after ticks which should have had them (a busy machine) later; count them.
-
-        A recording then holds the order in which they were used, and its replay is equal to the bit.
-        """
-        if not len(frames) or frames.t_us.min() >= self._reached_us:
-            return frames
-        behind_us = self._reached_us - frames.t_us
-        back_us = self.config.sampling.max_backward_s * 1e6  # beyond it the clock was set, nothing is late
-        late = (behind_us > 0) & (behind_us <= back_us)
-        if not late.any():
-            return frames
-        self.late_frames += int(late.sum())
-        t_us = np.where(late, self._reached_us, frames.t_us)
-        return FrameBlock(t_us, frames.can_id, frames.length, frames.data)
 
     def _survive(self, error: Exception) -> None:
         self.failures += 1
@@ -256,48 +234,25 @@ class Daemon:
 
     # -- beginning, reload, end ---------------------------------------------------------------------
 
-    def _join(self, config: Config, pipeline: Pipeline) -> tuple[Receiver, Node]:
-        require_frames(config)
-        require_interface(config.bus, config.at)
-        watch = BusWatch(config.broadcast.pgn)
-        filters = sorted({*pipeline.decoder.can_filters(), *watch.filters()})
-        receiver, transmitter = open_link(
-            config.bus, filters, transmit=may_transmit(config.bus, config.broadcast)
-        )
-        node = Node(config, watch)
-        if transmitter is not None:
-            node.attach(config, transmitter, time.monotonic_ns() // 1000)
-        return receiver, node
-
     def _reload(self, now_us: int) -> None:
         """Take a changed config over without stopping; a broken one changes nothing."""
         if self._reload_config is None:
             return
         self.notifier.reloading()
-        old, joined = self.config, None
         try:
-            config = self._reload_config()
-            changed = {part for part in Config.model_fields if getattr(config, part) != getattr(old, part)}
-            alike = changed.isdisjoint(_MAKES_THE_ESTIMATE)
-            pipeline = self.pipeline if alike else Pipeline(config, listener=self._listen)
-            if not changed.isdisjoint(_MAKES_THE_BUS):
-                joined = self._join(config, pipeline)
-            if self.doors is not None:
-                self.doors.follow(config)
+            new = renew(self.config, self._reload_config, self.pipeline, self._listen, self.doors)
         except Exception as error:  # whatever is wrong with the new config, the old one stays in force
-            if joined is not None:
-                joined[0].close()
             self.journal.error("reload-refused", error=str(error) or type(error).__name__)
             self.notifier.ready()
             return
-        self.memory = self.memory.handed_over(config, None if alike else pipeline)
-        self.config, self.pipeline = config, pipeline
-        if joined is not None:
+        self.memory = self.memory.handed_over(new.config, new.pipeline)
+        self.config, self.pipeline = new.config, new.pipeline or self.pipeline
+        if new.joined is not None:
             self.receiver.close()
-            self.receiver, self.node = joined
+            self.receiver, self.node = new.joined
             self._opened = self.receiver.opened
         self.outputs.close()
-        self.outputs = Outputs(config, self.background)
+        self.outputs = Outputs(self.config, self.background)
         self.reloads += 1
         self.journal.notice("reloaded", config=self.config_name)
         self.notifier.ready()

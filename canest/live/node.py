@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import time
+
 from canest.config.schema import Config
 from canest.frames import FrameBlock
 from canest.live.broadcast import Broadcaster
 from canest.live.citizen import Citizen
 from canest.live.estimate_frame import Estimate
-from canest.live.link import Filters, Transmitter
+from canest.live.link import (
+    Filters,
+    Receiver,
+    Transmitter,
+    may_transmit,
+    open_link,
+    require_frames,
+    require_interface,
+)
 from canest.live.watch import CVW_PGN, BusWatch
 
 LISTENING_ONLY = "listening only (broadcast.listen_only)"
@@ -34,11 +44,6 @@ class Node:
         self.broadcaster = Broadcaster(config.broadcast)
         self.citizen = Citizen(config.broadcast, self.broadcaster.groups)
         self.citizen.start(now_us)
-
-    @staticmethod
-    def filters(config: Config) -> Filters:
-        """Return the kernel filters for what a node has to hear."""
-        return BusWatch(config.broadcast.pgn).filters()
 
     def restart(self, now_us: int) -> None:
         """The interface was opened anew: another bus may be behind it."""
@@ -103,3 +108,23 @@ class Node:
         if self._transmitter is not None:
             counted |= self._transmitter.counters
         return counted
+
+
+def join(config: Config, wanted: Filters) -> tuple[Receiver, Node]:
+    """Open the bus that a config names and become a node of it, one that speaks where the config lets it.
+
+    wanted: kernel filters of what the estimation needs; what a node has to hear comes beside it.
+    Errors: ConfigError, BusError when the interface can never be opened here.
+    """
+    require_frames(config)
+    require_interface(config.bus, config.at)
+    watch = BusWatch(config.broadcast.pgn)
+    receiver, transmitter = open_link(
+        config.bus,
+        sorted({*wanted, *watch.filters()}),
+        transmit=may_transmit(config.bus, config.broadcast),
+    )
+    node = Node(config, watch)
+    if transmitter is not None:
+        node.attach(config, transmitter, time.monotonic_ns() // 1000)
+    return receiver, node

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from canest.frames import FrameBlock
-from canest.live import daemon as daemon_module
+from canest.live import node as node_module
 from canest.live.daemon import Daemon
 from canest.live.journal import Journal
 from canest.live.kernel_drain import Drained
@@ -91,8 +91,8 @@ class Rig:
             self.opened.append((bus, transmit))
             return self.script, self.script if transmit else None
 
-        monkeypatch.setattr(daemon_module, "open_link", open_link)
-        monkeypatch.setattr(daemon_module.time, "monotonic_ns", self.time.clock_ns)
+        monkeypatch.setattr(node_module, "open_link", open_link)
+        monkeypatch.setattr(time, "monotonic_ns", self.time.clock_ns)
         self.log = io.StringIO()
         self.daemon = Daemon(
             config,
