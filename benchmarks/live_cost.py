@@ -84,7 +84,8 @@ def daemon(
 ) -> None:
     """Run the daemon in this process and report what it cost."""
     from canest.config import load_config
-    from canest.live import daemon as module
+    from canest.live import node
+    from canest.live.daemon import Daemon
     from canest.live.journal import Journal
     from canest.live.kernel_drain import ask_for_stamps
     from canest.live.link import Filters, Receiver, Transmitter
@@ -122,10 +123,10 @@ def daemon(
     if has_socketcan():
         changes += ["bus.interface=socketcan", "bus.channel=vcan0"]
     else:
-        module.open_link = open_stand_in  # type: ignore[assignment]
+        node.open_link = open_stand_in  # type: ignore[assignment]
     config = load_config(config_name, changes)
     with Path(os.devnull).open("w") as nowhere:
-        running = module.Daemon(config, journal=Journal(nowhere))
+        running = Daemon(config, journal=Journal(nowhere))
     port = 0 if has_socketcan() else running.receiver._socket.getsockname()[1]
     filters = sorted({*running.pipeline.decoder.can_filters(), *running.node.watch.filters()})
     port_to.put((port, filters))
