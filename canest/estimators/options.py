@@ -35,8 +35,8 @@ def parse(model: type[O], options: Mapping[str, Any] | None) -> O:
     Errors: ConfigError with ``where`` = ``estimator.options.KEY``.
     """
     given = dict(options or {})
-    preset = given.get("preset")
-    if preset is not None:
+    if given.get("preset") is not None:
+        preset = given["preset"] = str(given["preset"])  # YAML reads 2014 as a number
         if preset not in model.presets:
             names = ", ".join(model.presets) or "none for this estimator"
             raise ConfigError(

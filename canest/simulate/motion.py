@@ -89,7 +89,8 @@ def move(
             slip_gain = c.slip / (radius * m)
         cosine = 1.0 / math.sqrt(1.0 + grade * grade)
         crr = c.crr + crr_extra[j] + c.crr_per_mps * v
-        cornering = m * c.cornering * (v * v * curvature) ** 2
+        lateral = v * v * curvature
+        cornering = m * c.cornering * (lateral * lateral)
         fixed = m * gravity * (grade + crr) * cosine + cornering + c.drag_force
         drag = c.drag * drag_scale[j]
         air = v + c.wind
@@ -207,7 +208,8 @@ def move(
         if load_on[j] > 0.0 and we > 10.0:
             power = c.load_power
             if c.load_cubic > 0.0:
-                power = power * (we / c.load_at) ** 3
+                share = we / c.load_at
+                power = power * (share * share * share)  # a power by numba has other bits
             # below its working speed a load takes less, and nothing that would stall the engine
             load = power / max(we, 1.5 * c.idle, 50.0)
             if not electric:

@@ -25,6 +25,13 @@ def test_an_unknown_preset_lists_the_known_ones(name):
         create(name, FACTS, {"preset": "1999"})
 
 
+@pytest.mark.parametrize("preset", [2014, "2014"])
+def test_a_preset_that_is_a_year_may_be_written_as_a_number(preset):
+    assert create("ekf", FACTS, {"preset": preset}) is not None
+    with pytest.raises(ConfigError, match=r"estimator\.options\.preset: unknown preset"):
+        create("ekf", FACTS, {"preset": [preset]})
+
+
 @pytest.mark.parametrize(
     ("name", "options", "key"),
     [

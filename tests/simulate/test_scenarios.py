@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from canest import fast
 from canest.config import parse_config
 from canest.errors import CanestError, ConfigError, OutputError
 from canest.simulate import load_scenario, shipped_scenarios, simulate, simulate_to_directory
@@ -105,6 +107,21 @@ def test_directory_gets_log_truth_and_config(tmp_path: Path):
     with pytest.raises(OutputError) as caught:
         simulate_to_directory(path, tmp_path / "file" / "below")
     assert isinstance(caught.value, CanestError)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not fast.available(), reason="numba is not installed")
+@pytest.mark.parametrize("name", ["fan", "mixed-36t", "electric-city"])
+def test_a_drive_has_the_same_bits_compiled_and_interpreted(name: str):
+    truths = []
+    for compiled in (False, True):
+        fast.enable(compiled)
+        try:
+            truths.append(simulate(name).truth)
+        finally:
+            fast.enable(False)
+    for column, values in truths[0].items():
+        np.testing.assert_array_equal(values, truths[1][column], err_msg=column)
 
 
 @pytest.mark.slow
