@@ -102,9 +102,11 @@ class Canest(Estimator):
         X: Any = self._X
         PP: Any = self._PP
         axle_P: Any = self._axle_P
-        out: Any = [[0.0] * at.OUTPUTS for _ in range(n)]
+        out: Any
         if compiled:
             X, PP, axle_P, out = np.array(X), np.array(PP), np.array(axle_P), np.zeros((n, at.OUTPUTS))
+        else:
+            out = [[0.0] * at.OUTPUTS for _ in range(n)]
         weight, axle, memory = (state_in(s) for s in (self._weight, self._axle, self._memory))
         kernel.run(
             n,
