@@ -21,8 +21,8 @@ _EXACT = 2.0**53
 
 #: "0000" to "9999" as four characters each
 _FOUR_DIGITS = (
-    np.frombuffer("".join(f"{i:04d}" for i in range(_GROUP)).encode(), np.uint8).reshape(_GROUP, 4)
-).view("<u4")[:, 0]
+    (np.arange(_GROUP)[:, None] // (1000, 100, 10, 1) % 10 + _ZERO).astype(np.uint8).view("<u4")[:, 0]
+)
 _HEX_DIGITS = np.frombuffer(b"0123456789ABCDEF", np.uint8)
 #: "00" to "FF" as two characters each
 _HEX_PAIRS = np.stack([np.repeat(_HEX_DIGITS, 16), np.tile(_HEX_DIGITS, 16)], axis=1).copy().view("<u2")[:, 0]
