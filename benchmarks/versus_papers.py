@@ -68,6 +68,7 @@ def page(rows: list[dict[str, Any]], command: str) -> str:
         "delay). In town the load changes twice while the truck stands, and nobody can know before it moves:",
         "part of every method's error there is that time. Launches without a star are on a road without any",
         "slope and with nothing undeclared: the one place where assuming a constant grade is exactly right.",
+        "Bold: ours. `dgo` estimates no mass.",
         "",
         f"    {command}",
         "",

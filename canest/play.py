@@ -49,7 +49,11 @@ def play(
     try:
         out = can.Bus(interface=interface, channel=name)
     except Exception as error:  # each of python-can's interfaces has exceptions of its own
-        raise BusError(f"cannot be opened ({' '.join(str(error).split())})", where=bus) from None
+        raise BusError(
+            f"cannot be opened ({' '.join(str(error).split())})",
+            where=bus,
+            expected="an interface that is up (ip link), or another one, e.g. udp_multicast:239.74.163.2",
+        ) from None
     sent = dropped = long = 0
     started = begin = time.monotonic()
     first_us: int | None = None

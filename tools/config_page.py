@@ -92,7 +92,7 @@ MEANINGS: dict[str, str] = {
     "broadcast.name.arbitrary_address_capable": "may take another address on conflict",
     "broadcast.cvw": "send the mass as SPN 1760 in PGN 65136 too, only while valid",
     "broadcast.pcc1": "send the grade as SPN 7432 in PGN 61651 too: map-based controllers may act on it",
-    "service.learn": "off: start from nothing each time; on: keep learning; on+save: and remember",
+    "service.learn": "off: neither restore nor save what was learned; on: restore; on+save: both",
     "service.state_dir": "null: systemd's $STATE_DIRECTORY, else ~/.local/state/canest",
     "service.save_every_s": "how often what was learned is saved, s",
     "service.restore_std": "least relative doubt of a remembered mass",
@@ -204,7 +204,7 @@ def page() -> str:
         top = key.split(".")[0] if "." in key or not key else "top"
         if top != section:
             if rows:
-                title = "Top level" if section == "top" else f"`{section}`"
+                title = f"`{section}`" if section != "top" else "Top level" if rows[1:] else rows[0][0]
                 parts.append(f"## {title}\n\n" + _table(["key", "default", "allowed", "meaning"], rows))
             section, rows = top, []
         if key:
@@ -260,7 +260,13 @@ def _effects() -> str:
         "## Effects\n\nA list, e.g. `effects: [{effect: torque_gain, gain: 0.95}]`; `canest diagnose` writes "
     )
     text += "it. At its neutral value an effect changes nothing.\n"
-    text += "`driveline_loss` may name one `gear` of `vehicle.gear_ratios`; without one it acts in all.\n\n"
+    text += "`driveline_loss` may name one `gear` of `vehicle.gear_ratios`; without one it acts in all.\n"
+    text += (
+        "`switched_load` needs `signal`, the role that switches it: it acts above `threshold` (0.5), with a\n"
+        "power that goes with engine speed to the `exponent` (0; 3 for a fan) and is `power_kW` at\n"
+        "`reference_rpm` (1500). `retarder_unreported` acts while its `cause` is on: `pedal_up` (default),\n"
+        "`brake`, or a role.\n\n"
+    )
     return text + _table(["effect", "parameters", "meaning"], rows)
 
 

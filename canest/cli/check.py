@@ -110,9 +110,9 @@ def _config_line(name: str, config: Config) -> str:
         where = f"{signals} signals all columns of a table"
     else:
         where = f"{signals} signals, {signals - columns} in {databases} and {columns} columns of a table"
-    return (
-        f"{name}: config is right: {where}, estimator {config.estimator.name}, {len(config.effects)} effects"
-    )
+    count = len(config.effects)
+    effects = f"{count} effect{'' if count == 1 else 's'}"
+    return f"{name}: config is right: {where}, estimator {config.estimator.name}, {effects}"
 
 
 def _heard(report: Report) -> str:

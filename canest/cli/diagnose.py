@@ -28,8 +28,8 @@ Examples:
       mass or grade or both from a table with t_s, mass_kg, grade
   canest diagnose week/*.log.xz -c my-truck.yaml --truth auto -o found/
       many drives of one vehicle: fitted on some, judged on others
-  canest diagnose --recorded /var/lib/canest/residual -c my-truck.yaml -o found/
-      what the daemon kept of yesterday (service.residual_dir)
+  canest diagnose --recorded /var/lib/canest/NAME/recorded -c my-truck.yaml -o found/
+      what the service NAME kept of the last days (else: service.residual_dir)
   canest replay other.log -c found/revised.yaml
       the better model on another drive: the proof
 
@@ -211,13 +211,17 @@ def _show(diagnosis: Diagnosis, found: Sequence[Entry]) -> None:
     table.add_column("this data cannot tell it from")
     for entry in found[:SHOWN]:
         marks = ("[bold]", "[/]") if entry.selected else ("[dim]", "[/]")
-        cells = (entry_name(entry), entry_value(entry), f"{100 * entry.explained:.1f} %",
-                 ", ".join(entry.equivalent))  # fmt: skip
+        cells = (
+            ("* " if entry.selected else "  ") + entry_name(entry),
+            entry_value(entry),
+            f"{100 * entry.explained:.1f} %",
+            ", ".join(entry.equivalent),
+        )
         table.add_row(*(f"{marks[0]}{cell}{marks[1]}" for cell in cells))
     console.print(table)
     left = len(found) - SHOWN
-    if left > 0:
-        console.print(f"[dim]and {left} more in diagnosis.json; bold: added to the model[/]")
+    more = f"and {left} more in diagnosis.json; " if left > 0 else ""
+    console.print(f"[dim]{more}*: added to the model, removes what comes back without it; others: alone[/]")
     console.print()
 
 

@@ -20,7 +20,7 @@ Examples:
   canest replay drive.log -c my.yaml --truth drive.truth.csv --json -
   canest replay fleet/*.log.gz -c my.yaml -o results/ --truth auto
   canest replay trip.csv -c bmw-i3 --mass 1520             a table of decoded signals
-  canest replay drive.log --to socketcan:vcan0 --speed 2   onto a bus, twice as fast
+  canest replay drive.log --to socketcan:vcan0             onto a bus, as it was driven
 
 \b
 Logs: candump text in both its forms, .asc .blf .trc .mf4 .csv .db, and tables (.csv .parquet),
@@ -48,7 +48,13 @@ _TABLE_ENDINGS = (".csv", ".parquet", ".txt", "")
     metavar="INTERFACE:CHANNEL",
     help="Send the log onto a bus; estimate from it only where -o, --json or --report ask for it.",
 )
-@click.option("--speed", type=float, metavar="FACTOR", help="With --to: times real time (default 1).")
+@click.option(
+    "--speed",
+    type=float,
+    metavar="FACTOR",
+    help="With --to: times real time "
+    "(default 1; a daemon that listens takes frames as they come: at any other its mass is wrong).",
+)
 @click.option(
     "-j", "--jobs", "workers", type=click.IntRange(1), metavar="N", help="Logs at a time (default: cores)."
 )

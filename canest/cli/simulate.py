@@ -12,7 +12,8 @@ Examples:
   canest replay drives/pulse-21t.log -c drives/pulse-21t.yaml --truth auto
 
 The simulator shares no equation with the estimator. NAME.yaml is the config that an engineer would know:
-what a scenario lists under `undeclared:` is in the drive and not in the config.
+what a scenario lists under `undeclared:` is in the drive and not in the config. For one of your own copy
+a file of canest/simulate/scenarios/; a mistake in it is told with its line and key.
 """
 
 

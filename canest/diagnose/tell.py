@@ -56,4 +56,5 @@ def entry_name(entry: Entry) -> str:
 def entry_value(entry: Entry) -> str:
     """Return value, standard deviation and unit of the fitted parameter."""
     info = entry.candidate.info
-    return f"{info.neutral + entry.deviation:.4g} ± {entry.std:.2g} {info.unit}".strip()
+    value = getattr(entry.candidate.make(entry.deviation), entry.candidate.parameter)  # within its bounds
+    return f"{value:.4g} ± {entry.std:.2g} {info.unit}".strip()

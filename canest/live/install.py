@@ -60,7 +60,7 @@ def install(
     if str(executable).startswith(_HOMES):
         done.notes.append(
             f"canest is installed in {executable.parent}, which the unit's ProtectHome=yes hides: "
-            "install it in /opt/canest (python3 -m venv /opt/canest && /opt/canest/bin/pip install canest)"
+            "install it in /opt/canest (python3 -m venv /opt/canest && /opt/canest/bin/pip install CLONE)"
         )
     unit = root / "etc/systemd/system" / UNIT
     instance = name or (config.stem if config is not None else None)
@@ -72,7 +72,10 @@ def install(
             folder = root / "etc/canest"
             for source, file in ((config, f"{instance}.yaml"), *((d, d.name) for d in databases)):
                 if (folder / file).exists():
-                    done.notes.append(f"{folder / file} exists and was kept")
+                    done.notes.append(
+                        f"{folder / file} exists and was kept: edit it there, or remove it first; "
+                        "then systemctl reload"
+                    )
                 else:
                     _write(folder / file, source.read_bytes(), done)
     except OSError as error:

@@ -40,6 +40,8 @@ _IDS_REMEMBERED = 4096  #: a bus has some hundreds of identifiers, noise has mil
 _MAX_FRAMES = 4096  #: per drain, so that a flood cannot keep a tick from ending
 #: interfaces that hand our own frames back to us although asked not to (python-can 4.6)
 _ECHOING = frozenset({"udp_multicast"})
+#: extras of ours that bring what an interface of python-can needs
+_EXTRAS = {"udp_multicast": "multicast", "slcan": "serial", "serial": "serial", "robotell": "serial"}
 _OURS_US = 1_000_000  #: stamps this close to the system's clock come from it
 
 
@@ -72,7 +74,11 @@ class PythonCanReceiver:
             self._open()
         except (can.CanInterfaceNotImplementedError, ImportError) as error:
             raise BusError(
-                f"cannot be used ({error})", where=f"bus.interface {bus.interface}", expected="its driver"
+                f"cannot be used ({error})",
+                where=f"bus.interface {bus.interface}",
+                expected=f"its driver: pip install 'canest[{_EXTRAS[bus.interface]}]'"
+                if bus.interface in _EXTRAS
+                else "its driver (see python-can's page of this interface)",
             ) from error
 
     def collect(self) -> bool:

@@ -172,6 +172,7 @@ def test_a_cutoff_at_half_the_sampling_rate_is_refused_with_its_reason() -> None
         ),
         ("{effect: wheel_slip, mass_kg: 0}", "wheel_slip.mass_kg, found 0, expected 50 to"),
         ("{effect: switched_load, signal: compressor}", "needs the signal compressor"),
+        ("{effect: switched_load, power_kW: 20}", "switched_load: without signal it never acts"),
         ("headwind", "found 'headwind', expected a section"),
     ],
 )

@@ -40,6 +40,8 @@ class Effect:
     parameters: ClassVar[dict[str, Parameter]] = {}
     #: further numbers of a config entry, with their bounds
     settings: ClassVar[dict[str, Parameter]] = {}
+    #: keys without which the effect does nothing
+    required: ClassVar[tuple[str, ...]] = ()
 
     @property
     def signal(self) -> str | None:
@@ -86,6 +88,9 @@ def effect_from_config(entry: Mapping[str, Any], where: str = "effects") -> Effe
                 f"{name}: unknown key {key}", where=where, expected="one of " + ", ".join(sorted(known))
             )
         _check(f"{name}.{key}", value, hints[known[key]], {**cls.parameters, **cls.settings}.get(key), where)
+    for key in cls.required:
+        if values.get(key) is None:
+            raise ConfigError(f"{name}: without {key} it never acts", where=where, expected=f"{key}: ROLE")
     return cls(**{known[key]: value for key, value in values.items()})
 
 

@@ -91,13 +91,14 @@ class SwitchedLoad(Effect):
 
     name: ClassVar[str] = "switched_load"
     stage: ClassVar[Stage] = "crank"
-    text: ClassVar[str] = "power taken at the crank while a signal or a regime is on"
+    text: ClassVar[str] = "power taken at the crank while a signal is on"
     parameters: ClassVar[dict[str, Parameter]] = {"power_kW": Parameter("kW", 0.0, 0.0, 400.0, 2.0)}
     settings: ClassVar[dict[str, Parameter]] = {
         "threshold": Parameter("", 0.5, -1e6, 1e6, 0.1),
         "exponent": Parameter("", 0.0, -3.0, 3.0, 1.0),
         "reference_rpm": Parameter("rpm", 1500.0, 100.0, 20_000.0, 100.0),
     }
+    required: ClassVar[tuple[str, ...]] = ("signal",)
     power_kW: float = 0.0
     #: the role that switches it (as the signal map names it)
     on_signal: str | None = None
