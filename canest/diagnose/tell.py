@@ -55,6 +55,5 @@ def entry_name(entry: Entry) -> str:
 
 def entry_value(entry: Entry) -> str:
     """Return value, standard deviation and unit of the fitted parameter."""
-    info = entry.candidate.info
-    value = getattr(entry.candidate.make(entry.deviation), entry.candidate.parameter)  # within its bounds
-    return f"{value:.4g} ± {entry.std:.2g} {info.unit}".strip()
+    fitted = entry.parameters()[entry.candidate.parameter]
+    return f"{fitted['value']:.4g} ± {entry.std:.2g} {fitted['unit']}".strip()

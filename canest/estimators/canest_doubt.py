@@ -103,9 +103,15 @@ def proven(memory: Container) -> float:
 
 
 @fast.kernel
+def forget(memory: Container) -> None:
+    """Forget what torque has told of the mass."""
+    memory[EFFORT] = memory[FELT] = memory[HERE_M] = memory[HERE_EFFORT] = 0.0
+
+
+@fast.kernel
 def unload(memory: Container) -> None:
     """Forget what torque has told: the vehicle has stood long enough to carry another load."""
-    memory[EFFORT] = memory[FELT] = memory[HERE_M] = memory[HERE_EFFORT] = 0.0
+    forget(memory)
     if memory[LASTED_S] >= PROOF_S:
         memory[BEFORE_U] = memory[HELD_U]
 
@@ -129,5 +135,5 @@ def surprise(memory: Container, ds: float) -> tuple[bool, bool]:
     if surprised:
         memory[BIASED] = memory[SURPRISED_M] = 0.0
     if again:
-        memory[EFFORT] = memory[FELT] = memory[HERE_M] = memory[HERE_EFFORT] = 0.0
+        forget(memory)
     return surprised, again

@@ -73,12 +73,11 @@ class PythonCanReceiver:
         try:
             self._open()
         except (can.CanInterfaceNotImplementedError, ImportError) as error:
+            extra = _EXTRAS.get(bus.interface)
             raise BusError(
                 f"cannot be used ({error})",
                 where=f"bus.interface {bus.interface}",
-                expected=f"its driver: pip install 'canest[{_EXTRAS[bus.interface]}]'"
-                if bus.interface in _EXTRAS
-                else "its driver (see python-can's page of this interface)",
+                expected="its driver" + (f": pip install canest[{extra}]" if extra else ""),
             ) from error
 
     def collect(self) -> bool:
