@@ -51,7 +51,7 @@ MEANINGS: dict[str, str] = {
     "signals": "role: where it comes from; see below",
     "sampling.hold_s": "ticks go on this long after the last wanted frame, then the grid sleeps, s",
     "sampling.max_backward_s": "a clock set back further starts a new epoch; less is mended and counted, s",
-    "sampling.time_column": "column of decoded tables that holds seconds",
+    "sampling.time_column": "column of decoded tables that holds the time: seconds, or ISO 8601",
     "filter.order": "of the Butterworth that the whole regression passes",
     "filter.cutoff_hz": "its -3 dB frequency, below 25 Hz (half the sampling rate)",
     "gates.*.enabled": ENABLED,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -18,22 +19,27 @@ class _Shown:
     """A rich progress bar that appears late or never; use as a context manager."""
 
     def __init__(self, text: str, total: float | None = None) -> None:
-        self._text, self._total = text, total
+        self._text, self._total, self._done = text, total, 0.0
         self._begin = time.monotonic()
         self._progress: Progress | None = None
         self._task: Any = None
+        self._lock = threading.Lock()
 
     def _show(self, done: float, total: float | None) -> None:
-        if self._progress is None:
-            if time.monotonic() - self._begin < PATIENCE_S or not sys.stderr.isatty():
-                return
-            from rich.console import Console
-            from rich.progress import Progress
+        self._done, self._total = done, total
+        if time.monotonic() - self._begin >= PATIENCE_S and sys.stderr.isatty():
+            self._draw()
 
-            self._progress = Progress(console=Console(stderr=True), transient=True)
-            self._task = self._progress.add_task(self._text, total=total)
-            self._progress.start()
-        self._progress.update(self._task, completed=done, total=total, description=self._text)
+    def _draw(self) -> None:
+        with self._lock:
+            if self._progress is None:
+                from rich.console import Console
+                from rich.progress import Progress
+
+                self._progress = Progress(console=Console(stderr=True), transient=True)
+                self._task = self._progress.add_task(self._text, total=self._total)
+                self._progress.start()
+            self._progress.update(self._task, completed=self._done, total=self._total, description=self._text)
 
     def __enter__(self) -> Any:
         return self
@@ -41,12 +47,31 @@ class _Shown:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._progress is not None:
-            self._progress.stop()
+        with self._lock:
+            if self._progress is not None:
+                self._progress.stop()
 
 
 class Bar(_Shown):
-    """Progress through one log, by bytes."""
+    """Progress through one log, by bytes; it appears even while nothing is done yet.
+
+    The first log after an update may wait for a quarter of a minute until numba has compiled.
+    """
+
+    def __enter__(self) -> Any:
+        self._timer = threading.Timer(PATIENCE_S, self._draw)
+        self._timer.daemon = True
+        if sys.stderr.isatty():
+            self._timer.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._timer.cancel()
+        if self._timer.is_alive():
+            self._timer.join()
+        super().__exit__(kind, error, trace)
 
     def update(self, done: int, total: int) -> None:
         """Take note of the bytes done, of all (0: unknown)."""

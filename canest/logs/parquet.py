@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from canest.errors import LogError
 from canest.logs.blocks import TableBlock
 from canest.logs.compression import Source
-from canest.logs.tables import TableReader, number_of
+from canest.logs.tables import TableReader, number_of, seconds_of
 
 _READ_BYTES = 1 << 20
 
@@ -59,8 +59,9 @@ class ParquetReader(TableReader):
         if floats is not None:
             return floats
         numbers = np.full(len(column), np.nan)
+        read = seconds_of if name == self._time_column else number_of
         for row, cell in enumerate(column.to_pylist()):
-            value = None if cell is None else number_of(str(cell))
+            value = None if cell is None else read(str(cell))
             if value is not None:
                 numbers[row] = value
             elif cell is not None and str(cell).strip():

@@ -33,7 +33,7 @@ def open_log(
 
     wanted: identifiers uint32 (n,) with flags -> which frames to deliver; all are counted.
     channel: deliver this interface only; None for all.
-    time_column: the column of a decoded table that holds seconds.
+    time_column: the column of a decoded table that holds the time, in seconds or as ISO 8601.
     columns: the columns of a decoded table to deliver; None for all.
     block_frames: about how many frames or rows a block holds; memory does not depend on the log's length.
 

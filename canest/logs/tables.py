@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Collection, Iterator
+from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ _TEXT_BYTES = 1 << 18
 #: where int64 microseconds end, with room to spare
 _SECONDS_MAX = 9e12
 _SEPARATORS = (",", ";", "\t")
+_NO_TIME = "no time, neither in seconds nor as 2026-03-01T08:15:00.020Z"
 _TRUTH = {"false": 0.0, "true": 1.0}
 
 
@@ -103,7 +105,7 @@ class TableReader(LogReader):
         timed = np.isfinite(values[:, 0]) & (np.abs(values[:, 0]) < _SECONDS_MAX)
         for row in np.flatnonzero(~timed).tolist():
             found = self._text_times.get(int(numbers[row]), values[row, 0])
-            self._skip(int(numbers[row]), f"{self._time_column} = {found}", "no time in seconds")
+            self._skip(int(numbers[row]), f"{self._time_column} = {found}", _NO_TIME)
         self._text_times.clear()
         if not timed.all():
             values = values[timed]
@@ -209,7 +211,7 @@ class CsvReader(TableReader):
             if len(cells) != len(self.columns):
                 self._skip(number, line, f"{len(cells)} cells where the header has {len(self.columns)}")
                 continue
-            row = [number_of(cells[position]) for position in chosen]
+            row = [seconds_of(cells[chosen[0]]), *(number_of(cells[position]) for position in chosen[1:])]
             for position, name, value in zip(chosen, names, row, strict=True):
                 if value is None and cells[position].strip():
                     self._note_text(name, number, cells[position])
@@ -224,3 +226,18 @@ def number_of(cell: str) -> float | None:
         return float(cell)
     except ValueError:
         return _TRUTH.get(cell.strip().lower())
+
+
+def seconds_of(cell: str) -> float | None:
+    """Return the time in a cell: a number, or the seconds since 1970 of a date and time (ISO 8601).
+
+    Without a zone it is UTC, as it is in parquet. None for other text and for nothing.
+    """
+    seconds = number_of(cell)
+    if seconds is not None:
+        return seconds
+    try:
+        when = datetime.fromisoformat(cell.strip())
+    except ValueError:
+        return None
+    return (when if when.tzinfo is not None else when.replace(tzinfo=UTC)).timestamp()

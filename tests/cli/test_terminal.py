@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import time
 
 import pytest
 from rich.console import Console
@@ -72,6 +73,16 @@ class TestProgress:
         monkeypatch.setenv("TERM", "xterm")
         with progress.Bar("drive") as bar:
             bar.update(5, 10)
+        assert "drive" in stream.getvalue()
+
+    def test_a_bar_while_nothing_is_done_yet(self, monkeypatch):
+        stream = self.terminal(monkeypatch)
+        monkeypatch.setattr(progress, "PATIENCE_S", 0.01)
+        monkeypatch.setenv("TERM", "xterm")
+        with progress.Bar("drive"):
+            until = time.monotonic() + 10.0
+            while "drive" not in stream.getvalue() and time.monotonic() < until:
+                time.sleep(0.01)
         assert "drive" in stream.getvalue()
 
     def test_nothing_where_nobody_looks(self, monkeypatch, capsys):

@@ -59,13 +59,26 @@ def test_truth_values_are_0_and_1_in_csv_as_they_are_in_parquet(tmp_path):
     assert read(tmp_path / "a.parquet")[0].columns["brake"].tolist() == [0.0, 1.0]
 
 
-def test_a_time_that_is_no_number_of_seconds_is_shown(tmp_path):
-    path = write(tmp_path / "a.csv", "t_s,v\ns,m/s\n0.1,1\n2024-01-01 00:00:00,2\n")
-    told = ["t_s = s", "t_s = 2024-01-01 00:00:00"]
+def test_a_time_that_is_none_is_shown(tmp_path):
+    path = write(tmp_path / "a.csv", "t_s,v\ns,m/s\n0.1,1\n01.02.2024 00:00:00,2\n")
+    told = ["t_s = s", "t_s = 01.02.2024 00:00:00"]
     assert [text for _, text, _ in read(path)[1].skipped] == told
     path = tmp_path / "a.parquet"
-    pq.write_table(pa.table({"t_s": ["s", "0.1", "2024-01-01 00:00:00"], "v": [0.0, 1.0, 2.0]}), path)
+    pq.write_table(pa.table({"t_s": ["s", "0.1", "01.02.2024 00:00:00"], "v": [0.0, 1.0, 2.0]}), path)
     assert [text for _, text, _ in read(path)[1].skipped] == told
+
+
+@pytest.mark.parametrize(
+    "stamp",
+    ["2024-01-01T00:00:00.020Z", "2024-01-01 00:00:00.020", "2023-12-31T19:00:00.020-05:00"],
+)
+def test_a_date_and_a_time_are_seconds_since_1970(tmp_path, stamp):
+    path = write(tmp_path / "a.csv", f"time,v\n{stamp},1\n{stamp.replace('.020', '.040')},2\n")
+    block, reader = read(path, time_column="time")
+    assert block.t_us.tolist() == [1_704_067_200_020_000, 1_704_067_200_040_000]
+    assert (block.columns["v"].tolist(), reader.skipped_lines) == ([1.0, 2.0], 0)
+    pq.write_table(pa.table({"time": [stamp], "v": [1.0]}), tmp_path / "a.parquet")
+    assert read(tmp_path / "a.parquet", time_column="time")[0].t_us.tolist() == [1_704_067_200_020_000]
 
 
 def test_durations_are_seconds_as_time_stamps_are(tmp_path):
