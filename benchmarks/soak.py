@@ -11,7 +11,6 @@ memory grows by 2 MB or more after the first ten minutes, or any descriptor is l
 from __future__ import annotations
 
 import argparse
-import gc
 import os
 import sys
 import tempfile
@@ -24,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from canest.config import load_config
 from canest.simulate.reading import load_scenario
 from canest.simulate.run import simulate
-from tests.live.rig import Rig, descriptors
+from tests.live.rig import Rig, descriptors, resident_kb
 
 DRIVE_S, STOP_S = 600.0, 20.0
 WARM_S = 600.0
@@ -39,9 +38,7 @@ class Patch:
 
 
 def resident_mb() -> float:
-    gc.collect()
-    with Path("/proc/self/statm").open() as file:
-        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+    return resident_kb() / 1024
 
 
 def main() -> int:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import csv
+import ctypes
+import gc
 import io
 import itertools
+import os
 import time
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
 
+from canest.config import load_config
 from canest.frames import FrameBlock
 from canest.live import node as node_module
 from canest.live.daemon import Daemon
@@ -151,3 +156,23 @@ def wait_for(condition, timeout_s=5.0):
             return False
         time.sleep(0.02)
     return False
+
+
+def config(tmp_path, *changes, name="vcan"):
+    base = [f"service.state_dir={tmp_path}", "service.learn='off'", "estimator.name=canest"]
+    return load_config(name, [*base, *changes])
+
+
+def rows(path):
+    with path.open() as file:
+        return {r["t_s"]: tuple(r.values()) for r in csv.DictReader(file)}
+
+
+def resident_kb():
+    """Return what this process holds of memory, once freed pages are given back.
+
+    A rig is fed with large drives: what glibc keeps of their room would count as growth.
+    """
+    gc.collect()
+    ctypes.CDLL(None).malloc_trim(0)
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") // 1024

@@ -1,0 +1,46 @@
+"""Which receiver a bus gets, and who may send on it."""
+
+from __future__ import annotations
+
+import pytest
+
+from canest.config.bus import Broadcast, Bus
+from canest.errors import BusError
+from canest.live.link import may_transmit, open_link
+from canest.live.pythoncan import PythonCanReceiver
+from canest.live.socketcan import SocketCanReceiver
+
+
+def test_a_receiver_has_no_way_to_send():
+    for kind in (SocketCanReceiver, PythonCanReceiver):
+        assert not any("send" in name or "transmit" in name for name in dir(kind))
+
+
+def test_listen_only_opens_no_transmitter():
+    receiver, transmitter = open_link(Bus(interface="virtual", channel="quiet"), [], transmit=False)
+    receiver.close()
+    assert transmitter is None
+
+
+@pytest.mark.parametrize(
+    ("interface", "channel", "section", "may"),
+    [
+        ("socketcan", "can0", {}, False),
+        ("socketcan", "slcan0", {}, False),
+        ("pcan", "PCAN_USBBUS1", {}, False),
+        ("socketcan", "vcan0", {}, True),
+        ("virtual", "x", {}, True),
+        ("udp_multicast", "239.0.0.1", {}, True),
+        ("socketcan", "can0", {"enabled": True}, True),
+        ("socketcan", "vcan0", {"enabled": False}, False),
+        ("socketcan", "can0", {"enabled": True, "listen_only": True}, False),
+        ("virtual", "x", {"listen_only": True}, False),
+    ],
+)
+def test_a_physical_bus_is_never_sent_on_unless_asked(interface, channel, section, may):
+    assert may_transmit(Bus(interface=interface, channel=channel), Broadcast(**section)) is may
+
+
+def test_an_interface_python_can_does_not_know_is_one_plain_error():
+    with pytest.raises(BusError, match="no_such"):
+        open_link(Bus(interface="no_such", channel="x"), [], transmit=False)

@@ -1,0 +1,126 @@
+"""The receiver over python-can."""
+
+from __future__ import annotations
+
+import errno
+import gc
+import time
+
+import can
+import pytest
+
+from canest.config.bus import Bus
+from canest.decode import j1939
+from canest.live.link import open_link
+from tests.live.wire import ID, settle
+
+
+@pytest.fixture
+def virtual():
+    filters = [j1939.kernel_filter(65265)]
+    receiver, transmitter = open_link(Bus(interface="virtual", channel="t"), filters, transmit=True)
+    with can.Bus(interface="virtual", channel="t") as other:
+        yield receiver, transmitter, other
+    receiver.close()
+
+
+def frame(can_id, data=b"\x01\x02", **kwargs):
+    return can.Message(arbitration_id=can_id & 0x1FFFFFFF, is_extended_id=True, data=data, **kwargs)
+
+
+def test_python_can_frames_arrive_filtered_and_whole(virtual):
+    receiver, _, other = virtual
+    for _ in range(100):  # what is not wanted must not hide what is
+        other.send(frame(0x18FF0000))
+        other.send(frame(ID))
+    drained = receiver.drain()
+    assert drained.frames.can_id.tolist() == [ID] * 100
+    assert drained.frames.data.tolist() == [0x0201] * 100
+    assert drained.reached_us is not None
+
+
+def test_stamps_of_another_clock_make_no_promise_about_time():
+    receiver, _ = open_link(
+        Bus(interface="virtual", channel="u", options={"preserve_timestamps": True}), [(0, 0)], transmit=False
+    )
+    with can.Bus(interface="virtual", channel="u", preserve_timestamps=True) as other:
+        other.send(frame(ID, timestamp=1_700_000_000.25))
+        drained = receiver.drain()
+    receiver.close()
+    assert drained.frames.t_us.tolist() == [1_700_000_000_250_000]
+    assert drained.reached_us is None
+
+
+def test_python_can_sends_and_its_failures_are_counted(virtual):
+    receiver, transmitter, other = virtual
+    assert transmitter.send(ID, b"\x07")
+    assert other.recv(1).data == b"\x07"
+    receiver._bus.send = lambda *a, **k: (_ for _ in ()).throw(can.CanOperationError("full"))
+    assert not transmitter.send(ID, b"\x07")
+    receiver.close()
+    assert not transmitter.send(ID, b"\x07")
+    assert transmitter.counters == {"sent": 1, "dropped_send_failed": 1, "dropped_interface_absent": 1}
+
+
+def test_an_unplugged_adapter_is_opened_again(virtual):
+    receiver, _, other = virtual
+
+    def unplugged(*_):
+        raise can.CanOperationError("device removed")
+
+    receiver._bus.recv = unplugged
+    assert len(receiver.drain().frames) == 0
+    assert receiver.state == "absent" and receiver.reason == "device removed"
+    end = time.monotonic() + 2
+    while receiver.state != "up" and time.monotonic() < end:
+        receiver.drain()
+        time.sleep(0.02)
+    other.send(frame(ID))
+    assert len(receiver.drain().frames) == 1
+    assert receiver.opened == 2 and receiver.counters["interface_lost"] == 1
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (OSError(errno.ENODEV, "No such device"), "No such device"),
+        (can.CanInitializationError("no adapter\n at COM3"), "no adapter at COM3"),
+        (NameError("name 'canOpen' is not defined"), "NameError: name 'canOpen' is not defined"),
+        (OSError(), "OSError"),
+    ],
+)
+def test_a_bus_that_cannot_be_opened_says_why_and_is_tried_again(monkeypatch, caplog, error, reason):
+    class Absent(can.BusABC):
+        def __init__(self, **_):
+            raise error
+
+        def send(self, msg, timeout=None):
+            raise NotImplementedError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(can, "Bus", Absent)
+        receiver, _ = open_link(Bus(interface="virtual", channel="late"), [], transmit=False)
+        error.__traceback__ = None  # it holds the bus that never was
+        gc.collect()
+    assert receiver.state == "absent" and receiver.reason == reason
+    assert "not properly shut down" not in caplog.text
+    receiver._retry_at_s = 0.0
+    receiver.drain()
+    assert receiver.state == "up" and not receiver.reason
+    receiver.close()
+
+
+def test_on_multicast_our_own_frames_do_not_come_back_as_a_strangers():
+    pytest.importorskip("msgpack")
+    bus = Bus(interface="udp_multicast", channel="239.74.163.9", options={"port": 43219})
+    try:
+        receiver, transmitter = open_link(bus, [(0, 0)], transmit=True)
+        stranger, other = open_link(bus, [(0, 0)], transmit=True)
+    except OSError:
+        pytest.skip("no multicast on this machine")
+    transmitter.send(ID, b"ours")
+    other.send(ID, b"theirs")
+    heard, _ = settle(receiver.drain, 1)
+    assert [int(f[3]).to_bytes(6, "little") for f in heard] == [b"theirs"]
+    receiver.close()
+    stranger.close()
