@@ -98,7 +98,13 @@ def resolution_of(config: Config) -> dict[str, float]:
             step = _step(config, role)
             steps["speed"] = 0.01 if step is None else step * scale
             break
-    for role, scale in (("engine_torque", 1.0), ("engine_torque_pct", 0.01 * reference)):
+    torques = {
+        "wheel_torque": 1.0,
+        "half_shaft_torque_left": 2.0**0.5,  # and the right one
+        "engine_torque": 1.0,
+        "engine_torque_pct": 0.01 * reference,
+    }
+    for role, scale in torques.items():
         step = _step(config, role)
         if step is not None:
             steps["torque"] = step * scale

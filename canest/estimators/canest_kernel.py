@@ -99,6 +99,8 @@ _GUST_MPS, _GUST_S = 0.15, 5.0
 #: a satellite altitude wanders (2 m in a minute, whether the vehicle moves or not), m2/s; and the std of one
 #: reading, m
 _HEIGHT_WANDER, _HEIGHT_STD_M = 0.07, 2.5
+#: an altitude this many squared stds from where the road leads has leapt
+_LEAP = 25.0
 #: force that the model lacks: share of the traction, correlated over this time (torque holes, oscillation);
 #: more in overrun, where friction torque is coarse and brakes blend in
 _FORCE_SHARE, _OVERRUN_SHARE, _FORCE_S = 0.02, 0.1, 0.2
@@ -298,14 +300,17 @@ def run(
                 told += likelihood(e, s)
                 sensed_found = surplus(e, s)
             if climbs:
-                if memory[HAS_HEIGHT] > 0.0:
-                    e, s = correct(
-                        x, P, w, first, altitude[k], _HEIGHT_STD_M * _HEIGHT_STD_M,
+                r = _HEIGHT_STD_M * _HEIGHT_STD_M
+                e, s = altitude[k] - x[HEIGHT], P[HEIGHT][HEIGHT] + r
+                if high:
+                    told += likelihood(e, s)
+                if high and e * e < _LEAP * s:
+                    correct(
+                        x, P, w, first, altitude[k], r,
                         HEIGHT, 1.0, Q, 0.0, Q, 0.0, Q, 0.0, Q, 0.0,
                     )  # fmt: skip
-                    told += likelihood(e, s)
-                else:
-                    widen(P, HEIGHT, _HEIGHT_STD_M * _HEIGHT_STD_M)
+                else:  # the first one, or satellites found anew: no road leads there
+                    widen(P, HEIGHT, r)
                     x[HEIGHT] = altitude[k]
             odds += told if m == STRAIGHT else -told
             share = weight[m]

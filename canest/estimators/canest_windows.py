@@ -20,6 +20,7 @@ TICKS = 10  #: samples per window; 0.2 s, about the correlation time of speeds f
 WINDOW_S = TICKS * STEP_S
 SHIFT = 4  #: ticks that torque is typically late
 _REACH = TICKS + SHIFT + 1  #: samples before its last one that a window looks back to
+_LONGEST_S = 86_400.0  #: a gap beyond a day is one of the clock
 _SETTLED = 50  #: ticks after which a filter that began anew shows accelerations as they are
 
 #: columns of a window, in the kernel's order
@@ -181,8 +182,10 @@ class Windows:
             is_open &= sound
             retarding &= sound
             coarse &= sound
+        between_s = (ticks[ends] - before - TICKS) * STEP_S
         columns = [
-            (ticks[ends] - before - TICKS) * STEP_S,
+            # no time runs backwards where a clock is set back, and no vehicle waits for years
+            np.where(between_s < 0.0, WINDOW_S, np.minimum(between_s, _LONGEST_S)),
             np.maximum(mean_speed, 0.0) * WINDOW_S,
             before_mps,
             first_N,

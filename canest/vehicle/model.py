@@ -18,6 +18,7 @@ import numpy as np
 
 from canest.columns import constant, shifted
 from canest.config.schema import Config
+from canest.decode.validity import GEAR_PARK
 from canest.frames import BoolColumn, FloatColumn
 from canest.grid.grid import GridBlock
 from canest.vehicle.columns import Columns
@@ -35,6 +36,10 @@ AIR_R = 287.05
 MAX_FORCE_N = 1e7
 #: a shaft slower than this tells nothing about the ratio, rpm
 MIN_SHAFT_RPM = 50.0
+#: neutral and park, as gear numbers
+_NOTHING_ENGAGED = (0.0, GEAR_PARK)
+#: speeds that turn with the driven wheels
+_DRIVEN = ("output_shaft_speed", "engine_speed", "vehicle_speed")
 #: a gear ratio found from shaft speeds is snapped to a table entry this close, relative
 RATIO_SNAP = 0.05
 
@@ -77,6 +82,7 @@ class LongitudinalModel:
         self._ratios = np.array([self.vehicle.gear_ratios[int(g)] for g in self._gears], np.float64)
         self._last_speed_mps = np.nan
         self._first_us: int | None = None
+        self._last_us = 0
 
     def required_roles(self) -> tuple[str, ...]:
         """Return the roles without which there is no force."""
@@ -98,8 +104,12 @@ class LongitudinalModel:
         self._run("crank", c)
         self._run("driveline", c)
         # losses always take: a driving engine gives less to the wheels, an overrun one takes more from them
-        per_torque = c.ratio / c.radius_m * np.where(c.torque_Nm < 0, 1.0 / c.efficiency, c.efficiency)
-        traction = c.wheel_torque_Nm / c.radius_m if self.at_wheels else c.torque_Nm * per_torque
+        if self.at_wheels:
+            per_torque = 1.0 / c.radius_m
+            traction = c.wheel_torque_Nm * per_torque
+        else:
+            per_torque = c.ratio / c.radius_m * np.where(c.torque_Nm < 0, 1.0 / c.efficiency, c.efficiency)
+            traction = c.torque_Nm * per_torque
         c.notes["traction_N"] = traction
         self._speed(c)
         self._run("road", c)
@@ -121,8 +131,12 @@ class LongitudinalModel:
 
     def _columns(self, grid: GridBlock) -> Columns:
         n, v = len(grid), self.vehicle
+        first_us = int(grid.t_us[0])
         if self._first_us is None:
-            self._first_us = int(grid.t_us[0])
+            self._first_us = first_us
+        elif first_us <= self._last_us:  # the clock was set back, the vehicle drove on
+            self._first_us -= self._last_us - first_us
+        self._last_us = int(grid.t_us[-1])
         ratio, gear = self._ratio_and_gear(grid.values, n)
         efficiency = constant(v.driveline_efficiency, n)
         for number, value in v.gear_efficiency.items():
@@ -132,7 +146,7 @@ class LongitudinalModel:
             t_us=grid.t_us,
             elapsed_s=(grid.t_us - self._first_us).astype(np.float64) * 1e-6,
             torque_Nm=zero,
-            engine_radps=self._engine_radps(grid.values, n),
+            engine_radps=self._engine_radps(grid.values, ratio),
             ratio=ratio * v.final_drive,
             gear=gear,
             radius_m=constant(v.wheel_radius_m, n),
@@ -151,10 +165,14 @@ class LongitudinalModel:
             notes={"nominal_mass_kg": constant((v.mass_min_kg * v.mass_max_kg) ** 0.5, n)},
         )
 
-    @staticmethod
-    def _engine_radps(values: Mapping[str, FloatColumn], n: int) -> FloatColumn:
-        speed = values.get("engine_speed")
-        return constant(math.nan, n) if speed is None else speed * RPM_TO_RADPS
+    def _engine_radps(self, values: Mapping[str, FloatColumn], ratio: FloatColumn) -> FloatColumn:
+        """Return the crank's speed; where no role tells it, what the wheels turn it with."""
+        if "engine_speed" in values:
+            return values["engine_speed"] * RPM_TO_RADPS
+        role = self.speed_roles[0]
+        if role == "output_shaft_speed":
+            return values[role] * RPM_TO_RADPS * ratio
+        return values[role] / self.vehicle.wheel_radius_m * self.vehicle.final_drive * ratio
 
     def _density(self, values: Mapping[str, FloatColumn], n: int) -> FloatColumn:
         pressure, temperature = values.get("barometric_pressure"), values.get("ambient_temperature")
@@ -178,8 +196,12 @@ class LongitudinalModel:
             ratio = table if ratio is None else np.where(ratio > 0, ratio, table)
         if ratio is None:
             ratio = self._shaft_ratio(values, n)
-        elif np.count_nonzero(unknown := np.isnan(ratio)):
-            ratio = np.where(unknown, self._shaft_ratio(values, n), ratio)
+        else:
+            unknown = np.isnan(ratio)
+            if gear is not None:  # whoever knows the gear knows that nothing is engaged
+                unknown &= ~np.isin(gear, _NOTHING_ENGAGED)
+            if np.count_nonzero(unknown):
+                ratio = np.where(unknown, self._shaft_ratio(values, n), ratio)
         if gear is None:
             nearest = np.abs(np.log(np.where(ratio > 0, ratio, 1.0))[:, None] - np.log(self._ratios)).argmin(
                 1
@@ -216,7 +238,8 @@ class LongitudinalModel:
             friction = c.signal("engine_friction_pct", self.vehicle.friction_torque_pct)
             c.torque_Nm = (c.signals[role] - friction) * 0.01 * reference
         retarder = self.vehicle.retarder
-        if retarder is not None and "retarder_torque_pct" in self.roles:
+        # torque measured at the wheels already has what a retarder takes
+        if retarder is not None and "retarder_torque_pct" in self.roles and not self.at_wheels:
             # SPN 520 is negative while braking
             torque = (
                 0.01
@@ -242,11 +265,17 @@ class LongitudinalModel:
                 )
             else:
                 candidate = c.signals[role]
-            speed = candidate if speed is None else np.where(np.isnan(speed), candidate, speed)
+            by_drive = float(role in _DRIVEN)
+            if speed is None:
+                speed, driven = candidate, constant(by_drive, len(candidate))
+            else:
+                lacking = np.isnan(speed)
+                speed, driven = np.where(lacking, candidate, speed), np.where(lacking, by_drive, driven)
             if not np.count_nonzero(np.isnan(speed)):
                 break
         assert speed is not None  # `speed_roles` is never empty
         c.speed_mps = speed
+        c.notes["driven"] = driven
         self._run("speed", c)
         speed = c.speed_mps
         before = shifted(speed, self._last_speed_mps)

@@ -50,7 +50,7 @@ class Regression:
         wanted = config.gates.low_excitation.enabled
         use = excitation_gate if wanted is None else wanted
         self._excitation = Excitation(config) if use else None
-        names = ("speed", "force", "traction", "accelerometer", "undriven")
+        names = ("speed", "force", "traction", "aero", "mu", "accelerometer", "undriven")
         self._filters = {n: Filter(config.filter.order, config.filter.cutoff_hz) for n in names}
         self._held = {n: _Held() for n in names}
         self._last_filtered_mps = np.nan
@@ -67,6 +67,7 @@ class Regression:
         speed, started = self._filtered("speed", raw.speed_mps, moving, grid)
         force, _ = self._filtered("force", raw.force_N, raw.usable, grid)
         traction, _ = self._filtered("traction", raw.traction_N, raw.usable, grid)
+        aero, _ = self._filtered("aero", raw.aero_N, raw.usable, grid)
         before = shifted(speed, self._last_filtered_mps)
         accel = np.where(started | np.isnan(before), 0.0, speed - before) / STEP_S
         self._last_filtered_mps = float(speed[-1])
@@ -85,9 +86,9 @@ class Regression:
             speed_mps=speed,
             accel_mps2=accel,
             force_N=force,
-            mu=np.where(np.isfinite(c.mu), c.mu, self.model.vehicle.rolling_resistance),
+            mu=self._rolling(c, grid),
             traction_N=traction,
-            aero_N=raw.aero_N,
+            aero_N=aero,
             force_per_torque_1pm=raw.force_per_torque_1pm,
             rotating_mass_kg=raw.rotating_mass_kg,
             undriven_mps=self._sensor("undriven", c.signals.get("undriven_speed"), grid),
@@ -103,6 +104,13 @@ class Regression:
             stopped=np.abs(raw.speed_mps) < STANDSTILL_MPS,
             ax_ok=np.isfinite(accelerometer) & np.isfinite(raw.speed_mps) & ~doubtful,
         )
+
+    def _rolling(self, c: Columns, grid: GridBlock) -> FloatColumn:
+        """Return the rolling resistance coefficient, filtered where an effect lets it change."""
+        if not self.model.effects:
+            return c.mu
+        mu = np.where(np.isfinite(c.mu), c.mu, self.model.vehicle.rolling_resistance)
+        return self._filtered("mu", mu, constant(True, len(mu)), grid)[0]
 
     def _filtered(
         self, name: str, x: FloatColumn, usable: BoolColumn, grid: GridBlock

@@ -8,8 +8,10 @@ import sys
 import pytest
 from decode_helpers import shipped_database, wants
 
+from canest.config import load_config
 from canest.decode import Decoder
 from canest.decode.database import find_signal, load
+from canest.decode.signal_map import resolution_of
 from canest.errors import ConfigError
 from canest.resources import shipped
 
@@ -83,3 +85,7 @@ def test_first_database_that_has_the_message_counts(tmp_path):
     path.write_text('BO_ 291 EEC1: 8 X\n SG_ EngSpeed : 0|8@1+ (100,0) [0|0] "rpm" X\n')
     message, signal = find_signal([load(path), shipped_database()], "EEC1", "EngSpeed")
     assert (message.frame_id, signal.scale) == (291, 100)
+
+
+def test_the_step_of_two_half_shafts_is_that_of_their_sum():
+    assert resolution_of(load_config("testcar"))["torque"] == pytest.approx(0.5 * 2**0.5)

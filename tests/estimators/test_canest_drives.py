@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +12,7 @@ from canest.estimators import canest_states as k
 from canest.estimators.base import create
 from canest.estimators.canest_output import mass_of
 from canest.gates import Gate
-from canest.vehicle.samples import Status
+from canest.vehicle.samples import EstimateBlock, Status
 
 from .momentum import FACTS, flat, hills, pulses, steady, trip
 
@@ -339,6 +339,35 @@ def test_altitude_steadies_the_grade_where_nothing_else_tells():
     assert errors[0] < 0.6 * errors[1]
 
 
+@pytest.mark.parametrize("set_s", [-3600.0, -20.0, 1e10])
+def test_a_clock_that_is_set_leaves_mass_and_grade(set_s):
+    drive = trip(200, altitude=True)
+    e = with_clock_set(drive, 100.0, set_s)
+    later = slice(110 * 50, None)
+    assert np.abs(drive.error(e)[later]).max() < 0.03
+    assert np.sqrt(np.mean(degrees(drive, e)[later] ** 2)) < 0.15
+    assert (e.grade_std[later] > 0.0002).all()
+
+
+def test_a_clock_set_back_in_a_stop_hides_no_load():
+    drive = trip(320, mass_kg=[(0, 19_000.0), (140, 31_000.0)], stops=[(110, 175)])
+    e = with_clock_set(drive, 120.0, -3600.0)
+    t = np.arange(len(e)) * 0.02
+    assert (e.status[(t > 160) & (t < 180)] == Status.CONVERGING).all()
+    wrong = np.abs(drive.error(e)) > 0.08
+    assert not (wrong & (e.status == Status.VALID))[t > 60].any()
+
+
+def test_satellites_found_anew_are_no_hill():
+    drive, same = trip(200, altitude=True), trip(200, altitude=True)
+    drive.block.altitude_m[100 * 50 :] += 40.0
+    _, leapt = run(drive)
+    _, e = run(same)
+    after = slice(101 * 50, None)
+    assert np.abs(leapt.grade - e.grade)[after].max() < 0.001
+    assert np.abs(leapt.mass_kg / e.mass_kg - 1.0)[after].max() < 0.005
+
+
 def test_restore_starts_from_the_remembered_mass():
     drive = trip(60, throttle=steady, start_mps=24.0)
     estimator = create("canest", FACTS)
@@ -361,3 +390,13 @@ def test_snapshot_is_what_restore_takes():
 def replace_block(drive, **columns):
     drive.block = replace(drive.block, **columns)
     return drive
+
+
+def with_clock_set(drive, at_s, by_s):
+    cut = round(at_s * 50)
+    drive.block.t_us[cut:] += round(by_s * 1e6)
+    estimator = create("canest", FACTS)
+    parts = [estimator.update(drive.block[part]) for part in (slice(0, cut), slice(cut, None))]
+    return EstimateBlock(
+        **{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(parts[0])}
+    )

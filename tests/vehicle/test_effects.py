@@ -14,6 +14,7 @@ from vehicle_helpers import (
     EFFICIENCY,
     ENGINE_INERTIA,
     FINAL_DRIVE,
+    MU,
     RADIUS_M,
     config,
     ticks,
@@ -165,6 +166,39 @@ def test_a_slipping_wheel_is_faster_than_the_road() -> None:
     assert raw.speed_mps[1] == pytest.approx(V[1] * (1 - 0.02 * TRACTION_N / 16_000))  # sqrt(8 t x 32 t)
     raw = process(entry("wheel_slip", slip_per_mps2=0.02, mass_kg=20_000))
     assert raw.speed_mps[1] == pytest.approx(V[1] * (1 - 0.02 * TRACTION_N / 20_000))
+
+
+def test_slip_needs_no_torque_to_leave_a_speed_known() -> None:
+    raw = process(entry("wheel_slip", slip_per_mps2=0.02), engine_torque_pct=np.nan)
+    assert raw.speed_mps == pytest.approx(V)
+
+
+def test_axles_that_are_not_driven_do_not_slip() -> None:
+    raw = process(entry("wheel_slip", slip_per_mps2=0.02), output_shaft_speed=np.nan, undriven_speed=V)
+    assert raw.speed_mps == pytest.approx(V)
+
+
+def test_a_load_that_is_off_takes_nothing_whatever_the_engine_turns() -> None:
+    off = {"fan_speed": 0.0, "engine_speed": np.nan}
+    raw = process(entry("switched_load", power_kW=20.0), **off)
+    assert raw.traction_N[1] == pytest.approx(TRACTION_N)
+
+
+def test_without_an_engine_speed_a_load_turns_with_the_wheels() -> None:
+    values = {role: value for role, value in SIGNALS.items() if role != "engine_speed"}
+    effect = entry("switched_load", power_kW=20.0)
+    for speeds in ({}, {"output_shaft_speed": None, "vehicle_speed": V}):
+        known = {role: value for role, value in (values | speeds).items() if value is not None}
+        raw = LongitudinalModel(config(list(known), [effect])).process(ticks(known))
+        assert raw.traction_N[1] == pytest.approx(TRACTION_N - 20_000 / ENGINE_RADPS * PER_TORQUE)
+
+
+def test_tyres_stay_warm_when_the_clock_is_set_back() -> None:
+    model = LongitudinalModel(config(list(SIGNALS), [entry("rolling_warmup", crr_cold=0.002, tau_s=300.0)]))
+    mu = [model.process(ticks(SIGNALS, first=first)).columns.mu[0] for first in (180_000, 195_000, 15_000)]
+    assert mu[0] == pytest.approx(MU + 0.002)
+    assert mu[1] == pytest.approx(MU + 0.002 * math.exp(-1.0), rel=1e-3)  # 15,000 ticks are 300 s
+    assert mu[2] == pytest.approx(mu[1], rel=1e-3)
 
 
 def test_a_torque_delay_makes_the_grid_wait() -> None:

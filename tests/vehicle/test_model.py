@@ -94,6 +94,14 @@ def test_torque_measured_at_the_wheels_needs_no_gear_and_no_engine_inertia(
     assert raw.rotating_mass_kg[1] == pytest.approx(rotating)
     assert raw.force_N[1] == pytest.approx(torque / RADIUS_M - rotating - AERO_N)
     assert raw.geared.all()
+    assert raw.force_per_torque_1pm == pytest.approx([1.0 / RADIUS_M] * 2)
+
+
+@pytest.mark.parametrize("location", ["crank", "output_shaft"])
+def test_torque_measured_at_the_wheels_has_what_a_retarder_takes(location: str) -> None:
+    vehicle = {"retarder": {"reference_torque_Nm": 1500, "location": location}}
+    raw = process({"wheel_torque": -8000.0, "retarder_torque_pct": -40.0}, vehicle=vehicle)
+    assert raw.force_N[1] == process({"wheel_torque": -8000.0}).force_N[1]
 
 
 @pytest.mark.parametrize("location", ["crank", "output_shaft"])
@@ -135,6 +143,8 @@ def test_the_wind_of_reversing_pushes() -> None:
         ({"gear": None, "gear_ratio": 4.1}, 4.1, 2),
         ({"gear": 7.0, "engine_speed": np.nan}, 0.0, 7),  # no such gear
         ({"gear": 0.0, "engine_speed": 600.0}, 0.0, 0),
+        ({"gear": 0.0}, 0.0, 0),  # neutral, though the engine turns as it would in third
+        ({"gear": 126.0}, 0.0, 126),  # park
     ],
 )
 def test_where_the_ratio_comes_from(signals: dict[str, Any], ratio: float, gear: float) -> None:

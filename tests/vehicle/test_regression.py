@@ -31,11 +31,11 @@ FIXED_GEAR = {"gear_ratios": {1: 2.0}}
 ROTATING_KG = (WHEEL_INERTIA + ENGINE_INERTIA * RATIO**2 * EFFICIENCY) / RADIUS_M**2
 
 
-def torque_for(speed: np.ndarray, mass_kg: float, grade: float) -> np.ndarray:
+def torque_for(speed: np.ndarray, mass_kg: float, grade: float, crr_per_mps: float = 0.0) -> np.ndarray:
     """Crank torque that moves a vehicle so (2005 paper, eq. 1, solved for the torque)."""
     beta = math.atan(grade)
     accel = np.diff(speed, prepend=speed[0]) / STEP_S
-    road = GRAVITY_MPS2 * (math.sin(beta) + MU * math.cos(beta))
+    road = GRAVITY_MPS2 * (math.sin(beta) + (MU + crr_per_mps * speed) * math.cos(beta))
     aero = 0.5 * DENSITY * DRAG_AREA_M2 * speed * np.abs(speed)
     traction = mass_kg * (accel + road) + ROTATING_KG * accel + aero
     return traction * RADIUS_M / RATIO / np.where(traction < 0, 1 / EFFICIENCY, EFFICIENCY)
@@ -49,14 +49,22 @@ def torque_for(speed: np.ndarray, mass_kg: float, grade: float) -> np.ndarray:
     order=st.integers(1, 6),
     cutoff_hz=st.floats(0.5, 20.0),
     cut=st.integers(1, 59),
+    crr_per_mps=st.sampled_from((0.0, 2e-4)),
 )
 def test_the_relation_holds_exactly_for_constant_mass_and_grade(
-    mass_kg: float, grade: float, accel: list[float], order: int, cutoff_hz: float, cut: int
+    mass_kg: float,
+    grade: float,
+    accel: list[float],
+    order: int,
+    cutoff_hz: float,
+    cut: int,
+    crr_per_mps: float,
 ) -> None:
     speed = 15 + np.cumsum(accel) * STEP_S
-    torque = torque_for(speed, mass_kg, grade)
+    torque = torque_for(speed, mass_kg, grade, crr_per_mps)
+    effects = [{"effect": "rolling_resistance_speed", "crr_per_mps": crr_per_mps}] if crr_per_mps else []
     regression = Regression(
-        config(ROLES, vehicle=FIXED_GEAR, filter={"order": order, "cutoff_hz": cutoff_hz})
+        config(ROLES, effects, vehicle=FIXED_GEAR, filter={"order": order, "cutoff_hz": cutoff_hz})
     )
     n = len(speed)
     first = regression.process(ticks({"engine_torque": torque[:cut], "vehicle_speed": speed[:cut]}, cut))
@@ -69,6 +77,9 @@ def test_the_relation_holds_exactly_for_constant_mass_and_grade(
         left = mass_kg * (block.accel_mps2 + gravity)
         scale = np.abs(block.raw_force_N).max() + mass_kg * GRAVITY_MPS2
         assert np.abs(left - block.force_N).max() < 1e-9 * scale
+        # the drag is filtered as the force is: what is left of it is traction and what rotates
+        rest = block.traction_N - block.aero_N - ROTATING_KG * block.accel_mps2
+        assert np.abs(rest - block.force_N).max() < 1e-9 * scale
 
 
 def test_the_filtered_acceleration_is_the_difference_of_the_filtered_speed() -> None:

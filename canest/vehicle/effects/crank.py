@@ -121,4 +121,4 @@ class SwitchedLoad(Effect):
         speed = np.maximum(c.engine_radps, 50.0)
         reference = self.reference_rpm * np.pi / 30
         power_W = 1000.0 * self.power_kW * (speed / reference) ** self.exponent
-        c.torque_Nm = c.torque_Nm - power_W / speed * c.on(self.on_signal, self.threshold)
+        c.torque_Nm = c.torque_Nm - np.where(c.on(self.on_signal, self.threshold), power_W / speed, 0.0)

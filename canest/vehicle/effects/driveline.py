@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from canest.vehicle.columns import Columns
 from canest.vehicle.effects.base import Added, Effect, Parameter, Scaled, Stage, register
 
@@ -68,6 +70,8 @@ class WheelSlip(Effect):
     mass_kg: float | None = None
 
     def apply(self, c: Columns) -> None:
-        """Take the slip off the speed measured at the driven wheels."""
+        """Take the slip off a speed measured at the driven wheels."""
         mass = c.notes["nominal_mass_kg"] if self.mass_kg is None else self.mass_kg
-        c.speed_mps = c.speed_mps * (1.0 - self.slip_per_mps2 * c.notes["traction_N"] / mass)
+        traction_N = np.nan_to_num(c.notes["traction_N"])  # a speed is known without any torque
+        slip = self.slip_per_mps2 * traction_N / mass * c.notes["driven"]
+        c.speed_mps = c.speed_mps * (1.0 - slip)
