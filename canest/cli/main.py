@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import gc
+import io
 import os
 import sys
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import click
@@ -90,6 +92,7 @@ def main(argv: list[str] | None = None) -> None:
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     # start-up makes objects by the hundred thousand and hardly any garbage: look for it less often
     gc.set_threshold(_OBJECTS_BETWEEN_COLLECTIONS)
+    _have_streams()
     arguments = list(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in arguments
     code = run([a for a in arguments if a != "--debug"], debug)
@@ -141,6 +144,16 @@ def _tell(error: Exception, debug: bool) -> int:
         line, code = f"unexpected {type(error).__name__}: {error}{hint}", FAILED
     print("error: " + " ".join(line.split()), file=sys.stderr)
     return code
+
+
+def _have_streams() -> None:
+    """Write to nothing where a stream is closed, and what an encoding lacks as '?': no work is lost by it."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115 - as long as the process
+        elif isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="replace")
 
 
 def _forget_stdout() -> None:

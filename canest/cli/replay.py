@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -92,6 +94,7 @@ def command(
         truths = [truth_file(paths[0], truth)]
     elif truth in (None, "auto"):
         truths = [truth_beside(log) if truth else None for log in paths]
+        _tell_missing(paths, truths if truth else paths)
     else:
         raise click.UsageError(
             "one truth cannot fit several logs: use --truth auto", click.get_current_context()
@@ -144,6 +147,16 @@ def _with_outputs(jobs: list[Job], output: str | None, report: str | None) -> li
     return jobs
 
 
+def _tell_missing(logs: list[Path], truths: Sequence[Path | None]) -> None:
+    """Say which logs have no truth beside them. Errors: UsageError when none has."""
+    lacking = [log.name for log, found in zip(logs, truths, strict=True) if found is None]
+    if len(lacking) == len(logs):
+        raise click.UsageError("--truth auto: no log has its truth beside it", click.get_current_context())
+    if lacking:
+        shown = ", ".join(lacking[:3]) + (", ..." if len(lacking) > 3 else "")
+        print(f"note: no truth beside {len(lacking)} of {len(logs)} logs: {shown}", file=sys.stderr)
+
+
 def _refuse_a_file(option: str, name: str | None, endings: tuple[str, ...]) -> None:
     """Refuse a name that is a file's where several logs need a directory."""
     if name is None or name.endswith("/"):
@@ -170,8 +183,6 @@ def _one(job: Job, config: Config, json_path: str | None) -> int:
 
 
 def _many(jobs: list[Job], config: Config, json_path: str | None, workers: int | None) -> int:
-    import sys
-
     from canest.cli.progress import Count
     from canest.cli.summary import many_lines, write_json
     from canest.fleet import pooled, run_jobs

@@ -16,6 +16,8 @@ _BLANK = 0x20  #: what stands before it in ASCII steers a terminal
 #: content that tells itself -> suffix under which python-can knows it
 _BINARY = {b"LOGG": ".blf", b"MDF     ": ".mf4", b"UnFinMF ": ".mf4", b"SQLite format 3\0": ".db"}
 _PARQUET = b"PAR1"
+#: editors of another system put it before a text
+_BOM = b"\xef\xbb\xbf"
 _CANDUMP_SUFFIXES = (".log", ".txt", ".candump", ".dump", "")
 EXPECTED = "candump text, .asc .blf .trc .mf4 .csv .db, or a table (.csv .parquet), also compressed"
 
@@ -43,6 +45,7 @@ def open_log(
     source = Source(path)
     head = source.read(_HEAD_BYTES)
     suffix = _suffix(path)
+    text = head.removeprefix(_BOM)
     for magic, binary_suffix in _BINARY.items():
         if head.startswith(magic):
             return _from_python_can(source, head, binary_suffix, wanted, channel, block_frames)
@@ -51,8 +54,8 @@ def open_log(
 
         _refuse_channel(source, channel)
         return ParquetReader(source, head, time_column, columns, block_frames)
-    if _looks_like_candump(head):
-        return CandumpReader(source, head, CandumpParser(wanted, channel), block_frames)
+    if _looks_like_candump(text):
+        return CandumpReader(source, text, CandumpParser(wanted, channel), block_frames)
     text_suffix = _text_format(head, suffix)
     if text_suffix == "table":
         from canest.logs.tables import CsvReader
@@ -61,8 +64,8 @@ def open_log(
         return CsvReader(source, head, time_column, columns, block_frames)
     if text_suffix:
         return _from_python_can(source, head, text_suffix, wanted, channel, block_frames)
-    if not head or suffix in _CANDUMP_SUFFIXES:
-        return CandumpReader(source, head, CandumpParser(wanted, channel), block_frames)
+    if not text or suffix in _CANDUMP_SUFFIXES:
+        return CandumpReader(source, text, CandumpParser(wanted, channel), block_frames)
     source.close()
     raise LogError("no log that canest knows", where=str(path), found=_shown(head), expected=EXPECTED)
 
@@ -99,7 +102,7 @@ def _looks_like_candump(head: bytes) -> bool:
 
 def _text_format(head: bytes, suffix: str) -> str:
     """Return the suffix under which python-can knows a text log, "table", or ''."""
-    lines = [line.strip() for line in head.removeprefix(b"\xef\xbb\xbf").split(b"\n")[:20]]
+    lines = [line.strip() for line in head.removeprefix(_BOM).split(b"\n")[:20]]
     first = next((line for line in lines if line), b"")
     if not first or any(byte < _BLANK and byte not in b"\t\r" for byte in first):
         return ""  # no text: bytes of some other kind may well hold a comma

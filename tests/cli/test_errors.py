@@ -276,6 +276,20 @@ class TestProcess:
         assert process.stderr == ""
         assert process.returncode == 1
 
+    @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
+    def test_closed_streams_lose_no_work(self, tmp_path, closed):
+        command = f"{sys.executable} -m canest replay {KENWORTH} -c kenworth -o {tmp_path}/e.csv {closed}"
+        done = subprocess.run(["sh", "-c", command], check=False, capture_output=True, timeout=60)
+        assert (done.returncode, done.stderr) == (0, b"")
+        assert (tmp_path / "e.csv").stat().st_size > 10_000
+
+    def test_a_terminal_without_the_sign_for_a_degree(self):
+        ascii_only = os.environ | {"PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii"}
+        arguments = ["compare", str(KENWORTH), "-c", "kenworth", "--mass", "7700", "--only", "rls"]
+        done = self.run(*arguments, env=ascii_only)
+        assert done.returncode == 0, done.stderr
+        assert "grade RMS ?" in done.stdout
+
     def test_version(self):
         from canest import __version__
 

@@ -195,6 +195,18 @@ class TestManyLogs:
         assert summary["errors"]["mass_rms_pct"] == pytest.approx(single["mass_rms_pct"])
         assert summary["errors"]["grade_rms_deg"] == pytest.approx(single["grade_rms_deg"])
 
+    def test_a_log_without_its_truth_is_named(self, canest, tmp_path):
+        for name in ("a", "b"):
+            (tmp_path / f"{name}.log.xz").write_bytes(KENWORTH.read_bytes())
+        call = ["replay", tmp_path / "a.log.xz", tmp_path / "b.log.xz", "-c", "kenworth", "-j", 1]
+        done = canest(*call, "--truth", "auto")
+        assert (done.code, done.out) == (2, "")
+        assert "no log has its truth beside it" in done.err
+        (tmp_path / "b.truth.csv").write_text("t_s,mass_kg\n0,7700\n")
+        done = canest(*call, "--truth", "auto")
+        assert done.code == 0
+        assert "note: no truth beside 1 of 2 logs: a.log.xz" in done.err
+
 
 class TestOntoABus:
     def test_frames_arrive_in_the_logs_rhythm(self, canest, tmp_path):

@@ -285,6 +285,14 @@ def test_last_line_without_newline_is_read(tmp_path):
     assert reader.skipped_lines == 0
 
 
+def test_a_byte_order_mark_costs_no_frame(tmp_path):
+    path = tmp_path / "edited.log"
+    path.write_bytes(b"\xef\xbb\xbf(1.000000) can0 123#11\n(2.000000) can0 123#22\n")
+    block, reader = read_all(path)
+    assert block.t_us.tolist() == [1_000_000, 2_000_000]
+    assert reader.skipped_lines == 0
+
+
 def test_one_endless_line_takes_no_memory_and_counts_once(tmp_path):
     path = tmp_path / "long.log"
     path.write_bytes(b"(1.000000) can0 123#11\n" + b"\0" * 3_000_000 + b"\n(2.000000) can0 123#22\n")
