@@ -20,6 +20,11 @@ FloatColumn = NDArray[np.float64]
 BoolColumn = NDArray[np.bool_]
 
 
+def onward(t_us: IntColumn) -> IntColumn:
+    """Return stamps (n,) that never go back: where the clock was set back, time goes on from there."""
+    return np.asarray(t_us[:1] + np.cumsum(np.maximum(np.diff(t_us, prepend=t_us[:1]), 0)))
+
+
 @dataclass(frozen=True, slots=True)
 class FrameBlock:
     """Frames in order of arrival.

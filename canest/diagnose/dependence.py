@@ -41,7 +41,7 @@ def causes(problem: Problem) -> dict[str, Cause]:
         "speed": ("speed, km/h", lambda run: run.samples.speed_mps * 3.6),
         "torque": ("net torque, N m", lambda run: run.torque_Nm),
         "gear": ("gear", lambda run: run.gear),
-        "time": ("time since the start, s", lambda run: run.t_s - run.t_s[0]),
+        "time": ("time since the start, s", lambda run: run.t_s),
         "distance": ("distance, km", _distance_km),
         "curvature": ("curvature, 1/km", _curvature_1pkm),
     }

@@ -12,7 +12,7 @@ import numpy as np
 from canest.config.schema import Config
 from canest.errors import LogError
 from canest.filters import Filter
-from canest.frames import BoolColumn, FloatColumn
+from canest.frames import BoolColumn, FloatColumn, onward
 from canest.grid.grid import Feed, GridBlock
 from canest.intake import Intake, grid_for
 from canest.logs.blocks import TableBlock
@@ -37,8 +37,8 @@ class Run:
 
     @property
     def t_s(self) -> FloatColumn:
-        """Ticks in seconds of the log's clock."""
-        return self.samples.t_us.astype(np.float64) * 1e-6
+        """Seconds that had passed since the first tick, whatever the log's clock was set to (n,)."""
+        return np.asarray((onward(self.samples.t_us) - self.samples.t_us[0]) * 1e-6)
 
     @property
     def open(self) -> BoolColumn:

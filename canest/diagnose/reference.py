@@ -63,7 +63,7 @@ def reference_for(
         true_mass, grade = Score(read_truth(truth)).truth_at(run.samples.t_us)
         has_mass, has_grade = np.isfinite(true_mass).any(), np.isfinite(grade).any()
         if not (has_grade or has_mass):
-            begin, end = run.t_s[[0, -1]]
+            begin, end = run.samples.t_us[[0, -1]] * 1e-6
             of_drive = f"mass_kg or grade between t_s {begin:.0f} and {end:.0f}"
             raise LogError("tells nothing of the drive", where=str(truth), expected=of_drive)
         if mass is None and has_mass:

@@ -12,7 +12,7 @@ from canest.diagnose.gauss_newton import fit_on
 from canest.diagnose.problem import Problem
 from canest.diagnose.search import Search
 from canest.diagnose.windows import CHUNK_S
-from canest.frames import BoolColumn, FloatColumn, IntColumn
+from canest.frames import BoolColumn, FloatColumn, IntColumn, onward
 from canest.pipeline import Estimates
 from canest.vehicle.effects import Effect
 
@@ -147,19 +147,20 @@ def score(problem: Problem, folds: Sequence[Fold]) -> tuple[Score, FloatColumn, 
             e = part.drive.estimate(fold.effects)
             if len(shown) == i:
                 shown.append(e)
-            t = (e.t_us - e.t_us[0]) * 1e-6
+            passed_us = onward(e.t_us)
+            t = (passed_us - passed_us[0]) * 1e-6
             counted = (t > SETTLE_S) & np.isfinite(e.mass_kg)
             if not several and not fold.judged.all():
                 odd = (t // CHUNK_S).astype(np.int64) % 2 == 1
                 counted &= odd == bool(fold.judged[part.windows.chunk % 2 == 1].all())
             if np.isfinite(e.mass_kg).any():
                 last.append(float(e.mass_kg[np.isfinite(e.mass_kg)][-1]))
-            reference = part.reference
+            reference, ticks_us = part.reference, onward(part.run.samples.t_us)
             if reference.mass_kg is not None:
-                true = np.interp(e.t_us, part.run.samples.t_us, reference.mass_kg)
+                true = np.interp(passed_us, ticks_us, reference.mass_kg)
                 mass.add(e.mass_kg / true - 1.0, t, counted, i)
             if reference.grade is not None:
-                true = np.interp(e.t_us, part.run.samples.t_us, reference.grade)
+                true = np.interp(passed_us, ticks_us, reference.grade)
                 grade.add(np.degrees(np.arctan(e.grade) - np.arctan(true)), t, counted, i)
     (mass_pct, mass_95), (grade_deg, grade_95) = mass.numbers(100.0), grade.numbers(1.0)
     intervals = {"residual_rms_N": interval_N}

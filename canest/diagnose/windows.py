@@ -34,10 +34,13 @@ class Windows:
 
 
 def windows_of(open_: BoolColumn, t_s: FloatColumn, usable: BoolColumn) -> Windows:
-    """Cut runs of open, usable samples into whole windows (a run's remainder is left out)."""
+    """Cut runs of open, usable samples into whole windows (a run's remainder is left out).
+
+    t_s: seconds since the start, which never go back; where they stand still the clock was set back.
+    """
     good = open_ & usable & np.isfinite(t_s)
     follows = np.zeros(len(good), np.bool_)
-    follows[1:] = good[1:] & good[:-1] & (np.diff(t_s) < 0.03)
+    follows[1:] = good[1:] & good[:-1] & (np.diff(t_s) > 0.0) & (np.diff(t_s) < 0.03)
     starts = np.flatnonzero(good & ~follows)
     lengths = np.diff(np.append(np.cumsum(good)[starts] - 1, good.sum()))
     index = np.full(len(good), -1, np.int64)

@@ -1,8 +1,15 @@
 """What the bus offers beside the signal map, whatever kind of bus it is."""
 
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
 from canest.config import parse_config
 from canest.decode.signal_map import decoder_for
-from canest.diagnose.bus import _signals
+from canest.diagnose.bus import _signals, _windowed
+from canest.diagnose.drive import Run
+from canest.diagnose.windows import windows_of
 from canest.resources import shipped
 
 OWN_DBC = """VERSION ""
@@ -59,6 +66,15 @@ def test_more_messages_than_one_decoder_takes_and_two_lengths_of_one_group(tmp_p
     assert {f"M{i}.S{i}" for i in range(1, 301)} <= set(found)
     assert {"Short.A from 0x0b", "Long.B from 0x0c", "EEC1.EngSpeed from 0x00"} <= set(found)
     assert found["M300.S300"][2].tolist() == [300 % 256] * 3
+
+
+def test_a_signal_is_held_onto_windows_on_both_sides_of_a_clock_set_back():
+    t_us = 20_000 * np.arange(100 * 50) - 3_600_000_000 * (np.arange(100 * 50) >= 40 * 50)
+    run = Run(SimpleNamespace(t_us=t_us), *4 * [None])
+    windows = windows_of(np.ones(len(t_us), np.bool_), run.t_s, np.ones(len(t_us), np.bool_))
+    problem = SimpleNamespace(parts=[SimpleNamespace(run=run, windows=windows)])
+    column = _windowed(problem, [(t_us[::10], np.arange(500.0))])
+    assert column == pytest.approx(5.0 * np.arange(100) + 2.0, abs=1.0)
 
 
 def test_a_table_has_columns_whatever_dbc_its_config_lists(tmp_path):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from canest.diagnose.drive import Run
 from canest.diagnose.problem import WINDOW_NOISE_MPS2, _innovations
 from canest.vehicle.samples import GRAVITY_MPS2
 
@@ -48,6 +49,14 @@ def test_a_fit_of_whitened_columns_is_generalised_least_squares(t_s):
     white = np.column_stack([_innovations(c, part(t_s)) for c in X.T])
     found = np.linalg.lstsq(white, _innovations(y, part(t_s)), rcond=None)[0]
     assert found == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_clock_set_back_by_a_day_forgets_no_more_of_the_grade_than_the_moment_it_took():
+    t_us = 20_000 * np.arange(120 * 50)
+    t_us[70 * 50 :] -= 86_400_000_000
+    t_s = Run(SimpleNamespace(t_us=t_us), *4 * [None]).t_s[::50]
+    x = np.random.default_rng(3).normal(size=120) * 500
+    assert _innovations(x, part(t_s)) == pytest.approx(_innovations(x, part(np.arange(120.0))), rel=2e-2)
 
 
 def test_with_a_known_grade_nothing_is_filtered(t_s):

@@ -1,7 +1,11 @@
+from types import SimpleNamespace
+
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from canest.diagnose.drive import Run
 from canest.diagnose.windows import CHUNK_S, WINDOW_TICKS, windows_of
 
 RUNS = st.lists(st.tuples(st.integers(1, 170), st.booleans(), st.booleans()), min_size=1, max_size=12)
@@ -47,6 +51,16 @@ def test_unusable_ticks_break_a_window():
     windows = windows_of(open_, 0.02 * np.arange(120), usable)
     assert windows.count == 2
     assert np.flatnonzero(windows.index >= 0).tolist() == [*range(50), *range(61, 111)]
+
+
+def test_a_window_ends_where_the_clock_was_set_back():
+    open_ = np.ones(160, np.bool_)
+    t_us = 20_000 * np.arange(160)
+    t_us[80:] -= 3_600_000_000
+    seconds = Run(SimpleNamespace(t_us=t_us), *4 * [None]).t_s
+    windows = windows_of(open_, seconds, open_)
+    assert np.flatnonzero(windows.index >= 0).tolist() == [*range(50), *range(80, 130)]
+    assert windows.t_s.tolist() == pytest.approx([0.49, 2.07]) and windows.chunk.tolist() == [0, 0]
 
 
 def test_no_open_tick_gives_no_window():
