@@ -13,6 +13,8 @@ from canest.cli.options import config_option, load, override_options
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from rich.text import Text
+
     from canest.check import Report
     from canest.config import Config
     from canest.findings import Finding
@@ -151,9 +153,10 @@ def _show(report: Report, title: str) -> None:
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
+    from rich.text import Text
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else _FILE_WIDTH)
-    console.print(title, soft_wrap=True)
+    console.print(title, soft_wrap=True, markup=False)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     columns = [c for c in COLUMNS if console.width >= _WIDE or c not in ("need", "error")]
     for name in columns:
@@ -166,7 +169,8 @@ def _show(report: Report, title: str) -> None:
         )
     for finding in report.roles:
         for row in _rows(finding):
-            table.add_row(*(row.get(name, "") for name in columns))
+            # names are the user's: as text, since a bracket in one is no markup
+            table.add_row(*(Text.assemble(row.get(name, "")) for name in columns))
     console.print(table)
     if report.samples:
         share = 100 * report.updated / report.samples
@@ -189,17 +193,19 @@ def _show(report: Report, title: str) -> None:
         )
 
 
-def _rows(finding: Finding) -> Iterator[dict[str, str]]:
+def _rows(finding: Finding) -> Iterator[dict[str, str | Text]]:
     """Yield the rows of one role: as the config expects it, then whoever else sends it."""
+    from rich.text import Text
+
     mild = finding.need in ("optional", "ratio")  # there may be another way to the ratio
     colour = "green" if finding.verdict == "ok" else "yellow" if mild else "red"
     expected = finding.expected + (f" @0x{finding.source:02X}" if finding.source is not None else "")
     unit = f" {finding.unit}" if finding.unit else ""
-    head = {
+    head: dict[str, str | Text] = {
         "role": finding.role,
         "need": finding.need,
         "expected as": expected,
-        "verdict": f"[{colour}]{finding.verdict}[/]",
+        "verdict": Text(finding.verdict, colour),
         "range": "" if finding.low is None else f"{finding.low:.4g} .. {finding.high:.4g}{unit}",
     }
     # an 11-bit identifier has no address, nor has a column of a table
@@ -209,7 +215,7 @@ def _rows(finding: Finding) -> Iterator[dict[str, str]]:
         yield head | {"from": "-"}
     for index, sender in enumerate([*mine, *(s for s in finding.senders if s not in mine)]):
         first = bool(mine) and index == 0
-        yield (head if first else {"verdict": "[dim]also[/]"}) | {
+        yield (head if first else {"verdict": Text("also", "dim")}) | {
             "from": f"0x{sender.address:02X}" if sender.address is not None else without_address,
             "rate Hz": "" if sender.rate_hz is None else f"{sender.rate_hz:.1f}",
             "values": f"{sender.valid:,}" if sender.valid else "",

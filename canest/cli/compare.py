@@ -118,7 +118,7 @@ def _show(log: str, result: Comparison) -> None:
     from canest.report.compare_page import COLUMNS, cells, ranked
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else _FILE_WIDTH)
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=log, title_justify="left")
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=escape(log), title_justify="left")
     table.add_column("estimator", no_wrap=True)
     for _, title, _ in COLUMNS:
         table.add_column(title, justify="right")

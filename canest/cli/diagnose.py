@@ -182,6 +182,7 @@ def _show(diagnosis: Diagnosis, found: Sequence[Entry]) -> None:
     """Print the finding, before and after, and the best candidates."""
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     from canest.diagnose.tell import entry_name, entry_value, score_rows
 
@@ -210,14 +211,14 @@ def _show(diagnosis: Diagnosis, found: Sequence[Entry]) -> None:
     table.add_column("removes", justify="right")
     table.add_column("this data cannot tell it from")
     for entry in found[:SHOWN]:
-        marks = ("[bold]", "[/]") if entry.selected else ("[dim]", "[/]")
         cells = (
             ("* " if entry.selected else "  ") + entry_name(entry),
             entry_value(entry),
             f"{100 * entry.explained:.1f} %",
             ", ".join(entry.equivalent),
         )
-        table.add_row(*(f"{marks[0]}{cell}{marks[1]}" for cell in cells))
+        # a signal's name is the user's: as text, since a bracket in it is no markup
+        table.add_row(*map(Text, cells), style="bold" if entry.selected else "dim")
     console.print(table)
     left = len(found) - SHOWN
     more = f"and {left} more in diagnosis.json; " if left > 0 else ""

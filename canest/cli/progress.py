@@ -31,15 +31,18 @@ class _Shown:
             self._draw()
 
     def _draw(self) -> None:
+        from rich.markup import escape
+
         with self._lock:
             if self._progress is None:
                 from rich.console import Console
                 from rich.progress import Progress
 
                 self._progress = Progress(console=Console(stderr=True), transient=True)
-                self._task = self._progress.add_task(self._text, total=self._total)
+                self._task = self._progress.add_task("", total=self._total)
                 self._progress.start()
-            self._progress.update(self._task, completed=self._done, total=self._total, description=self._text)
+            text = escape(self._text)
+            self._progress.update(self._task, completed=self._done, total=self._total, description=text)
 
     def __enter__(self) -> Any:
         return self

@@ -98,7 +98,7 @@ def _spliced(text: str, config: Config, notes: Mapping[int, str]) -> str:
                 raise ConfigError("signals in flow style")
             column = " " * signals.start_mark.column
             at = _end_of_line(text, _end(signals))
-            lines = "".join(f"\n{column}{r}: {_flow(_source(s))}" for r, s in new.items())
+            lines = "".join(f"\n{column}{_flow_scalar(r)}: {_flow(_source(s))}" for r, s in new.items())
             edits.append((at, at, lines))
     dbc = sections.get("dbc")
     if dbc is not None and [n.value for n in getattr(dbc, "value", [])] != list(config.dbc):
@@ -151,7 +151,9 @@ def _dumped(config: Config, notes: Mapping[int, str] | None = None) -> str:
             if config.effects:
                 parts.append("effects:\n" + _effect_lines(config, notes or {}) + "\n")
         elif section == "signals":
-            lines = "".join(f"{_INDENT}{r}: {_flow(_source(s))}\n" for r, s in config.signals.items())
+            lines = "".join(
+                f"{_INDENT}{_flow_scalar(r)}: {_flow(_source(s))}\n" for r, s in config.signals.items()
+            )
             parts.append("signals:\n" + lines)
         elif isinstance(value, Mapping):
             parts.append(f"{section}:\n" + _lines_of(value))

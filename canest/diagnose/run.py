@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from canest.config.schema import Config
+from canest.config.schema import Config, Source
 from canest.diagnose.bus import Ranked, rank_bus_signals
 from canest.diagnose.candidates import Candidate, candidates_for, switching_roles
 from canest.diagnose.choice import Tried
@@ -24,6 +25,7 @@ from canest.diagnose.words import finding_of, too_short
 from canest.errors import LogError, UsageError
 from canest.frames import FloatColumn
 from canest.pipeline import Estimates
+from canest.roles import ROLES
 from canest.vehicle.model import effects_of
 
 #: what is left may wander this much (share of weight) and still count as explained: a slope of 0.04 %
@@ -182,15 +184,22 @@ def _search(
 
 def _with_switches(config: Config, ranked: Sequence[Ranked]) -> Config:
     """Return the config with the best-ranked switching signals in its map (unchanged when there is none)."""
-    new = {}
+    new: dict[str, Source] = {}
     for r in ranked[:5]:
         if r.switches and r.explained > TRY_SIGNAL_SHARE:
-            key = (r.source.signal or r.source.column or "signal").lower()
-            if key not in config.signals:
-                new[key] = r.source
+            new[_role_for(r.source, {*ROLES, *config.signals, *new})] = r.source
     if not new:
         return config
     return config.model_copy(update={"signals": config.signals | new})
+
+
+def _role_for(source: Source, taken: Collection[str]) -> str:
+    """Return a name for what a signal says: never a role that means something else to the model already."""
+    name = (source.signal or source.column or "").lower()
+    role = re.sub(r"\W+", "_", name).strip("_") or "signal"
+    while role in taken:
+        role = f"other_{role}"
+    return role
 
 
 def _remainder_N(problem: Problem, search: Search) -> float:

@@ -263,3 +263,11 @@ def test_live_bus_that_never_was_there(canest, monkeypatch):
     done = canest("check", "-c", "class8", "--live", "--seconds", "0.2", *bus)
     assert done.code == 1
     assert done.err == "error: virtual:gone: could not be opened in 0.2 s (No such device)\n"
+
+
+def test_a_bracket_in_a_columns_name_is_printed(canest, tmp_path):
+    (tmp_path / "trip.csv").write_text("t_s,v [/h]\n" + "".join(f"{i / 10},{i}\n" for i in range(99)))
+    done = canest(
+        "check", "-c", "bmw-i3", tmp_path / "trip.csv", "--set", "signals.vehicle_speed={column: 'v [/h]'}"
+    )
+    assert done.code == 0 and "v [/h]" in done.out

@@ -75,6 +75,14 @@ class TestProgress:
             bar.update(5, 10)
         assert "drive" in stream.getvalue()
 
+    def test_a_bracket_in_a_logs_name_is_shown(self, monkeypatch):
+        stream = self.terminal(monkeypatch)
+        monkeypatch.setattr(progress, "PATIENCE_S", 0.0)
+        monkeypatch.setenv("TERM", "xterm")
+        with progress.Bar("drive [a].log") as bar:
+            bar.update(5, 10)
+        assert "drive [a].log" in stream.getvalue()
+
     def test_a_bar_while_nothing_is_done_yet(self, monkeypatch):
         stream = self.terminal(monkeypatch)
         monkeypatch.setattr(progress, "PATIENCE_S", 0.01)

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from canest.config import parse_config
+from canest.config.schema import Source
 from canest.decode.signal_map import decoder_for
-from canest.diagnose.bus import _signals, _windowed
+from canest.diagnose.bus import Ranked, _signals, _windowed
 from canest.diagnose.drive import Run
+from canest.diagnose.run import _with_switches
 from canest.diagnose.windows import windows_of
 from canest.resources import shipped
 
@@ -75,6 +77,17 @@ def test_a_signal_is_held_onto_windows_on_both_sides_of_a_clock_set_back():
     problem = SimpleNamespace(parts=[SimpleNamespace(run=run, windows=windows)])
     column = _windowed(problem, [(t_us[::10], np.arange(500.0))])
     assert column == pytest.approx(5.0 * np.arange(100) + 2.0, abs=1.0)
+
+
+def test_a_signal_becomes_a_role_of_its_own_whatever_it_is_called():
+    config = parse_config((shipped("configs") / "class8.yaml").read_text())
+    assert "clutch_switch" not in config.signals and "pto_state" in config.signals
+    columns = ["clutch_switch", "PTO_state", "Aircon [kW]", "aircon (kW)", "[/]"]
+    ranked = [Ranked(name, Source(column=name), 0.5, True) for name in columns]
+    extended = _with_switches(config, ranked)
+    new = {s.column: role for role, s in extended.signals.items() if role not in config.signals}
+    roles = ["other_clutch_switch", "other_pto_state", "aircon_kw", "other_aircon_kw", "signal"]
+    assert new == dict(zip(columns, roles, strict=True))
 
 
 def test_a_table_has_columns_whatever_dbc_its_config_lists(tmp_path):

@@ -1,16 +1,21 @@
 """The command from outside: files, keys, exit codes, one-line errors."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 
+from canest.cli.diagnose import _show
 from canest.cli.main import run
 from canest.config import load_config
+from canest.diagnose.candidates import Candidate
+from canest.diagnose.outcome import Entry
 from canest.vehicle.effects import EFFECTS
 
 VERDICTS = {"explained", "partly", "unexplained", "nothing-to-explain"}
 KENWORTH = "tests/data/kenworth/normal.log.xz"
 GAIN = {"effect": "torque_gain", "gain": 0.90}
+SCORES = ("residual_rms_N", "mass_kg", "mass_error_pct", "mass_rms_pct", "grade_rms_deg")
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +36,7 @@ def told(out):
 def test_the_json_has_the_contracts_keys_and_types(told):
     for side in ("baseline", "after"):
         row = told[side]
-        for key in ("residual_rms_N", "mass_kg", "mass_error_pct", "mass_rms_pct", "grade_rms_deg"):
+        for key in SCORES:
             assert isinstance(row[key], float), key
             low, high = row["interval_95"].get(key, (row[key], row[key]))
             assert low <= row[key] <= high, key
@@ -134,6 +139,20 @@ def test_a_directory_that_cannot_be_made_is_one_line(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert run(["diagnose", KENWORTH, "-c", "kenworth", "-o", str(tmp_path / "file" / "out")]) == 1
     assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize("signal", ["fan [/min]", "fan [kW]", "[bold]"])
+def test_a_bracket_in_a_signals_name_is_printed(signal, capsys):
+    shape = (("signal", signal), ("exponent", 0.0), ("threshold", 0.5))
+    candidate = Candidate("switched_load", "switched_load", "power_kW", shape)
+    nothing = SimpleNamespace(**dict.fromkeys(SCORES))
+    diagnosis = SimpleNamespace(
+        finding=f"Load of {signal}.", verdict="explained", before=nothing, after=nothing,
+        references=[SimpleNamespace(text="known grade")],
+        problem=SimpleNamespace(parts=[None], mass_known=True, rows=9),
+    )  # fmt: skip
+    _show(diagnosis, [Entry(candidate, 30.0, 1.0, 0.8, 0.8, True, ())])
+    assert f"(signal {signal})" in capsys.readouterr().out
 
 
 def test_help_teaches(capsys):

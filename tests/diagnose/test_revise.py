@@ -87,6 +87,17 @@ def test_a_load_brings_its_signal_and_unused_signals_stay_out(text):
     assert "# a learned mass belongs to" in out or "what a learned mass belongs to" in out, "comments survive"
 
 
+@pytest.mark.parametrize("role", ["on", "12", "null", "fan: on", "# fan", "[kw] heat", "it's", "größe"])
+@pytest.mark.parametrize("change", ["filter.cutoff_hz=2.0", "filter.cutoff_hz=1.5"])
+def test_a_signal_of_any_name_survives_in_the_users_text_and_in_a_new_one(text, role, change):
+    config = parse_config(text, overrides=[change])
+    config = config.model_copy(update={"signals": config.signals | {role: FAN_SOURCE}})
+    shape = (("signal", role), ("exponent", 3.0), ("threshold", 40.0))
+    fan = Chosen(Candidate("switched_load", "switched_load", "power_kW", shape), 30.0, 1.0, 0.8)
+    wanted, out = written(text, fan, config=config)
+    assert parse_config(out) == wanted and wanted.signals[role] == FAN_SOURCE
+
+
 def test_changes_by_the_command_line_are_in_the_result(text):
     config = parse_config(text, overrides=["filter.cutoff_hz=1.5", "estimator.name=rlsmf"])
     wanted, out = written(text, WIND, config=config)
