@@ -20,9 +20,20 @@ FloatColumn = NDArray[np.float64]
 BoolColumn = NDArray[np.bool_]
 
 
-def onward(t_us: IntColumn) -> IntColumn:
-    """Return stamps (n,) that never go back: where the clock was set back, time goes on from there."""
-    return np.asarray(t_us[:1] + np.cumsum(np.maximum(np.diff(t_us, prepend=t_us[:1]), 0)))
+class Onward:
+    """Makes stamps that never go back, block by block: where the clock was set back, time goes on."""
+
+    def __init__(self) -> None:
+        self._last_us: int | None = None
+        self._ahead_us = 0  # of the clock
+
+    def __call__(self, t_us: IntColumn) -> IntColumn:
+        """Return the next stamps, int64 (n,), ahead of the clock by as much as it was set back so far."""
+        steps = np.diff(t_us, prepend=t_us[:1] if self._last_us is None else self._last_us)
+        ahead = self._ahead_us + np.cumsum(np.maximum(-steps, 0))
+        if len(t_us):
+            self._last_us, self._ahead_us = int(t_us[-1]), int(ahead[-1])
+        return np.asarray(t_us + ahead)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from canest.frames import FloatColumn, IntColumn
+from canest.frames import FloatColumn, IntColumn, Onward
 from canest.logs.truth import Truth
 
 if TYPE_CHECKING:
@@ -20,15 +20,17 @@ class Score:
     """Sums errors over all samples, gated ones too, from `after_s` after the first sample on.
 
     A sample without an estimate or without truth is not counted; `without_estimate` says how many there
-    were of the first kind.
+    were of the first kind. Time goes on where the log's clock was set back.
 
-    truth: table, interpolated linearly at each sample. mass_kg: a constant true mass, wins over the table's.
+    truth: table by the log's own stamps, interpolated linearly at each sample; what it says of a stamp goes
+    for every sample with that stamp. mass_kg: a constant true mass, wins over the table's.
     """
 
     def __init__(self, truth: Truth | None, mass_kg: float | None = None, after_s: float = 60.0) -> None:
         self._truth, self._mass_kg, self.after_s = truth, mass_kg, after_s
+        self._onward = Onward()
         self._first_us: int | None = None
-        self._last_us = 0
+        self._span_us: tuple[int, int] | None = None  # earliest and latest stamp
         self.mass_samples = self.grade_samples = self.without_estimate = 0
         self.mass_square_pct2 = self.grade_square_deg2 = 0.0
         self.mass_max_pct = 0.0
@@ -39,8 +41,9 @@ class Score:
             return
         if self._first_us is None:
             self._first_us = int(estimates.t_us[0])
-        self._last_us = int(estimates.t_us[-1])
-        late = estimates.t_us - self._first_us >= round(self.after_s * 1e6)
+        first, last = self._span_us or (self._first_us, self._first_us)
+        self._span_us = min(first, int(estimates.t_us.min())), max(last, int(estimates.t_us.max()))
+        late = self._onward(estimates.t_us) - self._first_us >= round(self.after_s * 1e6)
         if not late.any():
             return
         t_us = estimates.t_us[late]
@@ -73,9 +76,9 @@ class Score:
 
     def notes(self) -> list[str]:
         """Return that the truth is of another time than the estimates, nothing where it is not."""
-        if self._truth is None or self._first_us is None:
+        if self._truth is None or self._span_us is None:
             return []
-        (begin, end), (first, last) = self._truth.t_us[[0, -1]].tolist(), (self._first_us, self._last_us)
+        (begin, end), (first, last) = self._truth.t_us[[0, -1]].tolist(), self._span_us
         if begin <= last + TRUTH_REACH_US and first <= end + TRUTH_REACH_US:
             return []
         return [

@@ -23,7 +23,7 @@ from canest.diagnose.fit import held_out
 from canest.diagnose.problem import Problem
 from canest.diagnose.search import Search
 from canest.errors import ConfigError
-from canest.frames import ERROR, EXTENDED, REMOTE, FloatColumn, IntColumn, onward
+from canest.frames import ERROR, EXTENDED, REMOTE, FloatColumn, IntColumn, Onward
 from canest.logs.blocks import TableBlock
 from canest.logs.reader import open_log
 from canest.tables import open_for
@@ -102,7 +102,7 @@ def _windowed(problem: Problem, drives: list[tuple[IntColumn, FloatColumn]]) -> 
     columns = []
     for part, (t_us, value) in zip(problem.parts, drives, strict=True):
         good = np.isfinite(value)
-        t_us, value = onward(t_us)[good], value[good]
+        t_us, value = Onward()(t_us)[good], value[good]
         if len(t_us) < MIN_SAMPLES:
             return None
         centre_us = part.run.samples.t_us[0] + (part.windows.t_s * 1e6).astype(np.int64)

@@ -12,7 +12,7 @@ import numpy as np
 from canest.config.schema import Config
 from canest.errors import LogError
 from canest.filters import Filter
-from canest.frames import BoolColumn, FloatColumn, onward
+from canest.frames import BoolColumn, FloatColumn, Onward
 from canest.grid.grid import Feed, GridBlock
 from canest.intake import Intake, grid_for
 from canest.logs.blocks import TableBlock
@@ -38,7 +38,7 @@ class Run:
     @property
     def t_s(self) -> FloatColumn:
         """Seconds that had passed since the first tick, whatever the log's clock was set to (n,)."""
-        return np.asarray((onward(self.samples.t_us) - self.samples.t_us[0]) * 1e-6)
+        return np.asarray((Onward()(self.samples.t_us) - self.samples.t_us[0]) * 1e-6)
 
     @property
     def open(self) -> BoolColumn:

@@ -11,7 +11,7 @@ from canest.diagnose.dependence import Cause, binned, cause_of, causes
 from canest.diagnose.gauss_newton import fit_on
 from canest.diagnose.problem import Problem
 from canest.diagnose.run import Diagnosis
-from canest.frames import FloatColumn, onward
+from canest.frames import FloatColumn, Onward
 from canest.pipeline import Estimates
 from canest.report.figure import BLUE, GREEN, INK, MUTED, ORANGE, Rows, numbers
 from canest.report.panels import Panels
@@ -97,14 +97,14 @@ def mass_and_grade(diagnosis: Diagnosis, drive: int) -> str:
     sides: list[tuple[str, Sequence[Estimates], str]] = [("before", diagnosis.estimates_before, BEFORE)]
     if diagnosis.search.chosen:
         sides.append(("after", diagnosis.estimates_after, AFTER))
-    t_us = onward(part.run.samples.t_us)
+    t_us = Onward()(part.run.samples.t_us)
     keep = _thinned(len(t_us))
     x = numbers((t_us[keep] - t_us[0]) * 1e-6, 1)
     reference = part.reference
     settled: list[FloatColumn] = []
     for name, estimates, colour in sides:
         e = estimates[drive]
-        t = numbers((onward(e.t_us)[_thinned(len(e))] - t_us[0]) * 1e-6, 1)
+        t = numbers((Onward()(e.t_us)[_thinned(len(e))] - t_us[0]) * 1e-6, 1)
         mass, std = e.mass_kg[_thinned(len(e))] / 1e3, e.mass_std_kg[_thinned(len(e))] / 1e3
         rows.band(1, t, numbers(mass - 2 * std, 3), numbers(mass + 2 * std, 3), colour, name)
         rows.line(1, t, numbers(mass, 3), name, colour, hover="%{y:.2f} t")

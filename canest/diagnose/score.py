@@ -12,7 +12,7 @@ from canest.diagnose.gauss_newton import fit_on
 from canest.diagnose.problem import Problem
 from canest.diagnose.search import Search
 from canest.diagnose.windows import CHUNK_S
-from canest.frames import BoolColumn, FloatColumn, IntColumn, onward
+from canest.frames import BoolColumn, FloatColumn, IntColumn, Onward
 from canest.pipeline import Estimates
 from canest.vehicle.effects import Effect
 
@@ -147,7 +147,7 @@ def score(problem: Problem, folds: Sequence[Fold]) -> tuple[Score, FloatColumn, 
             e = part.drive.estimate(fold.effects)
             if len(shown) == i:
                 shown.append(e)
-            passed_us = onward(e.t_us)
+            passed_us = Onward()(e.t_us)
             t = (passed_us - passed_us[0]) * 1e-6
             counted = (t > SETTLE_S) & np.isfinite(e.mass_kg)
             if not several and not fold.judged.all():
@@ -155,7 +155,7 @@ def score(problem: Problem, folds: Sequence[Fold]) -> tuple[Score, FloatColumn, 
                 counted &= odd == bool(fold.judged[part.windows.chunk % 2 == 1].all())
             if np.isfinite(e.mass_kg).any():
                 last.append(float(e.mass_kg[np.isfinite(e.mass_kg)][-1]))
-            reference, ticks_us = part.reference, onward(part.run.samples.t_us)
+            reference, ticks_us = part.reference, Onward()(part.run.samples.t_us)
             if reference.mass_kg is not None:
                 true = np.interp(passed_us, ticks_us, reference.mass_kg)
                 mass.add(e.mass_kg / true - 1.0, t, counted, i)

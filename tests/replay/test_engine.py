@@ -62,6 +62,20 @@ class TestScore:
         later.add(some_estimates([1000] * 10, [0] * 10, first_us=295_000_000))
         assert later.notes() == []
 
+    def test_what_comes_after_a_clock_set_back_counts(self):
+        truth = Truth(np.array([0, 4_000_000_000]), None, np.array([1000.0, 1000.0]))
+        score = Score(truth, None, after_s=5)
+        score.add(some_estimates([1010] * 4, [0] * 4, first_us=3_600_000_000))
+        for first_us in (10_000_000, 20_000_000):  # the first still within 5 s of driving
+            score.add(some_estimates([1010] * 4, [0] * 4, first_us=first_us))
+        assert score.mass_samples == 4 + 2 and score.notes() == []
+
+    def test_a_truth_of_the_time_before_a_clock_set_back_is_of_this_time(self):
+        score = Score(Truth(np.array([3_600_000_000, 3_700_000_000]), np.zeros(2), None), None, 5)
+        score.add(some_estimates([1010] * 4, [0] * 4, first_us=3_600_000_000))
+        score.add(some_estimates([1010] * 4, [0] * 4))
+        assert score.notes() == []
+
     def test_cuts_do_not_matter(self):
         truth = Truth(np.array([0, 60_000_000]), np.array([0.0, 0.1]), np.array([900.0, 1100.0]))
         whole, cut = Score(truth, None, 5), Score(truth, None, 5)
