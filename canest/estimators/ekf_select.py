@@ -10,7 +10,7 @@ from pydantic import Field
 
 from canest.estimators.ekf import EkfBase, EkfOptions
 from canest.estimators.ekf_filter import EkfCore, Rows
-from canest.frames import FloatColumn
+from canest.frames import FloatColumn, Onward
 from canest.vehicle.samples import STEP_US, EstimateBlock, ModelBlock
 
 
@@ -59,15 +59,18 @@ class EkfSelect(EkfBase):
         self._filters = [EkfCore(self.options, self.box, theta, variance)]
         self._selected: tuple[float, float] | None = None  # 1/m and its variance at the last agreement
         self._next_us: int | None = None
+        # a clock set back must not keep the next filter waiting until it has caught up
+        self._onward = Onward()
 
     def _update(self, block: ModelBlock) -> EstimateBlock:
         rows = Rows(block, self._before)
         self._before = rows.after
         every_us = round(self.options.every_s / 0.02) * STEP_US
         parts = [np.empty((4, 0))]
-        times = block.t_us[rows.at]
+        stamps = self._onward(block.t_us)
+        times = stamps[rows.at]
         if self._next_us is None and len(block):
-            self._next_us = int(block.t_us[0]) + every_us
+            self._next_us = int(stamps[0]) + every_us
         begin = 0
         while begin < len(times):
             assert self._next_us is not None  # set above: there are samples

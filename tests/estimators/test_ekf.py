@@ -10,7 +10,7 @@ import pytest
 from canest.estimators.base import create
 from canest.vehicle.samples import STEP_S, Status
 
-from .synthetic import FACTS, drive, with_columns
+from .synthetic import FACTS, cut, drive, join, with_columns
 
 G = 9.80665 * np.sqrt(1 + 0.006**2)
 
@@ -84,6 +84,18 @@ def test_selection_agrees_on_the_truth_after_excitation():
     r = method.update(d.block)
     assert r.mass_kg[-1] == pytest.approx(d.mass_kg, rel=0.04)
     assert r.status[-1] == Status.VALID
+
+
+@pytest.mark.parametrize("edges", [[], [1000]])
+def test_filters_go_on_starting_every_five_seconds_after_the_clock_was_set_back(edges):
+    block = drive(60.0, noise_mps2=0.01).block
+    back = block.t_us - 3_600_000_000 * (np.arange(len(block)) >= 1000)
+    expected = create("ekf-select", FACTS, {}).update(block)
+    method = create("ekf-select", FACTS, {})
+    found = join([method.update(part) for part in cut(with_columns(block, t_us=back), edges)])
+    # the step back itself takes no time, so that filters start a tick later
+    assert found["mass_kg"] == pytest.approx(expected.mass_kg, rel=1e-2)
+    assert len(method._filters) == method.options.filters
 
 
 def test_selection_does_not_trust_copies_of_one_guess():
