@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from canest.report import figure as look
-from canest.report.figure import Rows, numbers
+from canest.report.figure import Rows, numbers, with_gaps
 from canest.report.page import Card, Page, Section, Table
 from canest.vehicle.samples import STEP_US
 
@@ -95,20 +95,25 @@ def _curves(result: Comparison, order: list[str], default: str) -> Section:
     while len(t_us) / stride > POINTS_MAX:
         stride *= 2
     keep = np.flatnonzero(t_us // STEP_US % stride == 0)
-    x = numbers((t_us[keep] - t_us[0]) * 1e-6, 2)
+    columns = {"speed": result.speed_mps, "true mass": result.true_mass_kg, "true grade": result.true_grade}
+    for name, e in result.estimates.items():
+        columns |= {f"{name} mass": e.mass_kg, f"{name} grade": e.grade}
+    stamps, columns = with_gaps(t_us[keep], {name: column[keep] for name, column in columns.items()})
+    x = numbers((stamps - t_us[0]) * 1e-6, 2)
     rows = Rows(["mass, t", "grade, %", "speed, km/h"], [2.2, 1.8, 0.8], "seconds since the start")
     shown = {default, *order[:SHOWN_FIRST]}
     for index, name in enumerate(order):
-        e, colour = result.estimates[name], look.SERIES[index % len(look.SERIES)]
+        mass, grade = columns[f"{name} mass"], columns[f"{name} grade"]
+        colour = look.SERIES[index % len(look.SERIES)]
         width = 2.4 if name == default else 1.3
         first = len(rows.traces)
-        rows.line(1, x, numbers(e.mass_kg[keep] / 1e3, 3), name, colour, width=width, hover="%{y:.2f} t")
-        rows.line(2, x, numbers(e.grade[keep] * 1e2, 3), name, colour, width=width, hover="%{y:.2f} %",
+        rows.line(1, x, numbers(mass / 1e3, 3), name, colour, width=width, hover="%{y:.2f} t")
+        rows.line(2, x, numbers(grade * 1e2, 3), name, colour, width=width, hover="%{y:.2f} %",
                   legend=False)  # fmt: skip
         if name not in shown:
             for trace in rows.traces[first:]:
                 trace["visible"] = "legendonly"
-    true_mass, true_grade = result.true_mass_kg[keep], result.true_grade[keep]
+    true_mass, true_grade = columns["true mass"], columns["true grade"]
     if np.isfinite(true_mass).any():
         rows.line(1, x, numbers(true_mass / 1e3, 3), "truth", look.INK, dash="dash", hover="%{y:.2f} t")
         low, high = float(np.nanmin(true_mass)) / 1e3, float(np.nanmax(true_mass)) / 1e3
@@ -118,7 +123,7 @@ def _curves(result: Comparison, order: list[str], default: str) -> Section:
                   legend=False)  # fmt: skip
         low, high = float(np.nanmin(true_grade)) * 100, float(np.nanmax(true_grade)) * 100
         rows.axis(2)["range"] = [low - 2.0, high + 2.0]
-    rows.line(3, x, numbers(result.speed_mps[keep] * 3.6, 2), "speed", look.MUTED, hover="%{y:.1f} km/h",
+    rows.line(3, x, numbers(columns["speed"] * 3.6, 2), "speed", look.MUTED, hover="%{y:.1f} km/h",
               legend=False)  # fmt: skip
     return Section(
         "Mass and grade over the drive",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,18 @@ def numbers(values: Column, digits: int) -> list[float | None]:
     """Return JSON numbers rounded to ``digits`` decimals, null for what is no number."""
     rounded = np.round(np.asarray(values, np.float64), digits)
     return [v if math.isfinite(v) else None for v in rounded.tolist()]
+
+
+def with_gaps(stamps: Column, columns: Mapping[str, Column]) -> tuple[Column, dict[str, Column]]:
+    """Return stamps and columns, (n,) each, with a NaN where a curve is to break.
+
+    That is where more than five points are missing, and where the clock was set back.
+    """
+    steps = np.diff(stamps)
+    usual = np.median(steps) if len(steps) > 1 else math.inf
+    breaks = np.flatnonzero((steps > 5 * usual) | (steps < 0)) + 1
+    broken = {name: np.insert(column, breaks, np.nan) for name, column in columns.items()}
+    return np.insert(stamps, breaks, stamps[breaks - 1]), broken
 
 
 class Rows:

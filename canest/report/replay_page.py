@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from canest.frames import FloatColumn, IntColumn
 from canest.report import figure as look
-from canest.report.figure import Rows, numbers
+from canest.report.figure import Rows, numbers, with_gaps
 from canest.report.gates import OPEN_COLOUR, spans_of
 from canest.report.gates import look as gate_look
 from canest.report.page import Card, Page, Section, Table
@@ -111,9 +110,8 @@ def _drive(
     score: Score | None,
 ) -> Section:
     origin = recorder.first_us or 0
-    t = (stamps - origin) * 1e-6
-    stamps, t, columns = _with_gaps(stamps, t, columns)
-    x = numbers(t, 2)
+    stamps, columns = with_gaps(stamps, columns)
+    x = numbers((stamps - origin) * 1e-6, 2)
     rows = Rows(
         ["mass, t", "grade, %", "speed, km/h", "torque, N m", "gear", "force, kN", "residual, kN"],
         [1.5, 1.3, 0.9, 0.9, 0.45, 0.9, 0.8],
@@ -162,20 +160,6 @@ def _motion(rows: Rows, x: list[float | None], columns: dict[str, FloatColumn], 
               hover="%{y:.1f} kN")  # fmt: skip
     rows.line(6, x, numbers(columns["force_N"] * known, 2), "net force", look.BLUE, width=1.2,
               hover="%{y:.1f} kN")  # fmt: skip
-
-
-def _with_gaps(
-    stamps: IntColumn, t: NDArray[Any], columns: dict[str, FloatColumn]
-) -> tuple[IntColumn, FloatColumn, dict[str, FloatColumn]]:
-    """Break curves where the log has a gap (more than five points are missing)."""
-    if len(t) < 3:
-        return stamps, t, columns
-    steps = np.diff(stamps)
-    breaks = np.flatnonzero((steps > 5 * np.median(steps)) | (steps < 0)) + 1
-    if not len(breaks):
-        return stamps, t, columns
-    broken = {name: np.insert(column, breaks, np.nan) for name, column in columns.items()}
-    return np.insert(stamps, breaks, stamps[breaks - 1]), np.insert(t, breaks, t[breaks - 1]), broken
 
 
 def _estimate(

@@ -11,9 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from canest.compare import Comparison
 from canest.demo import DRIVE, TRUTH
 from canest.frames import FloatColumn
 from canest.gates import Gate
+from canest.pipeline import Estimates
+from canest.report.compare_page import COLUMNS, compare_page
 from canest.report.recorder import POINTS_MAX, Recorder, Whiteness, residual_N
 from canest.vehicle.samples import EstimateBlock, ModelBlock
 
@@ -136,6 +139,19 @@ def figure_of(report: Path) -> dict:
 
 def curves_of(figure: dict) -> dict[str, list[float | None]]:
     return {trace["name"]: trace["y"] for trace in figure["data"] if "name" in trace}
+
+
+def test_curves_of_a_comparison_break_where_the_log_pauses():
+    n = 3000
+    t_us = 20_000 * np.concatenate((np.arange(n), np.arange(n) + 180_000))
+    one, code = np.ones(2 * n), np.zeros(2 * n, np.uint8)
+    estimates = Estimates(t_us, 2e4 * one, one, 0.01 * one, one, code, code)
+    row = dict.fromkeys([key for key, _, _ in COLUMNS], 1.0) | {"note": ""}
+    table = {"estimators": {"canest": row}, "default": "canest", "compiled": False, "notes": []}
+    result = Comparison(table, {"canest": estimates}, 2e4 * one, 0.01 * one, 20 * one)
+    figure = json.loads(compare_page("x.log", "truck", result).sections[-1].figure)
+    assert [trace["y"].count(None) for trace in figure["data"]] == [1] * 5
+    assert all(len(trace["y"]) == len(figure["shared"][trace["x"]]) for trace in figure["data"])
 
 
 def test_every_curve_is_there(reports):
