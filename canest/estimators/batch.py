@@ -12,7 +12,8 @@ class BatchLs(TwoParameter):
     """All rows since the start weigh the same; causal, since the estimate at k solves eq. 5 with n = k.
 
     The covariance is sigma^2 (sum phi phi^T)^-1 with sigma^2 = V / (n - 2). The spread of the bounds (or what
-    was remembered) joins as prior rows, which is what the numbers are made of until there is excitation.
+    was remembered) joins as prior rows, which is what the numbers are made of until there is excitation; they
+    keep their own doubt, however small sigma is.
     """
 
     names = ("batch-ls",)
@@ -38,4 +39,5 @@ class BatchLs(TwoParameter):
         loss = np.maximum(squares - theta1 * b1 - theta2 * b2, 0.0)
         # two rows' worth of the start's variance keeps sigma^2 sensible for the first rows
         variance = (loss + 2.0 * self._first_variance) / (count + 2.0)
-        return np.stack((theta1, theta2, variance * n22 / determinant, variance * n11 / determinant))
+        p = (n22 / determinant, -n12 / determinant, n11 / determinant)
+        return np.stack((theta1, theta2, *self._variances(*p, variance)))

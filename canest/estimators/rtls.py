@@ -42,4 +42,5 @@ class Rtls(TwoParameter):
     def _learn(self, y: FloatColumn, phi1: FloatColumn, phi2: FloatColumn) -> FloatColumn:
         rows = self._scale.rows(np.stack((phi1, phi2, y), axis=1))
         x, smallest, gram, weight = self._svd.add(rows)
-        return bounded(self, self._scale, x, covariance(x, gram, smallest, weight))
+        cov = self._scale.covariance_back(covariance(x, gram, smallest, weight))
+        return bounded(self, self._scale.back(x).T, np.stack((cov[:, 0, 0], cov[:, 1, 1])))

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from canest.estimators.tls_math import NoiseScale, covariance
+from canest.estimators.tls_math import NoiseScale, spread
 from canest.estimators.two_parameter import TwoParameter, TwoParameterOptions
 from canest.frames import FloatColumn
 
@@ -62,7 +62,7 @@ class Tls(TwoParameter):
         self._factor = self._scale.rows(prior_rows(theta, p))
         self._pending = np.empty((0, 3))
         self._count = 0
-        self._now = np.array([[theta[0]], [theta[1]], [p[0] * variance], [p[2] * variance]])
+        self._now = np.array([*theta, *self._variances(*p, variance)])[:, None]
 
     def _learn(self, y: FloatColumn, phi1: FloatColumn, phi2: FloatColumn) -> FloatColumn:
         rows = np.concatenate((self._pending, self._scale.rows(np.stack((phi1, phi2, y), axis=1))))
@@ -86,24 +86,23 @@ class Tls(TwoParameter):
             return
         gram = self._factor[:, :2].T @ self._factor[:, :2]
         x = -vt[2, :2] / vt[2, 2]
-        cov = covariance(x, gram, s[2], np.array(float(self._count)))
-        self._now = bounded(self, self._scale, x[None], cov[None])
+        variance, inverse = spread(x, gram, s[2], np.array(float(self._count)))
+        p = self._scale.covariance_back(inverse) * self._scale.c22**2
+        variances = np.full(2, np.inf)
+        if np.isfinite(p).all():
+            variances[:] = self._variances(p[0, 0], p[0, 1], p[1, 1], variance / self._scale.c22**2)
+        self._now = bounded(self, self._scale.back(x)[:, None], variances[:, None])
 
 
-def bounded(method: TwoParameter, scale: NoiseScale, x: FloatColumn, cov: FloatColumn) -> FloatColumn:
-    """Return theta1, theta2 and variances in original units inside the bounds, shape (4, k), from X' (k, 2).
+def bounded(method: TwoParameter, theta: FloatColumn, variances: FloatColumn) -> FloatColumn:
+    """Return theta1, theta2 inside the bounds and their variances, shape (4, k), from (2, k) of each.
 
     The paper knows no parameter projection for its SVD-based methods; this one acts on what comes out, not on
     the state. Where there is no definite covariance, the spread of the bounds stands in.
     """
-    theta, back = scale.back(x), scale.covariance_back(cov)
-    known = np.isfinite(back[:, 0, 0])
-    prior = method.box.variance
-    return np.stack(
-        (
-            np.clip(theta[:, 0], method.box.low[0], method.box.high[0]),
-            np.clip(theta[:, 1], method.box.low[1], method.box.high[1]),
-            np.where(known, np.maximum(back[:, 0, 0], 0.0), prior[0]),
-            np.where(known, np.maximum(back[:, 1, 1], 0.0), prior[1]),
-        )
+    box = method.box
+    low, high, prior = (np.array(pair)[:, None] for pair in (box.low, box.high, box.variance))
+    known = np.isfinite(variances)
+    return np.concatenate(
+        (np.clip(theta, low, high), np.where(known, np.maximum(variances, 0.0), prior)), axis=0
     )

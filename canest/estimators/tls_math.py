@@ -85,6 +85,16 @@ def covariance(x: FloatColumn, gram: FloatColumn, smallest: FloatColumn, weight:
     x: (..., n). gram: A^T A, (..., n, n). smallest: the smallest singular value of [A B], (...). weight: m,
     the number of rows or, with forgetting, the sum of their weights. sigma^2 = smallest^2 / m.
     """
+    variance, inverse = spread(x, gram, smallest, weight)
+    product = np.full(inverse.shape, np.inf)
+    np.multiply(variance[..., None, None], inverse, out=product, where=np.isfinite(inverse))
+    return product
+
+
+def spread(
+    x: FloatColumn, gram: FloatColumn, smallest: FloatColumn, weight: FloatColumn
+) -> tuple[FloatColumn, FloatColumn]:
+    """Return the factors of `covariance`: a row's error variance (...), and the inverse (..., n, n)."""
     n = x.shape[-1]
     variance = smallest * smallest / np.maximum(weight, 1.0)
     core = gram - (weight * variance)[..., None, None] * np.eye(n)
@@ -92,7 +102,7 @@ def covariance(x: FloatColumn, gram: FloatColumn, smallest: FloatColumn, weight:
     definite = lowest[..., 0] > 1e-12 * np.trace(gram, axis1=-2, axis2=-1)
     safe = np.where(definite[..., None, None], core, np.eye(n))
     scale = (1.0 + np.sum(x * x, axis=-1)) * variance
-    return np.where(definite[..., None, None], scale[..., None, None] * np.linalg.inv(safe), np.inf)
+    return np.asarray(scale), np.where(definite[..., None, None], np.linalg.inv(safe), np.inf)
 
 
 def solve(a: FloatColumn, b: FloatColumn) -> tuple[FloatColumn, FloatColumn]:

@@ -10,7 +10,7 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import fsum
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -40,6 +40,8 @@ P_LIMIT = 10.0
 #: step of the running variance of the innovation: a memory of ten seconds
 VARIANCE_ALPHA = 1.0 / (10.0 * RATE_HZ)
 SQRT12 = float(np.sqrt(12.0))
+
+Number = TypeVar("Number", float, FloatColumn)
 
 
 class TwoParameterOptions(Options):
@@ -116,6 +118,20 @@ class TwoParameter(ChunkedEstimator):
     def _learn(self, y: FloatColumn, phi1: FloatColumn, phi2: FloatColumn) -> FloatColumn:
         """Learn from rows in order; return theta1, theta2, var1, var2 after each row, shape (4, k)."""
 
+    def _variances(self, p11: Number, p12: Number, p22: Number, variance: Number) -> tuple[Number, Number]:
+        """Return the variances of theta of a method without forgetting, scalars or (k,) as what is given.
+
+        p11, p12, p22: P, in theta^2 / y^2; variance: of y's noise. With A the prior's information in P^-1, of
+        which the data's is the rest, it is the diagonal of P (variance (P^-1 - A) + prior variance A) P:
+        quiet data are sharp where they say something; where they say nothing the doubt stays the prior's.
+        """
+        a1, a2 = self._prior_information
+        more = np.maximum(PRIOR_NOISE_MPS2**2 - variance, 0.0)
+        return (
+            variance * p11 + more * (a1 * p11 * p11 + a2 * p12 * p12),
+            variance * p22 + more * (a1 * p12 * p12 + a2 * p22 * p22),
+        )
+
     # what all share
 
     def _update(self, block: ModelBlock) -> EstimateBlock:
@@ -180,6 +196,7 @@ class TwoParameter(ChunkedEstimator):
     def _start_given(self, mass_kg: float, std_kg: float | None = None) -> None:
         """Start from a mass that somebody gave (or remembered)."""
         theta, (p1, p2) = self._prior_theta(mass_kg), self._prior_p(mass_kg, std_kg)
+        self._prior_information = (1.0 / p1, 1.0 / p2)
         self._begin(theta, (p1, 0.0, p2), PRIOR_NOISE_MPS2**2)
 
     def _begin(self, theta: tuple[float, float], p: tuple[float, float, float], variance: float) -> None:
@@ -217,6 +234,7 @@ class TwoParameter(ChunkedEstimator):
         mass = prior_mass_kg(self.facts)
         t1, t2 = self._prior_theta(mass)
         p1, p2 = self._prior_p(mass, None)
+        self._prior_information = (1.0 / p1, 1.0 / p2)
         n11 = fsum(a * a for a in phi1) + 1.0 / p1
         n12 = fsum(a * b for a, b in zip(phi1, phi2, strict=True))
         n22 = fsum(b * b for b in phi2) + 1.0 / p2
@@ -228,7 +246,7 @@ class TwoParameter(ChunkedEstimator):
         errors = (c - a * theta[0] - b * theta[1] for a, b, c in zip(phi1, phi2, y, strict=True))
         variance = fsum(e * e for e in errors) / max(1, len(y) - 2)
         self._begin(theta, p, variance)
-        return (*theta, p[0] * variance, p[2] * variance)
+        return (*theta, *self._variances(*p, variance))
 
 
 def prior_mass_kg(facts: VehicleFacts) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import padasip as pa
 import pytest
@@ -9,8 +11,9 @@ import pytest
 from canest import fast
 from canest.estimators.base import create
 from canest.estimators.rls import matrix_rls
+from canest.vehicle.samples import Status
 
-from .synthetic import FACTS, drive
+from .synthetic import FACTS, drive, with_columns
 
 FREE = (-1e9, 1e9, -1e9, 1e9, np.inf, np.inf)
 
@@ -104,6 +107,38 @@ def test_batch_equals_lstsq_after_every_row():
     for k in (300, 700, 1500):
         theta = np.linalg.lstsq(a[:k], d.block.accel_mps2[:k], rcond=None)[0]
         assert r.mass_kg[k - 1] == pytest.approx(1 / theta[0], rel=2e-4)  # the bounds join as weak prior rows
+
+
+@pytest.mark.parametrize("name", ["batch-ls", "tls", "gtls"])
+@pytest.mark.parametrize("noise_mps2", [0.02, 0.005, 0.0])
+def test_a_constant_force_leaves_the_doubt_of_the_bounds_however_quiet_the_data(name, noise_mps2):
+    d = drive(60.0)
+    n = len(d.block)
+    accel = noise_mps2 * np.random.default_rng(0).standard_normal(n)
+    cruise = with_columns(d.block, force_N=np.full(n, 1250.0), accel_mps2=accel)
+    r = create(name, FACTS).update(cruise)
+    spread = np.array([1 / FACTS.mass_min_kg - 1 / FACTS.mass_max_kg, FACTS.mass_max_kg - FACTS.mass_min_kg])
+    of_inverse, of_mass = spread / np.sqrt(12)
+    mass, std = (column[~np.isnan(r.mass_kg)] for column in (r.mass_kg, r.mass_std_kg))
+    assert (std > 0.9 * np.minimum(of_inverse * mass**2, of_mass)).all()
+    assert not (r.status == Status.VALID).any()
+
+
+def test_the_doubt_of_batch_least_squares_is_that_of_repeated_drives():
+    """Prior and data both scatter, each as it says; a drive of little excitation has some of both."""
+    rng = np.random.default_rng(4)
+    d = drive(20.0, pulse_s=2.0)
+    force = 1250.0 + 0.02 * (d.block.force_N - d.block.force_N.mean())
+    errors, stated = [], []
+    for _ in range(60):
+        mass = 21_250.0 + 1_000.0 * rng.standard_normal()
+        accel = (force - 1250.0) / mass + 0.01 * rng.standard_normal(len(force))
+        method = create("batch-ls", replace(FACTS, initial_mass_kg=21_250.0))
+        method.restore(21_250.0, 1_000.0)
+        r = method.update(with_columns(d.block, force_N=force, accel_mps2=accel))
+        errors.append(r.mass_kg[-1] - mass)
+        stated.append(r.mass_std_kg[-1])
+    assert np.mean(stated) == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=0.3)
 
 
 @pytest.mark.parametrize(("name", "within"), [("rls", 2e-3), ("rls-vector", 2e-2), ("batch-ls", 2e-3)])
