@@ -20,7 +20,8 @@ _ON = 1e-6
 class StatusTracker:
     """Counts how long the standard deviation has been small; carries the count over blocks.
 
-    bounds_kg: a mass that was projected onto one of them is no result.
+    bounds_kg: a mass that was projected onto one of them is no result. One that noise takes off again is like
+    that of a vehicle which weighs as much as it may, and counts.
     """
 
     def __init__(
