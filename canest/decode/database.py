@@ -10,7 +10,6 @@ import difflib
 import importlib
 import sys
 from collections.abc import Iterable, Sequence
-from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -20,13 +19,25 @@ from canest.errors import ConfigError
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal
 
+#: file -> its time of change and size when it was parsed, and what was in it
+_parsed: dict[Path, tuple[tuple[int, int], Database]] = {}
+
 
 def load(path: str | Path) -> Database:
-    """Return the database of a file (DBC, or another format that cantools reads), parsed once per process.
+    """Return the database of a file (DBC, or another format that cantools reads).
 
+    A file is parsed once: the same object comes back until the file on the disk is another one.
     Errors: ConfigError for a file that is missing, no database, or one without CAN messages.
     """
-    return _load(Path(path).resolve(), str(path))
+    file = Path(path).resolve()
+    try:
+        status = file.stat()
+    except OSError as error:
+        raise _cannot_read(str(path), error) from error
+    version = status.st_mtime_ns, status.st_size  # looked up first: what changes meanwhile is read next time
+    if file not in _parsed or _parsed[file][0] != version:
+        _parsed[file] = version, _parse(file, str(path))
+    return _parsed[file][1]
 
 
 def _cantools_database() -> Any:
@@ -48,13 +59,12 @@ def _cantools_database() -> Any:
     return database
 
 
-@cache
-def _load(path: Path, where: str) -> Database:
+def _parse(path: Path, where: str) -> Database:
     cantools_database = _cantools_database()
     try:
         loaded = cantools_database.load_file(path)
     except OSError as error:
-        raise ConfigError("cannot read database", where=where, found=error.strerror or str(error)) from error
+        raise _cannot_read(where, error) from error
     except Exception as error:  # a damaged file meets any exception of cantools' parsers
         reason = str(error).strip().splitlines() or [type(error).__name__]
         raise ConfigError(
@@ -64,6 +74,10 @@ def _load(path: Path, where: str) -> Database:
         raise ConfigError("database without CAN messages", where=where, expected="a DBC file with messages")
     database: Database = loaded
     return database
+
+
+def _cannot_read(where: str, error: OSError) -> ConfigError:
+    return ConfigError("cannot read database", where=where, found=error.strerror or str(error))
 
 
 def find_signal(

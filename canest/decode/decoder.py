@@ -56,6 +56,7 @@ class Decoder:
 
     def __init__(self, wants: Mapping[str, Want], databases: Sequence[Database]) -> None:
         self.counters = Counters()
+        self.databases = list(databases)
         self._groups = build_groups(wants, databases)
         self._by_pgn = {g.pgn: g for g in self._groups if g.pgn is not None}
         self._by_exact = {g.exact_id: g for g in self._groups if g.exact_id is not None}

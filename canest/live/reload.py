@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from canest.config.schema import Config
+from canest.decode.signal_map import databases_of
 from canest.live.doors import Doors
 from canest.live.link import Receiver
 from canest.live.node import Node, join
@@ -38,6 +39,8 @@ def renew(
     """
     config = read()
     changed = {part for part in Config.model_fields if getattr(config, part) != getattr(old, part)}
+    if databases_of(config) != pipeline.decoder.databases:  # a file of the same name with other content
+        changed.add("dbc")
     following = None
     if not changed.isdisjoint(_MAKES_THE_ESTIMATE):
         following = Pipeline(config, listener=listener)

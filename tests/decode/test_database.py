@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -19,6 +20,17 @@ from canest.resources import shipped
 def test_loaded_once_per_process():
     path = shipped("dbc") / "canest.dbc"
     assert load(path) is load(str(path))
+
+
+def test_a_file_that_was_edited_is_read_again(tmp_path):
+    path = tmp_path / "own.dbc"
+    factors = []
+    for factor in (1, 2, 2):
+        path.write_text(f'BO_ 291 EEC1: 8 X\n SG_ EngSpeed : 0|8@1+ ({factor},0) [0|0] "rpm" X\n')
+        os.utime(path, ns=(factor, factor))
+        factors.append(find_signal([load(path)], "EEC1", "EngSpeed")[1].scale)
+    assert factors == [1, 2, 2]
+    assert load(path) is load(path)
 
 
 def test_loading_imports_no_bus_and_leaves_cantools_whole():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import time
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from canest.errors import ConfigError
 from canest.live.daemon import MOST_FAILURES_IN_A_ROW
 from canest.pipeline import Pipeline
+from canest.resources import shipped
 from canest.vehicle.samples import Status
 from tests.live.rig import Rig, config, descriptors, resident_kb
 
@@ -111,6 +113,33 @@ def test_reload_of_what_the_estimate_does_not_depend_on_leaves_it_alone(tmp_path
         assert rig.daemon.estimate(rig.now_us).status == Status.VALID
         assert "mass-restored" not in rig.log.getvalue()
         assert rig.daemon.memory.learned is not None
+
+
+def test_reload_takes_an_edited_dbc_over_and_refuses_a_broken_one(tmp_path, drive, monkeypatch):
+    dbc = tmp_path / "own.dbc"
+    shutil.copy(shipped("dbc") / "j1939.dbc", dbc)
+
+    def settings():
+        return config(tmp_path, f"dbc=[{dbc}]")
+
+    def edited(rig, text):
+        dbc.write_text(text)
+        rig.daemon._wants_reload = True
+        pipeline = rig.daemon.pipeline
+        rig.run(2)
+        return rig.daemon.pipeline is not pipeline
+
+    text = dbc.read_text()
+    with Rig(monkeypatch, settings(), drive, reload=settings) as rig:
+        rig.run(1)
+        assert not edited(rig, text[: len(text) // 2].rsplit("BO_", 1)[0] + "BO_ nonsense")
+        assert "reload-refused" in rig.log.getvalue()
+        assert edited(rig, text + "\n")
+        assert len(rig.opened) == 2  # filters may have changed with it
+        rig.daemon._wants_reload = True
+        pipeline = rig.daemon.pipeline
+        rig.run(2)
+        assert rig.daemon.pipeline is pipeline and rig.daemon.reloads == 2
 
 
 @pytest.mark.parametrize(
