@@ -7,6 +7,7 @@ import json
 import os
 import re
 import socket
+import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,8 @@ from canest.errors import UsageError
 from canest.live.memory import state_dir
 
 ANSWER_S = 3.0  #: a daemon that works looks for clients every second
-_CLIENTS = 4  #: waiting at once
+_CLIENTS = 32  #: waiting at once
+_RETRY_S = 0.05
 _SYSTEM_FOLDERS = ("/run/canest", "/run")
 
 
@@ -46,16 +48,18 @@ class StatusServer:
         self._socket.listen(_CLIENTS)
 
     def poll(self, content: Callable[[], dict[str, Any]]) -> None:
-        """Answer the clients that wait."""
+        """Answer the clients that wait, all with the same."""
+        answer = b""
         for _ in range(_CLIENTS):
             try:
                 client, _ = self._socket.accept()
             except OSError:
                 return
+            answer = answer or json.dumps(content()).encode()
             with client, contextlib.suppress(OSError):  # a client that left, or does not read
                 client.setblocking(False)
                 client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 18)
-                client.send(json.dumps(content()).encode())
+                client.send(answer)
 
     def close(self, *, keep_name: bool = False) -> None:
         """Stop answering and take the socket's name away, unless it is another server's by now."""
@@ -67,11 +71,13 @@ class StatusServer:
 
 def refuse_second(path: Path) -> None:
     """Raise UsageError where somebody listens on a socket of this name."""
-    try:
-        with _connected(path):
-            pass
-    except OSError:
-        return
+    with _client() as client:
+        try:
+            client.connect(str(path))
+        except BlockingIOError:
+            pass  # somebody does, and has more clients waiting than there is room for
+        except OSError:
+            return
     raise UsageError(
         "a daemon of this config is running already",
         where=str(path),
@@ -79,17 +85,24 @@ def refuse_second(path: Path) -> None:
     )
 
 
-@contextlib.contextmanager
-def _connected(path: Path) -> Iterator[socket.socket]:
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
-        client.settimeout(ANSWER_S)
-        client.connect(str(path))
-        yield client
+def _client() -> socket.socket:
+    client = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    client.settimeout(ANSWER_S)
+    return client
 
 
 def ask(path: Path) -> dict[str, Any]:
     """Return a running daemon's snapshot. Errors: OSError, ValueError when nobody answers properly."""
-    with _connected(path) as client:
+    until_s = time.monotonic() + ANSWER_S
+    with _client() as client:
+        while True:
+            try:
+                client.connect(str(path))
+                break
+            except BlockingIOError:  # others wait already; whoever works answers them all within a second
+                if time.monotonic() > until_s:
+                    raise
+                time.sleep(_RETRY_S)
         parts = []
         while part := client.recv(1 << 16):
             parts.append(part)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
 import os
 import re
 import socket
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from hypothesis import given
@@ -16,7 +19,7 @@ from canest.errors import UsageError
 from canest.live.journal import BURST, REFILL_S, Journal
 from canest.live.notify import Notifier
 from canest.live.schedule import STEP_NS, Schedule
-from canest.live.status_socket import StatusServer
+from canest.live.status_socket import StatusServer, ask
 from canest.live.view import BLOCKS, LiveView, sparkline
 
 
@@ -220,6 +223,26 @@ def test_a_second_daemon_does_not_take_the_first_ones_name(tmp_path):
     assert path.exists()
     first.close()
     assert not path.exists()
+
+
+def test_a_daemon_is_there_however_many_ask_at_once(tmp_path):
+    path = tmp_path / "status-can0.sock"
+    first = StatusServer(path)
+    with contextlib.ExitStack() as waiting:
+        with contextlib.suppress(BlockingIOError):  # until there is no room for one more
+            while True:
+                client = waiting.enter_context(socket.socket(socket.AF_UNIX))
+                client.settimeout(0.1)
+                client.connect(str(path))
+        with pytest.raises(UsageError, match="running already"):
+            StatusServer(path)
+        with ThreadPoolExecutor() as pool:
+            answer = pool.submit(ask, path)
+            while not answer.done():
+                first.poll(lambda: {"pid": 7})
+                time.sleep(0.1)
+            assert answer.result() == {"pid": 7}
+    first.close()
 
 
 def test_a_name_left_by_a_killed_daemon_is_taken_over_and_only_ones_own_is_removed(tmp_path):
