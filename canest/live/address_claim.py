@@ -99,6 +99,9 @@ class AddressClaim:
         if self.name < name:
             self._due_us = now_us  # ours wins: say so again
             return
+        if self.name == name and self.state is State.OWNED:
+            self._claim(source, now_us)  # who comes second with our NAME hears it, and yields as we would
+            return
         self.counters["addresses_lost"] += 1
         self._lost.add(source)
         if name == self.name:

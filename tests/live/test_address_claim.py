@@ -149,11 +149,40 @@ def test_when_every_address_is_taken_we_are_silent_and_try_again_later():
 
 
 def test_our_own_name_from_elsewhere_makes_us_silent_instead_of_walking_in_step_with_it():
-    talk = Conversation().run(400_000)
+    talk = Conversation().run(TICK_US)
     talk.other(158, OURS)
     talk.run(1_000_000)
     assert talk.claim.address is None
     assert "our NAME" in talk.claim.reason
+
+
+def together(us, *talks):
+    """Let conversations hear each other; return the addresses owned at every tick."""
+    owned = []
+    for _ in range(us // TICK_US):
+        for talk in talks:
+            talk.said.clear()
+            talk.run(TICK_US)
+            for other in talks:
+                for can_id, payload in talk.said if other is not talk else ():
+                    other.other(j1939.source_of(can_id), int.from_bytes(payload, "little"))
+        owned.append([talk.claim.address for talk in talks])
+    return owned
+
+
+def test_of_two_nodes_with_one_name_the_second_is_silent_for_good():
+    first, second = Conversation().run(400_000), Conversation()
+    owned = together(3 * RETRY_US, first, second)
+    assert {b for _, b in owned} == {None}
+    assert sum(a == 158 for a, _ in owned) > 0.98 * len(owned)
+
+
+def test_of_two_owners_with_one_name_one_stays_when_their_buses_are_joined():
+    first, second = Conversation().run(400_000), Conversation().run(400_000)
+    first.claim.on_request(first.now_us)
+    owned = together(3 * RETRY_US, first, second)
+    assert {158, None} == set(owned[-1])
+    assert not any(a and b for a, b in owned[1:])
 
 
 def test_a_request_for_claims_is_answered_with_the_claim():
