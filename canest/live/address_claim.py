@@ -74,7 +74,7 @@ class AddressClaim:
         self._sent_us = 0  #: when the present claim went out
         self._announced = False  #: the present claim has gone out at least once
         self._tokens, self._refilled_us = float(BURST), 0
-        self._now_us: int | None = None
+        self._awake_us: int | None = None  #: when `poll` was last called
 
     @property
     def address(self) -> int | None:
@@ -116,14 +116,18 @@ class AddressClaim:
     def on_request(self, now_us: int) -> None:
         """Somebody asks who owns which address: repeat the claim, or that we could not claim."""
         if self.state is not State.IDLE and self._due_us is None:
-            self._due_us = now_us
+            self._due_us = now_us + (self._delay_us if self.state is State.CANNOT_CLAIM else 0)
 
-    def poll(self, now_us: int) -> list[Frame]:
-        """Return the frames to send now; call every tick."""
-        if self._now_us is not None and now_us - self._now_us > _ASLEEP_US and self.state is State.OWNED:
+    def poll(self, now_us: int, awake_us: int | None = None) -> list[Frame]:
+        """Return the frames to send now; call every tick.
+
+        awake_us: the time of a clock that goes on while the machine is suspended (default: ``now_us`` does).
+        """
+        before_us, self._awake_us = self._awake_us, now_us if awake_us is None else awake_us
+        asleep = before_us is not None and self._awake_us - before_us > _ASLEEP_US
+        if asleep and self.state is State.OWNED:
             self.counters["reclaimed_after_sleep"] += 1
             self._claim(self._candidate, now_us)
-        self._now_us = now_us
         if self.state is State.CANNOT_CLAIM and self._announced and now_us - self._sent_us >= RETRY_US:
             self.start(now_us)
         frames = []
@@ -152,7 +156,12 @@ class AddressClaim:
     def _give_up(self, now_us: int, reason: str) -> None:
         self.state, self.reason = State.CANNOT_CLAIM, reason
         self._announced = False
-        self._due_us = now_us + (self.name * 2654435761 >> 16 & 0xFF) * _DELAY_STEP_US
+        self._due_us = now_us + self._delay_us
+
+    @property
+    def _delay_us(self) -> int:
+        """How long we wait before we say that we cannot claim."""
+        return (self.name * 2654435761 >> 16 & 0xFF) * _DELAY_STEP_US
 
     def _next_address(self) -> int | None:
         """Return the next free address after the candidate, walking round once."""

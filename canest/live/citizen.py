@@ -54,9 +54,9 @@ class Citizen:
                 self._asked(request.source, request.pgn, request.destination != j1939.GLOBAL_ADDRESS, now_us)
         self._watch_group(watch, now_us)
 
-    def poll(self, now_us: int) -> list[Frame]:
-        """Return the frames that a node owes the bus now."""
-        frames = self.claim.poll(now_us)
+    def poll(self, now_us: int, awake_us: int | None = None) -> list[Frame]:
+        """Return the frames that a node owes the bus now (times as in `AddressClaim.poll`)."""
+        frames = self.claim.poll(now_us, awake_us)
         address = self.claim.address
         if address is not None and self._answers and now_us >= self._answer_at_us:
             asker, pgn = self._answers.popleft()

@@ -20,6 +20,7 @@ from canest.live.link import (
 )
 from canest.live.watch import CVW_PGN, BusWatch
 
+_AWAKE_CLOCK: int = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)  #: only Linux has, and needs, it
 LISTENING_ONLY = "listening only (broadcast.listen_only)"
 NEVER_US = 1 << 62
 NOT_ENABLED = "broadcast is off (a physical bus needs broadcast.enabled: true)"
@@ -72,7 +73,7 @@ class Node:
         citizen, broadcaster, transmitter = self.citizen, self.broadcaster, self._transmitter
         if citizen is None or broadcaster is None or transmitter is None:
             return
-        for can_id, payload in citizen.poll(now_us):
+        for can_id, payload in citizen.poll(now_us, awake_us()):
             if not transmitter.send(can_id, payload):
                 citizen.claim.not_sent(now_us)
         address = citizen.address_to_speak_from(now_us)
@@ -108,6 +109,11 @@ class Node:
         if self._transmitter is not None:
             counted |= self._transmitter.counters
         return counted
+
+
+def awake_us() -> int:
+    """Return the time of a clock that goes on while the machine is suspended, unlike Linux' monotonic one."""
+    return time.clock_gettime_ns(_AWAKE_CLOCK) // 1000
 
 
 def join(config: Config, wanted: Filters) -> tuple[Receiver, Node]:

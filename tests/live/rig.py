@@ -98,6 +98,7 @@ class Rig:
 
         monkeypatch.setattr(node_module, "open_link", open_link)
         monkeypatch.setattr(time, "monotonic_ns", self.time.clock_ns)
+        monkeypatch.setattr(node_module, "awake_us", lambda: self.now_us)
         self.log = io.StringIO()
         self.daemon = Daemon(
             config,

@@ -31,13 +31,15 @@ class Conversation:
     def __init__(self, name=OURS, preferred=158):
         self.claim = AddressClaim(name, preferred)
         self.now_us = 1_000_000
-        self.said = []
+        self.said, self.said_us = [], []
         self.claim.start(self.now_us)
 
     def run(self, us):
         end = self.now_us + us
         while self.now_us < end:
-            self.said += self.claim.poll(self.now_us)
+            frames = self.claim.poll(self.now_us)
+            self.said += frames
+            self.said_us += [self.now_us] * len(frames)
             self.now_us += TICK_US
         return self
 
@@ -199,6 +201,17 @@ def test_a_request_after_we_could_not_claim_is_answered_from_the_null_address():
     talk.claim.on_request(talk.now_us)
     talk.run(300_000)
     assert talk.sources == [158, NULL_ADDRESS, NULL_ADDRESS]
+
+
+def test_a_request_after_we_could_not_claim_is_answered_after_our_own_delay():
+    talk = Conversation(name=FIXED).run(400_000)
+    talk.other(158, FIXED - 1)
+    lost_us = talk.now_us
+    talk.run(1_000_000)
+    delay_us = talk.said_us[-1] - lost_us
+    talk.claim.on_request(asked_us := talk.now_us)
+    talk.run(300_000)
+    assert talk.said_us[-1] - asked_us == delay_us > 0
 
 
 def test_a_spoofer_contesting_every_claim_cannot_make_us_flood():

@@ -11,6 +11,7 @@ from canest.config import load_config
 from canest.config.bus import Broadcast
 from canest.decode import j1939
 from canest.frames import FrameBlock
+from canest.live import node as node_module
 from canest.live.address_claim import CLAIM_PGN, REQUEST_PGN
 from canest.live.broadcast import PCC1_PGN, Broadcaster, cvw_payload, pcc1_payload
 from canest.live.citizen import LISTEN_US, QUIET_US
@@ -124,6 +125,17 @@ def test_losing_the_address_stops_the_broadcast_until_another_is_owned():
     assert bus.wire.groups() == [CLAIM_PGN]
     bus.run(1_000_000)
     assert {j1939.source_of(i) for i, _ in bus.estimates()} == {159}
+
+
+def test_after_the_machine_was_suspended_the_address_is_claimed_again_before_it_is_used(monkeypatch):
+    bus = Bus().run(3_000_000)
+    suspended_us = 60_000_000  # in which the monotonic clock stands still
+    awake_us = node_module.awake_us
+    monkeypatch.setattr(node_module, "awake_us", lambda: awake_us() + suspended_us)
+    bus.wire.sent.clear()
+    bus.run(200_000)
+    assert bus.wire.groups() == [CLAIM_PGN]
+    assert bus.run(1_000_000).estimates()
 
 
 def test_a_stale_estimate_is_sent_as_not_available():
