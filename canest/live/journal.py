@@ -1,12 +1,14 @@
 """Log lines for a person on call: one event a line, key=value, rate-limited, in journald's stderr form.
 
 Under systemd every line starts with its priority, ``<4>``, which journald takes off again; elsewhere the
-line starts with the time of day and a word.
+line starts with the time of day and a word. What nobody reads is held back: no line is ever waited for.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
+import select
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -18,6 +20,7 @@ _WORDS = {ERROR: "error", WARNING: "warning", NOTICE: "notice", INFO: "info"}
 BURST = 5  #: lines of one event at once
 REFILL_S = 30.0  #: then one more per this time
 _EVENTS_REMEMBERED = 256
+_PIECE = 1024  #: characters, so at most 4096 bytes, which a pipe that takes anything takes at once
 
 
 class Journal:
@@ -34,6 +37,7 @@ class Journal:
         self._clock_s = clock_s
         #: event -> (tokens, when counted, lines held back since)
         self._buckets: dict[str, tuple[float, float, int]] = {}
+        self._cut = False  #: the last line lacks its end
 
     def error(self, event: str, **fields: object) -> None:
         """Something does not work and somebody has to see to it."""
@@ -62,11 +66,24 @@ class Journal:
             line = f"<{priority}>{text}\n"
         else:
             line = f"{time.strftime('%H:%M:%S')} {_WORDS[priority]}: {text}\n"
-        try:
-            self._stream.write(line)
+        with contextlib.suppress(OSError, ValueError):  # a closed or full stderr must not end the estimation
+            self._write("\n" + line if self._cut else line)
+
+    def _write(self, line: str) -> None:
+        self._cut = False
+        for at in range(0, len(line), _PIECE):
+            if at and not self._is_read():
+                self._cut = True
+                return
+            self._stream.write(line[at : at + _PIECE])
             self._stream.flush()
-        except (OSError, ValueError):  # a closed or full stderr must not end the estimation
-            return
+
+    def _is_read(self) -> bool:
+        """Return False where a line would have to wait for a reader (a pipe that is full)."""
+        try:
+            return bool(select.select([], [self._stream], [], 0)[1])
+        except (OSError, ValueError):  # closed, or no file of the system: then writing does not wait either
+            return True
 
     def _admit(self, event: str) -> int | None:
         """Return how many lines of this event were held back before this one, None to hold it back too."""
@@ -75,7 +92,7 @@ class Journal:
         tokens = min(float(BURST), tokens + (now_s - counted_s) / REFILL_S)
         if len(self._buckets) >= _EVENTS_REMEMBERED and event not in self._buckets:
             self._buckets.clear()
-        if tokens < 1:
+        if tokens < 1 or not self._is_read():
             self._buckets[event] = tokens, now_s, held_back + 1
             return None
         self._buckets[event] = tokens - 1, now_s, 0

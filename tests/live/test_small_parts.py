@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import io
 import math
 import os
 import re
 import socket
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -122,6 +124,24 @@ def test_a_closed_stderr_does_not_end_the_daemon():
     log, stream, _ = journal()
     stream.close()
     log.error("nobody hears this")
+
+
+def test_a_stderr_that_nobody_reads_is_not_waited_for():
+    read, write = os.pipe()
+    fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 8192)
+    with open(read, "rb") as reader, open(write, "w") as stream:  # noqa: PTH123 - descriptors, no paths
+        log = Journal(stream, {"JOURNAL_STREAM": "1"}, lambda: 0.0)
+        stop = threading.Timer(2.0, reader.close)  # who waits is told that there is nobody
+        stop.start()
+        for number in range(20):
+            log.notice(f"event-{number}", text="x" * 2500)
+        log.notice("event-0")
+        stop.cancel()
+        held_back = 20 - sum(b"event" in line for line in os.read(read, 100_000).splitlines())
+        assert held_back > 10
+        log.notice("event-19")
+        log.notice("other")
+        assert os.read(read, 100_000) == b"\n<5>event-19 held_back=1\n<5>other\n"
 
 
 def test_outside_systemd_lines_are_for_people():
