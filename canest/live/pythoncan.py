@@ -37,12 +37,14 @@ logging.getLogger("can.bus").addFilter(lambda record: "not properly shut down" n
 INTERFACES = can.VALID_INTERFACES  #: names, those of installed plugins too
 GUARD_US = 20_000  #: drivers hand a frame over this long after its stamp at the latest
 _IDS_REMEMBERED = 4096  #: a bus has some hundreds of identifiers, noise has millions
-_MAX_FRAMES = 4096  #: per drain, so that a flood cannot keep a tick from ending
+_MAX_FRAMES = 4096  #: read at once, so that a flood cannot keep a tick from ending
+#: stamps further from the machine's clock may be those of a log that somebody plays at any speed
+_PRESENT_US = 1_000_000
+_STAMP_MAX_S = 9e12  #: what microseconds in 64 bits can hold
 #: interfaces that hand our own frames back to us although asked not to (python-can 4.6)
 _ECHOING = frozenset({"udp_multicast"})
 #: extras of ours that bring what an interface of python-can needs
 _EXTRAS = {"udp_multicast": "multicast", "slcan": "serial", "serial": "serial", "robotell": "serial"}
-_OURS_US = 1_000_000  #: stamps this close to the system's clock come from it
 
 
 class PythonCanReceiver:
@@ -64,7 +66,8 @@ class PythonCanReceiver:
         self.counters: Counter[str] = Counter()
         self._bus: can.BusABC | None = None
         self._rows: list[tuple[int, int, bytes]] = []
-        self._stamps_are_ours = False
+        #: the newest stamp less the monotonic time at which it was read: stamps may come from any clock
+        self._ahead_us: int | None = None
         #: frames sent whose echo is to be dropped when it comes
         self._echoes: deque[tuple[int, bytes]] | None = (
             deque(maxlen=64) if bus.interface in _ECHOING else None
@@ -85,24 +88,25 @@ class PythonCanReceiver:
         try:
             if self._bus is None:
                 self._reopen()
-            while self._bus is not None and len(self._rows) < _MAX_FRAMES:
-                message = self._bus.recv(0)
+            for _ in range(_MAX_FRAMES):
+                message = None if self._bus is None else self._bus.recv(0)
                 if message is None:
                     return True
-                self._take(_row(message))
+                self._take(message)
         except Exception as error:  # drivers raise anything; none of it may end the loop
             self._failed(error)
         return self._bus is None
 
     def drain(self) -> Drained:
         """Return what has arrived; see `canest.live.link.Receiver`."""
-        before_us = time.time_ns() // 1000
-        emptied = self.collect()
+        before_us = time.monotonic_ns() // 1000
+        reached_us = None
+        if self.collect() and self._ahead_us is not None:
+            # a frame waits before it is read, so the clock of the stamps is at least this far
+            stamping_us = before_us + self._ahead_us
+            if abs(stamping_us - time.time_ns() // 1000) < _PRESENT_US:
+                reached_us = stamping_us - GUARD_US
         rows, self._rows = self._rows, []
-        if rows:
-            # a device's own clock says nothing about when its stamps have been reached
-            self._stamps_are_ours = abs(rows[-1][0] - before_us) < _OURS_US
-        reached_us = before_us - GUARD_US if emptied and self._stamps_are_ours else None
         return Drained(FrameBlock.from_frames(rows), reached_us)
 
     def close(self) -> None:
@@ -114,7 +118,12 @@ class PythonCanReceiver:
             except Exception:  # closing a device that is gone
                 self.counters["close_failed"] += 1
 
-    def _take(self, row: tuple[int, int, bytes]) -> None:
+    def _take(self, message: can.Message) -> None:
+        if not abs(message.timestamp) < _STAMP_MAX_S:  # or not a number
+            self.counters["unusable_stamp"] += 1
+            return
+        row = _row(message)
+        self._ahead_us = row[0] - time.monotonic_ns() // 1000
         if not self._is_wanted(row[1]):
             return
         if self._echoes and row[1:] in self._echoes:

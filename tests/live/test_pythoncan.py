@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import gc
+import itertools
+import math
 import time
 
 import can
@@ -39,16 +41,80 @@ def test_python_can_frames_arrive_filtered_and_whole(virtual):
     assert drained.reached_us is not None
 
 
-def test_stamps_of_another_clock_make_no_promise_about_time():
-    receiver, _ = open_link(
-        Bus(interface="virtual", channel="u", options={"preserve_timestamps": True}), [(0, 0)], transmit=False
-    )
+def test_stamps_of_a_log_that_is_played_make_no_promise_about_time():
+    receiver, _ = open_link(Bus(interface="virtual", channel="u"), [(0, 0)], transmit=False)
     with can.Bus(interface="virtual", channel="u", preserve_timestamps=True) as other:
         other.send(frame(ID, timestamp=1_700_000_000.25))
         drained = receiver.drain()
     receiver.close()
     assert drained.frames.t_us.tolist() == [1_700_000_000_250_000]
     assert drained.reached_us is None
+
+
+class Adapter:
+    """A device with a clock of its own: a frame every 10 ms but for a silence, in scripted time.
+
+    clock: microseconds of the machine -> of the device.
+    """
+
+    def __init__(self, monkeypatch, clock, silent_us=range(0)):
+        self.now_us, self._sent_us, self._clock, self._silent_us = 10**9, 10**9, clock, silent_us
+        for name in ("time_ns", "monotonic_ns"):
+            monkeypatch.setattr(time, name, lambda: self.now_us * 1000)
+
+    def recv(self, _):
+        while self._sent_us + 11_000 <= self.now_us:  # handed over 1 ms after it was on the bus
+            self._sent_us += 10_000
+            if self._sent_us not in self._silent_us:
+                return frame(ID, timestamp=self._clock(self._sent_us) * 1e-6)
+        return None
+
+    def drains(self, receiver, seconds):
+        """Yield (time of the device, what was drained) five times a second, collecting on every beat."""
+        for beat in range(1, seconds * 50 + 1):
+            self.now_us += 20_000
+            if beat % 10:
+                receiver.collect()
+            else:
+                yield self._clock(self.now_us), receiver.drain()
+
+
+@pytest.mark.parametrize(
+    "clock",
+    [
+        lambda us: us,
+        lambda us: us - 300_000,
+        lambda us: us + 300_000,
+        lambda us: us // 5000 * 4999,  # 200 ppm slow
+        lambda us: us - (us > 1_030_000_000) * 300_000,  # set
+    ],
+)
+def test_time_is_that_of_the_stamps_on_an_adapter_with_a_clock_of_its_own(monkeypatch, virtual, clock):
+    receiver, _, _ = virtual
+    adapter = Adapter(monkeypatch, clock, silent_us=range(1_050_000_000, 1_052_000_000))
+    receiver._bus.recv = adapter.recv
+    reached_us, late, frames = -(1 << 62), [], 0
+    for now_us, drained in adapter.drains(receiver, 60):
+        late += [t for t in drained.frames.t_us.tolist() if t < reached_us]
+        reached_us, frames = drained.reached_us, frames + len(drained.frames)
+        assert now_us - 41_000 <= reached_us < now_us
+    assert frames == 5799
+    assert len(late) <= (31 if clock(1_060_000_000) == 1_059_700_000 else 0)  # of the moment it was set
+
+
+def test_a_frame_with_an_impossible_stamp_is_dropped_and_counted(virtual):
+    receiver, _, _ = virtual
+    stamps = [1e20, math.nan, 1_700_000_000.25]
+    receiver._bus.recv = lambda _: frame(ID, timestamp=stamps.pop(0)) if stamps else None
+    assert receiver.drain().frames.t_us.tolist() == [1_700_000_000_250_000]
+    assert receiver.counters == {"unusable_stamp": 2} and receiver.state == "up"
+
+
+def test_a_flood_of_frames_that_nobody_wants_does_not_keep_us(virtual):
+    receiver, _, _ = virtual
+    flood = itertools.repeat(frame(0x18FF0000), 20_000)
+    receiver._bus.recv = lambda _: next(flood, None)
+    assert [receiver.collect() for _ in range(5)] == [False, False, False, False, True]
 
 
 def test_python_can_sends_and_its_failures_are_counted(virtual):
