@@ -114,12 +114,13 @@ class MetricsServer:
 
     def __init__(self, port: int, latest: dict[str, Any]) -> None:
         try:
-            from prometheus_client import CollectorRegistry, start_http_server
+            from prometheus_client import CollectorRegistry, make_wsgi_app
             from prometheus_client.core import Metric
         except ImportError:
             raise UsageError(
                 "service.metrics_port needs prometheus-client", expected="pip install canest[metrics]"
             ) from None
+        from canest.live.metrics_http import HttpServer
 
         class _Collector:
             def collect(self) -> Iterator[Any]:
@@ -134,13 +135,11 @@ class MetricsServer:
         registry = CollectorRegistry()
         registry.register(_Collector())
         self.port = port
-        self._server, self._thread = start_http_server(port, addr="127.0.0.1", registry=registry)
+        self._server = HttpServer(port, make_wsgi_app(registry))
 
     def close(self) -> None:
         """Stop serving and free the port; takes up to half a second."""
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join()
+        self._server.close()
 
 
 def _value(value: float) -> str:

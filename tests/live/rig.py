@@ -8,6 +8,7 @@ import gc
 import io
 import itertools
 import os
+import socket
 import time
 from collections import Counter
 from pathlib import Path
@@ -157,6 +158,12 @@ def wait_for(condition, timeout_s=5.0):
             return False
         time.sleep(0.02)
     return False
+
+
+def free_port():
+    with socket.socket() as sock:
+        sock.bind(("127.0.0.1", 0))
+        return sock.getsockname()[1]
 
 
 def config(tmp_path, *changes, name="vcan"):

@@ -21,7 +21,7 @@ from canest.config import load_config
 from canest.live.install import install, unit_text
 from canest.live.status_socket import StatusServer, ask, socket_path
 from canest.resources import shipped
-from tests.live.rig import Rig, wait_for
+from tests.live.rig import Rig, free_port, wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 QUIET = ["--set", "bus.interface=virtual", "--set", "bus.channel=quiet", "--set", "estimator.name=rlsmf"]
@@ -103,12 +103,6 @@ def test_a_life_under_systemd(tmp_path, truck):
         assert time.monotonic() - begin < 1.0
         daemon.heard("STOPPING=1")
         assert not path.exists()
-
-
-def free_port():
-    with socket.socket() as sock:
-        sock.bind(("127.0.0.1", 0))
-        return sock.getsockname()[1]
 
 
 def served(port):
