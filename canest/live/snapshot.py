@@ -84,7 +84,7 @@ def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
         },
         "files": {
             **daemon.background.counters,
-            **{f"{k}_error": v for k, v in daemon.background.failures.items()},
+            **{f"{k}_error": v for k, v in daemon.background.failures.copy().items()},  # a thread changes it
         },
         "failures": daemon.failures,
         "reloads": daemon.reloads,

@@ -212,6 +212,21 @@ def test_metrics_and_snapshot_tell_the_same_and_are_well_formed(tmp_path, drive,
     assert sum(s.value for s in families["canest_status"].samples) == 1
 
 
+def test_the_snapshot_is_whole_while_the_disk_recovers(tmp_path, monkeypatch):
+    from canest.live.snapshot import snapshot
+
+    class Failures(dict):
+        def items(self):
+            for kind, error in super().items():
+                yield kind, error
+                self.pop(kind, None)  # as the thread does that has just written
+
+    with Rig(monkeypatch, config(tmp_path)) as rig:
+        rig.daemon.background.failures = Failures(state="No space left", ring="No space left")
+        files = snapshot(rig.daemon, rig.now_us)["files"]
+        assert files["state_error"] == files["ring_error"] == "No space left"
+
+
 def test_the_snapshot_is_json_and_stays_small_under_noise(tmp_path, drive, monkeypatch):
     from canest.live.snapshot import snapshot
 
