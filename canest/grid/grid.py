@@ -120,6 +120,9 @@ class Grid:
                 if before is not None:
                     t_us = np.concatenate((before[0], t_us))
                     value = np.concatenate((before[1], value))
+                last = t_us[1:] != t_us[:-1]
+                if not last.all():  # no tick sees the others: stamps that stand still must not pile up
+                    t_us, value = (np.append(c[:-1][last], c[-1]) for c in (t_us, value))
                 self._ahead[role] = t_us, value
             elif before is None:
                 self._ahead[role] = t_us.tolist(), value.tolist()
