@@ -131,7 +131,8 @@ class TextLog(_Spool[Block]):
 class Ring(_Spool[FrameBlock]):
     """Compressed segments in one folder, together never larger than ``max_bytes``: what the vehicle saw.
 
-    Named by time and channel, readable by every command that reads logs; the oldest go first.
+    Named by time and channel, readable by every command that reads logs; the oldest go first. Those
+    of a time yet to come were written before the clock was set back: they go before all others.
     """
 
     def __init__(
@@ -185,9 +186,9 @@ class Ring(_Spool[FrameBlock]):
 
     def _begin_segment(self) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)
-        self._drop_oldest()
         self._begun_s = self._clock_s()
         stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(self._begun_s))
+        self._drop_oldest(stamp)
         self._path = self._folder / f"{stamp}-{self._channel}.log.gz"
         self._holds_frames = self._path.exists()  # of the same second
         self._file = gzip.open(self._path, "ab", compresslevel=1)  # noqa: SIM115 - lives for a quarter of an hour
@@ -197,8 +198,9 @@ class Ring(_Spool[FrameBlock]):
         if file is not None:
             file.close()
 
-    def _drop_oldest(self) -> None:
-        segments = sorted(p for p in self._folder.iterdir() if _SEGMENT_NAME.fullmatch(p.name))
+    def _drop_oldest(self, now: str) -> None:
+        segments = [p for p in self._folder.iterdir() if _SEGMENT_NAME.fullmatch(p.name)]
+        segments.sort(key=lambda p: (p.name[: len(now)] <= now, p.name))
         sizes = [p.stat().st_size for p in segments]
         # room for the segment that begins now, and for the last write, which may carry it beyond its share
         limit = self._max_bytes - 2 * (self._max_bytes // _SEGMENT_SHARE)

@@ -207,6 +207,19 @@ def test_the_ring_never_outgrows_its_bound_and_keeps_the_newest(tmp_path, backgr
     assert same(last[-200:], newest)
 
 
+def test_segments_of_a_time_yet_to_come_go_first(tmp_path, background):
+    clock = [2_100_000_000.0]  # until the clock is set right
+    ring = Ring(tmp_path, "can0", 100_000, background, lambda: clock[0])
+    for k in range(100):
+        clock[0] = clock[0] + 20 if k != 40 else 1_790_000_000.0
+        ring.add(frames(200, seed=k), 2.0 * k)
+        assert background.flush(5)
+    ring.close()
+    assert background.flush(5)
+    segments = sorted(p.name for p in tmp_path.iterdir())
+    assert len(segments) > 10 and {name[:4] for name in segments} == {"2026"}
+
+
 def test_a_segment_cut_off_by_a_crash_gives_what_it_holds(tmp_path, background):
     ring = Ring(tmp_path, "can0", 10_000_000, background)
     ring.add(frames(100), 0.0)
