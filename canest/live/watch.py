@@ -61,7 +61,7 @@ class BusWatch:
         #: source address -> claims of it, and engine or retarder commands from it
         self.claimed: Counter[int] = Counter()
         self.torque_commands: Counter[int] = Counter()
-        #: total distance of the vehicle, by the first sender heard; None where nobody tells
+        #: total distance of the vehicle, by the first sender that tells it; None where nobody does
         self.distance_km: float | None = None
         self._odometer: tuple[int, int] | None = None
         self.counters: Counter[str] = Counter()
@@ -122,11 +122,13 @@ class BusWatch:
             self.claimed[source] += 1
 
     def _note_distance(self, pgn: int, source: int, word: int) -> None:
-        if self._odometer is None:
-            self._odometer = pgn, source
         first_bit, km = _ODOMETERS[pgn]
         raw = word >> first_bit & 0xFFFF_FFFF
-        if self._odometer == (pgn, source) and raw <= _DISTANCE_LARGEST:
+        if raw > _DISTANCE_LARGEST:
+            return
+        if self._odometer is None:
+            self._odometer = pgn, source
+        if self._odometer == (pgn, source):
             self.distance_km = raw * km
 
     def _note_mass(self, source: int, raw: int, t_us: int, now_us: int) -> None:

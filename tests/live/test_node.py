@@ -230,7 +230,7 @@ def test_the_odometer_is_read_from_the_first_sender_that_tells_it():
     watch = BusWatch(OWN_PGN)
     assert watch.distance_km is None
     unknown, known = b"\xff" * 8, (200_000).to_bytes(4, "little") + b"\xff" * 4
-    for source, payload in ((0x17, unknown), (0x17, known), (0x00, bytes(8))):
+    for source, payload in ((0x00, unknown), (0x17, known), (0x00, bytes(8))):
         watch.observe(FrameBlock.from_frames([(0, j1939.pack(65217, source), payload)]), 0)
     assert watch.distance_km == pytest.approx(1000.0)
     other = BusWatch(OWN_PGN)
