@@ -18,6 +18,8 @@ SEND_TIMEOUT_S = 0.1
 _SHORT_S = 0.0005
 #: a clock that goes back further was set: the rhythm begins anew, where else all that follows would be late
 _SET_BACK_US = 500_000
+#: a longer pause is cut to this: the clock was set forward, or nothing was recorded
+_PAUSE_US = 60_000_000
 #: frames read at once
 _BLOCK_FRAMES = 1 << 12
 
@@ -32,8 +34,9 @@ def play(
 ) -> str:
     """Send every frame of a log onto ``bus`` ("interface:channel"), ``speed`` times real time.
 
-    A frame that the interface does not take in time is dropped and counted. Error frames are not sent, nor
-    are CAN FD frames beyond eight bytes, of which a block holds the first eight only.
+    A pause of more than a minute is cut to one. A frame that the interface does not take in time is dropped
+    and counted. Error frames are not sent, nor are CAN FD frames beyond eight bytes, of which a block holds
+    the first eight only.
     Returns one sentence that says how many went out. Errors: UsageError, ConfigError (an unknown
     interface), BusError, LogError.
     """
@@ -54,7 +57,7 @@ def play(
             where=bus,
             expected="an interface that is up (ip link), or another one, e.g. udp_multicast:239.74.163.2",
         ) from None
-    sent = dropped = long = 0
+    sent = dropped = long = pauses = left_out_us = 0
     started = begin = time.monotonic()
     first_us: int | None = None
     last_us = 0
@@ -75,6 +78,11 @@ def play(
                     continue
                 if first_us is None or t_us < last_us - _SET_BACK_US:
                     begin, first_us = time.monotonic(), t_us
+                elif t_us - last_us > _PAUSE_US:
+                    beyond_us = t_us - last_us - _PAUSE_US
+                    first_us += beyond_us
+                    left_out_us += beyond_us
+                    pauses += 1
                 last_us = t_us
                 wait_s = begin + (t_us - first_us) * 1e-6 / speed - time.monotonic()
                 if wait_s > _SHORT_S:
@@ -98,4 +106,7 @@ def play(
     lost = f", {dropped:,} dropped (the interface did not take them)" if dropped else ""
     if long:
         lost += f", {long:,} CAN FD frames of more than eight bytes not sent"
+    if pauses:
+        several = "s" if pauses > 1 else ""
+        lost += f", {pauses} pause{several} cut to a minute ({left_out_us / 3.6e9:,.1f} h left out)"
     return f"{log}: {sent:,} frames sent to {bus} in {time.monotonic() - started:.1f} s{lost}"

@@ -240,6 +240,18 @@ class TestOntoABus:
         assert times[9] - times[0] > 0.4
         assert times[19] - times[10] > 0.4
 
+    def test_a_clock_that_is_set_in_mid_log_does_not_stop_the_rhythm_for_years(self, canest, tmp_path):
+        import can
+
+        path = tmp_path / "forward.log"
+        stamps = [0, 0.5, 1_790_000_000, 1_790_000_000.5]
+        path.write_text("".join(f"({t:.6f}) can0 123#00\n" for t in stamps))
+        with can.Bus(interface="virtual", channel="play-on") as bus:
+            done = canest("replay", path, "--to", "virtual:play-on", "--speed", "100")
+            times = [bus.recv(0).timestamp for _ in stamps]
+        assert 0.5 < times[2] - times[1] < 5.0  # a minute at a hundred times real time
+        assert "4 frames sent" in done.out and "1 pause cut to a minute (497,222.2 h left out)" in done.out
+
     def test_a_result_that_is_asked_for_is_written_too_and_nothing_is_sent_before_all_is_right(
         self, canest, tmp_path
     ):
