@@ -72,6 +72,11 @@ def test_a_clock_set_back_and_forward_leaves_a_valid_mass_valid(tmp_path, drive,
         assert abs(after.mass_kg - before.mass_kg) < 0.03 * before.mass_kg
         clock = rig.daemon.pipeline.clock.counters
         assert clock["clock_set_back"] == 1 and clock["gaps"] >= 1
+    with Rig(monkeypatch, config(tmp_path), drive) as rig:
+        rig.run(79)
+        undisturbed = rig.daemon.estimate(rig.now_us)
+    assert abs(after.grade - undisturbed.grade) < 0.002
+    assert after.grade_std < 2.0 * undisturbed.grade_std
 
 
 def in_order(rig, frames, shift):
