@@ -19,7 +19,9 @@ from canest.estimators.canest_states import (
     HERE_M,
     LASTED_S,
     LASTING_U,
+    SINCE_STOOD_M,
     SLOW_N,
+    STANDING_S,
     STEADY_N,
     SURPRISED_M,
 )
@@ -42,8 +44,10 @@ SIGN_MEMORY, CLIP = 15.0, 5.0
 ONE_SIGNED = 1.5
 #: a load that is another than before, by this share, has to prove itself for so long, s
 ANOTHER, PROOF_S = 0.045, 60.0
-#: who is surprised again within this distance carries another load, m
+#: who is surprised within this distance of another time, or of a stop, carries another load, m
 AGAIN_M = 1000.0
+#: a vehicle that has stood this long may have been coupled or tipped, and creeps this far while that is done
+STOP_S, CREEP_M = 3.0, 10.0
 
 
 @fast.kernel
@@ -109,8 +113,19 @@ def forget(memory: Container) -> None:
 
 
 @fast.kernel
+def stand(memory: Container, gap_s: float, still: bool, ds: float) -> float:
+    """Return how long the vehicle has stood, creeping included. gap_s: time missing before this window."""
+    standing: float = memory[STANDING_S] + gap_s + (WINDOW_S if still else 0.0)
+    memory[SINCE_STOOD_M] = 0.0 if still or gap_s > 0.0 else memory[SINCE_STOOD_M] + ds
+    memory[STANDING_S] = standing if memory[SINCE_STOOD_M] <= CREEP_M else 0.0
+    if standing > STOP_S:  # whoever is surprised soon after a stop carries another load
+        memory[SURPRISED_M] = 0.0
+    return standing
+
+
+@fast.kernel
 def unload(memory: Container) -> None:
-    """Forget what torque has told: the vehicle has stood long enough to carry another load."""
+    """Forget what torque has told: the vehicle may carry another load, which has to prove itself."""
     forget(memory)
     if memory[LASTED_S] >= PROOF_S:
         memory[BEFORE_U] = memory[HELD_U]
@@ -124,10 +139,10 @@ def follow(memory: Container, bias: float) -> None:
 
 @fast.kernel
 def surprise(memory: Container, ds: float) -> tuple[bool, bool]:
-    """Return whether the innovations have been one-signed for too long, and whether not for the first time.
+    """Return whether the innovations have been one-signed for too long, and whether it is the load.
 
-    ds: metres since the window before. Once, it may be a sharper crest than roads have; twice within
-    `AGAIN_M`, the load is another and what was told of it is void.
+    ds: metres since the window before. Once, it may be a sharper crest than roads have; within `AGAIN_M` of
+    another time or of a stop, the load is another and what was told of it is void.
     """
     memory[SURPRISED_M] += ds
     surprised = abs(memory[BIASED]) > ONE_SIGNED
@@ -135,5 +150,5 @@ def surprise(memory: Container, ds: float) -> tuple[bool, bool]:
     if surprised:
         memory[BIASED] = memory[SURPRISED_M] = 0.0
     if again:
-        forget(memory)
+        unload(memory)
     return surprised, again

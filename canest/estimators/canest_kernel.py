@@ -32,7 +32,7 @@ from typing import Any
 from canest import fast
 from canest.estimators.canest_axle import UNDRIVEN_EVERY, slip_seen
 from canest.estimators.canest_coarse import coarse_grade, surer
-from canest.estimators.canest_doubt import credit, follow, last, proven, steady_hand, surprise, unload
+from canest.estimators.canest_doubt import credit, follow, last, proven, stand, steady_hand, surprise, unload
 from canest.estimators.canest_filter import (
     correct,
     hold_within,
@@ -127,6 +127,8 @@ _SWING_MPS = 0.05
 _LOADING_S = 30.0
 #: what surprises may be a curve this much beyond its prior variance
 _SHARPER = 9.0
+#: an accelerometer's bias wanders with its temperature (0.02 m/s2 in ten minutes), (m/s2)2/s
+_BIAS_WALK = 6e-7
 #: share of its prior variance by which a new load changes delay, slip, bias and pitch
 _LOOSER = 0.1
 
@@ -171,9 +173,9 @@ def run(
         is_open = open_[k] > 0.0
         first = 0 if is_open else FREE
         # -- what happened since the window before
-        standing = memory[STANDING_S] + gap_s[k] + stopped[k] * WINDOW_S
-        loaded = memory[STANDING_S] < _LOADING_S <= standing
-        memory[STANDING_S] = standing * stopped[k]
+        stood_s = memory[STANDING_S]
+        standing = stand(memory, gap_s[k], stopped[k] > 0.0, ds)
+        loaded = stood_s < _LOADING_S <= standing
         if gap_s[k] > 0.0:
             memory[SINCE] = 0.0
             ds += gap_s[k] * max(v, 0.0)
@@ -284,6 +286,7 @@ def run(
                     GRADE, _G, U, J * a - force[k], WIND, drag[k], Q, 0.0, Q, 0.0,
                 )  # fmt: skip
             if sees:
+                P[BIAS][BIAS] += _BIAS_WALK * _SEE_EVERY * WINDOW_S
                 r = memory[SENSED_VAR]
                 slip = calm * torque_rate + t * motion
                 jerk = x[U] * torque_rate
@@ -350,7 +353,7 @@ def run(
             memory, row[OUT_GRADE], row[OUT_GRADE_VAR], is_open, seen, seen_var
         )
         row[OUT_LEARNED] = memory[LEARNED]
-        row[OUT_STANDING_S] = memory[STANDING_S]
+        row[OUT_STANDING_S] = memory[STANDING_S] * stopped[k]
         row[OUT_EFFORT] = memory[EFFORT]
         row[OUT_FELT] = memory[FELT]
         row[OUT_STEADY_MPS2] = row[OUT_U] * memory[STEADY_N]

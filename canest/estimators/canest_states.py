@@ -54,8 +54,9 @@ AXLE_STATES = 3
     BEFORE_U,  # the one that had lasted before the load may have changed, 0 for none
     HERE_M,  # travelled on this stretch of road, and the effort that was credited on it
     HERE_EFFORT,
-) = range(35)
-MEMORY = 35
+    SINCE_STOOD_M,  # travelled since the vehicle last stood
+) = range(36)
+MEMORY = 36
 
 # one window's outputs
 OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S, OUT_EFFORT = range(8)

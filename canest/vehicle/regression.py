@@ -79,7 +79,8 @@ class Regression:
         was_open = shifted(is_open, self._was_open and grid.continues)
         self._was_open = bool(is_open[-1])
         nothing = constant(math.nan, len(grid))
-        doubtful = np.isfinite(c.signal(MOTION_JUMP, np.nan))
+        # backwards an accelerometer feels the other way than a speed tells, which has no sign
+        doubtful = np.isfinite(c.signal(MOTION_JUMP, np.nan)) | (c.gear < 0)
         accelerometer = self._sensor("accelerometer", c.signals.get("longitudinal_accel"), grid)
         return ModelBlock(
             t_us=grid.t_us,

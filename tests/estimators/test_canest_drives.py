@@ -102,6 +102,15 @@ def test_accelerometer_bias_and_pitch_are_learned():
         assert abs(drive.error(e)[-1]) < 0.03
 
 
+def test_an_accelerometers_bias_may_drift():
+    drive = trip(600, accelerometer=True, throttle=steady)
+    drive.block.accelerometer_mps2[:] += np.linspace(0.0, 0.1, 600 * 50)  # it warms up
+    _, e = run(drive)
+    late = slice(300 * 50, None)
+    off = np.abs(e.grade - drive.grade)[late]
+    assert (off < 3.0 * e.grade_std[late]).mean() > 0.98
+
+
 @pytest.mark.parametrize("accelerometer", [False, True])
 def test_a_load_change_in_a_stop_is_found(accelerometer):
     drive = trip(
@@ -175,6 +184,32 @@ def test_a_short_stop_keeps_the_mass():
     assert (e.mass_std_kg / e.mass_kg)[(t > 106) & (t < 114)].min() > 0.2
     assert (e.status[(t > 106) & (t < 114)] == Status.CONVERGING).all()
     assert e.status[t > 120].min() == Status.VALID
+
+
+@pytest.mark.parametrize(("before_kg", "after_kg"), [(32_000.0, 9_000.0), (9_000.0, 32_000.0)])
+def test_a_load_changed_in_a_stop_of_seconds_is_found(before_kg, after_kg):
+    drive = trip(260, mass_kg=[(0, before_kg), (115, after_kg)], stops=[(110, 122)])
+    _, e = run(drive)
+    t = np.arange(len(e)) * 0.02
+    wrong = (np.abs(drive.error(e)) > 0.08) & (e.status == Status.VALID)
+    assert not wrong[t > 150].any()
+    assert abs(drive.error(e)[-1]) < 0.03
+    # a mass that was opened again has to last, as after a stop that was long enough to be loaded
+    assert (e.status[(t > 150) & (t < 185)] == Status.CONVERGING).all()
+
+
+def test_creeping_while_it_is_loaded_is_one_stop():
+    drive = trip(170, stops=[(100, 140)])
+    for begin_s in (112, 126):
+        creeps = slice(begin_s * 50, (begin_s + 2) * 50)
+        drive.block.speed_mps[creeps] = drive.block.raw_speed_mps[creeps] = 0.8
+        drive.block.stopped[creeps] = False
+    _, e = run(drive)
+    t = np.arange(len(e)) * 0.02
+    assert (e.status[(t > 90) & (t < 95)] == Status.VALID).all()
+    # what the truck weighs it has to learn again
+    assert t[(t > 142) & (e.status == Status.VALID)][0] > 144
+    assert (e.mass_std_kg / e.mass_kg)[(t > 140) & (t < 142)].min() > 0.2
 
 
 def test_a_load_change_that_nobody_saw_opens_the_mass_again():

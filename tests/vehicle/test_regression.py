@@ -139,6 +139,18 @@ def test_standing_and_what_is_not_measured() -> None:
     assert not block.ax_ok.any()
 
 
+def test_backwards_an_accelerometer_is_not_used() -> None:
+    roles = (*ROLES, "gear", "longitudinal_accel")
+    signals = {
+        "engine_torque": 500.0,
+        "vehicle_speed": 3.0,
+        "gear": [1.0, 1.0, -1.0],
+        "longitudinal_accel": 0.2,
+    }
+    block = Regression(config(roles)).process(ticks(signals, 3))
+    assert block.ax_ok.tolist() == [True, True, False]
+
+
 def test_a_slope_sensor_gives_the_tangent() -> None:
     block = Regression(config((*ROLES, "pitch"), vehicle=FIXED_GEAR)).process(
         ticks({"engine_torque": 0.0, "vehicle_speed": 5.0, "pitch": [0.05, -0.1]})
