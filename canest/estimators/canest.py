@@ -14,6 +14,7 @@ from canest.estimators import canest_kernel as kernel
 from canest.estimators import canest_output as output
 from canest.estimators import canest_states as at
 from canest.estimators.base import Estimator
+from canest.estimators.canest_hearing import SECOND
 from canest.estimators.canest_prior import LOUDEST, prior_of
 from canest.estimators.canest_roads import CURVED_M, STRAIGHT_M
 from canest.estimators.canest_windows import COLUMNS, SHIFT, Windows
@@ -28,6 +29,7 @@ VALID_SHARE = 0.045
 REMEMBERED = 10.0
 #: sine of the steepest slope given out; no road is steeper than 35 %
 STEEPEST = 0.33
+_DEAF = "the accelerometer does not feel what the speed tells, and is not used: another unit, sign or axis?"
 _SPEED, _SENSED = COLUMNS.index("speed_mps"), COLUMNS.index("sensed_mps2")
 
 
@@ -67,6 +69,7 @@ class Canest(Estimator):
         self._memory[at.COARSE_VAR] = self._memory[at.LAST_VAR] = prior.std[at.GRADE] ** 2
         self._memory[at.COARSE_GRADE] = self._memory[at.LAST_GRADE] = prior.mean[at.GRADE]
         self._memory[at.SURPRISED_M] = math.inf
+        self._memory[at.SUMMED] = -SECOND
         self._windows = Windows()
         self._status = StatusTracker(VALID_SHARE)
         # a guess is given out until there is something better, and has no other part in it
@@ -167,7 +170,11 @@ class Canest(Estimator):
         return EstimateBlock(mass, mass_std, grade, grade_std, status)
 
     def doubts(self) -> str:
-        """Return whether the mass presses against one of its bounds."""
+        """Return what speaks against the numbers: a mass that presses on its bound, a deaf accelerometer."""
+        found = [self._pressed(), _DEAF if self._memory[at.DEAF] > 0.0 else ""]
+        return "; ".join(doubt for doubt in found if doubt)
+
+    def _pressed(self) -> str:
         u, beyond = self._memory[at.HELD_U], self._memory[at.PRESSED]
         if abs(beyond) <= VALID_SHARE * u:
             return ""

@@ -32,7 +32,17 @@ from typing import Any
 from canest import fast
 from canest.estimators.canest_axle import UNDRIVEN_EVERY, slip_seen
 from canest.estimators.canest_coarse import coarse_grade, surer
-from canest.estimators.canest_doubt import credit, follow, last, proven, stand, steady_hand, surprise, unload
+from canest.estimators.canest_doubt import (
+    credit,
+    follow,
+    forget,
+    last,
+    proven,
+    stand,
+    steady_hand,
+    surprise,
+    unload,
+)
 from canest.estimators.canest_filter import (
     correct,
     hold_within,
@@ -42,6 +52,7 @@ from canest.estimators.canest_filter import (
     travel,
     widen,
 )
+from canest.estimators.canest_hearing import hears
 from canest.estimators.canest_noise import level, surplus, tally
 from canest.estimators.canest_roads import blend, drive_on, likelihood, weigh
 from canest.estimators.canest_states import (
@@ -51,6 +62,7 @@ from canest.estimators.canest_states import (
     COUNT,
     CURVATURE,
     CURVED,
+    DEAF,
     DELAY,
     EFFORT,
     FELT,
@@ -60,6 +72,7 @@ from canest.estimators.canest_states import (
     HEIGHT,
     LAST_MPS2,
     LEARNED,
+    OUT_DEAF,
     OUT_EFFORT,
     OUT_FELT,
     OUT_GRADE,
@@ -114,6 +127,8 @@ _OTHER_PITCH = 0.1
 _MASS_DRIFT = 1e-8
 #: weight of the newest window in the calm speed; all of it in the first windows of a balance
 _CALM, _FRESH = 0.02, 3.0
+#: slower than this the pulses of a speed sensor are too rare to tell an acceleration, m/s
+_MOVING_MPS = 2.0
 #: an accelerometer is read every so many windows
 _SEE_EVERY = 2.0
 #: the delay of reported torque changes from frame to frame by a part of its 20 ms cycle
@@ -185,6 +200,8 @@ def run(
             Y[AXLE_SLIP][AXLE_SLIP] += _LOOSER * prior[SLIP] * prior[SLIP] + y[AXLE_SLIP] * y[AXLE_SLIP]
         # the road has a step, or the load has changed where nobody saw it: let the next seconds tell
         surprised, again = surprise(memory, ds)
+        was_deaf = memory[DEAF]
+        feels = hears(memory, sensed[k], a, v > _MOVING_MPS)
         # -- what both filters share of this window
         begins = is_open and memory[SINCE] == 0.0
         calm = v
@@ -214,7 +231,9 @@ def run(
         if is_open and undriven[k] == undriven[k] and (memory[COUNT] + 1.0) % UNDRIVEN_EVERY == 0.0:
             slip_z, slip_r = slip_seen(y, Y, w, memory, floors[2], v - undriven[k], calm, t, a)
         memory[UNSEEN] += 1.0
-        sees = sensed[k] == sensed[k] and stopped[k] == 0.0 and memory[UNSEEN] >= _SEE_EVERY
+        sees = feels and stopped[k] == 0.0 and memory[UNSEEN] >= _SEE_EVERY
+        if memory[DEAF] < was_deaf:  # it works again: from now on torque tells anew
+            forget(memory)
         if sees:
             memory[UNSEEN] = 0.0
         climbs = altitude[k] == altitude[k]
@@ -223,7 +242,7 @@ def run(
         swing_var = swing * swing
         steepens = prior[CURVATURE] * calm
         # an accelerometer feels the road that a steady hand follows
-        steady = sensed[k] != sensed[k] and steady_hand(memory, u, force[k], steepens)
+        steady = not feels and steady_hand(memory, u, force[k], steepens)
         # -- each filter by itself
         odds = 0.0  # log-likelihood of a straight less that of a curve
         speed_surplus = sensed_surplus = bias = nis = pressed = settles = 0.0
@@ -331,7 +350,7 @@ def run(
             memory[LEARNED] = 1.0
             memory[PRESSED] = settles * memory[PRESSED] + pressed
             first_of_all = begins and memory[COUNT] == 0.0
-            credit(memory, u, force[k], steepens, first_of_all, sensed[k] == sensed[k], ds)
+            credit(memory, u, force[k], steepens, first_of_all, feels, ds)
             tally(memory, bias, nis)
             if t > 0.0:  # in overrun it may as well be a brake that nobody reports
                 follow(memory, bias)
@@ -358,3 +377,4 @@ def run(
         row[OUT_FELT] = memory[FELT]
         row[OUT_STEADY_MPS2] = row[OUT_U] * memory[STEADY_N]
         row[OUT_PROVEN] = proven(memory)
+        row[OUT_DEAF] = memory[DEAF]

@@ -20,6 +20,8 @@ UNTOLD_MPS2, UNFELT_MPS2 = 0.005, 0.02
 #: slow torque leaves at least this share in doubt, whatever an accelerometer feels, so that it alone is never
 #: trusted: one crest taken for a straight while the driver eases off is enough
 LEAST_FELT = 0.045
+#: share of the mass in doubt where nothing speaks for it
+UNBELIEVED = 0.5
 #: a vehicle that stands longer than at a crossing may be loaded at this very moment
 UNLOADED_S = 10.0
 #: below this share of the mass its std is that of the inverse mass, to first order
@@ -39,7 +41,9 @@ def known(
     table = np.empty((len(out), COLUMNS))
     untold = UNTOLD_MPS2 / np.maximum(out[:, at.OUT_EFFORT], 1e-9)
     felt = np.maximum(UNFELT_MPS2 / np.maximum(out[:, at.OUT_FELT], 1e-9), LEAST_FELT)
-    untold = np.minimum(np.minimum(untold, felt), 0.5)
+    untold = np.minimum(np.minimum(untold, felt), UNBELIEVED)
+    # what an accelerometer told that does not feel the vehicle is in all that was learned
+    untold[out[:, at.OUT_DEAF] > 0.0] = UNBELIEVED
     u_var = out[:, at.OUT_U_VAR] + (untold * out[:, at.OUT_U]) ** 2
     u_var[out[:, at.OUT_STANDING_S] > UNLOADED_S] += any_load * any_load
     table[:, MASS_KG], table[:, MASS_STD_KG] = mass_of(out[:, at.OUT_U], u_var, facts)

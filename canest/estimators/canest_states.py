@@ -55,10 +55,18 @@ AXLE_STATES = 3
     HERE_M,  # travelled on this stretch of road, and the effort that was credited on it
     HERE_EFFORT,
     SINCE_STOOD_M,  # travelled since the vehicle last stood
-) = range(36)
-MEMORY = 36
+    SENSED_SUM,  # accelerometer and acceleration of this second, its windows, and the means of the one before
+    ACCEL_SUM,
+    SUMMED,
+    SENSED_BEFORE,
+    ACCEL_BEFORE,
+    SHAKES,  # changes of the acceleration squared, and times what the accelerometer felt of them
+    SHAKEN,
+    DEAF,  # 1 while it does not feel what the vehicle does
+) = range(44)
+MEMORY = 44
 
 # one window's outputs
 OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S, OUT_EFFORT = range(8)
-OUT_FELT, OUT_STEADY_MPS2, OUT_PROVEN = 8, 9, 10
-OUTPUTS = 11
+OUT_FELT, OUT_STEADY_MPS2, OUT_PROVEN, OUT_DEAF = range(8, 12)
+OUTPUTS = 12
