@@ -112,6 +112,8 @@ _GUST_MPS, _GUST_S = 0.15, 5.0
 #: a satellite altitude wanders (2 m in a minute, whether the vehicle moves or not), m2/s; and the std of one
 #: reading, m
 _HEIGHT_WANDER, _HEIGHT_STD_M = 0.07, 2.5
+#: after a gap this long nobody knows how high the road has led, s
+_LOST_S = 60.0
 #: an altitude this many squared stds from where the road leads has leapt
 _LEAP = 25.0
 #: force that the model lacks: share of the traction, correlated over this time (torque holes, oscillation);
@@ -194,6 +196,8 @@ def run(
         if gap_s[k] > 0.0:
             memory[SINCE] = 0.0
             ds += gap_s[k] * max(v, 0.0)
+            if gap_s[k] > _LOST_S:
+                memory[HAS_HEIGHT] = 0.0
         drive_on(X, PP, weight, memory, ds, wind_var, curvature_var)
         if loaded:
             unload(memory)
@@ -323,7 +327,7 @@ def run(
                 sensed_found = surplus(e, s)
             if climbs:
                 r = _HEIGHT_STD_M * _HEIGHT_STD_M
-                e, s = altitude[k] - x[HEIGHT], P[HEIGHT][HEIGHT] + r
+                e, s = altitude[k] - x[HEIGHT], max(P[HEIGHT][HEIGHT], 0.0) + r
                 if high:
                     told += likelihood(e, s)
                 if high and e * e < _LEAP * s:
