@@ -94,7 +94,8 @@ def command(
         truths = [truth_file(paths[0], truth)]
     elif truth in (None, "auto"):
         truths = [truth_beside(log) if truth else None for log in paths]
-        _tell_missing(paths, truths if truth else paths)
+        if truth:
+            _tell_missing(paths, truths)
     else:
         raise click.UsageError(
             "one truth cannot fit several logs: use --truth auto", click.get_current_context()

@@ -40,7 +40,8 @@ def windows_of(open_: BoolColumn, t_s: FloatColumn, usable: BoolColumn) -> Windo
     """
     good = open_ & usable & np.isfinite(t_s)
     follows = np.zeros(len(good), np.bool_)
-    follows[1:] = good[1:] & good[:-1] & (np.diff(t_s) > 0.0) & (np.diff(t_s) < 0.03)
+    step_s = np.diff(t_s)
+    follows[1:] = good[1:] & good[:-1] & (step_s > 0.0) & (step_s < 0.03)
     starts = np.flatnonzero(good & ~follows)
     lengths = np.diff(np.append(np.cumsum(good)[starts] - 1, good.sum()))
     index = np.full(len(good), -1, np.int64)

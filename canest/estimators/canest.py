@@ -14,7 +14,6 @@ from canest.estimators import canest_kernel as kernel
 from canest.estimators import canest_output as output
 from canest.estimators import canest_states as at
 from canest.estimators.base import Estimator
-from canest.estimators.canest_hearing import SECOND
 from canest.estimators.canest_prior import LOUDEST, prior_of
 from canest.estimators.canest_roads import CURVED_M, STRAIGHT_M
 from canest.estimators.canest_windows import COLUMNS, SHIFT, Windows
@@ -69,7 +68,7 @@ class Canest(Estimator):
         self._memory[at.COARSE_VAR] = self._memory[at.LAST_VAR] = prior.std[at.GRADE] ** 2
         self._memory[at.COARSE_GRADE] = self._memory[at.LAST_GRADE] = prior.mean[at.GRADE]
         self._memory[at.SURPRISED_M] = math.inf
-        self._memory[at.SUMMED] = -SECOND
+        self._memory[at.ACCEL_BEFORE] = math.nan
         self._windows = Windows()
         self._status = StatusTracker(VALID_SHARE)
         # a guess is given out until there is something better, and has no other part in it

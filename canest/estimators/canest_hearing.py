@@ -43,12 +43,12 @@ def hears(memory: Container, sensed: float, accel: float, moving: bool) -> bool:
         memory[ACCEL_SUM] += accel
         memory[SUMMED] += 1.0
     else:
-        memory[SENSED_SUM] = memory[ACCEL_SUM] = 0.0
-        memory[SUMMED] = -SECOND  # the second to come has none before it
-    if memory[SUMMED] == 0.0 or memory[SUMMED] >= SECOND:
+        memory[SENSED_SUM] = memory[ACCEL_SUM] = memory[SUMMED] = 0.0
+        memory[ACCEL_BEFORE] = math.nan  # the second to come has none before it, and so no change
+    if memory[SUMMED] >= SECOND:
         felt, done = memory[SENSED_SUM] / SECOND, memory[ACCEL_SUM] / SECOND
         shake = done - memory[ACCEL_BEFORE]
-        if memory[SUMMED] >= SECOND and abs(shake) > SHAKE_MPS2:
+        if abs(shake) > SHAKE_MPS2:
             memory[SHAKES] += shake * shake
             memory[SHAKEN] += shake * (felt - memory[SENSED_BEFORE])
             left = min(MOST / memory[SHAKES], 1.0)

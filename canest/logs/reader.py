@@ -56,14 +56,14 @@ def open_log(
         return ParquetReader(source, head, time_column, columns, block_frames)
     if _looks_like_candump(text):
         return CandumpReader(source, text, CandumpParser(wanted, channel), block_frames)
-    text_suffix = _text_format(head, suffix)
+    text_suffix = _text_format(text, suffix)
     if text_suffix == "table":
         from canest.logs.tables import CsvReader
 
         _refuse_channel(source, channel)
-        return CsvReader(source, head, time_column, columns, block_frames)
+        return CsvReader(source, text, time_column, columns, block_frames)
     if text_suffix:
-        return _from_python_can(source, head, text_suffix, wanted, channel, block_frames)
+        return _from_python_can(source, text, text_suffix, wanted, channel, block_frames)
     if not text or suffix in _CANDUMP_SUFFIXES:
         return CandumpReader(source, text, CandumpParser(wanted, channel), block_frames)
     source.close()
@@ -102,7 +102,7 @@ def _looks_like_candump(head: bytes) -> bool:
 
 def _text_format(head: bytes, suffix: str) -> str:
     """Return the suffix under which python-can knows a text log, "table", or ''."""
-    lines = [line.strip() for line in head.removeprefix(_BOM).split(b"\n")[:20]]
+    lines = [line.strip() for line in head.split(b"\n")[:20]]
     first = next((line for line in lines if line), b"")
     if not first or any(byte < _BLANK and byte not in b"\t\r" for byte in first):
         return ""  # no text: bytes of some other kind may well hold a comma

@@ -152,7 +152,7 @@ class CsvReader(TableReader):
             yield self._parse(pending, chosen)
 
     def _lines(self) -> Iterator[str]:
-        text = self._head.removeprefix(b"\xef\xbb\xbf")
+        text = self._head
         while text:
             whole, newline, rest = text.rpartition(b"\n")
             if newline:

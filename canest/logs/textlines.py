@@ -109,7 +109,7 @@ class Lines:
 
     @staticmethod
     def _split(source: Source, head: bytes) -> Iterator[str]:
-        text = head.removeprefix(b"\xef\xbb\xbf")
+        text = head
         while text:
             whole, newline, rest = text.rpartition(b"\n")
             if newline:

@@ -196,12 +196,10 @@ class LongitudinalModel:
             ratio = table if ratio is None else np.where(ratio > 0, ratio, table)
         if ratio is None:
             ratio = self._shaft_ratio(values, n)
-        else:
-            unknown = np.isnan(ratio)
+        elif np.count_nonzero(unknown := np.isnan(ratio)):
             if gear is not None:  # whoever knows the gear knows that nothing is engaged
-                unknown &= ~np.isin(gear, _NOTHING_ENGAGED)
-            if np.count_nonzero(unknown):
-                ratio = np.where(unknown, self._shaft_ratio(values, n), ratio)
+                unknown = unknown & ~np.isin(gear, _NOTHING_ENGAGED)
+            ratio = np.where(unknown, self._shaft_ratio(values, n), ratio)
         if gear is None:
             nearest = np.abs(np.log(np.where(ratio > 0, ratio, 1.0))[:, None] - np.log(self._ratios)).argmin(
                 1

@@ -9,7 +9,7 @@ import pytest
 
 from canest.estimators import canest_states as at
 from canest.estimators.base import create
-from canest.estimators.canest_hearing import SECOND, hears
+from canest.estimators.canest_hearing import hears
 from canest.vehicle.samples import Status
 
 from .momentum import FACTS, trip
@@ -18,7 +18,7 @@ from .momentum import FACTS, trip
 def judged(sensed, accel, moving=None):
     """Return the verdict after every window."""
     memory = [0.0] * at.MEMORY
-    memory[at.SUMMED] = -SECOND
+    memory[at.ACCEL_BEFORE] = np.nan
     moving = np.ones(len(accel), bool) if moving is None else moving
     return np.array(
         [hears(memory, float(s), float(a), bool(m)) for s, a, m in zip(sensed, accel, moving, strict=True)]
