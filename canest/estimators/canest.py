@@ -14,6 +14,7 @@ from canest.estimators import canest_kernel as kernel
 from canest.estimators import canest_output as output
 from canest.estimators import canest_states as at
 from canest.estimators.base import Estimator
+from canest.estimators.canest_noise import SWING_MPN
 from canest.estimators.canest_prior import LOUDEST, prior_of
 from canest.estimators.canest_roads import CURVED_M, STRAIGHT_M
 from canest.estimators.canest_windows import COLUMNS, SHIFT, Windows
@@ -68,6 +69,7 @@ class Canest(Estimator):
         self._memory[at.COARSE_VAR] = self._memory[at.LAST_VAR] = prior.std[at.GRADE] ** 2
         self._memory[at.COARSE_GRADE] = self._memory[at.LAST_GRADE] = prior.mean[at.GRADE]
         self._memory[at.SURPRISED_M] = math.inf
+        self._memory[at.SWING_VAR] = SWING_MPN * SWING_MPN
         self._memory[at.ACCEL_BEFORE] = math.nan
         self._windows = Windows()
         self._status = StatusTracker(VALID_SHARE)

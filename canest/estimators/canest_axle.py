@@ -31,7 +31,7 @@ def slip_seen(
         AXLE_SLIP, calm * t, AXLE_LAG, a, AXLE_SCALE, calm, AXLE_SLIP, 0.0, AXLE_SLIP, 0.0,
     )  # fmt: skip
     count = memory[COUNT] / UNDRIVEN_EVERY
-    memory[UNDRIVEN_VAR] = level(memory[UNDRIVEN_VAR], surplus(e, s), floor, count)
+    memory[UNDRIVEN_VAR] = level(memory[UNDRIVEN_VAR], surplus(e, s, memory[UNDRIVEN_VAR]), floor, count)
     after = Y[AXLE_SLIP][AXLE_SLIP]
     if after <= 0.0 or before - after < 1e-9 * before:
         return 0.0, 0.0

@@ -5,7 +5,9 @@ enters a linearisation:
 
     dq/dt = u F - g mu - g theta - c omega         F known forces, c = 2 F_aero / v, omega = u x wind
     q = (1 + u J) v                                J mass of what rotates, in this gear
-    v measured = v + delta T + sigma v T + gamma dT/dt    delta = u x delay left, sigma = u x slip, T traction
+    v measured = v + delta T + sigma v T + gamma dA/dt
+                                                   delta = u x delay left, sigma = u x slip, T traction and
+                                                   A = T / (1 + u J) what of it reaches the axle
     undriven speed = v measured - sigma v T - lag dv/dt - scale v
     accelerometer - dv/dt = g theta + bias + p dv/dt - late d2v/dt2
     dtheta/ds = kappa                              grade lives in distance, not in time; see `canest_roads`
@@ -53,7 +55,7 @@ from canest.estimators.canest_filter import (
     widen,
 )
 from canest.estimators.canest_hearing import hears
-from canest.estimators.canest_noise import level, surplus, tally
+from canest.estimators.canest_noise import follow_swing, level, ring, surplus, tally
 from canest.estimators.canest_roads import blend, drive_on, likelihood, weigh
 from canest.estimators.canest_states import (
     AXLE_SLIP,
@@ -93,6 +95,7 @@ from canest.estimators.canest_states import (
     STANDING_S,
     STEADY_N,
     STRAIGHT,
+    SWING_VAR,
     UNSEEN,
     WIND,
     WINDUP,
@@ -137,9 +140,6 @@ _SEE_EVERY = 2.0
 _JITTER_S = 0.004
 #: the remaining delay is trusted to, s; the inverse mass is taken for it at least this share of its prior std
 _DELAY_S, _LEAST_SHARE = 0.1, 0.1
-#: when its gate opens, what rotates still swings against the vehicle, by its share of the mass: m/s per
-#: share at first, half of it a window later
-_SWING_MPS = 0.05
 #: a vehicle that stands this long may have been loaded
 _LOADING_S = 30.0
 #: what surprises may be a curve this much beyond its prior variance
@@ -242,8 +242,8 @@ def run(
             memory[UNSEEN] = 0.0
         climbs = altitude[k] == altitude[k]
         u = max(weight[STRAIGHT] * X[STRAIGHT][U] + weight[CURVED] * X[CURVED][U], least)
-        swing = _SWING_MPS * u * J * 0.5 ** (memory[SINCE] - 1.0)
-        swing_var = swing * swing
+        rings = ring(memory, t if begins else moved, u * J)
+        swing_var = memory[SWING_VAR] * rings
         steepens = prior[CURVATURE] * calm
         # an accelerometer feels the road that a steady hand follows
         steady = not feels and steady_hand(memory, u, force[k], steepens)
@@ -274,8 +274,9 @@ def run(
                 half = 0.5 * min(max(x[DELAY] / inverse, -_DELAY_S), _DELAY_S)
                 whole = 1.0 + inverse * J
                 if begins:
-                    late = before_N[k] + half * before_rate[k]
-                    start(x, P, began, speed_var + swing_var, before_N[k], late, before_rate[k], J, whole)
+                    rate = before_rate[k]
+                    late = before_N[k] + half * rate
+                    start(x, P, began, speed_var + swing_var, before_N[k], late, rate / whole, J, whole)
                 motion = (x[U] * force[k] - roll[k] - _G * x[GRADE]) / whole
                 push(x, P, force[k], roll[k], drag[k], inverse * inverse * unknown * WINDOW_S)
                 late = t + half * traction_rate[k]
@@ -286,12 +287,12 @@ def run(
                 e, s = correct(
                     x, P, w, 0, z, r,
                     Q, 1.0, DELAY, late * whole, SLIP, calm * t * whole, U, -J * calm,
-                    WINDUP, traction_rate[k],
+                    WINDUP, traction_rate[k] / whole,
                 )  # fmt: skip
                 if steady:  # force follows the road: it may widen what else is learned, and moves no mass
                     x[U], P[U][U] = kept, kept_var
                 told += likelihood(e, s)
-                speed_found = surplus(e / whole, s / (whole * whole))
+                speed_found = surplus(e / whole, s / (whole * whole), speed_var + swing_var)
                 found, found2 = e / math.sqrt(s), e * e / s
                 if slip_r > 0.0:
                     correct(
@@ -324,7 +325,7 @@ def run(
                     GRADE, _G, BIAS, 1.0, PITCH, motion, SLIP, -slip, SENSE_LAG, -jerk,
                 )  # fmt: skip
                 told += likelihood(e, s)
-                sensed_found = surplus(e, s)
+                sensed_found = surplus(e, s, r)
             if climbs:
                 r = _HEIGHT_STD_M * _HEIGHT_STD_M
                 e, s = altitude[k] - x[HEIGHT], max(P[HEIGHT][HEIGHT], 0.0) + r
@@ -349,6 +350,8 @@ def run(
             # what is louder is no noise, but a model that is wrong
             noise = level(speed_var, speed_surplus, floors[0], memory[COUNT])
             memory[SPEED_VAR] = min(noise, loudest * loudest)
+            if swing_var > speed_var:
+                follow_swing(memory, speed_surplus / rings)
             if sees:
                 memory[SENSED_VAR] = level(memory[SENSED_VAR], sensed_surplus, floors[1], memory[COUNT])
             memory[LEARNED] = 1.0

@@ -6,24 +6,62 @@ from typing import Any
 
 from canest import fast
 from canest.estimators.canest_filter import OUTLIER
-from canest.estimators.canest_states import COUNT, NIS_SUM, POSITIVE, RUNS, SIGN
+from canest.estimators.canest_states import (
+    COUNT,
+    NIS_SUM,
+    POSITIVE,
+    RINGING,
+    RUNS,
+    SIGN,
+    SWING_VAR,
+)
 
 Container = Any  #: list interpreted, array compiled
 
 #: memory of a noise level in windows, and how many its first guess counts for
 NOISE_MEMORY, NOISE_START = 300.0, 10.0
+#: what rotates swings against the vehicle after a shove of torque: m/s per N and per share that it has of
+#: the mass, at first, and bounds. Half-shafts of 150 kNm/rad: 1e-5 in first gear, torque coming at once
+SWING_MPN, LEAST_SWING_MPN, MOST_SWING_MPN = 1e-6, 3e-7, 1e-5
+#: how much of the swing's energy is left a window later
+RINGS = 0.75
+#: an innovation this many times larger than the noise, by what the states are in doubt, tells less of it
+DOUBTED = 5.0
 
 
 @fast.kernel
-def surplus(e: float, s: float) -> float:
-    """Return an innovation's square less what the states explain of it, outliers cut."""
-    return min(e * e, OUTLIER * s) - s
+def surplus(e: float, s: float, r: float) -> float:
+    """Return an innovation's square less what is expected of it, outliers cut.
+
+    s: its variance; r: the noise in it. Where it is mostly the states' doubt, as in the first windows of
+    a new load, it counts by what noise is in it, or one such window would call every noise nothing.
+    """
+    share = min(DOUBTED * r / s, 1.0)
+    return share * (min(e * e, OUTLIER * s) - s)
 
 
 @fast.kernel
 def level(variance: float, surplus: float, floor: float, count: float) -> float:
     """Follow a noise level. The memory grows with the count so far: a wrong first guess is soon forgotten."""
     return max(floor * floor, variance + surplus / min(NOISE_MEMORY, NOISE_START + count))
+
+
+@fast.kernel
+def ring(memory: Container, shove: float, share: float) -> float:
+    """Return what the variance of a swinging driveline's speed is proportional to, N2, after one more window.
+
+    shove: change of the traction (N); share: of what rotates in the mass, small in high gears.
+    """
+    memory[RINGING] = RINGS * memory[RINGING] + shove * shove
+    rings: float = share * share * memory[RINGING]
+    return rings
+
+
+@fast.kernel
+def follow_swing(memory: Container, surplus: float) -> None:
+    """Follow how much this driveline swings. surplus: by `ring`, where that is most of the noise."""
+    swing = level(memory[SWING_VAR], surplus, LEAST_SWING_MPN, NOISE_MEMORY)
+    memory[SWING_VAR] = min(swing, MOST_SWING_MPN * MOST_SWING_MPN)
 
 
 @fast.kernel

@@ -35,9 +35,9 @@ WIND_STD_MPS = 1.7
 DELAY_S, DELAY_STD_S = 0.06, 0.04
 #: slip of driven wheels per m/s2 of traction: tyre stiffness of some 20 to 30 per unit of slip
 SLIP_STD_PER_MPS2 = 0.005
-#: a driveline winds up by some 3 degrees at the wheel under full torque, and a swinging one looks the other
-#: way: change of speed per change of specific traction, m/s per m/s3
-WINDUP_STD_S2 = 0.015
+#: a driveline winds up (half-shafts of 200 kNm/rad, half-metre wheels, 16 t), and a swinging one
+#: looks the other way: change of speed per change of specific traction, m/s per m/s3
+WINDUP_STD_S2 = 0.02
 #: an undriven axle's speed comes later (100 ms cycle) and from another tyre radius
 LAG_S, LAG_STD_S, SCALE_STD = 0.05, 0.05, 0.02
 #: the axle's own filter begins this much less sure of slip than the main one: it only adds what it measures

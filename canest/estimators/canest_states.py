@@ -63,8 +63,10 @@ AXLE_STATES = 3
     SHAKES,  # changes of the acceleration squared, and times what the accelerometer felt of them
     SHAKEN,
     DEAF,  # 1 while it does not feel what the vehicle does
-) = range(44)
-MEMORY = 44
+    RINGING,  # shoves of torque that still ring in the driveline, squared, N2
+    SWING_VAR,  # and how much it swings then, (m/s per N)2
+) = range(46)
+MEMORY = 46
 
 # one window's outputs
 OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S, OUT_EFFORT = range(8)

@@ -188,14 +188,15 @@ def test_a_short_stop_keeps_the_mass():
 
 @pytest.mark.parametrize(("before_kg", "after_kg"), [(32_000.0, 9_000.0), (9_000.0, 32_000.0)])
 def test_a_load_changed_in_a_stop_of_seconds_is_found(before_kg, after_kg):
-    drive = trip(260, mass_kg=[(0, before_kg), (115, after_kg)], stops=[(110, 122)])
+    # long enough before the stop for that mass to have lasted
+    drive = trip(300, mass_kg=[(0, before_kg), (155, after_kg)], stops=[(150, 162)])
     _, e = run(drive)
     t = np.arange(len(e)) * 0.02
     wrong = (np.abs(drive.error(e)) > 0.08) & (e.status == Status.VALID)
-    assert not wrong[t > 150].any()
+    assert not wrong[t > 190].any()
     assert abs(drive.error(e)[-1]) < 0.03
     # a mass that was opened again has to last, as after a stop that was long enough to be loaded
-    assert (e.status[(t > 150) & (t < 185)] == Status.CONVERGING).all()
+    assert (e.status[(t > 190) & (t < 225)] == Status.CONVERGING).all()
 
 
 def test_creeping_while_it_is_loaded_is_one_stop():

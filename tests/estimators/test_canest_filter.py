@@ -15,7 +15,15 @@ from canest.estimators.canest_axle import slip_seen
 from canest.estimators.canest_coarse import surer
 from canest.estimators.canest_doubt import HILL_EFFORT, HILL_M, ORDINARY, ROAD_S, credit
 from canest.estimators.canest_filter import OUTLIER, correct, fade, travel
-from canest.estimators.canest_noise import NOISE_MEMORY, NOISE_START
+from canest.estimators.canest_noise import (
+    DOUBTED,
+    LEAST_SWING_MPN,
+    MOST_SWING_MPN,
+    NOISE_MEMORY,
+    NOISE_START,
+    RINGS,
+    SWING_MPN,
+)
 from canest.estimators.canest_roads import (
     CURVE_M,
     CURVED_M,
@@ -96,7 +104,7 @@ class Dense:
     def begin(self, z, t, rate, rotating, noise_var):
         whole = 1 + self.inverse() * rotating
         late = t + self.halfway() * rate
-        lever = h(DELAY=-late * whole, SLIP=-z * t * whole, WINDUP=-rate, U=rotating * z)
+        lever = h(DELAY=-late * whole, SLIP=-z * t * whole, WINDUP=-rate / whole, U=rotating * z)
         noise_var = noise_var * whole**2
         self.x[at.Q] = z + lever @ self.x
         cross = self.P @ lever
@@ -174,7 +182,8 @@ def test_momentum_balance_equals_two_dense_filters(compiled):
         fast.enable(False)
     prior = estimator._prior
     noise_var, calm = prior.noise_start[0] ** 2, w[AT["before_mps"], 0]
-    stretch_m = bent_m = bent_1pm = steady_N = 0.0
+    stretch_m = bent_m = bent_1pm = steady_N = rings = 0.0
+    swing = SWING_MPN**2
     for i in range(n):
         memory = min(NOISE_MEMORY, NOISE_START + i)
         c = {name: w[AT[name], i] for name in COLUMNS}
@@ -204,16 +213,17 @@ def test_momentum_balance_equals_two_dense_filters(compiled):
         usual = ORDINARY * GRAVITY_MPS2 * prior.std[at.CURVATURE] * calm * ROAD_S
         steady = u * abs(c["force_N"] - steady_N) < usual
         steady_N = c["force_N"] if i == 0 else steady_N + (c["force_N"] - steady_N) * WINDOW_S / ROAD_S
+        rings = RINGS * rings + (t if i == 0 else t - c["before_N"]) ** 2
+        swing_var = swing * (u * c["rotating_kg"]) ** 2 * rings
         for dense in roads:
             dense.travel(c["distance_m"])
             inverse, rate = dense.inverse(), c["traction_Nps"]
-            swing_var = (k._SWING_MPS * u * c["rotating_kg"] * 0.5**i) ** 2
             whole = 1 + inverse * c["rotating_kg"]
             if i == 0:
                 dense.begin(began, c["before_N"], c["before_Nps"], c["rotating_kg"], noise_var + swing_var)
             late = t + dense.halfway() * rate
             slow = -c["rotating_kg"] * calm
-            lever = h(Q=1.0, DELAY=late * whole, SLIP=calm * t * whole, U=slow, WINDUP=rate)
+            lever = h(Q=1.0, DELAY=late * whole, SLIP=calm * t * whole, U=slow, WINDUP=rate / whole)
             dense.push(c["force_N"], c["roll_mps2"], c["drag_N_per_mps"], inverse**2 * unknown * WINDOW_S)
             kept = dense.x[at.U], dense.P[at.U, at.U]
             jitter_var = (inverse * rate * k._JITTER_S) ** 2
@@ -223,8 +233,13 @@ def test_momentum_balance_equals_two_dense_filters(compiled):
             if steady:  # Schmidt: considered, not moved
                 dense.x[at.U], dense.P[at.U, at.U] = kept
         told = np.array([-0.5 * (min(e * e / s, OUTLIER) + np.log(s)) for e, s, _ in found])
+        loud = noise_var + swing_var
+        shares = [min(DOUBTED * loud * whole**2 / s, 1.0) for _, s, whole in found]
         surplus = [(min(e * e, OUTLIER * s) - s) / whole**2 for e, s, whole in found]
-        surplus = weight @ surplus
+        surplus = weight @ np.multiply(shares, surplus)
+        if swing_var > noise_var:
+            swing += surplus * swing / swing_var / NOISE_MEMORY
+            swing = np.clip(swing, LEAST_SWING_MPN**2, MOST_SWING_MPN**2)
         noise_var = max(prior.noise_floor[0] ** 2, noise_var + surplus / memory)
         weight = weight * np.exp(told - told.max())
         weight /= weight.sum()
