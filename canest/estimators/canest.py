@@ -98,10 +98,21 @@ class Canest(Estimator):
         return self._estimates(known, ends, len(block))
 
     def _filter(self, windows: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Run the kernel over windows (columns, w); return its outputs (w, OUTPUTS)."""
+        """Take windows (columns, w); return the kernel's outputs (w, OUTPUTS).
+
+        The states of an accelerometer begin with its first window, however the samples are cut.
+        """
+        sensed = np.isfinite(windows[_SENSED]) if len(self._X[0]) < at.STATES else np.zeros(0, np.bool_)
+        if not sensed.any():
+            return self._run(windows)
+        first = int(sensed.argmax())
+        before = self._run(windows[:, :first])
+        self._grow()
+        return np.concatenate((before, self._run(windows[:, first:])))
+
+    def _run(self, windows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Run the kernel over windows; return its outputs, as `_filter`."""
         n = windows.shape[1]
-        if len(self._X[0]) < at.STATES and np.isfinite(windows[_SENSED]).any():
-            self._grow()
         compiled = fast.enabled()
         X: Any = self._X
         PP: Any = self._PP
@@ -114,7 +125,7 @@ class Canest(Estimator):
         weight, axle, memory = (state_in(s) for s in (self._weight, self._axle, self._memory))
         kernel.run(
             n,
-            windows if compiled else windows.tolist(),
+            np.ascontiguousarray(windows) if compiled else windows.tolist(),
             X,
             PP,
             weight,
@@ -132,7 +143,7 @@ class Canest(Estimator):
         self._weight, self._axle, self._memory = (state_out(s) for s in (weight, axle, memory))
         if compiled:
             self._X, self._PP, self._axle_P = X.tolist(), PP.tolist(), axle_P.tolist()
-        return np.asarray(out)
+        return np.asarray(out).reshape(n, at.OUTPUTS)
 
     def _grow(self) -> None:
         """Make room for the states of an accelerometer, once there is one."""

@@ -68,6 +68,14 @@ def test_tick_by_tick_gives_the_same_bits():
     assert_same(columns(parts), whole())
 
 
+def test_an_accelerometer_first_heard_after_a_long_stop_gives_the_same_bits():
+    block = trip(75, accelerometer=True, stops=[(15, 50)]).block
+    block = replace(block, ax_ok=block.ax_ok & (np.arange(len(block)) >= 3000))
+    estimator = create("canest", FACTS)
+    parts = [estimator.update(block[i : i + 10]) for i in range(0, len(block), 10)]
+    assert_same(columns(parts), columns([create("canest", FACTS).update(block)]))
+
+
 @pytest.mark.skipif(not fast.available(), reason="numba is not installed")
 def test_compiled_gives_the_same_bits():
     fast.enable()
