@@ -81,6 +81,10 @@ def _floats(column: Any) -> NDArray[np.float64] | None:
     """Return a column as float64, times and durations in seconds, NaN for nothing; None for text."""
     import pyarrow as pa
 
+    if pa.types.is_date(column.type):
+        count, unit_s = (pa.int32(), 86_400.0) if pa.types.is_date32(column.type) else (pa.int64(), 1e-3)
+        floats = column.cast(count).cast(pa.float64(), safe=False)
+        return np.asarray(floats.to_numpy(zero_copy_only=False)) * unit_s
     if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
         stamps = pa.types.is_timestamp(column.type)
         precise = pa.timestamp("us", column.type.tz) if stamps else pa.duration("us")

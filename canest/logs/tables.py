@@ -15,8 +15,8 @@ from canest.logs.base import LogReader
 from canest.logs.blocks import TableBlock
 from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN
 from canest.logs.compression import Source
+from canest.logs.splitting import text_lines
 
-_TEXT_BYTES = 1 << 18
 #: where int64 microseconds end, with room to spare
 _SECONDS_MAX = 9e12
 _SEPARATORS = (",", ";", "\t")
@@ -137,7 +137,7 @@ class CsvReader(TableReader):
     def _blocks(self) -> Iterator[TableBlock]:
         pending: list[str] = []
         header: list[str] | None = None
-        for line in self._lines():
+        for line in text_lines(self._source, self._head, self._cut_off):
             self._lines_seen += 1
             if header is None:
                 if line.strip():
@@ -151,20 +151,8 @@ class CsvReader(TableReader):
         if pending:
             yield self._parse(pending, chosen)
 
-    def _lines(self) -> Iterator[str]:
-        text = self._head
-        while text:
-            whole, newline, rest = text.rpartition(b"\n")
-            if newline:
-                yield from whole.decode("utf-8", "replace").replace("\r", "").split("\n")
-            more = self._source.read(_TEXT_BYTES)
-            text = rest + more
-            if not more:
-                break
-        if text and not self._source.damage:
-            yield text.decode("utf-8", "replace").replace("\r", "")
-        elif text:
-            self._skip(self._lines_seen + 1, text.decode("utf-8", "replace"), "cut off by the archive's end")
+    def _cut_off(self, line: str) -> None:
+        self._skip(self._lines_seen + 1, line, "cut off by the archive's end")
 
     def _read_header(self, line: str) -> list[str]:
         self._separator = max(_SEPARATORS, key=line.count)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import binascii
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 from canest.logs.compression import Source
+from canest.logs.splitting import text_lines
 
-_TEXT_BYTES = 1 << 18
 _HEADER_LINES_MAX = 200
 #: ends python-can's search for an .asc header, which otherwise swallows a line behind it
 _ASC_HEADER_END = "no internal events logged\n"
@@ -57,7 +57,7 @@ class Lines:
         self._header: list[str] = []
         self._replay: list[str] = []
         self._suffix = suffix
-        self._stream = self._split(source, head)
+        self._stream = text_lines(source, head, lambda line: skip(self.number + 1, line.strip()))
 
     def rewind_header(self) -> None:
         """Let a new reader begin: header first, then the lines nobody has seen."""
@@ -84,7 +84,7 @@ class Lines:
             self._skip(self.number, self.current.strip())
         self._claimed = True  # also when there is no next one
         try:
-            self.current = next(self._stream)
+            self.current = next(self._stream) + "\n"
         except StopIteration:
             self.ended = True
             raise
@@ -106,20 +106,6 @@ class Lines:
         if self._suffix == ".trc":
             return line.startswith(";")
         return not line.strip()[:1].isdigit()
-
-    @staticmethod
-    def _split(source: Source, head: bytes) -> Iterator[str]:
-        text = head
-        while text:
-            whole, newline, rest = text.rpartition(b"\n")
-            if newline:
-                yield from (line + "\n" for line in whole.decode("utf-8", "replace").split("\n"))
-            more = source.read(_TEXT_BYTES)
-            text = rest + more
-            if not more:
-                break
-        if text:
-            yield text.decode("utf-8", "replace")
 
     # python-can takes for a file whatever has these
     def read(self, *_: object) -> str:

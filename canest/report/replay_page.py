@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 #: stamps after this are seconds since 1970, not since the start of a recording
 EPOCH_US = 10**15 // 2
+#: and those after this, the year 3000, are in another unit
+CALENDAR_END_US = 32_503_680_000 * 10**6
 _TONES = {"valid": "good", "converging": "warn", "unestimated": "bad"}
 
 
@@ -71,7 +73,7 @@ def _facts(s: dict[str, Any], recorder: Recorder) -> list[tuple[str, str]]:
     facts = []
     if recorder.first_us is not None:
         facts.append(("duration", _clock((recorder.last_us - recorder.first_us) * 1e-6)))
-        if recorder.first_us > EPOCH_US:
+        if EPOCH_US < recorder.first_us < CALENDAR_END_US:
             start = datetime.fromtimestamp(recorder.first_us * 1e-6, UTC)
             facts.insert(0, ("starts", start.strftime("%Y-%m-%d %H:%M:%S UTC")))
     facts.append(("frames", f"{s['frames']:,}"))

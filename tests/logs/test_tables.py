@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import gzip
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from canest.errors import LogError
 from canest.logs import LogReader, TableBlock, open_log
+from canest.logs.splitting import LINE_CHARS_MAX
 from canest.logs.truth import read_truth
 from canest.notes import log_notes
 
@@ -86,6 +88,29 @@ def test_durations_are_seconds_as_time_stamps_are(tmp_path):
     times = pa.array([0, 20_000_000, 40_000_001], pa.duration("ns"))
     pq.write_table(pa.table({"t_s": times, "v": [1.0, 2.0, 3.0]}), path)
     assert read(path)[0].t_us.tolist() == [0, 20_000, 40_000]
+
+
+def test_dates_are_seconds_whatever_the_year(tmp_path):
+    path = tmp_path / "a.parquet"
+    days = pa.array([1, None, 2**30], pa.int32()).cast(pa.date32())  # beyond Python's calendar
+    pq.write_table(pa.table({"t_s": days, "v": pa.array([86_400_000, 0, 0]).cast(pa.date64())}), path)
+    block, reader = read(path)
+    assert block.t_us.tolist() == [86_400_000_000]
+    assert block.columns["v"].tolist() == [86_400.0]
+    assert reader.skipped_lines == 2
+
+
+def test_a_line_that_does_not_end_is_counted_without_being_kept(tmp_path):
+    path = tmp_path / "a.csv.gz"
+    endless = b"7," * 20 * LINE_CHARS_MAX
+    path.write_bytes(gzip.compress(b"t_s,v\n0.1,1\n" + endless + b"\n0.3,3\n" + endless, 1))
+    tracemalloc.start()
+    block, reader = read(path)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert block.columns["v"].tolist() == [1.0, 3.0]
+    assert [number for number, _, _ in reader.skipped] == [3, 5]
+    assert most < len(endless)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])

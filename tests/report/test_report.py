@@ -203,6 +203,13 @@ def test_log_without_an_estimate_still_has_a_report(tmp_path, canest_run):
     assert "No estimate: engine_torque_pct" in html
 
 
+def test_stamps_of_no_year_still_have_a_report(tmp_path, canest_run):
+    log = tmp_path / "far.log"
+    frame = "can0 0CF00400#F18585641300FFFF"
+    log.write_text(f"(917000000000.000000) {frame}\n(917000000000.500000) {frame}\n")
+    assert canest_run("replay", log, "-c", "class8", "--report", tmp_path / "far.html") == 0
+
+
 def test_empty_log_still_has_a_report(tmp_path, canest_run):
     log, out = tmp_path / "empty.log", tmp_path / "e.html"
     log.write_text("")
