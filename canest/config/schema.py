@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, model_validator
 
 from canest.config.agreement import MisplacedError, refuse_contradictions
 from canest.config.bus import Broadcast, Bus
@@ -92,23 +93,36 @@ def _word_of_switch(value: Any) -> Any:
     return {True: "on", False: "off"}[value] if isinstance(value, bool) else value
 
 
+def _at_home(path: str) -> str:
+    """Refuse a path that begins with the home of somebody who has none here."""
+    try:
+        Path(path).expanduser()
+    except RuntimeError:
+        home = Path(path).parts[0]
+        raise ValueError(f"found {path!r}, expected a path: its {home} is nobody's home here") from None
+    return path
+
+
+HomePath = Annotated[str, AfterValidator(_at_home)]
+
+
 class Service(Section):
     """The daemon's life."""
 
     learn: Annotated[Literal["off", "on", "on+save"], BeforeValidator(_word_of_switch)] = "on+save"
     #: None: $STATE_DIRECTORY of systemd, else ~/.local/state/canest
-    state_dir: str | None = None
+    state_dir: HomePath | None = None
     save_every_s: Number = Field(60.0, ge=1)
     #: a remembered mass is restored with at least this much doubt, relative
     restore_std: Number = Field(0.03, ge=0, le=1)
-    metrics_file: str | None = None
+    metrics_file: HomePath | None = None
     metrics_port: Whole | None = Field(None, gt=0, lt=65536)
     #: candump log of what was received, for replay
-    record: str | None = None
+    record: HomePath | None = None
     #: est.csv of what was estimated
-    log_estimates: str | None = None
+    log_estimates: HomePath | None = None
     #: bounded recording of the wanted frames for `canest diagnose --recorded`
-    residual_dir: str | None = None
+    residual_dir: HomePath | None = None
     residual_max_mb: Number = Field(200.0, gt=0)
 
 

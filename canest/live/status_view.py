@@ -22,7 +22,7 @@ def show(snapshot: dict[str, Any], verbose: bool = False) -> None:
         table.add_row(name, escape(value))
     colour = _COLOURS.get(snapshot["estimate"]["status"], "red")
     console.print(
-        f"[bold]{snapshot['vehicle']}[/bold] on {snapshot['bus']['channel']}: "
+        f"[bold]{escape(snapshot['vehicle'])}[/bold] on {escape(snapshot['bus']['channel'])}: "
         f"[{colour}]{snapshot['estimate']['status']}[/{colour}]"
     )
     console.print(table)

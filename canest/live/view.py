@@ -80,6 +80,7 @@ class LiveView:
 
     def render(self, now_s: float) -> RenderableType:
         """Return the picture for rich."""
+        from rich.markup import escape
         from rich.panel import Panel
         from rich.table import Table
 
@@ -95,7 +96,7 @@ class LiveView:
         table.add_row("grade", grade, grade_std, sparkline(list(self._grade)))
         return Panel(
             table,
-            title=self._title,
+            title=escape(self._title),
             subtitle=self._footer(now_s),
             title_align="left",
             subtitle_align="left",

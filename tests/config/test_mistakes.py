@@ -110,6 +110,12 @@ def refused(text: str, *overrides: str) -> str:
             "unknown role, expected one of engine_torque_pct",
         ),
         ("vehicle:", "vehicles:", "vehicles", "unknown key, expected one of vehicle, dbc, signals"),
+        (
+            "dbc: [j1939.dbc]",
+            "service: {state_dir: ~nobody-of-that-name/canest}",
+            "service.state_dir",
+            "its ~nobody-of-that-name is nobody's home",
+        ),
     ],
 )
 def test_a_mistake_names_its_line_and_key(old: str, new: str, key: str, words: str) -> None:

@@ -23,6 +23,7 @@ from canest.live.notify import Notifier
 from canest.live.schedule import STEP_NS, Schedule
 from canest.live.status_socket import StatusServer, ask
 from canest.live.view import BLOCKS, LiveView, sparkline
+from tests.live.rig import Rig, config
 
 
 @pytest.fixture
@@ -232,6 +233,20 @@ def test_the_view_shows_estimates_and_counts_what_is_lost_or_damaged():
 
     assert "21,346 kg" in shown(1.0) and "+3.10 %" in shown(1.0) and "valid" in shown(1.0)
     assert "no broadcast for 9 s" in shown(10.0)
+
+
+def test_a_bracket_in_a_name_is_no_markup(tmp_path, monkeypatch, capsys):
+    from rich.console import Console
+
+    from canest.live.snapshot import snapshot
+    from canest.live.status_view import show
+
+    console = Console(file=io.StringIO(), width=110)
+    console.print(LiveView(0xFF5A, "canest on virtual:[/]").render(0.0))
+    assert "canest on virtual:[/]" in console.file.getvalue()
+    with Rig(monkeypatch, config(tmp_path, "vehicle.name='truck [/7]'")) as rig:
+        show(snapshot(rig.daemon, rig.now_us))
+    assert "truck [/7] on vcan0" in capsys.readouterr().out
 
 
 def test_a_second_daemon_does_not_take_the_first_ones_name(tmp_path):
