@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 from collections.abc import Callable
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -73,14 +73,14 @@ class Kernel:
         return self._compiled
 
     def content(self) -> str:
-        """Return all that the compiled code depends on: its own, numbers, and the kernels that it calls."""
+        """Return all that the compiled code depends on: its own, constants, and the kernels that it calls."""
         code, scope = self._source.__code__, self._source.__globals__
-        parts = [code.co_code.hex(), repr(code.co_consts)]
+        parts = [code.co_code.hex(), repr(code.co_consts), repr(code.co_names)]
         for name in code.co_names:
             value = scope.get(name)
             if isinstance(value, Kernel):
                 parts.append(value.content())
-            elif isinstance(value, int | float):
+            elif not callable(value) and not isinstance(value, ModuleType):
                 parts.append(f"{name}={value!r}")
         return "\n".join(parts)
 

@@ -10,14 +10,18 @@ import pytest
 
 from canest import fast
 
-CALLED = """from canest import fast
+CALLED = """import math
+
+import numpy as np
+
+from canest import fast
 
 GAIN = {gain}
 
 
 @fast.kernel
 def scaled(x):
-    return GAIN * x
+    return GAIN * math.{function}(x)
 """
 INDEXED = """from canest import fast
 
@@ -49,14 +53,14 @@ def test_a_change_in_a_kernel_that_another_file_calls_is_seen(tmp_path, monkeypa
     called, caller = tmp_path / "called_kernel.py", tmp_path / "calling_kernel.py"
     caller.write_text(CALLER.format(called=called.stem))
     found = []
-    for gain in (2.0, 30.0):
-        called.write_text(CALLED.format(gain=gain))
+    for gain, function in (("2.0", "floor"), ("30.0", "floor"), ("30.0", "ceil"), ("np.float32(4)", "ceil")):
+        called.write_text(CALLED.format(gain=gain, function=function))
         for name in (called.stem, caller.stem):
             sys.modules.pop(name, None)
         importlib.invalidate_caches()
         run = importlib.import_module(caller.stem).run
-        found.append((run.interpreted(1.0), run.compiled(1.0)))
-    assert found == [(3.0, 3.0), (31.0, 31.0)]
+        found.append((run.interpreted(1.5), run.compiled(1.5)))
+    assert found == [(3.0, 3.0), (31.0, 31.0), (61.0, 61.0), (9.0, 9.0)]
 
 
 @pytest.mark.skipif(not fast.available(), reason="numba is not installed")
