@@ -29,10 +29,12 @@ class Onward:
 
     def __call__(self, t_us: IntColumn) -> IntColumn:
         """Return the next stamps, int64 (n,), ahead of the clock by as much as it was set back so far."""
-        steps = np.diff(t_us, prepend=t_us[:1] if self._last_us is None else self._last_us)
-        ahead = self._ahead_us + np.cumsum(np.maximum(-steps, 0))
-        if len(t_us):
-            self._last_us, self._ahead_us = int(t_us[-1]), int(ahead[-1])
+        if not len(t_us):
+            return t_us
+        before = np.empty_like(t_us)
+        before[0], before[1:] = t_us[0] if self._last_us is None else self._last_us, t_us[:-1]
+        ahead = self._ahead_us + np.maximum(before - t_us, 0).cumsum()
+        self._last_us, self._ahead_us = int(t_us[-1]), int(ahead[-1])
         return np.asarray(t_us + ahead)
 
 

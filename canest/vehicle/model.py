@@ -19,7 +19,7 @@ import numpy as np
 from canest.columns import constant, shifted
 from canest.config.schema import Config
 from canest.decode.validity import GEAR_PARK
-from canest.frames import BoolColumn, FloatColumn
+from canest.frames import BoolColumn, FloatColumn, Onward
 from canest.grid.grid import GridBlock
 from canest.vehicle.columns import Columns
 from canest.vehicle.samples import STEP_S
@@ -81,8 +81,8 @@ class LongitudinalModel:
         self._gears = np.array(sorted(self.vehicle.gear_ratios), np.float64)
         self._ratios = np.array([self.vehicle.gear_ratios[int(g)] for g in self._gears], np.float64)
         self._last_speed_mps = np.nan
+        self._onward = Onward()
         self._first_us: int | None = None
-        self._last_us = 0
 
     def required_roles(self) -> tuple[str, ...]:
         """Return the roles without which there is no force."""
@@ -131,12 +131,9 @@ class LongitudinalModel:
 
     def _columns(self, grid: GridBlock) -> Columns:
         n, v = len(grid), self.vehicle
-        first_us = int(grid.t_us[0])
+        onward_us = self._onward(grid.t_us)  # where the clock was set back, the vehicle drove on
         if self._first_us is None:
-            self._first_us = first_us
-        elif first_us <= self._last_us:  # the clock was set back, the vehicle drove on
-            self._first_us -= self._last_us - first_us
-        self._last_us = int(grid.t_us[-1])
+            self._first_us = int(onward_us[0])
         ratio, gear = self._ratio_and_gear(grid.values, n)
         efficiency = constant(v.driveline_efficiency, n)
         for number, value in v.gear_efficiency.items():
@@ -144,7 +141,7 @@ class LongitudinalModel:
         zero = constant(0.0, n)
         return Columns(
             t_us=grid.t_us,
-            elapsed_s=(grid.t_us - self._first_us).astype(np.float64) * 1e-6,
+            elapsed_s=(onward_us - self._first_us).astype(np.float64) * 1e-6,
             torque_Nm=zero,
             engine_radps=self._engine_radps(grid.values, ratio),
             ratio=ratio * v.final_drive,
