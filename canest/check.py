@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -261,14 +260,6 @@ class Doctor:
             )
         doubts = self.pipeline.estimator.doubts()
         return hints + self.plausibility.hints() + ([doubts] if doubts else [])
-
-
-def check_blocks(config: Config, blocks: Iterable[FrameBlock | TableBlock]) -> Report:
-    """Return the doctor's findings on a whole stream."""
-    doctor = Doctor(config)
-    for block in blocks:
-        doctor.push(block)
-    return doctor.report()
 
 
 def _rate_hz(counters: SenderCounters, role: str) -> float | None:

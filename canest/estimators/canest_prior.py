@@ -31,8 +31,9 @@ TORQUE_GAIN_STD = 0.0115
 ROLLING_SHARE_STD = 0.087
 #: wind along the road: within 3 m/s
 WIND_STD_MPS = 1.7
-#: torque is reported this much later than it acts (engine controller, 20 ms cycle, gateway)
-DELAY_S, DELAY_STD_S = 0.06, 0.04
+#: torque is reported about this much later or less late than usual (engine controller, 20 ms cycle, gateway);
+#: what is usual is `canest_windows.SHIFT`
+DELAY_STD_S = 0.04
 #: slip of driven wheels per m/s2 of traction: tyre stiffness of some 20 to 30 per unit of slip
 SLIP_STD_PER_MPS2 = 0.005
 #: a driveline winds up (half-shafts of 200 kNm/rad, half-metre wheels, 16 t), and a swinging one
@@ -64,7 +65,7 @@ class Prior:
 
     axle_mean, axle_std: the same of the undriven axle's own filter, shape (AXLE_STATES,).
     Noise levels are standard deviations of one window's measurement: speed (m/s), accelerometer (m/s2),
-    undriven speed (m/s). force_step_N_per_1pm: std of the reported crank torque within its resolution.
+    undriven speed (m/s). torque_std_Nm: std of the reported crank torque within its resolution.
     """
 
     mean: list[float]

@@ -48,7 +48,7 @@ class ModelBlock:
     rotating_mass_kg: effective mass of wheels and engine inertia in this gear, unfiltered.
     undriven_mps: speed of an undriven axle, filtered; NaN without one.
     accelerometer_mps2: longitudinal accelerometer, filtered; NaN without one. Not gated by the driveline.
-    slope: measured grade (slope sensor), ratio, filtered; NaN without one.
+    slope: measured grade (slope sensor), ratio, as last sent; NaN without one.
     altitude_m: altitude as last sent; NaN without.
     yaw_rate_radps: NaN without.
     raw_speed_mps, raw_force_N: as `speed_mps` and `force_N`, before the Butterworth; NaN where not known
