@@ -1,50 +1,35 @@
 """Cost of decoding: nanoseconds per frame in long blocks, microseconds per live block of 20 ms.
 
-Usage: python benchmarks/decode.py [LOG.xz]   (default: the bundled Kenworth log, repeated to a few minutes)
+Usage: python benchmarks/decode.py [--log LOG] [--config CONFIG]
+
+The log is repeated to 400,000 frames; `canest.decode.decoder.SHORT_BLOCK` follows from the last lines.
 """
 
 from __future__ import annotations
 
+import argparse
 import itertools
 import statistics
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "decode"))
-
-from decode_helpers import frames_of_log, shipped_database, wants
-
-from canest.decode import Decoder, decoder
+from canest.config import Config, load_config
+from canest.decode import decoder
+from canest.decode.signal_map import decoder_for
 from canest.frames import FrameBlock
+from canest.logs import open_log
 
-ROLES = wants(
-    ("engine_torque_pct", "EEC1", "ActualEngPercentTorque", 0),
-    ("engine_speed", "EEC1", "EngSpeed", 0),
-    ("accelerator", "EEC2", "AccelPedalPos1", 0),
-    ("engine_friction_pct", "EEC3", "NominalFrictionPercentTorque", 0),
-    ("reference_torque", "EC1", "EngReferenceTorque", 0),
-    ("output_shaft_speed", "ETC1", "Trans1OutputShaftSpeed", 3),
-    ("driveline_engaged", "ETC1", "TransDrivelineEngaged", 3),
-    ("shift_in_process", "ETC1", "TransShiftInProcess", 3),
-    ("gear_ratio", "ETC2", "TransActualGearRatio", 3),
-    ("retarder_torque_pct", "ERC1", "ActualRetarderPercentTorque", 15),
-    ("vehicle_speed", "CCVS1", "WheelBasedVehicleSpeed", 0),
-    ("brake_switch", "CCVS1", "BrakeSwitch", 0),
-    ("undriven_speed", "EBC2", "FrontAxleSpeed", 11),
-    ("longitudinal_accel", "VDC2", "LongitudinalAcceleration", 11),
-    ("ambient_temperature", "AMB", "AmbientAirTemp", 0),
-)
+KENWORTH = Path(__file__).resolve().parent.parent / "tests" / "data" / "kenworth" / "normal.log.xz"
 
 
-def best_ns_per_frame(block: FrameBlock, size: int, repeats: int = 7) -> float:
+def best_ns_per_frame(config: Config, block: FrameBlock, size: int, repeats: int = 7) -> float:
     """Return the best of some runs over the block in pieces of ``size`` frames."""
     best = float("inf")
     pieces = [block[i : i + size] for i in range(0, len(block), size)]
     for _ in range(repeats):
-        fresh = Decoder(ROLES, [shipped_database()])
+        fresh = decoder_for(config)
         fresh.push(block[:200])  # senders and identifiers known, as after the first second
         start = time.perf_counter()
         for piece in pieces:
@@ -55,19 +40,23 @@ def best_ns_per_frame(block: FrameBlock, size: int, repeats: int = 7) -> float:
 
 def main() -> None:
     """Measure and print."""
-    frames = frames_of_log(sys.argv[1] if len(sys.argv) > 1 else "kenworth/normal.log.xz")
-    one = FrameBlock.from_frames(list(frames))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--log", default=KENWORTH, help="a log of frames (default: the bundled Kenworth's)")
+    parser.add_argument("--config", default="kenworth", help="whose signals are decoded (default: kenworth)")
+    options = parser.parse_args()
+    config = load_config(options.config)
+    one = FrameBlock.concatenate([b for b in open_log(options.log) if isinstance(b, FrameBlock)])
     copies = max(1, 400_000 // len(one))
     long = FrameBlock.concatenate([one] * copies)
-    print(f"{len(long)} frames, {len(ROLES)} roles")
+    print(f"{len(long)} frames, {len(config.signals)} roles")
     for size in (1_000_000, 100_000, 10_000, 1_000):
-        print(f"blocks of {size:>7}: {best_ns_per_frame(long, size):6.1f} ns/frame")
+        print(f"blocks of {size:>7}: {best_ns_per_frame(config, long, size):6.1f} ns/frame")
     live = one[: min(len(one), 40_000)]
     edges = np.searchsorted(live.t_us, np.arange(live.t_us[0], live.t_us[-1], 20_000))
     pieces = [live[a:b] for a, b in itertools.pairwise(edges)]
     for name, short in (("frame by frame", 10**9), ("in columns", 0)):
         decoder.SHORT_BLOCK = short
-        fresh = Decoder(ROLES, [shipped_database()])
+        fresh = decoder_for(config)
         costs = []
         for piece in pieces:
             start = time.perf_counter()
@@ -79,9 +68,9 @@ def main() -> None:
         )
     for size in (32, 64, 96, 128, 256, 512):
         decoder.SHORT_BLOCK = 10**9
-        scalar = best_ns_per_frame(live, size, 3)
+        scalar = best_ns_per_frame(config, live, size, 3)
         decoder.SHORT_BLOCK = 0
-        columns = best_ns_per_frame(live, size, 3)
+        columns = best_ns_per_frame(config, live, size, 3)
         print(f"blocks of {size:>4}: frame by frame {scalar:6.0f}, columns {columns:6.0f} ns/frame")
 
 

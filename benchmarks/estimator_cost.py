@@ -9,6 +9,7 @@ on the machine hardly shows; the best of several passes counts.
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Callable
@@ -156,6 +157,7 @@ def peers(n: int) -> dict[str, float]:
 
 def main() -> int:
     """Measure and print; exit 1 when a limit is missed."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter).parse_args()
     results: dict[str, list[float]] = {}
     for compiled in (True, False):
         if compiled and not fast.available():

@@ -19,9 +19,10 @@ Examples:
   canest compare drive.log -c my.yaml --mass 21250 --initial-mass 9000
   canest compare drive.log -c class8 --truth auto --only canest,rlsmf,ekf --report compare.html
 
-The log is decoded once; every estimator then gets the same samples. An estimator that needs a signal
-which the log lacks says so in its row. "to 5 %, s": seconds of driving until the mass first stays within
-5 % of the truth for 10 s (it may leave again); "ns/sample": what the estimator costs.
+The log is decoded once; every estimator then gets the same samples. The config's own (or --estimator) runs
+with estimator.options and is marked, the others run with their defaults; --only leaves estimators out. One
+that needs a signal which the log lacks says so in its row. "to 5 %, s": seconds of driving until the mass
+first stays within 5 % of the truth for 10 s (it may leave again); "ns/sample": what the estimator costs.
 """
 
 #: columns of a table that goes to a file or a pipe
