@@ -20,7 +20,7 @@ a file of canest/simulate/scenarios/; a mistake in it is told with its line and 
 @click.command(epilog=EPILOG)
 @click.argument("scenario", required=False, metavar="SCENARIO")
 @click.option("-o", "--output", metavar="DIR", help="Where NAME.log, NAME.truth.csv and NAME.yaml go.")
-@click.option("--seed", type=int, metavar="N", help="Another drive of the same kind.")
+@click.option("--seed", type=click.IntRange(0), metavar="N", help="Another drive of the same kind.")
 @click.option("--compress", is_flag=True, help="Write NAME.log.xz instead of NAME.log.")
 @click.option("--list", "listing", is_flag=True, help="List the shipped scenarios.")
 def command(scenario: str | None, output: str | None, seed: int | None, compress: bool, listing: bool) -> int:

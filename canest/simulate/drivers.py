@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from canest.frames import FloatColumn
-from canest.simulate.vehicles import Strict
+from canest.simulate.vehicles import Onward, Range, Stretch, Strict, same_length
 
 PLAN_S = 0.1  #: spacing of a plan
 
@@ -36,9 +36,9 @@ class Pulses(_Driver):
     """Throttle on and off between two speeds (2005 paper, Figure 8)."""
 
     kind: Literal["pulses"]
-    on_s: tuple[float, float] = (5.0, 9.0)
-    off_s: tuple[float, float] = (3.0, 6.0)
-    throttle: tuple[float, float] = (0.9, 1.0)
+    on_s: Stretch = (5.0, 9.0)
+    off_s: Range = (3.0, 6.0)
+    throttle: Range = (0.9, 1.0)
     max_mps: float = Field(24.0, gt=0)
     min_mps: float = Field(12.0, ge=0)
     brakes: bool = False
@@ -49,17 +49,17 @@ class Mixed(_Driver):
 
     kind: Literal["mixed"]
     firmness_1ps: float = Field(0.25, gt=0, le=2)
-    speeds_mps: tuple[float, float] = (10.0, 24.0)
-    hold_s: tuple[float, float] = (15.0, 45.0)
+    speeds_mps: Range = (10.0, 24.0)
+    hold_s: Stretch = (15.0, 45.0)
 
 
 class StopAndGo(_Driver):
     """Launch, drive, brake to a stop, stand; launches only when `speed_mps` holds one speed."""
 
     kind: Literal["stop-and-go"]
-    speeds_mps: tuple[float, float] = (9.0, 16.0)
-    drive_s: tuple[float, float] = (40.0, 90.0)
-    stand_s: tuple[float, float] = (8.0, 20.0)
+    speeds_mps: Range = (9.0, 16.0)
+    drive_s: Stretch = (40.0, 90.0)
+    stand_s: Range = (8.0, 20.0)
     long_stops: tuple[tuple[float, float], ...] = ()  #: (from t_s, for s): stands there, for loading
     braking_mps2: float = Field(0.9, gt=0)
 
@@ -68,9 +68,14 @@ class Given(_Driver):
     """Wanted speed by time, linear between points; `throttle` (0..1, null: none) overrides it."""
 
     kind: Literal["given"]
-    at_s: list[float]
+    at_s: Onward
     speed_mps: list[float]
     throttle: list[float | None] | None = None
+
+    @model_validator(mode="after")
+    def _one_each(self) -> Given:
+        same_length(self.at_s, speed_mps=self.speed_mps, throttle=self.throttle)
+        return self
 
 
 Driver = Annotated[Cruise | Pulses | Mixed | StopAndGo | Given, Field(discriminator="kind")]

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from canest.frames import FloatColumn
-from canest.simulate.vehicles import Strict
+from canest.simulate.vehicles import Onward, Range, Stretch, Strict, same_length
 
 START_ELEVATION_M = 100.0
 SPACING_M = 1.0
@@ -27,20 +27,25 @@ class Highway(Strict):
 
     kind: Literal["highway"]
     grade_max: float = Field(0.045, ge=0, le=0.3)
-    stretch_m: tuple[float, float] = (200.0, 900.0)
-    transition_m: tuple[float, float] = (80.0, 300.0)
+    stretch_m: Stretch = (200.0, 900.0)
+    transition_m: Range = (80.0, 300.0)
     level_start_m: float = 100.0
     bends: bool = False
-    bend_radius_m: tuple[float, float] = (150.0, 900.0)
+    bend_radius_m: Stretch = (150.0, 900.0)
 
 
 class Points(Strict):
     """Given points, linear between them: distance in m, grade, curvature in 1/m (left positive)."""
 
     kind: Literal["points"]
-    at_m: list[float]
+    at_m: Onward
     grade: list[float]
     curvature_1pm: list[float] | None = None
+
+    @model_validator(mode="after")
+    def _one_each(self) -> Points:
+        same_length(self.at_m, grade=self.grade, curvature_1pm=self.curvature_1pm)
+        return self
 
 
 class Sine(Strict):
@@ -56,7 +61,7 @@ class Steps(Strict):
     """Grades one after the other, with short transitions (2005 paper, Figures 3 and 5)."""
 
     kind: Literal["steps"]
-    grades: list[float]
+    grades: list[float] = Field(min_length=1)
     length_m: float = Field(600.0, gt=0)
     transition_m: float = Field(2.0, gt=0)
 

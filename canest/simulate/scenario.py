@@ -47,7 +47,7 @@ class Scenario(Strict):
     """A drive to simulate: vehicle, load, road, driver, bus, and what the config will not know."""
 
     title: str = ""
-    seed: int = 0
+    seed: int = Field(0, ge=0)
     duration_s: float = Field(gt=1, le=36_000)
     vehicle: VehicleSpec
     mass_kg: list[MassChange]

@@ -3,15 +3,47 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 
 class Strict(BaseModel):
     """Base of every scenario part: unknown keys are refused, values do not change."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def _from_to(span: tuple[float, float]) -> tuple[float, float]:
+    if not 0 <= span[0] <= span[1]:
+        raise ValueError(f"found {list(span)}, expected two numbers from 0 on, the smaller first")
+    return span
+
+
+def _not_nothing(span: tuple[float, float]) -> tuple[float, float]:
+    if span[1] == 0:
+        raise ValueError("found [0, 0], expected a second number above 0")
+    return span
+
+
+def _onward(at: list[float]) -> list[float]:
+    if not at or any(b < a for a, b in pairwise(at)):
+        raise ValueError(f"found {at}, expected numbers that do not decrease")
+    return at
+
+
+#: what is drawn between the two, uniformly; and what a drive or a road goes on by
+Range = Annotated[tuple[float, float], AfterValidator(_from_to)]
+Stretch = Annotated[Range, AfterValidator(_not_nothing)]
+#: where the points of a curve lie
+Onward = Annotated[list[float], AfterValidator(_onward)]
+
+
+def same_length(at: list[float], **columns: list[Any] | None) -> None:
+    """Refuse columns that have not one value for each point. Errors: ValueError."""
+    for name, column in columns.items():
+        if column is not None and len(column) != len(at):
+            raise ValueError(f"found {len(column)} values of {name}, expected {len(at)}, one for each point")
 
 
 class VehicleSpec(Strict):
@@ -21,9 +53,8 @@ class VehicleSpec(Strict):
     electric: bool = False
     engine_inertia_kgm2: float = Field(gt=0)
     reference_torque_Nm: float = Field(gt=0)
-    full_torque: list[
-        tuple[float, float]
-    ]  #: (rpm, N m) indicated (combustion) or net (electric), increasing rpm
+    #: (rpm, N m) indicated (combustion) or net (electric), increasing rpm
+    full_torque: list[tuple[float, float]] = Field(min_length=2)
     friction_pct: float = Field(0.0, ge=0, le=30)  #: of the reference torque, at standstill
     friction_pct_per_krpm: float = Field(0.0, ge=0)
     regeneration_Nm: float = Field(0.0, ge=0)  #: pedal-up torque of an electric motor
@@ -31,8 +62,8 @@ class VehicleSpec(Strict):
     fuelling_s: float = 0.06  #: not declared: torque follows its demand this fast
     boost_s: float = 0.6  #: not declared: turbo lag
     unboosted: float = Field(1.0, gt=0, le=1)  #: not declared: share of the full torque without boost
-    gear_ratios: list[float]
-    gear_efficiencies: list[float]  #: gearbox to wheels
+    gear_ratios: list[Annotated[float, Field(gt=0)]] = Field(min_length=1)
+    gear_efficiencies: list[Annotated[float, Field(gt=0, le=1)]]  #: gearbox to wheels
     final_drive: float = Field(gt=0)
     wheel_radius_m: float = Field(gt=0)
     wheel_inertia_kgm2: float = Field(ge=0)  #: all wheels

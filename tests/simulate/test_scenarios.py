@@ -50,6 +50,41 @@ def test_a_dozen_and_more_ship():
         (("mass_kg: 20000\n", ""), 1, "missing"),
         (("duration_s: 20", "duration_s: .inf"), 1, "finite"),
         (("mass_kg: 20000", "mass_kg: [{t_s: 5, mass_kg: 9000}]"), 3, "mass_kg"),
+        (
+            ("duration_s: 20", "duration_s: 20\nseed: -1"),
+            2,
+            "seed, found -1, expected greater than or equal to 0",
+        ),
+        (
+            ("kind: pulses", "kind: mixed, hold_s: [0, 0]"),
+            4,
+            "hold_s: found [0, 0], expected a second number",
+        ),
+        (
+            ("kind: pulses", "kind: pulses, throttle: [0.9, 0.5]"),
+            4,
+            "throttle: found [0.9, 0.5], expected two",
+        ),
+        (
+            ("kind: pulses", "kind: given, at_s: [5, 1], speed_mps: [1, 1]"),
+            4,
+            "at_s: found [5.0, 1.0], expected",
+        ),
+        (
+            ("mass_kg: 20000", "mass_kg: 20000\nroad: {kind: points, at_m: [0], grade: []}"),
+            4,
+            "found 0 values of grade",
+        ),
+        (
+            ("mass_kg: 20000", "mass_kg: 20000\nroad: {kind: steps, grades: []}"),
+            4,
+            "road.steps.grades, found []",
+        ),
+        (
+            ("mass_kg: 20000", "mass_kg: 20000\nroad: {kind: highway, stretch_m: [0, 0]}"),
+            4,
+            "stretch_m: found [0, 0]",
+        ),
     ],
 )
 def test_a_mistake_is_named_with_file_line_and_key(
@@ -62,6 +97,30 @@ def test_a_mistake_is_named_with_file_line_and_key(
     assert f"{path}:{line}: " in str(caught.value)
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("seed", "-1", "seed, found -1, expected greater than or equal to 0"),
+        ("vehicle", "{preset: class8, gear_ratios: []}", "vehicle.gear_ratios, found []"),
+        ("driver", "{kind: mixed, hold_s: [0, 0]}", "hold_s: found [0, 0], expected a second"),
+        ("driver", "{kind: pulses, throttle: [0.9, 0.5]}", "throttle: found [0.9, 0.5], expected two"),
+        ("driver", "{kind: given, at_s: [5, 1], speed_mps: [1, 1]}", "at_s: found [5.0, 1.0], expected"),
+        ("driver", "{kind: given, at_s: [0, 1], speed_mps: [1]}", "found 1 values of speed_mps"),
+        ("road", "{kind: points, at_m: [0], grade: []}", "found 0 values of grade"),
+        ("road", "{kind: steps, grades: []}", "road.steps.grades, found []"),
+        ("road", "{kind: highway, stretch_m: [0, 0]}", "stretch_m: found [0, 0]"),
+    ],
+)
+def test_numbers_that_make_no_drive_are_refused(tmp_path: Path, key: str, value: str, said: str):
+    kept = [line for line in PLAIN.splitlines() if not line.startswith(f"{key}:")]
+    path = tmp_path / "mine.yaml"
+    path.write_text("\n".join([f"{key}: {value}", *kept]))
+    with pytest.raises(ConfigError) as caught:
+        load_scenario(path)
+    assert f"{path}:1: " in str(caught.value)
+    assert said in str(caught.value)
 
 
 @pytest.mark.parametrize("text", ["", "[1, 2", "- a\n- b\n", "\x00"])
