@@ -13,7 +13,7 @@ from canest.config.bus import Broadcast
 from canest.decode import j1939
 from canest.live.address_claim import Frame
 from canest.live.estimate_frame import Estimate, encode
-from canest.live.watch import CVW_PGN
+from canest.live.watch import CVW_LARGEST, CVW_PGN, CVW_STEP_KG
 from canest.vehicle.samples import Status
 
 PCC1_PGN = 61651  #: Predictive Cruise Control 1
@@ -21,7 +21,7 @@ FRESH_US = 400_000  #: an estimate older than this is no estimate of now
 
 _NONE_8 = 0xFF
 _AT_ONCE = -(1 << 62)
-_CVW_STEP_KG, _CVW_LARGEST, _CVW_PRIORITY = 10.0, 0xFAFF, 6  #: SPN 1760, bytes 3-4
+_CVW_PRIORITY = 6
 _GRADE_STEP, _GRADE_OFFSET, _GRADE_LARGEST, _PCC1_PRIORITY = 0.00125, -0.16, 0xFA, 3  #: SPN 7432, byte 4
 _CVW_PERIOD_US, _PCC1_PERIOD_US = 1_000_000, 100_000
 
@@ -98,7 +98,7 @@ class Broadcaster:
 
 def cvw_payload(mass_kg: float) -> bytes | None:
     """Return PGN 65136 with SPN 1760 and nothing else; None when the mass does not fit."""
-    raw = _steps(mass_kg / _CVW_STEP_KG, _CVW_LARGEST)
+    raw = _steps(mass_kg / CVW_STEP_KG, CVW_LARGEST)
     if raw is None:
         return None
     return bytes([_NONE_8] * 2) + raw.to_bytes(2, "little") + bytes([_NONE_8] * 4)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canest.live.estimate_frame import STATUS_WORDS
 from canest.live.snapshot import bus_state, sender_name
 
 if TYPE_CHECKING:
     from canest.live.daemon import Daemon
 
-_STATUSES = ("unestimated", "converging", "valid", "not available")
 _KINDS = ("state", "metrics", "record", "ring", "estimates")
 
 
@@ -27,7 +27,7 @@ class Changes:
         silence, address = daemon.node.silence(now_us), daemon.node.address
         speaks = silence or f"on from address {address:#04x}"
         self._tell("broadcast", speaks, bad=daemon.node.group_is_taken)
-        self._tell("status", _STATUSES[daemon.estimate(now_us).status])
+        self._tell("status", STATUS_WORDS[daemon.estimate(now_us).status])
         others = len(daemon.pipeline.decoder.counters.other_senders)
         self._tell("other-senders", others, bad=True, unless_first=not others)
         doubted = ", ".join(sorted(daemon.pipeline.decoder.counters.contested()))

@@ -17,6 +17,7 @@ import math
 from dataclasses import dataclass
 
 from canest.frames import ID_MASK
+from canest.vehicle.samples import STATUS_LABELS
 
 MASS_STEP_KG = 2.0
 MASS_STD_STEP = 0.004
@@ -25,6 +26,8 @@ GRADE_OFFSET = -3.2
 GRADE_STD_STEP = 0.0004
 NOT_AVAILABLE_STATUS = 3
 NOT_AVAILABLE_GATE = 63
+#: every status in words, by its code
+STATUS_WORDS = (*STATUS_LABELS.values(), "not available")
 
 _LARGEST_16, _LARGEST_8 = 0xFAFF, 0xFA  #: J1939-71: from 0xFB.. on bytes mean error or not available
 _NONE_16, _NONE_8 = 0xFFFF, 0xFF

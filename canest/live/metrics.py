@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from canest.errors import UsageError
+from canest.live.estimate_frame import STATUS_WORDS
 
 Sample = tuple[str, dict[str, str], float]
 
@@ -38,8 +39,6 @@ METRICS: dict[str, tuple[str, str]] = {
     "canest_uptime_seconds": ("gauge", "Time since the start."),
 }
 
-_STATUSES = ("unestimated", "converging", "valid", "not available")
-
 
 def samples(snapshot: dict[str, Any]) -> Iterator[Sample]:
     """Yield (metric, labels, value) of a snapshot."""
@@ -51,7 +50,7 @@ def samples(snapshot: dict[str, Any]) -> Iterator[Sample]:
         ("canest_grade_std_ratio", "grade_std"),
     ):
         yield metric, {}, math.nan if estimate[key] is None else estimate[key]
-    for status in _STATUSES:
+    for status in STATUS_WORDS:
         yield "canest_status", {"status": status}, float(estimate["status"] == status)
     yield "canest_bus_up", {}, float(bus["state"] in ("up", "error-passive"))
     yield "canest_bus_frames_total", {}, bus["frames"]

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from canest.gates import LABELS
-from canest.vehicle.samples import STATUS_LABELS
+from canest.live.estimate_frame import STATUS_WORDS
 from canest.verdict import why_no_signal
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
             "mass_std_kg": _number(estimate.mass_std_kg, 1),
             "grade": _number(estimate.grade, 6),
             "grade_std": _number(estimate.grade_std, 6),
-            "status": STATUS_LABELS.get(estimate.status, NOT_AVAILABLE),
+            "status": STATUS_WORDS[estimate.status],
             "gate": LABELS.get(estimate.gate, NOT_AVAILABLE),
         },
         "why_not_valid": why_not_valid(daemon, now_us),
@@ -102,7 +102,7 @@ def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
 def why_not_valid(daemon: Daemon, now_us: int) -> str:
     """Return one sentence on what the estimate lacks ('' when it is valid)."""
     estimate, pipeline = daemon.estimate(now_us), daemon.pipeline
-    status = STATUS_LABELS.get(estimate.status, NOT_AVAILABLE)
+    status = STATUS_WORDS[estimate.status]
     if status == "valid":
         return ""
     if daemon.receiver.state not in ("up", "error-passive"):
@@ -131,7 +131,7 @@ def one_line(daemon: Daemon, now_us: int) -> str:
     """Return the line that ``systemctl status`` shows."""
     estimate = daemon.estimate(now_us)
     bus = f"{daemon.config.bus.channel} {daemon.receiver.state}, {daemon.rates.frames_per_s:.0f} frames/s"
-    status = STATUS_LABELS.get(estimate.status, NOT_AVAILABLE)
+    status = STATUS_WORDS[estimate.status]
     if math.isnan(estimate.mass_kg):
         return f"{status}: {why_not_valid(daemon, now_us)} ({bus})"
     # whole hundreds and tenths: a line that changes at every look would only fill the journal

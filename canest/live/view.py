@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 from canest.decode import j1939
 from canest.gates import LABELS
-from canest.live.estimate_frame import NOT_AVAILABLE_STATUS, Estimate, decode
-from canest.vehicle.samples import STATUS_LABELS
+from canest.live.estimate_frame import NOT_AVAILABLE_STATUS, STATUS_WORDS, Estimate, decode
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -109,7 +108,7 @@ class LiveView:
             return f"waiting for PGN {self._pgn:#x}: is a canest broadcasting on this bus?"
         if age_s > LOST_S:
             return f"[red]no broadcast for {age_s:.0f} s[/red]"
-        status = STATUS_LABELS.get(self.estimate.status, "not available")
+        status = STATUS_WORDS[self.estimate.status]
         parts = [f"[{_COLOURS.get(status, 'red')}]{status}[/]"]
         gate = LABELS.get(self.estimate.gate, "")
         if gate:

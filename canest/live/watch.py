@@ -11,8 +11,7 @@ from canest.live.address_claim import CLAIM_PGN, REQUEST_PGN
 from canest.live.link import Filters
 
 CVW_PGN = 65136  #: Combination Vehicle Weight
-_CVW_STEP_KG = 10.0  #: SPN 1760, bytes 3-4
-_CVW_LARGEST = 0xFAFF
+CVW_STEP_KG, CVW_LARGEST = 10.0, 0xFAFF  #: SPN 1760, bytes 3-4
 SENT_BY_OTHERS_US = 60_000_000  #: who has sent a mass within this time still does
 TSC1_PGN = 0  #: Torque/Speed Control 1: somebody commands the engine or the retarder
 _VD_PGN, _VDHR_PGN = 65248, 65217  #: Vehicle Distance, the same in high resolution
@@ -133,8 +132,8 @@ class BusWatch:
 
     def _note_mass(self, source: int, raw: int, t_us: int, now_us: int) -> None:
         # some senders say 0 kg while they stand: no estimate, not a weight
-        if not 0 < raw <= _CVW_LARGEST:
+        if not 0 < raw <= CVW_LARGEST:
             return
         known = self.other_masses.setdefault(source, OtherMass(0.0, 0))
-        known.mass_kg, known.t_us, known.heard_us = raw * _CVW_STEP_KG, t_us, now_us
+        known.mass_kg, known.t_us, known.heard_us = raw * CVW_STEP_KG, t_us, now_us
         known.frames += 1
