@@ -1,7 +1,7 @@
 """Bytes of a file, decompressed as they are read; what a damaged archive still holds is delivered.
 
 The kind of archive is told by its first bytes, never by its name. Memory stays bounded: compressed bytes are
-fed in small pieces.
+fed in small pieces, and of what makes a gigabyte of a kilobyte no more comes out at once than is wanted.
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ from canest.errors import LogError
 #: how archives of one log are named
 ARCHIVE_SUFFIXES = (".gz", ".xz", ".zst", ".bz2")
 _PIECE_BYTES = 1 << 14
+#: four bytes of zstd may stand for 128 kB, and its machine has no limit to what it gives
+_ZSTD_PIECE_BYTES = 1 << 10
+_OUT_BYTES = 1 << 22
 _MAGIC_BYTES = 6
 
 
@@ -63,6 +66,9 @@ class Source:
         for magic, (name, make) in _ARCHIVES.items():
             if head.startswith(magic):
                 self.archive, self._make = name, make
+        # bzip2's and xz' machines hold back what would be too much
+        self._limit = (_OUT_BYTES,) if self.archive in ("bzip2", "xz") else ()
+        self._piece_bytes = _ZSTD_PIECE_BYTES if self.archive == "zstd" else _PIECE_BYTES
         self._machine = self._start()
 
     def __enter__(self) -> Source:
@@ -84,9 +90,10 @@ class Source:
             return head + self._raw(max(size - len(head), 0))
         out = io.BytesIO()
         while out.tell() < size:
-            piece = self._head or self._raw(_PIECE_BYTES)
-            self._head = b""
-            if not piece or self.damage:
+            piece = b""
+            if not self._holds_back:
+                piece, self._head = self._head or self._raw(self._piece_bytes), b""
+            if not (piece or self._holds_back) or self.damage:
                 if not self.damage and not self._machine.eof:
                     self.damage = f"the {self.archive} archive ends early"
                 break
@@ -95,19 +102,25 @@ class Source:
 
     def _decompress(self, piece: bytes) -> bytes:
         out = b""
-        while piece and not self.damage:
+        while (piece or self._holds_back) and not self.damage:
             if self._machine.eof:  # archives may be several, one behind the other
                 piece = piece.lstrip(b"\0")
                 if not piece:
                     break
                 self._machine = self._start()
             try:
-                out += self._machine.decompress(piece)
+                out += self._machine.decompress(piece, *self._limit)
             except Exception as error:  # each library has its own, with no common root
                 self.damage = f"the {self.archive} archive is damaged ({error})".replace("\n", " ")
                 break
+            if self._holds_back:
+                break
             piece = self._machine.unused_data if self._machine.eof else b""
         return out
+
+    @property
+    def _holds_back(self) -> bool:
+        return bool(self._limit) and not (self._machine.needs_input or self._machine.eof)
 
     def _start(self) -> Any:
         return self._make() if self._make else None

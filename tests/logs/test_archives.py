@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from canest.errors import LogError
 from canest.frames import FrameBlock
 from canest.logs import open_log
+from canest.logs.compression import Source
 from logs.helpers_logs import DATA, assert_same, one_by_one, read_all
 
 TEXT = lzma.decompress((DATA / "kenworth" / "normal.log.xz").read_bytes())
@@ -68,3 +69,15 @@ def test_a_damaged_archive_never_escapes(tmp_path_factory, suffix, position, val
         FrameBlock.concatenate(list(reader))
     except LogError as error:
         assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize("suffix", PACK)
+def test_an_archive_that_unpacks_to_very_much_comes_in_pieces(tmp_path, suffix):
+    size = 128 << 20
+    path = tmp_path / f"zeros.log{suffix}"
+    path.write_bytes(PACK[suffix](bytes(size)) + PACK[suffix](TEXT))
+    with Source(path) as source:
+        pieces = list(iter(lambda: source.read(1 << 19), b""))
+        assert not source.damage
+    assert max(map(len, pieces)) < size // 3
+    assert b"".join(pieces) == bytes(size) + TEXT
