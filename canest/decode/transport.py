@@ -34,7 +34,8 @@ class Transport:
 
     wanted: (PGN, source address) -> whether its messages are worth keeping.
     on_error: called with (PGN, source address) when a wanted session is dropped.
-    counts: how sessions ended: complete, sequence, duplicate, timeout, superseded, size, aborted, evicted.
+    counts: how sessions ended: complete, sequence, duplicate, timeout, superseded, size, aborted, evicted;
+    and frames passed over, since they came again as they were (in a log of two interfaces all do): repeated.
     """
 
     def __init__(self, wanted: Callable[[int, int], bool], on_error: Callable[[int, int], None]) -> None:
@@ -74,10 +75,15 @@ class Transport:
         if length != 8:
             self._drop(key, "size")
             return None
+        chunk = (word >> 8).to_bytes(PACKET_BYTES, "little")
         if number != expected:
-            self._drop(key, "duplicate" if 0 < number == expected - 1 else "sequence")
+            again = 0 < number == expected - 1
+            if again and chunk == session.chunks[-1]:
+                self._count("repeated")
+            else:
+                self._drop(key, "duplicate" if again else "sequence")
             return None
-        session.chunks.append((word >> 8).to_bytes(PACKET_BYTES, "little"))
+        session.chunks.append(chunk)
         session.last_us = t_us
         if number < session.packets:
             return None
@@ -90,11 +96,16 @@ class Transport:
         if broadcast != (destination == GLOBAL_ADDRESS):
             return
         key = (source, destination)
-        if key in self._sessions:
+        size, packets = (word >> 8) & 0xFFFF, (word >> 24) & 0xFF
+        before = self._sessions.get(key)
+        if before is not None:
+            if not before.chunks and (before.pgn, before.size, before.packets) == (pgn, size, packets):
+                before.last_us = t_us
+                self._count("repeated")
+                return
             self._drop(key, "superseded")
         if not self._wanted(pgn, source):
             return
-        size, packets = (word >> 8) & 0xFFFF, (word >> 24) & 0xFF
         if not SMALLEST <= size <= LARGEST or packets != -(-size // PACKET_BYTES):
             self._count("size")
             self._on_error(pgn, source)

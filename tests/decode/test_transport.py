@@ -93,7 +93,7 @@ def faulty(how: str) -> Bus:
     bus.announce(body)
     order = {
         "lost": [1, 2, 4],
-        "duplicated": [1, 2, 2, 3, 4],
+        "other content": [1, 2, 2, 3, 4],
         "swapped": [1, 3, 2, 4],
         "starts late": [2, 3, 4],
         "unknown number": [1, 2, 9, 3, 4],
@@ -102,9 +102,11 @@ def faulty(how: str) -> Bus:
     }[how]
     for number in order:
         bus.packet(body, max(number, 1))
+        t_us, can_id, payload = bus.frames[-1]
         if number in (0, 9):
-            t_us, can_id, payload = bus.frames[-1]
             bus.frames[-1] = (t_us, can_id, bytes([number]) + payload[1:])
+        if how == "other content":
+            bus.frames[-1] = (t_us, can_id, payload[:7] + bytes([len(bus.frames)]))
     bus.broadcast(engine_configuration(2222))
     return bus
 
@@ -113,7 +115,7 @@ def faulty(how: str) -> Bus:
     ("how", "reason"),
     [
         ("lost", "sequence"),
-        ("duplicated", "duplicate"),
+        ("other content", "duplicate"),
         ("swapped", "sequence"),
         ("starts late", "sequence"),
         ("unknown number", "sequence"),
@@ -126,6 +128,17 @@ def test_faulty_broadcast_is_dropped_and_the_next_one_is_good(how, reason):
     assert values == [2222]
     assert counters.transport == {reason: 1, "complete": 1}
     assert counters.senders[EC1, 0].transport_errors == 1
+
+
+@pytest.mark.parametrize("later_us", [0, 3 * MS])
+def test_a_log_of_two_interfaces_that_hear_the_same_bus(later_us):
+    bus = Bus()
+    bus.broadcast(engine_configuration(2450))
+    bus.frames = [(t_us + k * later_us, *rest) for t_us, *rest in bus.frames for k in (0, 1)]
+    _, values, counters = received(bus)
+    assert values == [2450]
+    assert counters.transport == {"complete": 1, "repeated": 4}
+    assert counters.senders[EC1, 0].transport_errors == 0
 
 
 def test_head_of_one_after_the_tail_of_another():
