@@ -35,11 +35,12 @@ _FEW = 50  #: samples of one role up to which walking them is faster than column
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """A signal may differ by ``slack`` at once and by ``rate`` more per second, never beyond ``most``."""
+    """A signal may differ by ``slack`` at once and by ``rate`` more per second, its size has bounds."""
 
     slack: float
     rate: float
     most: float = math.inf
+    least: float = 0.0
 
 
 #: finest first; engine speed through the gear is finer than a road speed in half miles per hour
@@ -53,9 +54,10 @@ LIMITS: dict[str, Limit] = {
     "gps_speed": _ROAD_SPEED,
     # friction follows engine speed and oil temperature, with steps when an auxiliary cuts in
     "engine_friction_pct": Limit(5.0, 15.0),
-    # the full scale of the reported torque is a constant of the engine, but for another rating
-    "reference_torque": Limit(5.0, 5.0),
-    "retarder_reference_torque": Limit(5.0, 5.0),
+    # the full scale of the reported torque is a constant of the engine, but for another rating: that is told
+    # every 5 s and believed the second or third time. A controller that has just woken may say 0
+    "reference_torque": Limit(5.0, 50.0, most=20_000.0, least=50.0),
+    "retarder_reference_torque": Limit(5.0, 50.0, most=20_000.0),
     # a mountain road changes the pressure by 0.05 kPa/s; faster, so that a replaced sensor is believed
     "barometric_pressure": Limit(2.0, 2.0),
     "ambient_temperature": Limit(3.0, 2.0),
@@ -138,7 +140,8 @@ class Screen:
         before_us, before = self._believed.get(role, (int(t_us[0]), float(values[0])))
         steps = values - shifted(values, before)
         allowed = limit.slack + limit.rate * 1e-6 * (t_us - shifted(t_us, before_us))
-        far = (np.abs(steps) > allowed) | (np.abs(values) > limit.most)
+        size = np.abs(values)
+        far = (np.abs(steps) > allowed) | (size > limit.most) | (size < limit.least)
         first = int(far.argmax()) if far.any() else len(far)
         if first:
             self._believed[role] = int(t_us[first - 1]), float(values[first - 1])
@@ -153,7 +156,8 @@ class Screen:
         for i, (stamp, value) in enumerate(zip(stamps, values, strict=True)):
             if not -math.inf < value < math.inf:
                 continue
-            if abs(value) > limit.most or abs(value - before) > slack + rate * (stamp - before_us):
+            possible = limit.least <= abs(value) <= limit.most
+            if not possible or abs(value - before) > slack + rate * (stamp - before_us):
                 jumps.append(i)
             else:
                 before_us, before = stamp, value

@@ -50,6 +50,13 @@ def test_an_impossible_first_sample_keeps_nothing_out(n):
     assert screened.refused["x"] == 1
 
 
+@pytest.mark.parametrize("n", [20, 200])
+def test_a_controller_that_wakes_with_zero_keeps_nothing_out(n):
+    pairs = [(0, 0.0), *((100_000 * k, 2100.0) for k in range(1, n))]
+    screened = Screen({"x": Limit(slack=5.0, rate=5.0, least=50.0)})
+    assert passed(screened, pairs) == pairs[1:]
+
+
 def test_not_available_passes_and_is_no_reference():
     values = [v for _, v in passed(screen(), [(0, 1.0), (1, np.nan), (2, 50.0), (3, 1.0)])]
     assert values[0] == 1.0
