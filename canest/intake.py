@@ -10,8 +10,8 @@ from canest.config.schema import Config, Source
 from canest.decode.signal_map import decoder_for
 from canest.frames import FloatColumn, FrameBlock, IntColumn
 from canest.grid.clock import Clock, Stretch
-from canest.grid.grid import Channel, Feed, Grid
-from canest.roles import ROLES
+from canest.grid.grid import FOREVER_US, Channel, Feed, Grid
+from canest.roles import LASTING, ROLES
 from canest.vehicle.model import effects_of
 from canest.vehicle.screen import DOUBT_S, JUMP, MOTION_JUMP, Screen, limits_of, motion_roles
 
@@ -19,7 +19,6 @@ from canest.vehicle.screen import DOUBT_S, JUMP, MOTION_JUMP, Screen, limits_of,
 TORQUE_ROLES = ("engine_torque_pct", "engine_torque", "engine_friction_pct", "retarder_torque_pct")
 #: staleness limit of a signal that only an effect knows
 EFFECT_SIGNAL_STALE_S = 5.0
-FOREVER_US = 1 << 61  #: older than any sample can be
 
 
 class Intake:
@@ -53,6 +52,11 @@ class Intake:
         if stretch.jump == "back":
             self.screen.restart()
         kept = self.screen.apply(samples)
+        for role in LASTING & kept.keys():
+            stamps, values = kept[role]
+            known = np.isfinite(values)
+            if not known.all():
+                kept[role] = stamps[known], values[known]
         return Feed(kept, stretch.jump, stretch.before_us, int(t_us[0]), int(t_us[-1]))
 
 

@@ -110,3 +110,5 @@ ROLES: dict[str, Role] = dict(
         _role("reported_mass", "kg", 10.0, "gross combination mass from another controller (SPN 1760)"),
     ]
 )
+#: what was said once of these stays true: neither silence nor "not available" takes it back
+LASTING = frozenset(name for name, role in ROLES.items() if role.stale_s == math.inf)

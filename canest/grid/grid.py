@@ -18,7 +18,7 @@ from canest.frames import BoolColumn, FloatColumn, IntColumn
 from canest.vehicle.samples import STEP_US
 
 _NEVER_US = -(1 << 62)
-_FOREVER_US = 1 << 61
+FOREVER_US = 1 << 61  #: older than any sample can be
 _NOTHING = (_NEVER_US, math.nan)
 _FEW = 50  #: ticks up to which the path one by one is faster; samples of a role that are kept as lists for it
 
@@ -32,7 +32,7 @@ class Channel:
 
     role: str
     delay_us: int = 0
-    stale_us: int = _FOREVER_US
+    stale_us: int = FOREVER_US
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +67,15 @@ class GridBlock:
     def __len__(self) -> int:
         return len(self.t_us)
 
+    def split(self, at: int) -> tuple[GridBlock, GridBlock]:
+        """Return the ticks before a position, and those from there on."""
+        return self._part(slice(at), self.continues), self._part(slice(at, None), self.continues or at > 0)
+
+    def _part(self, cut: slice, continues: bool) -> GridBlock:
+        values = {role: column[cut] for role, column in self.values.items()}
+        stale = {role: column[cut] for role, column in self.stale.items()}
+        return GridBlock(self.t_us[cut], values, stale, continues)
+
 
 class Grid:
     """Holds the last sample of every channel and hands out finished ticks.
@@ -91,8 +100,16 @@ class Grid:
         self._next_us = -(-first_us // STEP_US) * STEP_US
         self._continues = False
         if clock_set_back:
-            self._held = dict.fromkeys(self._held, _NOTHING)
+            self._held = {c.role: self._lasting(c, first_us) for c in self._channels}
             self._ahead.clear()
+
+    def _lasting(self, channel: Channel, now_us: int) -> tuple[int, float]:
+        """Return what is left of a channel in a new epoch: the last value, where it never grows too old."""
+        role = channel.role
+        stamps, samples = self._ahead.get(role) or ([self._held[role][0]], [self._held[role][1]])
+        if channel.stale_us < FOREVER_US or stamps[-1] == _NEVER_US:
+            return _NOTHING
+        return now_us, float(samples[-1])
 
     def take(self, feed: Feed) -> list[GridBlock]:
         """Take one stretch of samples; return the runs of ticks it completes.

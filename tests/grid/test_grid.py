@@ -101,12 +101,18 @@ def test_an_old_value_survives_a_gap_if_it_may_be_that_old() -> None:
 
 
 def test_a_clock_set_back_ends_the_old_epoch_and_forgets_its_values() -> None:
-    grid = Grid([Channel("a"), Channel("b")], HOLD_US)
-    first = grid.take(feed({"a": [(100_000, 1.0)]}, 100_030, "gap"))
-    second = grid.take(feed({"b": [(50_000, 2.0)]}, 50_021, "back", before_ms=100_030))
-    assert list(ticks(first + second, "b")) == [100_000, 100_020, 50_000, 50_020]
-    assert math.isnan(ticks(second, "a")[50_000])
+    grid = Grid([Channel("a", stale_us=10**12), Channel("b"), Channel("c"), Channel("never")], HOLD_US)
+    first = grid.take(
+        feed({"a": [(100_000, 1.0)], "b": [(100_000, 7.0)], "c": [(100_025, 8.0)]}, 100_030, "gap")
+    )
+    second = grid.take(feed({"b": [(50_020, 2.0)]}, 50_041, "back", before_ms=100_030))
+    assert list(ticks(first + second, "b")) == [100_000, 100_020, 50_020, 50_040]
+    assert math.isnan(ticks(second, "a")[50_020])
     assert not second[-1].continues
+    # what never grows too old is no older by it, also where no tick has seen it yet
+    assert ticks(second, "c")[50_020] == 8.0
+    assert second[-1].stale["never"].all()
+    assert not second[-1].stale["c"].any()
 
 
 def test_consecutive_blocks_continue_each_other() -> None:

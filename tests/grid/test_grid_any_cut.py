@@ -48,7 +48,8 @@ def reference(frames: list[tuple[int, int, float]]) -> list[Row]:
             if last is not None:
                 emit(last + HOLD_US if stamp > last else last + 1)
                 if stamp < last:
-                    heard = {r: [] for r in ROLES}
+                    kept = [(stamp - wait, value) for _, value in heard["c"][-1:]]  # never grows too old
+                    heard = {"a": [], "b": [], "c": kept}
             next_tick, fresh = math.ceil(stamp / STEP_US) * STEP_US, True
             last = stamp
         last = max(stamp, last)
