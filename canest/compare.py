@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ from canest.scoring import Score
 from canest.tables import TableMap, open_for
 from canest.vehicle.regression import Regression
 from canest.vehicle.samples import RATE_HZ, ModelBlock, Status
+from canest.vehicle.stand_ins import StandIns, doubting
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -85,16 +86,20 @@ def compare(
 
     fast.enable(compiling_pays([Path(log)]) if compiled is None else compiled)
     facts, chosen = facts_of(config), config.estimator
-    entries = {
-        name: _Entry(estimator_of(config) if name == chosen.name else create(name, facts))
-        for name in (names or REGISTRY)
-    }
+
+    def new(name: str) -> Estimator:
+        return estimator_of(config) if name == chosen.name else create(name, facts)
+
+    entries = {name: _Entry(new(name)) for name in (names or REGISTRY)}
     blocks: list[ModelBlock] = []
     notes: list[str] = []
     for plain, excited in _samples(config, log, channel, progress, notes):
-        blocks.append(plain)
-        for entry in entries.values():
-            _run(entry, excited if entry.estimator.wants_excitation_gate else plain)
+        blocks.append(plain[0])
+        for name, entry in entries.items():
+            block, again = excited if entry.estimator.wants_excitation_gate else plain
+            if again:
+                entry.estimator = doubting(new(name), float(entry.parts[-1].mass_kg[-1]), None)
+            _run(entry, block)
     estimates = {name: Estimates.concatenate(entry.parts) for name, entry in entries.items()}
     score = Score(truth, mass_kg, after_s)
     times = np.concatenate([b.t_us for b in blocks]) if blocks else np.empty(0, np.int64)
@@ -112,15 +117,34 @@ def compare(
     return Comparison(table, estimates, true_mass, true_grade, speed)
 
 
+class _Model:
+    """The model samples of one kind of estimator."""
+
+    def __init__(self, config: Config, *, excitation_gate: bool) -> None:
+        self._regression = Regression(config, excitation_gate=excitation_gate)
+        self._learned = False
+
+    def process(self, ticks: GridBlock, refuted: bool) -> tuple[ModelBlock, bool]:
+        """Return the samples, and whether estimators must begin again before them (see `StandIns`)."""
+        again = refuted and self._learned
+        block = self._regression.process(replace(ticks, continues=False) if again else ticks)
+        self._learned = self._learned or not block.gate.all()
+        return block, again
+
+
+_Samples = tuple[ModelBlock, bool]
+
+
 def _samples(
     config: Config, log: str | Path, channel: str | None, progress: Progress | None, notes: list[str]
-) -> Iterator[tuple[ModelBlock, ModelBlock]]:
+) -> Iterator[tuple[_Samples, _Samples]]:
     """Yield the samples of a log, without and with the low-excitation gate; add to ``notes`` at its end."""
-    intake, grid, tables = Intake(config), grid_for(config), TableMap(config)
-    plain, excited = Regression(config, excitation_gate=False), Regression(config, excitation_gate=True)
+    intake, grid, tables, stand_ins = Intake(config), grid_for(config), TableMap(config), StandIns(config)
+    plain, excited = _Model(config, excitation_gate=False), _Model(config, excitation_gate=True)
 
-    def both(ticks: GridBlock) -> tuple[ModelBlock, ModelBlock]:
-        return plain.process(ticks), excited.process(ticks)
+    def both(ticks: GridBlock) -> Iterator[tuple[_Samples, _Samples]]:
+        for part, refuted in stand_ins.parts(ticks):
+            yield plain.process(part, refuted), excited.process(part, refuted)
 
     reader = open_for(config, log, channel)
     for block in reader:
@@ -130,13 +154,13 @@ def _samples(
             feeds = intake.table(tables.samples(block), block.t_us)
         for feed in feeds:
             for ticks in grid.take(feed):
-                yield both(ticks)
+                yield from both(ticks)
         if progress is not None:
             progress(reader.bytes_done, reader.bytes_total)
     if intake.clock.last_us is not None:
         ticks_left = grid.ticks_until(intake.clock.last_us, inclusive=True)
         if ticks_left is not None:
-            yield both(ticks_left)
+            yield from both(ticks_left)
     notes += log_notes(reader) + stream_notes(intake)
 
 

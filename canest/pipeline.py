@@ -6,9 +6,10 @@ around it, and give the same bits for the same frames however they are cut.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -27,6 +28,7 @@ from canest.grid.grid import Feed, GridBlock
 from canest.intake import Intake, grid_for, hold_us
 from canest.vehicle.regression import Regression
 from canest.vehicle.samples import EstimateBlock, ModelBlock, VehicleFacts
+from canest.vehicle.stand_ins import StandIns, doubting
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +75,9 @@ class Pipeline:
         self.estimator = estimator_of(config)
         self._regression = Regression(config, excitation_gate=self.estimator.wants_excitation_gate)
         self._listener = listener
+        self._stand_ins = StandIns(config)
+        self._remembered: tuple[float, float] | None = None
+        self._mass_kg = math.nan
         self.gates: Counter[str] = Counter()
         self.samples = 0
 
@@ -114,6 +119,7 @@ class Pipeline:
 
     def restore(self, mass_kg: float, mass_std_kg: float) -> None:
         """Start from a remembered mass."""
+        self._remembered = mass_kg, mass_std_kg
         self.estimator.restore(mass_kg, mass_std_kg)
 
     def snapshot(self) -> dict[str, Any]:
@@ -150,6 +156,14 @@ class Pipeline:
     def _emit(self, ticks: GridBlock | None, done: list[Estimates]) -> None:
         if ticks is None:
             return
+        for part, refuted in self._stand_ins.parts(ticks):
+            if refuted and self.updated:
+                self.estimator = doubting(estimator_of(self.config), self._mass_kg, self._remembered)
+                self._estimate(replace(part, continues=False), done)
+            else:
+                self._estimate(part, done)
+
+    def _estimate(self, ticks: GridBlock, done: list[Estimates]) -> None:
         samples = self._regression.process(ticks)
         e = self.estimator.update(samples)
         if self._listener is not None:
@@ -159,6 +173,7 @@ class Pipeline:
             if count:
                 self.gates[LABELS[code]] += count
         self.samples += len(samples)
+        self._mass_kg = float(e.mass_kg[-1])
         done.append(
             Estimates(samples.t_us, e.mass_kg, e.mass_std_kg, e.grade, e.grade_std, e.status, samples.gate)
         )
