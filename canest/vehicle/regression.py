@@ -14,6 +14,7 @@ from canest.gates import Gate
 from canest.grid.grid import GridBlock
 from canest.vehicle.columns import Columns
 from canest.vehicle.gating import Excitation, Gating
+from canest.vehicle.lost_brakes import LostBrakes
 from canest.vehicle.model import LongitudinalModel
 from canest.vehicle.samples import STEP_S, ModelBlock
 from canest.vehicle.screen import MAX_SPEED_MPS, MOTION_JUMP
@@ -47,6 +48,7 @@ class Regression:
     def __init__(self, config: Config, *, excitation_gate: bool = False) -> None:
         self.model = LongitudinalModel(config)
         self._gating = Gating(config, self.model)
+        self._brakes = LostBrakes(config)
         wanted = config.gates.low_excitation.enabled
         use = excitation_gate if wanted is None else wanted
         self._excitation = Excitation(config) if use else None
@@ -61,6 +63,7 @@ class Regression:
     @np.errstate(all="ignore")  # signals may be any float: what is no sane number closes a gate
     def process(self, grid: GridBlock) -> ModelBlock:
         """Turn a block of ticks into model samples."""
+        grid = self._brakes.fill(grid)
         raw = self.model.process(grid)
         self.last_columns = c = raw.columns
         moving = np.abs(raw.speed_mps) <= MAX_SPEED_MPS  # known, whatever becomes of the torque

@@ -101,7 +101,8 @@ def test_random_payloads_from_the_right_addresses_leave_a_valid_mass(config, fra
     assert_sane(config, attacked)
     assert deviation_pct(clean[1], attacked) < MOST_PCT
     assert pipeline.intake.screen.refused["output_shaft_speed"] > 0
-    assert pipeline.gates["implausible"] > 0
+    # a forged brake has precedence, and under full load one is forged at every tick
+    assert pipeline.gates["brake" if per_s == FULL_LOAD_PER_S else "implausible"] > 0
 
 
 @pytest.mark.slow
