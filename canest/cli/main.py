@@ -115,9 +115,9 @@ def run(arguments: list[str], debug: bool = False) -> int:
         return error.exit_code
     except (click.exceptions.Abort, KeyboardInterrupt):
         return FAILED
-    except BrokenPipeError:  # the reader of our output has seen enough
+    except (BrokenPipeError, SystemExit):  # the reader of our output has seen enough; rich says it so
         _forget_stdout()
-        return FAILED
+        return OK
     except Exception as error:
         if debug:
             import traceback
