@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from types import TracebackType
@@ -18,6 +19,9 @@ from canest.logs.compression import Source
 BLOCK_FRAMES = 1 << 17
 #: text parsed at once: fits the second-level cache together with what is made of it
 _TEXT_BYTES = 1 << 19
+
+#: a power cut leaves blocks of zeros where nothing had been written yet; the next line begins behind them
+_NEVER_WRITTEN = re.compile(rb"(\A|\n)\0+")
 
 #: a damaged log may name any number of interfaces
 _CHANNELS_SHOWN = 8
@@ -87,7 +91,8 @@ class LogReader(ABC):
     def channels_text(self) -> str:
         """Return the interfaces with most frames, in words."""
         named = sorted(self.channels.items(), key=lambda item: -item[1])[:_CHANNELS_SHOWN]
-        return ", ".join(f"{name} ({frames:,} frames)" for name, frames in named)
+        # a damaged one may hold anything, also what steers a terminal
+        return ", ".join(f"{n if n.isprintable() else ascii(n)} ({frames:,} frames)" for n, frames in named)
 
     @property
     @abstractmethod
@@ -187,6 +192,8 @@ class CandumpReader(LogReader):
         text, self._head = self._head, b""
         overlong = False
         while True:
+            if b"\0" in text and not overlong:
+                text = _NEVER_WRITTEN.sub(rb"\1", text)
             end = text.rfind(b"\n") + 1
             if overlong and end:  # the rest of a line already counted
                 text = text[text.find(b"\n") + 1 :]

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from canest import fast
 from canest.errors import LogError
 from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
+from canest.logs import open_log
 from canest.logs.candump import CandumpParser
 from logs.helpers_logs import DATA, FRAMES, assert_same, log_form, one_by_one, read_all, screen_form
 
@@ -293,9 +294,19 @@ def test_a_byte_order_mark_costs_no_frame(tmp_path):
     assert reader.skipped_lines == 0
 
 
+@pytest.mark.parametrize("zeros", [1, 5, 4096, 3_000_000])
+def test_what_a_power_cut_left_unwritten_costs_no_frame(tmp_path, zeros):
+    text = "(1.000000) can0 18FEF100#0102030405060708\n(1.100000) can0 18FEF100#1102030405060708\n"
+    path = tmp_path / "cut.log"
+    path.write_bytes(bytes(zeros) + text.encode() + bytes(zeros) + text.encode())
+    reader = open_log(path)
+    frames = FrameBlock.concatenate(list(reader))
+    assert (len(frames), reader.skipped_lines) == (4, 0)
+
+
 def test_one_endless_line_takes_no_memory_and_counts_once(tmp_path):
     path = tmp_path / "long.log"
-    path.write_bytes(b"(1.000000) can0 123#11\n" + b"\0" * 3_000_000 + b"\n(2.000000) can0 123#22\n")
+    path.write_bytes(b"(1.000000) can0 123#11\n" + b"x" * 3_000_000 + b"\n(2.000000) can0 123#22\n")
     block, reader = read_all(path)
     assert block.t_us.tolist() == [1_000_000, 2_000_000]
     assert (reader.skipped_lines, reader.skipped[0][0]) == (1, 2)
