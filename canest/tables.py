@@ -8,6 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from canest.decode.signal_map import factor_and_offset
 from canest.errors import LogError
 from canest.frames import FloatColumn, IntColumn
@@ -19,6 +21,10 @@ if TYPE_CHECKING:
     from canest.logs.base import LogReader
 
 
+#: rows from which on their distance tells a time in other units
+_MANY = 100
+
+
 class TableMap:
     """Resolved columns of a config: role -> (column, factor, offset).
 
@@ -26,6 +32,7 @@ class TableMap:
     """
 
     def __init__(self, config: Config) -> None:
+        self._time_column, self._hold_s = config.sampling.time_column, config.sampling.hold_s
         self.roles: dict[str, tuple[str, float, float]] = {}
         for role, source in config.signals.items():
             if source.column is not None:
@@ -40,7 +47,18 @@ class TableMap:
         return [column for column, _, _ in self.roles.values()]
 
     def samples(self, block: TableBlock) -> dict[str, tuple[IntColumn, FloatColumn]]:
-        """Return the samples of a block, per role; columns that the table lacks give none."""
+        """Return the samples of a block, per role; columns that the table lacks give none.
+
+        Errors: LogError for rows that lie so far apart that none follows another.
+        """
+        steps_s = np.diff(block.t_us) * 1e-6
+        if len(steps_s) >= _MANY and (apart_s := float(np.median(steps_s))) > self._hold_s:
+            raise LogError(
+                "most rows come more than sampling.hold_s after the one before",
+                where=f"column {self._time_column}",
+                found=f"{apart_s:g} s from row to row",
+                expected="seconds, or ISO 8601",
+            )
         found = {}
         for role, (column, factor, offset) in self.roles.items():
             values = block.columns.get(column)
