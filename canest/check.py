@@ -20,6 +20,7 @@ from canest.pipeline import Pipeline
 from canest.plausible import Plausibility
 from canest.roles import ROLES
 from canest.tables import TableMap, wrong_kind
+from canest.unheard import unheard
 from canest.vehicle.model import LongitudinalModel
 from canest.vehicle.samples import STATUS_LABELS
 from canest.verdict import gate_shares, needed_roles, what_lacks, why_no_time
@@ -252,12 +253,8 @@ class Doctor:
             )
         if self._bad_frames:
             hints.append(f"{self._bad_frames:,} error frames: check bit rate, termination and wiring")
-        unheard = any(f.role == "engine_friction_pct" and not f.values for f in findings)
-        if self.frames and unheard and not self.config.vehicle.friction_torque_pct:
-            hints.append(
-                "nobody tells the engine's friction, so it counts as 0 % of the reference torque: say what "
-                "it is (vehicle.friction_torque_pct, some 5 to 12 %), or mass and grade are wrong by it"
-            )
+        if self.frames:
+            hints += unheard(self.config, self.pipeline.intake.heard)
         doubts = self.pipeline.estimator.doubts()
         return hints + self.plausibility.hints() + ([doubts] if doubts else [])
 

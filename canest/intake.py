@@ -28,6 +28,7 @@ class Intake:
         self.decoder = decoder_for(config)
         self.clock = Clock(hold_us(config), round(config.sampling.max_backward_s * 1e6))
         self.screen = Screen(limits_of(config), motion_roles(config))
+        self.heard: set[str] = set()  #: roles that have had a value
 
     def frames(self, block: FrameBlock) -> Iterator[Feed]:
         """Yield the stretches of a block of frames."""
@@ -52,6 +53,7 @@ class Intake:
         if stretch.jump == "back":
             self.screen.restart()
         kept = self.screen.apply(samples)
+        self.heard.update(r for r in kept.keys() - self.heard if np.isfinite(kept[r][1]).any())
         for role in LASTING & kept.keys():
             stamps, values = kept[role]
             known = np.isfinite(values)

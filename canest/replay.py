@@ -17,6 +17,7 @@ from canest.notes import log_notes, stream_notes
 from canest.pipeline import Listener, Pipeline
 from canest.scoring import Score
 from canest.tables import TableMap, open_for
+from canest.unheard import unheard
 from canest.vehicle.samples import STATUS_LABELS
 
 if TYPE_CHECKING:
@@ -82,6 +83,8 @@ def replay(
     if score is not None:
         summary["errors"] = score.errors()
     notes = log_notes(run.reader) + stream_notes(run.pipeline.intake)
+    if run.pipeline.updated:
+        notes += unheard(config, run.pipeline.intake.heard)
     if doubts := run.pipeline.estimator.doubts():
         notes.append(doubts)
     if score is not None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from canest.gates import LABELS
 from canest.live.estimate_frame import STATUS_WORDS
+from canest.unheard import unheard
 from canest.verdict import why_no_signal
 
 if TYPE_CHECKING:
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 NOT_AVAILABLE = "not available"
 #: most senders listed: noise from every address must not make a snapshot long
 MOST_SENDERS, MOST_OTHERS = 100, 20
+PATIENCE_TICKS = 30 * 50  #: before a signal counts as one that nobody sends
 
 
 def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
@@ -47,6 +49,8 @@ def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
             "status": STATUS_WORDS[estimate.status],
             "gate": LABELS.get(estimate.gate, NOT_AVAILABLE),
         },
+        # a bus that has just woken up is still telling what it has
+        "unheard": unheard(daemon.config, pipeline.intake.heard) if pipeline.samples > PATIENCE_TICKS else [],
         "why_not_valid": why_not_valid(daemon, now_us),
         "samples": pipeline.samples,
         "updated": pipeline.updated,

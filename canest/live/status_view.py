@@ -34,6 +34,7 @@ def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str
     lines = [("estimate", _estimate(estimate))]
     if snapshot["why_not_valid"]:
         lines.append(("why not valid", snapshot["why_not_valid"]))
+    lines += [("unheard", sentence) for sentence in snapshot.get("unheard", ())]
     if estimate["gate"]:
         lines.append(("gate now", estimate["gate"]))
     samples = max(snapshot["samples"], 1)

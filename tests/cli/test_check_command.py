@@ -7,6 +7,7 @@ import lzma
 import re
 from pathlib import Path
 
+from canest.demo import DRIVE
 from canest.resources import shipped
 
 DATA = Path(__file__).parents[1] / "data"
@@ -271,3 +272,29 @@ def test_a_bracket_in_a_columns_name_is_printed(canest, tmp_path):
         "check", "-c", "bmw-i3", tmp_path / "trip.csv", "--set", "signals.vehicle_speed={column: 'v [/h]'}"
     )
     assert done.code == 0 and "v [/h]" in done.out
+
+
+def test_a_friction_and_brakes_that_nobody_tells_are_told(canest, tmp_path):
+    silent = ("FEDF00#", "F0000F#", "FEF1", "F0010B#")  # EEC3, ERC1, CCVS1, EBC1
+    with lzma.open(DRIVE, "rt") as file:
+        lines = [line for line in file.readlines()[:20_000] if not any(s in line for s in silent)]
+    log = tmp_path / "silent.log"
+    log.write_text("".join(lines))
+    hints = report(canest, log, "-c", "class8")["hints"]
+    notes = json.loads(canest("replay", log, "-c", "class8", "--json", "-").out)["notes"]
+    for told in (hints, notes):
+        for what in ("engine's friction", "a retarder acts", "the brake acts"):
+            assert any(what in sentence for sentence in told), (what, told)
+    whole = tmp_path / "whole.log"
+    with lzma.open(DRIVE, "rt") as file:
+        whole.write_text("".join(file.readlines()[:20_000]))
+    assert not any("nobody tells" in hint for hint in report(canest, whole, "-c", "class8")["hints"])
+
+
+def test_a_time_in_milliseconds_is_refused_at_once(canest, tmp_path):
+    log = tmp_path / "ms.csv"
+    log.write_text("t_s,v_kmh,motor_Nm\n" + "".join(f"{20 * k * 1000},30,40\n" for k in range(5000)))
+    for command, *more in (("check",), ("replay",), ("compare", "--mass", 1500)):
+        done = canest(command, log, "-c", "bmw-i3", *more)
+        assert done.code == 1
+        assert "20000 s from row to row" in done.err
