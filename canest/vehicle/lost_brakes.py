@@ -34,14 +34,17 @@ class LostBrakes:
     def fill(self, ticks: GridBlock) -> GridBlock:
         """Return the ticks with what is lost and acts filled in."""
         filled = {}
+        tick = ticks.t_us // STEP_US
         for role, level in self._levels.items():
             values = ticks.values[role]
-            known = np.isfinite(values)
-            if not known.all():
-                filled[role] = self._filled(role, level, ticks.t_us // STEP_US, values)
-            if known.any():
-                last = len(known) - 1 - int(known[::-1].argmax())
-                self._last[role] = int(ticks.t_us[last]) // STEP_US, float(values[last])
+            last_tick, last = self._last[role]
+            if last_tick > tick[0]:  # the clock was set back
+                self._last[role] = int(tick[0]), last
+            known = np.flatnonzero(np.isfinite(values))
+            if len(known) < len(values):
+                filled[role] = self._filled(role, level, tick, values)
+            if len(known):
+                self._last[role] = int(tick[known[-1]]), float(values[known[-1]])
         return replace(ticks, values={**ticks.values, **filled}) if filled else ticks
 
     def _filled(self, role: str, level: float, tick: IntColumn, values: FloatColumn) -> FloatColumn:
@@ -49,5 +52,5 @@ class LostBrakes:
         at = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(len(values)), -1))
         before = np.where(at >= 0, values[at], last)
         lost = tick - np.where(at >= 0, tick[at], last_tick)
-        acts = (np.abs(before) > level) & (lost >= 0) & (lost <= LOST_S * RATE_HZ)
+        acts = (np.abs(before) > level) & (lost <= LOST_S * RATE_HZ)
         return np.where(acts, before, values)

@@ -39,6 +39,15 @@ def test_a_controller_that_stays_dead_brakes_no_more() -> None:
     assert "OPEN" in names(drive.go(round((LOST_S + 5) * RATE_HZ), brake_switch=math.nan))
 
 
+def test_a_clock_set_back_does_not_release_it() -> None:
+    drive = Drive(None)
+    drive.go(20, brake_switch=1.0)
+    drive.next = -100_000
+    assert names(drive.go(50, gap=True, brake_switch=math.nan)) == {"BRAKE"}
+    drive.go(round(LOST_S * RATE_HZ), brake_switch=math.nan)
+    assert "OPEN" in names(drive.go(100, brake_switch=math.nan))
+
+
 def test_one_that_is_lost_while_it_rests_closes_nothing() -> None:
     assert names(Drive(None).go(200, brake_switch=math.nan, retarder_torque_pct=math.nan)) == {"OPEN"}
 
