@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from canest.logs.base import LogReader
 
 
-#: rows from which on their distance tells a time in other units
-_MANY = 100
+#: so many rows without one that follows another would take minutes, silence by silence, to no estimate and
+#: the reason that fewer get (`canest.verdict.why_no_time`)
+_MANY = 5000
 
 
 class TableMap:

@@ -293,7 +293,7 @@ def test_a_friction_and_brakes_that_nobody_tells_are_told(canest, tmp_path):
 
 def test_a_time_in_milliseconds_is_refused_at_once(canest, tmp_path):
     log = tmp_path / "ms.csv"
-    log.write_text("t_s,v_kmh,motor_Nm\n" + "".join(f"{20 * k * 1000},30,40\n" for k in range(5000)))
+    log.write_text("t_s,v_kmh,motor_Nm\n" + "".join(f"{20 * k * 1000},30,40\n" for k in range(6000)))
     for command, *more in (("check",), ("replay",), ("compare", "--mass", 1500)):
         done = canest(command, log, "-c", "bmw-i3", *more)
         assert done.code == 1
