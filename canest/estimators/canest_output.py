@@ -77,7 +77,10 @@ def mass_of(u: FloatColumn, u_var: FloatColumn, facts: VehicleFacts) -> tuple[Fl
     share = u_std * mass
     wide = np.flatnonzero(share > _NARROW)
     if len(wide):
-        samples = u[wide, None] + u_std[wide, None] * _SAMPLES
+        # a posterior wider than the vehicle's range is flat on it: samples further apart would all miss it
+        flat = u_std[wide] > most - least
+        centre = np.where(flat, possible[wide], u[wide])
+        samples = centre[:, None] + np.minimum(u_std[wide], most - least)[:, None] * _SAMPLES
         weights = np.where((samples >= least) & (samples <= most), _WEIGHTS, 0.0)
         deviation = 1.0 / np.clip(samples, least, most) - mass[wide, None]
         total = weights.sum(axis=1)

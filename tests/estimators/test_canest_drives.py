@@ -173,6 +173,14 @@ def test_no_mass_is_beyond_its_bounds_by_rounding():
         assert mass_kg.max() <= most
 
 
+@pytest.mark.parametrize("at_kg", [901.0, 2_030.0, 2_690.0])
+def test_a_mass_of_which_nothing_is_known_has_the_band_of_the_whole_range(at_kg):
+    facts = replace(FACTS, mass_min_kg=900.0, mass_max_kg=2_700.0)
+    u_std = np.geomspace(4e-4, 1.0, 60)  # the range itself is 7.4e-4 wide
+    _, std_kg = mass_of(np.full(60, 1.0 / at_kg), np.square(u_std), facts)
+    assert (std_kg > 0.2 * at_kg).all()
+
+
 def test_a_short_stop_keeps_the_mass():
     drive = trip(170, stops=[(100, 115)])
     _, e = run(drive)
