@@ -69,7 +69,8 @@ class Entry:
 def entries(diagnosis: Diagnosis) -> list[Entry]:
     """Return every effect tried, best first: the selected ones, then the others by what they would remove."""
     search = diagnosis.search
-    whole = _share(search)
+    # where nothing is selected, the best model with an effect in it is that effect alone
+    whole = _share(search) if search.chosen else 1.0
     found = [
         Entry(c.candidate, c.deviation, c.std, _unit(c.explained), whole, True, _names(c.equivalent, c))
         for c in search.chosen
@@ -85,9 +86,9 @@ def entries(diagnosis: Diagnosis) -> list[Entry]:
         # with a free mass a scale effect would only make everything smaller: its value means nothing
         if c.effect not in told and not c.shadow:
             told.add(c.effect)
-            share = _unit(tried.explained)
+            share, score = _unit(tried.explained), min(_unit(tried.removed), whole)
             alike = _names(search.alternatives.alike(c), c)
-            found.append(Entry(c, tried.deviation, tried.std, share, min(share, whole), False, alike))
+            found.append(Entry(c, tried.deviation, tried.std, share, score, False, alike))
     order = sorted(range(len(found)), key=lambda i: (not found[i].selected, -found[i].score, i))
     return [found[i] for i in order]
 

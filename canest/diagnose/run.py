@@ -114,7 +114,8 @@ def diagnose(
             after, left_after, shown_after = before, left_before, shown_before
     verdict = _verdict(problem, search, before, after)
     hints = [r.name for r in ranked[:1] if r.explained > TRY_SIGNAL_SHARE]
-    finding = finding_of(verdict, search.chosen, before.residual_rms_N, after.residual_rms_N, hints)
+    hidden_N = search.hidden_N() if search.all_hidden(tried) else None
+    finding = finding_of(verdict, search.chosen, before.residual_rms_N, after.residual_rms_N, hints, hidden_N)
     tell("done", 1.0)
     return Diagnosis(
         config, problem, search, tried, before, after, left_before, left_after, shown_before, shown_after,

@@ -62,17 +62,28 @@ class Search:
 
     def alone(self) -> list[Tried]:
         """Return what each candidate would do alone, best first."""
-        total = float(self._left(self._first, []).sum())
+        before = self.problem.held_out(self._first, [])
         tried = []
         for c, column in self._offered:
             if not column.any():
                 continue
             fit = solve(self._first, self.problem.beside_nuisance([column]), self.problem.chunk)
-            left = float(self._left(self._first, [column]).sum())
-            tried.append(
-                Tried(c, float(fit.values[0]), float(np.sqrt(fit.covariance[0, 0])), 1.0 - left / total)
-            )
-        return sorted(tried, key=lambda t: -t.explained)
+            left = self.problem.held_out(self._first, [column])
+            slow = 1.0 - self._slow_sum(left) / self._slow_sum(before)
+            removed = 1.0 - float((left**2).sum() / (before**2).sum())
+            std = float(np.sqrt(fit.covariance[0, 0]))
+            tried.append(Tried(c, float(fit.values[0]), std, slow, removed))
+        return sorted(tried, key=lambda t: -t.removed)
+
+    def hidden_N(self) -> float:
+        """Return how much residual (RMS) is too little to notice, or may be the torque's rounding."""
+        problem = self.problem
+        return max(MIN_WEIGHT_SHARE * problem.weight_N, MIN_TORQUE_STEPS * problem.torque_step_N)
+
+    def all_hidden(self, tried: Sequence[Tried]) -> bool:
+        """Return whether some effect would remove a share, and the best of them too little to be told."""
+        best = max((t.removed for t in tried if not t.candidate.shadow), default=0.0)
+        return best >= MIN_SHARE and not self._matters(best * float((self._first**2).sum()))
 
     def run(self) -> None:
         """Select until nothing more is significant, out of sample, and large enough to matter.
@@ -143,8 +154,7 @@ class Search:
     def _matters(self, removed: float) -> bool:
         """Return whether a drop of the squared held-out residual is large enough to notice."""
         rms_N = np.sqrt(max(removed, 0.0) / self.problem.rows) * self.problem.unit_N
-        least_N = max(MIN_WEIGHT_SHARE * self.problem.weight_N, MIN_TORQUE_STEPS * self.problem.torque_step_N)
-        return bool(rms_N > least_N)
+        return bool(rms_N > self.hidden_N())
 
     def _excluded(self, c: Candidate) -> bool:
         """Return whether a candidate would say again what is chosen already."""

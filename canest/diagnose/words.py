@@ -77,13 +77,24 @@ def equivalents_said(chosen: Chosen) -> str:
 
 
 def finding_of(
-    verdict: str, chosen: Sequence[Chosen], before_N: float, after_N: float, hints: Sequence[str]
+    verdict: str,
+    chosen: Sequence[Chosen],
+    before_N: float,
+    after_N: float,
+    hints: Sequence[str],
+    hidden_N: float | None = None,
 ) -> str:
-    """Return the one sentence of the report."""
+    """Return the one sentence of the report. hidden_N: what no effect alone removes more of, where so."""
     change = f"held-out residual {before_N:.0f} N before, {after_N:.0f} N after"
     if verdict == "nothing-to-explain":
         return f"The model fits this data as well as its noise allows ({before_N:.0f} N): nothing to add."
     hint = f" The remainder goes with {hints[0]}." if hints else ""
+    if not chosen and hidden_N is not None:
+        return (
+            f"Something is missing from the model ({before_N:.0f} N of residual), and what any known effect "
+            f"would remove of it is below {hidden_N:.0f} N, too little to be told: half a step of the "
+            f"reported torque, or a slope of 0.02 %.{hint}"
+        )
     if not chosen:
         return (
             f"Something is missing from the model ({before_N:.0f} N of residual), and none of the known "

@@ -7,6 +7,7 @@ import pytest
 
 from canest.cli.main import run
 from canest.config import load_config
+from canest.diagnose.words import finding_of
 
 DELAYED = {"torque_delay"}  # every simulated engine reports 60 ms late: finding it is right
 
@@ -46,6 +47,26 @@ def test_a_drive_without_even_a_delay_has_nothing_to_explain(drive, found, diagn
     assert told["baseline"] == told["after"]
     revised = load_config(diagnosed(log, "--truth", "auto") / "revised.yaml")
     assert revised == load_config(log.with_suffix(".yaml"))
+
+
+def test_shares_of_selected_effects_and_of_others_alone_are_of_one_measure(drive, found):
+    """Given a mass that is off by a percent, a slip that does what the delay does removes what that does."""
+    told = found(drive(), "--mass", "21000")
+    share = {c["effect"]: c["explained"] for c in told["candidates"]}
+    assert told["selected"] == ["torque_delay"]
+    assert share["wheel_slip"] == pytest.approx(share["torque_delay"], abs=0.1)
+
+
+def test_what_an_effect_alone_would_do_is_told_where_nothing_is_selected(drive, found):
+    told = found(drive(seed=6, sensors={"torque_delay_s": 0.0}), "--truth", "auto")
+    assert told["selected"] == []
+    assert max(c["score"] for c in told["candidates"]) > 0.001
+
+
+def test_effects_that_are_hidden_by_the_torque_s_rounding_are_not_called_no_explanation():
+    text = finding_of("unexplained", [], 146.0, 146.0, [], 104.0)
+    assert "below 104 N" in text and "none of the known effects" not in text
+    assert "none of the known effects" in finding_of("unexplained", [], 146.0, 146.0, [])
 
 
 def test_drafting_is_not_in_the_vocabulary_and_is_not_called_explained(drive, found):
