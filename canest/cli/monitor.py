@@ -27,6 +27,8 @@ Any machine on the bus can watch: nothing is needed but the broadcast, and nothi
 @click.option("--for", "seconds", type=float, metavar="S", help="Stop after this many seconds.")
 def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: float | None) -> None:
     """Watch mass and grade live, from the broadcast alone."""
+    from contextlib import nullcontext
+
     from rich.console import Console
     from rich.live import Live
 
@@ -56,15 +58,25 @@ def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: 
     receiver, _ = open_link(section, [j1939.kernel_filter(group)], transmit=False)
     view = LiveView(group, f"canest on {section.interface}:{section.channel}")
     end_s = time.monotonic() + seconds if seconds is not None else float("inf")
+    console = Console()
+    # a picture needs a terminal that can draw over it; a pipe or a dumb one gets a line a second
+    draws = console.is_terminal and not console.is_dumb_terminal
+    told_s = -float("inf")
+    if not draws:
+        click.echo(view.title)
     try:
-        with Live(view.render(time.monotonic()), console=Console(), auto_refresh=False) as live:
+        with Live(console=console, auto_refresh=False) if draws else nullcontext() as live:
             while (now_s := time.monotonic()) < end_s:
                 frames = receiver.drain().frames
                 for can_id, length, word in zip(
                     frames.can_id.tolist(), frames.length.tolist(), frames.data.tolist(), strict=True
                 ):
                     view.take(can_id, word.to_bytes(8, "little")[:length], now_s)
-                live.update(view.render(now_s), refresh=True)
+                if live is not None:
+                    live.update(view.render(now_s), refresh=True)
+                elif now_s - told_s >= 1.0:
+                    told_s = now_s
+                    click.echo(view.line(now_s))
                 time.sleep(1 / REFRESH_HZ)
     except KeyboardInterrupt:
         pass

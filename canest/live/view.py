@@ -47,7 +47,8 @@ class LiveView:
     """
 
     def __init__(self, pgn: int, title: str, every_s: float = 1.0) -> None:
-        self._pgn, self._title, self._every_s = pgn, title, every_s
+        self.title = title
+        self._pgn, self._every_s = pgn, every_s
         self.estimate = Estimate()
         self.counters: Counter[str] = Counter()
         self.source: int | None = None
@@ -95,12 +96,21 @@ class LiveView:
         table.add_row("grade", grade, grade_std, sparkline(list(self._grade)))
         return Panel(
             table,
-            title=escape(self._title),
+            title=escape(self.title),
             subtitle=self._footer(now_s),
             title_align="left",
             subtitle_align="left",
             width=98,
         )
+
+    def line(self, now_s: float) -> str:
+        """Return the numbers of the moment as one line of plain text."""
+        from rich.text import Text
+
+        e = self.estimate
+        mass = f"{_number(e.mass_kg, '{:,.0f} kg')} {_spread(e.mass_std_kg, '{:,.0f} kg')}"
+        grade = f"{_number(100 * e.grade, '{:+.2f} %')} {_spread(100 * e.grade_std, '{:.2f} %')}"
+        return f"mass {mass:<20} grade {grade:<18} {Text.from_markup(self._footer(now_s)).plain}"
 
     def _footer(self, now_s: float) -> str:
         age_s = now_s - self._last_s
