@@ -111,13 +111,24 @@ def _parallel(jobs: list[Job], config: Config, workers: int) -> Iterator[Outcome
                     unfinished.append(futures[future])
         except BaseException:  # interrupted: do not work off what is still waiting
             pool.shutdown(cancel_futures=True)
+            for job in jobs:
+                _clear(job)
             raise
     for job in unfinished:
         with _pool(1) as pool:
             try:
                 yield pool.submit(_attempt, job, config).result()
             except BrokenProcessPool:
+                _clear(job)
                 yield Outcome(job, error=f"{job.log}: the process that read it was killed (out of memory?)")
+
+
+def _clear(job: Job) -> None:
+    """Remove the half of a job's estimates that a process left which was killed over it."""
+    from canest.logs.writer import part_of
+
+    if job.output is not None:
+        part_of(job.output).unlink(missing_ok=True)
 
 
 def _pool(workers: int) -> ProcessPoolExecutor:

@@ -114,6 +114,7 @@ def run(arguments: list[str], debug: bool = False) -> int:
         print(error.format_message(), file=sys.stderr)
         return error.exit_code
     except (click.exceptions.Abort, KeyboardInterrupt):
+        print("interrupted", file=sys.stderr)
         return FAILED
     except (BrokenPipeError, SystemExit):  # the reader of our output has seen enough; rich says it so
         _forget_stdout()

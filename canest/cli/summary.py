@@ -84,7 +84,7 @@ def many_lines(summary: dict[str, Any]) -> list[str]:
         rows = [row[:6] for row in rows]
     lines = table(rows)
     lines += note_lines(
-        [(name, log.get("notes", [])) for name, log in zip(names, summary["logs"], strict=True)],
+        [(name, _noted(log)) for name, log in zip(names, summary["logs"], strict=True)],
         "--json PATH",
     )
     done = len(summary["logs"]) - summary["failed"]
@@ -134,6 +134,12 @@ def errors_text(errors: dict[str, Any]) -> str:
     if errors["without_estimate"]:
         text += f" ({errors['without_estimate']:,} samples had no estimate)"
     return text
+
+
+def _noted(log: dict[str, Any]) -> list[str]:
+    """Return why a log of many has no estimate, and its notes."""
+    because = [f"no estimate: {log['reason']}"] if log.get("reason") else []
+    return because + list(log.get("notes", []))
 
 
 def _mass(s: dict[str, Any]) -> str:

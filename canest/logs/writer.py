@@ -255,6 +255,11 @@ def _log_form(frames: FrameBlock, channel: str) -> bytes:
     )
 
 
+def part_of(path: Path) -> Path:
+    """Return the name of a file while it grows."""
+    return path.with_name(path.name + ".part")
+
+
 class _PartFile:
     """NAME.part while it grows, NAME once complete."""
 
@@ -262,7 +267,7 @@ class _PartFile:
         self._path = path
         # a device or a pipe (/dev/null, /dev/stdout) is written as it stands
         special = path.exists() and not path.is_file()
-        self._part = path if special else path.with_name(path.name + ".part")
+        self._part = path if special else part_of(path)
         with self.errors():
             self.file: BinaryIO = self._part.open("wb")
 
