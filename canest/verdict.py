@@ -85,7 +85,7 @@ def why_not_learning(run: LogRun) -> str:
     if not pipeline.samples:
         return "the log is too short for a single 50 Hz sample of the needed signals"
     if not pipeline.updated:
-        return f"every sample was refused by a gate: {shares}"
+        return f"every sample was refused by a gate: {shares} (canest check compares the signals)"
     return (
         f"only {pipeline.updated / RATE_HZ:.1f} s of {pipeline.samples / RATE_HZ:.1f} s could be learned from"
         + (f" (gates: {shares})" if shares else "")

@@ -1,0 +1,81 @@
+"""The doctor names the line of the config that contradicts the log, in a person's words."""
+
+from __future__ import annotations
+
+import pytest
+
+from canest.check import Doctor, check_blocks
+from canest.config import load_config
+from canest.logs import open_log
+from canest.simulate import simulate
+
+SCENARIO = {
+    "duration_s": 150,
+    "vehicle": "class8",
+    "mass_kg": 21250,
+    "road": {"kind": "highway"},
+    "driver": {"kind": "pulses"},
+    "bus": {"traffic": False, "cab_controller": False},
+}
+RATIOS = "{1: 12.69, 2: 9.29, 3: 6.75, 4: 4.9, 5: 3.62, 6: 2.59, 7: 1.9, 8: 1.38, 9: 1.0, 10: 0.74}"
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    written = simulate(SCENARIO, 1).write(tmp_path_factory.mktemp("drive"))
+    return next(p for p in written if p.suffix == ".log")
+
+
+def config_of(drive, *overrides, without=()):
+    config = load_config(str(drive.with_suffix(".yaml")), list(overrides))
+    return config.model_copy(
+        update={"signals": {role: s for role, s in config.signals.items() if role not in without}}
+    )
+
+
+def hints(drive, *overrides, without=()):
+    with open_log(drive) as log:
+        return check_blocks(config_of(drive, *overrides, without=without), log).hints
+
+
+@pytest.mark.parametrize(
+    "without",
+    [(), ("gear_ratio",), ("gear_ratio", "output_shaft_speed"), ("vehicle_speed",), ("engine_speed",)],
+)
+def test_of_a_config_that_fits_nothing_is_said(drive, without):
+    assert hints(drive, without=without) == []
+
+
+def test_gears_of_another_gearbox(drive):
+    (told,) = hints(drive, f"vehicle.gear_ratios={RATIOS.replace('1.38', '1.62')}", without=("gear_ratio",))
+    assert "engine and output shaft turn in the ratio 1.38 in gear 8 (gear_ratios: 1.62)" in told
+
+
+def test_without_an_output_shaft_all_gears_off_alike_are_one_wheel_radius(drive):
+    (told,) = hints(drive, "vehicle.wheel_radius_m=0.56", without=("gear_ratio", "output_shaft_speed"))
+    assert "engine and vehicle speed agree with wheel_radius_m 0.500" in told
+    assert "the config says 0.56" in told
+
+
+def test_a_wheel_radius_is_told_once_for_all_road_speeds(drive):
+    (told,) = hints(drive, "vehicle.wheel_radius_m=0.56")
+    assert "vehicle speed and output shaft agree with wheel_radius_m 0.500" in told
+
+
+@pytest.mark.parametrize(
+    ("scale", "mistake"), [(3.6, "km/h is taken for m/s"), (1 / 3.6, "m/s is taken for km/h")]
+)
+@pytest.mark.parametrize("role", ["vehicle_speed", "undriven_speed"])
+def test_a_speed_in_another_unit(drive, role, scale, mistake):
+    (told,) = hints(drive, f"signals.{role}.scale={scale}")
+    assert mistake in told and f"signals.{role}" in told
+
+
+def test_small_blocks_of_a_live_bus_tell_the_same(drive):
+    overrides = (f"vehicle.gear_ratios={RATIOS.replace('1.38', '1.62')}", "vehicle.wheel_radius_m=0.56")
+    doctor = Doctor(config_of(drive, *overrides, without=("gear_ratio",)))
+    with open_log(drive) as log:
+        for block in log:
+            for first in range(0, len(block), 40):
+                doctor.push(block[first : first + 40])
+    assert len(doctor.report().hints) == len(hints(drive, *overrides, without=("gear_ratio",))) == 2
