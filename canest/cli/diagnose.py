@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from canest.cli.options import Number, config_option, load, override_options
+from canest.cli.options import MASS, config_option, load, override_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -53,7 +53,7 @@ SHOWN = 6
 @config_option()
 @click.option("--truth", metavar="CSV", help="Table with t_s and mass_kg or grade or both; "
               "'auto' takes NAME.truth.csv beside each log.")  # fmt: skip
-@click.option("--mass", "mass_kg", type=Number(1.0), metavar="KG", help="The true mass, if constant.")
+@click.option("--mass", "mass_kg", type=MASS, metavar="KG", help="The true mass, if constant.")
 @click.option("--recorded", metavar="DIR", help="Recording that `canest run` keeps (service.residual_dir); "
               "its segments join the logs, oldest first.")  # fmt: skip
 @click.option("-o", "--output", required=True, metavar="DIR", help="Directory for the three files.")

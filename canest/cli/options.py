@@ -17,17 +17,21 @@ CONFIG_HELP = "Config file, or the name of a shipped one (class8, kenworth, bmw-
 
 
 class Number(click.types.FloatParamType):
-    """A finite number, not below ``least``."""
+    """A finite number, not below ``least``. unit: for the message, where it is easily mistaken."""
 
-    def __init__(self, least: float) -> None:
-        self._least = least
+    def __init__(self, least: float, unit: str = "") -> None:
+        self._least, self._unit = least, unit and f" {unit}"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the number; anything else is a usage error."""
         number: float = super().convert(value, param, ctx)
         if not self._least <= number < math.inf:
-            self.fail(f"found {number:g}, expected a number from {self._least:g} on.", param, ctx)
+            self.fail(f"found {number:g}, expected a number from {self._least:g}{self._unit} on.", param, ctx)
         return number
+
+
+#: a mass in tonnes is the mistake to tell
+MASS = Number(50.0, "kg")
 
 
 def config_option(required: bool = True) -> Callable[[F], F]:
@@ -54,7 +58,7 @@ def truth_options(function: F) -> F:
     for option in (
         click.option("--after", "after_s", type=Number(0.0), default=60.0, show_default=True, metavar="S",
                      help="Count errors from this many seconds after the first sample on."),
-        click.option("--mass", "mass_kg", type=Number(1.0), metavar="KG", help="The true mass, if constant."),
+        click.option("--mass", "mass_kg", type=MASS, metavar="KG", help="The true mass, if constant."),
         click.option("--truth", metavar="CSV", help="Table with t_s and grade or mass_kg or both; "
                      "'auto' takes NAME.truth.csv beside each log."),
     ):  # fmt: skip

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-INK, MUTED, GRID = "#1c2733", "#64748b", "#e6eaf0"
+INK, MUTED, GRID = "#1c2733", "#5b697e", "#e6eaf0"
 BLUE, ORANGE, GREEN, RED, VIOLET = "#1d4ed8", "#d97706", "#0f766e", "#dc2626", "#7c3aed"
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif"
 #: curves told apart by colour-blind readers too (Okabe and Ito 2008, darkened where too light)
@@ -52,7 +52,7 @@ class Rows:
         self.traces: list[dict[str, Any]] = []
         self.layout: dict[str, Any] = {
             "margin": {"l": 74, "r": 40, "t": 16, "b": 48},
-            "modebar": {"orientation": "v", "color": "#cbd5e1", "activecolor": MUTED},
+            "modebar": {"orientation": "v", "color": "#8392a7", "activecolor": MUTED},
             "paper_bgcolor": "#fff",
             "plot_bgcolor": "#fff",
             "font": {"family": FONT, "size": 12, "color": INK},
@@ -85,6 +85,8 @@ class Rows:
                 "anchor": f"y{key}",
                 "gridcolor": GRID,
                 "zeroline": False,
+                "exponentformat": "none",
+                "separatethousands": True,
                 "showticklabels": last,
                 **({"title": {"text": x_title, "standoff": 8}} if last else {}),
                 **({} if index == 1 else {"matches": "x"}),

@@ -35,7 +35,8 @@ class Panels:
             row, column = divmod(i, columns)
             key = self._key(i)
             left, top = column * (width + _GAP_X), 1.0 - row * (tall + gap)
-            common = {"gridcolor": GRID, "zerolinecolor": "#94a3b8", "separatethousands": True}
+            common = {"gridcolor": GRID, "zerolinecolor": "#94a3b8", "separatethousands": True,
+                      "exponentformat": "none"}  # fmt: skip
             self.layout[f"xaxis{key}"] = {
                 "domain": [left, min(left + width, 1.0)], "anchor": f"y{key}", **common, "zeroline": False,
                 "title": {"text": title, "standoff": 6},

@@ -120,7 +120,8 @@ def test_a_log_without_open_gates_says_so(config, tmp_path, capsys):
     [
         (["-c", "kenworth"], 2, "nothing to diagnose"),
         ([KENWORTH], 2, "--config"),
-        ([KENWORTH, "-c", "kenworth", "--mass", "-3"], 2, "expected a number from 1 on"),
+        ([KENWORTH, "-c", "kenworth", "--mass", "21.25"], 2, "--mass"),  # tonnes
+        ([KENWORTH, "-c", "kenworth", "--mass", "-3"], 2, "expected a number from 50 kg on"),
         ([KENWORTH, KENWORTH, "-c", "kenworth", "--truth", "x.csv"], 2, "auto"),
         ([KENWORTH, "-c", "no-such"], 2, "no-such"),
         ([KENWORTH, "-c", "kenworth", "--truth", "auto"], 1, "truth.csv"),

@@ -141,6 +141,32 @@ def curves_of(figure: dict) -> dict[str, list[float | None]]:
     return {trace["name"]: trace["y"] for trace in figure["data"] if "name" in trace}
 
 
+def contrast(one: str, other: str) -> float:
+    """Ratio of luminances (WCAG 2.1) of two colours #rrggbb."""
+
+    def luminance(colour: str) -> float:
+        shares = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+        linear = [s / 12.92 if s <= 0.03928 else ((s + 0.055) / 1.055) ** 2.4 for s in shares]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    dark, light = sorted((luminance(one), luminance(other)))
+    return (light + 0.05) / (dark + 0.05)
+
+
+@pytest.mark.parametrize("kind", ["replay", "compare"])
+def test_words_can_be_read_and_figures_have_a_name(reports, kind):
+    html = reports[kind].read_text("utf-8")
+    html = html[html.index("<style>") : html.index("</style>")] + html[html.index("<main>") :]
+    colours = dict(re.findall(r"--(\w+): (#\w{6})", html))
+    for words in ("ink", "muted", "good", "warn", "bad"):
+        assert min(contrast(colours[words], ground) for ground in ("#ffffff", colours["wash"])) >= 4.5, words
+    assert html.count('class="figure"') == html.count('role="img" aria-label="') > 0
+    assert html.count("<th") == html.count('<th scope="col"') > 0
+    for figure in re.findall(r'type="application/json"[^>]*>(.*?)</script>', html, re.S):
+        axes = [a for n, a in json.loads(figure)["layout"].items() if n.startswith("xaxis")]
+        assert all(axis["exponentformat"] == "none" for axis in axes)  # 10,000 s, not 10k
+
+
 def test_curves_of_a_comparison_break_where_the_log_pauses():
     n = 3000
     t_us = 20_000 * np.concatenate((np.arange(n), np.arange(n) + 180_000))
