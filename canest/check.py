@@ -66,7 +66,8 @@ class Doctor:
         self._tables = TableMap(config)
         self._listening = decoder_for(config)
         anyone = {role: s.model_copy(update={"source": None}) for role, s in config.signals.items()}
-        self._survey = decoder_for(config.model_copy(update={"signals": anyone}))
+        self._unasked = _unasked_reference(config)
+        self._survey = decoder_for(config.model_copy(update={"signals": anyone | self._unasked}))
         self._ranges: dict[str, tuple[float, float, int]] = {}
         self._rows = self._bad_frames = self._standard_frames = self.frames = 0
         self._missing_cells: dict[str, int] = {}
@@ -138,7 +139,8 @@ class Doctor:
         self._addresses.update(np.unique(identifiers & np.uint32(0xFF)).tolist())
         groups = np.unique(identifiers >> np.uint32(8) << np.uint32(8))
         self._pgns.update(map(j1939.pgn_of, groups.tolist()))
-        self._survey.push(block)
+        heard = self._survey.push(block).samples
+        self.plausibility.push({role: heard[role] for role in self._unasked if role in heard})
         return self._listening.push(block).samples
 
     def _note(self, samples: Samples) -> None:
@@ -257,6 +259,18 @@ class Doctor:
             hints += unheard(self.config, self.pipeline.intake.heard)
         doubts = self.pipeline.estimator.doubts()
         return hints + self.plausibility.hints() + ([doubts] if doubts else [])
+
+
+def _unasked_reference(config: Config) -> dict[str, Source]:
+    """Return where an engine would tell its reference torque (SPN 544) that the config does not ask for."""
+    from canest.config.schema import Source
+
+    if "engine_torque_pct" not in config.signals or "reference_torque" in config.signals:
+        return {}
+    told = Source(message="EC1", signal="EngReferenceTorque")
+    known = {m.name: m for database in databases_of(config) for m in database.messages}.get("EC1")
+    has = known is not None and is_j1939(known) and any(s.name == told.signal for s in known.signals)
+    return {"reference_torque": told} if has else {}
 
 
 def _rate_hz(counters: SenderCounters, role: str) -> float | None:

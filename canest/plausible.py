@@ -49,6 +49,7 @@ class Plausibility:
         self._turns: dict[int, FloatColumn] = {}
         self._turns_of = "output_shaft_speed"
         self._reference_Nm: float | None = None
+        self._uses_reference = "reference_torque" in config.signals
 
     def push(self, samples: Samples) -> None:
         """Take the samples of a block."""
@@ -135,9 +136,9 @@ class Plausibility:
             )
         heard, declared = self._reference_Nm, v.reference_torque_Nm
         if heard is not None and declared is not None and abs(heard / declared - 1) > TORQUE_TOLERANCE:
+            use = "used when heard" if self._uses_reference else "not used: signals maps no reference_torque"
             hints.append(
-                f"the engine says its reference torque is {heard:g} N m (used when heard), "
-                f"the config says {declared:g}"
+                f"the engine says its reference torque is {heard:g} N m ({use}), the config says {declared:g}"
             )
         return hints
 

@@ -71,6 +71,14 @@ def test_a_speed_in_another_unit(drive, role, scale, mistake):
     assert mistake in told and f"signals.{role}" in told
 
 
+def test_a_reference_torque_that_nobody_listens_to(drive):
+    wrong = "vehicle.reference_torque_Nm=1500"
+    assert "2100 N m (used when heard), the config says 1500" in hints(drive, wrong)[0]
+    (told,) = hints(drive, wrong, without=("reference_torque",))
+    assert "2100 N m (not used: signals maps no reference_torque), the config says 1500" in told
+    assert hints(drive, without=("reference_torque",)) == []
+
+
 def test_small_blocks_of_a_live_bus_tell_the_same(drive):
     overrides = (f"vehicle.gear_ratios={RATIOS.replace('1.38', '1.62')}", "vehicle.wheel_radius_m=0.56")
     doctor = Doctor(config_of(drive, *overrides, without=("gear_ratio",)))
