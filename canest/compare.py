@@ -111,7 +111,9 @@ def compare(
         },
         "default": chosen.name,
         "compiled": fast.enabled(),
-        "notes": notes + list(dict.fromkeys(note for s in scores.values() for note in s.notes())),
+        "notes": notes
+        + list(dict.fromkeys(note for s in scores.values() for note in s.notes()))
+        + score.beyond(config.vehicle.mass_min_kg, config.vehicle.mass_max_kg),
     }
     speed = np.concatenate([b.raw_speed_mps for b in blocks]) if blocks else np.empty(0)
     return Comparison(table, estimates, true_mass, true_grade, speed)

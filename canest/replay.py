@@ -88,7 +88,8 @@ def replay(
     if doubts := run.pipeline.estimator.doubts():
         notes.append(doubts)
     if score is not None:
-        notes += score.notes()
+        v = config.vehicle
+        notes += score.notes() + score.beyond(v.mass_min_kg, v.mass_max_kg)
     summary["notes"] = notes
     summary["wall_s"] = round(time.perf_counter() - begin, 4)
     snapshot = run.pipeline.snapshot()

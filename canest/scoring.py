@@ -86,6 +86,24 @@ class Score:
             f"{first / 1e6:.0f} to {last / 1e6:.0f}"
         ]
 
+    def beyond(self, least_kg: float, most_kg: float) -> list[str]:
+        """Return that the truth has a mass which the vehicle cannot have, nothing where it has none."""
+        table = None if self._truth is None else self._truth.mass_kg
+        masses = np.array([self._mass_kg]) if self._mass_kg is not None else table
+        if masses is None or not np.isfinite(masses).any():
+            return []
+        lightest, heaviest = float(np.nanmin(masses)), float(np.nanmax(masses))
+        for mass_kg, bound, bound_kg, wrong in (
+            (lightest, "mass_min_kg", least_kg, lightest < least_kg),
+            (heaviest, "mass_max_kg", most_kg, heaviest > most_kg),
+        ):
+            if wrong:
+                return [
+                    f"the true mass {mass_kg:,.0f} kg is beyond vehicle.{bound} = {bound_kg:,.0f} kg: "
+                    "another vehicle's truth, another unit, or the bound is wrong"
+                ]
+        return []
+
     def merge(self, other: Score) -> None:
         """Add what another log scored (pooled errors)."""
         self.mass_samples += other.mass_samples

@@ -62,6 +62,13 @@ class TestScore:
         later.add(some_estimates([1000] * 10, [0] * 10, first_us=295_000_000))
         assert later.notes() == []
 
+    def test_a_true_mass_that_the_vehicle_cannot_have_is_noted(self):
+        truth = Truth(np.array([0, 1]), None, np.array([1500.0, np.nan]))
+        (told,) = Score(truth).beyond(7e3, 4e4)
+        assert "true mass 1,500 kg is beyond vehicle.mass_min_kg = 7,000 kg" in told
+        assert "vehicle.mass_max_kg = 40,000" in Score(truth, 2.1e7).beyond(7e3, 4e4)[0]
+        assert Score(truth, 21e3).beyond(7e3, 4e4) == Score(None).beyond(7e3, 4e4) == []
+
     def test_what_comes_after_a_clock_set_back_counts(self):
         truth = Truth(np.array([0, 4_000_000_000]), None, np.array([1000.0, 1000.0]))
         score = Score(truth, None, after_s=5)
