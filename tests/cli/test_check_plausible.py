@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from canest.check import Doctor, check_blocks
+from canest.check import Doctor
 from canest.config import load_config
 from canest.logs import open_log
 from canest.simulate import simulate
@@ -35,7 +35,10 @@ def config_of(drive, *overrides, without=()):
 
 def hints(drive, *overrides, without=()):
     with open_log(drive) as log:
-        return check_blocks(config_of(drive, *overrides, without=without), log).hints
+        doctor = Doctor(config_of(drive, *overrides, without=without))
+        for block in log:
+            doctor.push(block)
+        return doctor.report().hints
 
 
 @pytest.mark.parametrize(
