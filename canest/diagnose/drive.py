@@ -27,13 +27,17 @@ from canest.verdict import why_no_time
 
 @dataclass(frozen=True)
 class Run:
-    """The model's output for a whole drive, and the raw signals behind it (roles held on the ticks)."""
+    """The model's output for a whole drive, and the raw signals behind it (roles held on the ticks).
+
+    behind_s: every tick shows the vehicle as it was so long before (what is reported late is waited for).
+    """
 
     samples: ModelBlock
     torque_Nm: FloatColumn
     engine_radps: FloatColumn
     gear: FloatColumn
     signals: dict[str, FloatColumn]
+    behind_s: float = 0.0
 
     @property
     def t_s(self) -> FloatColumn:
@@ -115,7 +119,8 @@ class Drive:
             )
         columns = {k: np.concatenate([r[k] for r in raws]) for k in ("torque_Nm", "engine_radps", "gear")}
         signals = {role: np.concatenate([r["signals"][role] for r in raws]) for role in raws[0]["signals"]}
-        return Run(ModelBlock.concatenate(parts), signals=signals, **columns)
+        behind_s = grid_for(changed).behind_us * 1e-6
+        return Run(ModelBlock.concatenate(parts), signals=signals, behind_s=behind_s, **columns)
 
     def estimate(self, effects: Sequence[Effect]) -> Estimates:
         """Run the config's estimator over the drive with exactly these effects."""

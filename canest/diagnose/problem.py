@@ -15,7 +15,7 @@ from canest.diagnose.windows import Windows, windows_of
 from canest.errors import LogError
 from canest.frames import FloatColumn, IntColumn
 from canest.vehicle.effects import Effect
-from canest.vehicle.samples import GRAVITY_MPS2
+from canest.vehicle.samples import GRAVITY_MPS2, RATE_HZ
 
 #: what is left of speed quantisation and oscillation in a one-second mean, as specific force (m/s2)
 WINDOW_NOISE_MPS2 = 0.004
@@ -52,7 +52,20 @@ class _Part:
 
     def _specific(self, run: Run) -> FloatColumn:
         m = run.samples
-        return m.accel_mps2 + GRAVITY_MPS2 * (self.reference.sin_beta + m.mu * self.cos_beta)
+        accel_mps2, mu = self._at_once(run, m.accel_mps2), self._at_once(run, m.mu)
+        return accel_mps2 + GRAVITY_MPS2 * (self.reference.sin_beta + mu * self.cos_beta)
+
+    def _at_once(self, run: Run, column: FloatColumn) -> FloatColumn:
+        """Return a run's column (n,) when it shows what the first run shows: the reference is of that.
+
+        A run that waits longer for what is reported late shows the same moment at a later tick.
+        """
+        later = (run.behind_s - self.run.behind_s) * RATE_HZ
+        if not later:
+            return column
+        ticks = np.arange(len(column), dtype=np.float64)
+        moved = np.interp(ticks + later, ticks, column)
+        return np.where(np.isfinite(moved), moved, column)
 
     def _mass(self) -> FloatColumn:
         """Return the known mass, else the least-squares start value (it stays free in every fit)."""
@@ -68,7 +81,7 @@ class _Part:
 
     def residual_N(self, run: Run) -> FloatColumn:
         """Return the force that the model has and the reference does not need, per window."""
-        return self.windows.mean(run.samples.force_N - self.mass_kg * self._specific(run))
+        return self.windows.mean(self._at_once(run, run.samples.force_N) - self.mass_kg * self._specific(run))
 
 
 class Problem:

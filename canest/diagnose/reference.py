@@ -60,7 +60,8 @@ def reference_for(
     n = len(run.samples)
     mass = None if mass_kg is None else np.full(n, float(mass_kg))
     if truth is not None:
-        true_mass, grade = Score(read_truth(truth)).truth_at(run.samples.t_us)
+        shown_us = run.samples.t_us - round(run.behind_s * 1e6)
+        true_mass, grade = Score(read_truth(truth)).truth_at(shown_us)
         has_mass, has_grade = np.isfinite(true_mass).any(), np.isfinite(grade).any()
         if not (has_grade or has_mass):
             begin, end = run.samples.t_us[[0, -1]] * 1e-6

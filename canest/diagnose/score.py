@@ -155,7 +155,8 @@ def score(problem: Problem, folds: Sequence[Fold]) -> tuple[Score, FloatColumn, 
                 counted &= odd == bool(fold.judged[part.windows.chunk % 2 == 1].all())
             if np.isfinite(e.mass_kg).any():
                 last.append(float(e.mass_kg[np.isfinite(e.mass_kg)][-1]))
-            reference, ticks_us = part.reference, Onward()(part.run.samples.t_us)
+            reference = part.reference  # which is of what the ticks show, not of when they are
+            ticks_us = Onward()(part.run.samples.t_us) - round(part.run.behind_s * 1e6)
             if reference.mass_kg is not None:
                 true = np.interp(passed_us, ticks_us, reference.mass_kg)
                 mass.add(e.mass_kg / true - 1.0, t, counted, i)

@@ -86,8 +86,9 @@ class Grid:
 
     def __init__(self, channels: list[Channel], hold_us: int) -> None:
         self._channels, self._hold_us = channels, hold_us
-        longest = max((c.delay_us for c in channels), default=0)
-        self._shift_us = {c.role: longest - c.delay_us for c in channels}
+        #: D: every tick shows the vehicle as it was so long before
+        self.behind_us = max((c.delay_us for c in channels), default=0)
+        self._shift_us = {c.role: self.behind_us - c.delay_us for c in channels}
         #: role -> the sample in force: its stamp and value
         self._held: dict[str, tuple[int, float]] = {c.role: _NOTHING for c in channels}
         #: role -> samples not yet passed by a tick

@@ -188,3 +188,18 @@ def test_each_effect_is_found_first_or_declared_equivalent(drive, found, effect,
     assert name in {first} | equivalents(told, first)
     neutral = 1.0 if name == "wheel_radius" else 0.0
     assert value(told, name, parameter) - neutral == pytest.approx(expected - neutral, rel=0.15)
+
+
+@pytest.mark.slow
+def test_what_is_reported_late_is_compared_with_the_road_of_the_same_moment(
+    drive, found, diagnosed, tmp_path
+):
+    log = drive({"effect": "torque_delay", "delay_s": 0.2}, seed=8, duration_s=400)
+    told = found(log, "--truth", "auto")
+    # 0.26 s at 25 m/s are 6 m of a road whose slope changes by a percent in 10 m: more than 100 N
+    assert told["after"]["residual_rms_N"] < 80
+    revised = diagnosed(log, "--truth", "auto") / "revised.yaml"
+    arguments = ["diagnose", log, "-c", revised, "--truth", "auto", "-o", tmp_path / "again"]
+    assert run(list(map(str, arguments))) == 0
+    again = json.loads((tmp_path / "again" / "diagnosis.json").read_text("utf-8"))
+    assert again["selected"] == [] and again["baseline"]["residual_rms_N"] < 80
