@@ -61,6 +61,11 @@ class Candidate:
         info = EFFECTS[self.effect].parameters[self.parameter]
         return replace(info, low=max(info.low, self.low))
 
+    def possible(self, deviation: float) -> bool:
+        """Return whether a vehicle can be like that: strictly between the parameter's bounds."""
+        info = self.info
+        return bool(info.low < info.neutral + deviation < info.high)
+
     def make(self, deviation: float) -> Effect:
         """Build the effect; the deviation is clipped to the parameter's bounds."""
         info = self.info

@@ -38,8 +38,14 @@ def solve(residual: FloatColumn, regressors: Matrix, chunk: IntColumn) -> Fit:
     return Fit(p / scale, covariance / np.outer(scale, scale), left)
 
 
-def held_out(residual: FloatColumn, regressors: Matrix, chunk: IntColumn) -> FloatColumn:
-    """Return what is left on each window when its fold was not used for the fit (n,)."""
+def held_out(
+    residual: FloatColumn, regressors: Matrix, chunk: IntColumn, prior: Matrix | None = None
+) -> FloatColumn:
+    """Return what is left on each window when its fold was not used for the fit (n,).
+
+    prior: further rows (k, columns) of regressors with nothing left over, in every fit: what is known before.
+    """
+    known = np.zeros((0, regressors.shape[1])) if prior is None else prior
     folds = min(FOLDS, int(chunk.max()) + 1)
     left = residual.copy()
     if regressors.shape[1] == 0 or folds < 2:
@@ -48,10 +54,11 @@ def held_out(residual: FloatColumn, regressors: Matrix, chunk: IntColumn) -> Flo
         test = chunk % folds == fold
         if test.all() or not test.any():
             continue
-        X = regressors[~test]
+        X = np.vstack([regressors[~test], known])
         scale = np.sqrt((X**2).sum(axis=0))
         scale[scale == 0] = 1.0
-        p, *_ = np.linalg.lstsq(X / scale, -residual[~test], rcond=1e-8)
+        wanted = np.append(-residual[~test], np.zeros(len(known)))
+        p, *_ = np.linalg.lstsq(X / scale, wanted, rcond=1e-8)
         left[test] = residual[test] + regressors[test] @ (p / scale)
     return left
 

@@ -53,8 +53,8 @@ def refine(problem: Problem, base: Sequence[Effect], chosen: Sequence[Chosen]) -
             info = c.candidate.info
             bounded = np.clip(info.neutral + c.deviation + change, info.low, info.high)
             c.deviation = float(bounded - info.neutral)
-            c.std = float(np.sqrt(fit.covariance[i, i]))
-            small &= abs(change) < SMALL_STEP * c.std
+            c.scatter = c.std = float(np.sqrt(fit.covariance[i, i]))
+            small &= abs(change) < SMALL_STEP * c.scatter
         if small:
             break
     return problem.residual_N(effects_with(base, chosen))

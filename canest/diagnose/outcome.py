@@ -44,6 +44,8 @@ class Entry:
         c, told = self.candidate, {}
         effect = c.make(self.deviation)
         for field in fields(effect):
+            if field.name in effect.settings:
+                continue
             value = getattr(effect, field.name)
             known = EFFECTS[c.effect].parameters.get(field.name)
             fitted = field.name == c.parameter
@@ -54,11 +56,17 @@ class Entry:
             }
         return told
 
+    def settings(self) -> dict[str, Any]:
+        """Return what the effect's config entry says besides: by what mass, above which level, ..."""
+        effect = self.candidate.make(self.deviation)
+        return {name: _plain(getattr(effect, name)) for name in effect.settings}
+
     def to_json(self) -> dict[str, Any]:
-        """Return the contract's keys."""
+        """Return the contract's keys, and the settings."""
         return {
             "effect": self.candidate.effect,
             "parameters": self.parameters(),
+            "settings": self.settings(),
             "score": round(self.score, 5),
             "explained": round(self.explained, 5),
             "equivalent": list(self.equivalent),
@@ -86,9 +94,9 @@ def entries(diagnosis: Diagnosis) -> list[Entry]:
         # with a free mass a scale effect would only make everything smaller: its value means nothing
         if c.effect not in told and not c.shadow:
             told.add(c.effect)
-            share, score = _unit(tried.explained), min(_unit(tried.removed), whole)
+            share = _unit(tried.explained)
             alike = _names(search.alternatives.alike(c), c)
-            found.append(Entry(c, tried.deviation, tried.std, share, score, False, alike))
+            found.append(Entry(c, tried.deviation, tried.std, share, min(share, whole), False, alike))
     order = sorted(range(len(found)), key=lambda i: (not found[i].selected, -found[i].score, i))
     return [found[i] for i in order]
 
@@ -251,6 +259,7 @@ def _with(search: Search, chosen: Sequence[Chosen]) -> Search:
     other.__dict__.update(search.__dict__)
     other.chosen = [Chosen(c.candidate, c.deviation) for c in chosen]
     other.refit()
+    other.widen()
     return other
 
 

@@ -19,7 +19,7 @@ from canest.diagnose.gauss_newton import fit_on
 from canest.diagnose.problem import Problem
 from canest.diagnose.reference import Reference, reference_for
 from canest.diagnose.score import Fold, Score, score, two_folds
-from canest.diagnose.search import Search
+from canest.diagnose.search import MIN_TORQUE_STEPS, Search
 from canest.diagnose.windows import CHUNK_S
 from canest.diagnose.words import finding_of, too_short
 from canest.errors import LogError, UsageError
@@ -86,7 +86,7 @@ def diagnose(
         return _too_short(config, problem, references)
     search, tried = _search(problem, config, SWITCH_ROLES, tell)
     ranked: list[Ranked] = []
-    if _remainder_N(problem, search) > SMALL_REMAINDER * problem.weight_N:
+    if not _little_left(problem, search):
         tell("ranking every signal on the bus", 0.6)
         ranked = rank_bus_signals(config, problem, search)
         extended = _with_switches(config, ranked)
@@ -213,6 +213,12 @@ def _remainder_N(problem: Problem, search: Search) -> float:
     return float(np.sqrt(max(np.mean(means**2 - noise), 0.0)))
 
 
+def _little_left(problem: Problem, search: Search) -> bool:
+    """Return whether the remainder wanders by no more than a small slope, or the rounding of torque, does."""
+    rounding_N = MIN_TORQUE_STEPS * problem.torque_step_N
+    return _remainder_N(problem, search) < max(SMALL_REMAINDER * problem.weight_N, rounding_N)
+
+
 def _mass_part(problem: Problem, search: Search) -> FloatColumn:
     if problem.mass_known:
         return np.zeros(problem.rows)
@@ -221,8 +227,7 @@ def _mass_part(problem: Problem, search: Search) -> FloatColumn:
 
 
 def _verdict(problem: Problem, search: Search, before: Score, after: Score) -> str:
-    remainder = _remainder_N(problem, search)
-    small = remainder < SMALL_REMAINDER * problem.weight_N
+    small = _little_left(problem, search)
     if not search.chosen:
         return "nothing-to-explain" if small else "unexplained"
     explained = 1.0 - (after.residual_rms_N / max(before.residual_rms_N, 1e-9)) ** 2

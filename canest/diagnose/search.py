@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from copy import copy
 
 import numpy as np
@@ -13,6 +13,7 @@ from canest.diagnose.equivalence import Alternatives, as_good
 from canest.diagnose.fit import Matrix, chunk_sums, solve
 from canest.diagnose.gauss_newton import refine, regressors
 from canest.diagnose.problem import Problem
+from canest.diagnose.small_errors import usual_spread, variance_beside
 from canest.frames import FloatColumn
 from canest.vehicle.effects import Effect
 
@@ -27,8 +28,14 @@ MIN_WEIGHT_SHARE, MIN_TORQUE_STEPS = 2e-4, 0.5
 #: windows averaged for the shares: what is gone within seconds shifts neither mass nor grade
 SHARE_WINDOWS = 4
 MAX_EFFECTS = 5
+#: samples are held from tick to tick (20 ms): no delay is known more finely
+TICK_STD_S = 0.02 / 12**0.5
+#: a step of an effect that moves no window by this share of the weight moves nothing but rounding
+ROUNDING = 1e-9
 #: a delay is far from linear: Gauss-Newton starts from the best of these
 DELAY_STARTS_S = (0.0, 0.06, 0.12, 0.2, 0.3, 0.4)
+#: what engine controllers usually take to report, and what is so much more that it may be something else
+USUAL_DELAY_S, LONG_DELAY_S = 0.06, 0.12
 
 
 class Search:
@@ -48,32 +55,36 @@ class Search:
         self.first_residual_N = problem.residual_N(self.base)
         self._first = problem.whiten(self.first_residual_N)
         self._offered = [(c, self._regressor(c)) for c in self.candidates]
-        self.alternatives = Alternatives(problem, self._offered)
+        self._spread = usual_spread(problem.parts[0].drive.config)
+        self.alternatives = Alternatives(problem, self._offered, self._spread)
         self.residual_N = self.first_residual_N
 
     def _regressor(self, c: Candidate) -> FloatColumn:
         """Return the whitened change of the first residual per unit of a candidate's parameter."""
         self._tick(c.label)
         step = c.info.step
-        moved_N = self.problem.residual_N([*self.base, c.make(step)])
-        return self.problem.whiten((moved_N - self.first_residual_N) / step)
+        moved_N = self.problem.residual_N([*self.base, c.make(step)]) - self.first_residual_N
+        if np.abs(moved_N).max() < ROUNDING * self.problem.weight_N:
+            moved_N[:] = 0.0  # nothing here depends on it (half-shaft torque knows no crank)
+        return self.problem.whiten(moved_N / step)
 
     # -- selection ------------------------------------------------------------------------------------
 
     def alone(self) -> list[Tried]:
         """Return what each candidate would do alone, best first."""
-        before = self.problem.held_out(self._first, [])
+        total = float(self._left(self._first, []).sum())
         tried = []
         for c, column in self._offered:
             if not column.any():
                 continue
             fit = solve(self._first, self.problem.beside_nuisance([column]), self.problem.chunk)
-            left = self.problem.held_out(self._first, [column])
-            slow = 1.0 - self._slow_sum(left) / self._slow_sum(before)
-            removed = 1.0 - float((left**2).sum() / (before**2).sum())
-            std = float(np.sqrt(fit.covariance[0, 0]))
-            tried.append(Tried(c, float(fit.values[0]), std, slow, removed))
-        return sorted(tried, key=lambda t: -t.removed)
+            value = float(fit.values[0])
+            # what no vehicle can be like explains nothing (a brake that pushes)
+            left = float(self._left(self._first, [column]).sum()) if c.possible(value) else total
+            beside = self._variance_beside(self._first, [column], {c.effect})[0]
+            std = float(np.sqrt(fit.covariance[0, 0] + beside))
+            tried.append(Tried(c, value, std, 1.0 - left / total))
+        return sorted(tried, key=lambda t: -t.explained)
 
     def hidden_N(self) -> float:
         """Return how much residual (RMS) is too little to notice, or may be the torque's rounding."""
@@ -82,7 +93,7 @@ class Search:
 
     def all_hidden(self, tried: Sequence[Tried]) -> bool:
         """Return whether some effect would remove a share, and the best of them too little to be told."""
-        best = max((t.removed for t in tried if not t.candidate.shadow), default=0.0)
+        best = max((t.explained for t in tried if not t.candidate.shadow), default=0.0)
         return best >= MIN_SHARE and not self._matters(best * float((self._first**2).sum()))
 
     def run(self) -> None:
@@ -94,6 +105,24 @@ class Search:
         delay = [c for c in self.candidates if c.effect == "torque_delay"]
         self.chosen = [Chosen(c, self._best_start(c, DELAY_STARTS_S)) for c in delay]
         self.refit()
+        self._add()
+        if any(c.deviation > LONG_DELAY_S for c in self.chosen if c.candidate in delay):
+            self._or_from([Chosen(c, USUAL_DELAY_S) for c in delay])
+
+    def _or_from(self, start: list[Chosen]) -> None:
+        """Select anew from another start, where nothing is fitted yet; what leaves less out of sample stays.
+
+        A delay that takes all it can passes for slip and inertia too, and then leaves them nothing.
+        """
+        first, left = (self.chosen, self.residual_N), self._left(*self._now())
+        self.chosen = start
+        self.residual_N = self.problem.residual_N([*self.base, *(c.effect() for c in start)])
+        self._add()
+        if as_good(left, self._left(*self._now()), self.problem.chunk):
+            self.chosen, self.residual_N = first
+
+    def _add(self) -> None:
+        """Add the best effect until none is good enough, then drop what is superfluous."""
         while len(self.chosen) < MAX_EFFECTS:
             best = self._best_addition()
             if best is None:
@@ -101,6 +130,28 @@ class Search:
             self.chosen.append(Chosen(best, 0.0))
             self.refit()
         self._prune()
+        self._exchange()
+
+    def _exchange(self) -> None:
+        """Put a commoner equivalent in the place of a choice where, fitted, it does as well.
+
+        A choice was made between straight lines; a wind is none, and its neighbours are.
+        """
+        for place in range(len(self.chosen)):
+            now = self.chosen, self.residual_N
+            left, mine = self._left(*self._now()), self.chosen[place].candidate
+            taken = {c.candidate.effect for c in self.chosen}
+            for c in self.chosen[place].equivalent:
+                if c.rank >= mine.rank or c.shadow or c.effect in taken:
+                    continue
+                self.chosen = [Chosen(o.candidate, o.deviation) for o in now[0]]
+                self.chosen[place] = Chosen(c, 0.0)
+                self.refit()
+                possible = c.possible(self.chosen[place].deviation)
+                if possible and as_good(self._left(*self._now()), left, self.problem.chunk):
+                    self._weigh()
+                    break
+                self.chosen, self.residual_N = now
 
     def without_choice(self) -> Search:
         """Return the same search with nothing selected."""
@@ -135,7 +186,7 @@ class Search:
             value, std = fit.values[at], np.sqrt(fit.covariance[at, at])
             if abs(value) < self._min_sigmas * std or not self._matters(total - left.sum()):
                 continue
-            if not c.info.low < c.info.neutral + value < c.info.high:
+            if not c.possible(value):
                 continue  # it fits, but no vehicle is like that
             options.append((float(share), c, left))
         if not options:
@@ -172,7 +223,7 @@ class Search:
     # -- pruning --------------------------------------------------------------------------------------
 
     def _prune(self) -> None:
-        """Drop what a later choice has made superfluous, then rank the rest by what they explain."""
+        """Drop what a later choice has made superfluous, then rank the rest by what they shift."""
         while self.chosen:
             self._weigh()
             weakest = min(self.chosen, key=Chosen.sigmas)
@@ -182,25 +233,29 @@ class Search:
                     break
             self.chosen.remove(weakest)
             self.refit()
-        self.chosen.sort(key=lambda c: -c.explained)
+        self.chosen.sort(key=lambda c: -c.shifts)
 
     def _weigh(self) -> None:
         """Set what each choice explains, whether the others miss it, and its equivalents."""
         residual, columns = self._now()
+        self._widen(residual, columns)
         left = self.problem.held_out(residual, columns)
         first = self.problem.held_out(self._first, [])
-        total = self._slow_sum(first)
+        total, slow_total = float((first**2).sum()), self._slow_sum(first)
         for i, chosen in enumerate(self.chosen):
             others = [c for j, c in enumerate(columns) if j != i]
             rest = [c.effect() for c in self.chosen if c is not chosen]
             without = self.problem.whiten(self.problem.residual_N([*self.base, *rest]))
             missed = self.problem.held_out(without, others)
-            chosen.explained = float((self._slow_sum(missed) - self._slow_sum(left)) / total)
             missed_sum = float((missed**2).sum())
             more = missed_sum - float((left**2).sum())
-            chosen.needed = more / missed_sum if self._matters(more) else 0.0
+            chosen.explained = more / total
+            chosen.shifts = (self._slow_sum(missed) - self._slow_sum(left)) / slow_total
+            # a delay there always is: left out because it is small, it would be put down to the others
+            matters = chosen.candidate.effect == "torque_delay" or self._matters(more)
+            chosen.needed = more / missed_sum if matters else 0.0
             chosen.equivalent = self.alternatives.instead_of(
-                chosen.candidate, columns[i], without, others, left**2, missed_sum
+                chosen.candidate, columns[i], residual, without, others, left**2, missed_sum
             )
 
     def _slow_sum(self, left: FloatColumn) -> float:
@@ -210,6 +265,24 @@ class Search:
         group = np.unique(chunk * 1000 + place // SHARE_WINDOWS, return_inverse=True)[1]
         means = np.bincount(group, weights=left) / np.bincount(group)
         return float((means[group] ** 2).sum())
+
+    def widen(self) -> None:
+        """Add to every choice's standard deviation what the small errors of every vehicle do to its value."""
+        self._widen(*self._now())
+
+    def _widen(self, residual: FloatColumn, columns: list[FloatColumn]) -> None:
+        beside = self._variance_beside(residual, columns, {c.candidate.effect for c in self.chosen})
+        for c, variance in zip(self.chosen, beside.tolist(), strict=False):
+            finest = TICK_STD_S if c.candidate.effect == "torque_delay" else 0.0
+            c.std = float(np.sqrt(c.scatter**2 + variance + finest**2))
+
+    def _variance_beside(
+        self, residual: FloatColumn, columns: list[FloatColumn], known: Collection[str]
+    ) -> FloatColumn:
+        """Return what small errors other than the known effects add to the fitted values' variance."""
+        small = {c.effect: x for c, x in self._offered if c.label in self._spread and c.effect not in known}
+        matrix = self.problem.beside_nuisance(columns)
+        return variance_beside(residual, matrix, self.problem.chunk, small, self._spread)
 
     # -- the fit as it stands -------------------------------------------------------------------------
 

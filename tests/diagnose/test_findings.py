@@ -203,3 +203,32 @@ def test_what_is_reported_late_is_compared_with_the_road_of_the_same_moment(
     assert run(list(map(str, arguments))) == 0
     again = json.loads((tmp_path / "again" / "diagnosis.json").read_text("utf-8"))
     assert again["selected"] == [] and again["baseline"]["residual_rms_N"] < 80
+    # what halves the residual more than once removes most of its variance
+    assert told["candidates"][0]["effect"] == "torque_delay" and told["candidates"][0]["explained"] > 0.9
+
+
+def test_torque_measured_at_the_half_shafts_knows_nothing_of_the_crank(drive, found):
+    log = drive(
+        {"effect": "rolling_resistance", "crr_delta": 0.004},
+        vehicle="electric-car", mass_kg=1500, driver={"kind": "mixed"}, duration_s=120,
+    )  # fmt: skip
+    told = found(log, "--truth", "auto")
+    assert told["selected"][0] == "rolling_resistance"
+    crank = {"torque_gain", "torque_offset", "torque_delay", "rotating_inertia", "retarder_unreported"}
+    assert crank <= set(told["not_tried"])
+    assert not crank & {name for c in told["candidates"] for name in c["equivalent"]}
+
+
+def test_what_no_vehicle_can_be_like_is_no_alternative(drive, found):
+    told = found(drive({"effect": "headwind", "wind_mps": -6.0}), "--truth", "auto")
+    assert told["selected"][0] == "headwind"
+    # a brake that pushes, tyres that roll by themselves when cold
+    impossible = {"brake_drag", "rolling_warmup"}
+    assert not impossible & equivalents(told, "headwind")
+    assert all(c["explained"] == 0 for c in told["candidates"] if c["effect"] in impossible)
+
+
+def test_an_effect_is_told_by_the_parameters_of_the_vocabulary(drive, found):
+    told = found(drive({"effect": "headwind", "wind_mps": -6.0}), "--truth", "auto")
+    slip = next(c for c in told["candidates"] if c["effect"] == "wheel_slip")
+    assert set(slip["parameters"]) == {"slip_per_mps2"} and slip["settings"] == {"mass_kg": 21250.0}
