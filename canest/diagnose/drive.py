@@ -141,7 +141,10 @@ class Drive:
         if key not in self._grids:
             grid = grid_for(config)
             blocks = [b for feed in self._feeds for b in grid.take(feed)]
-            self._grids = {k: v for k, v in self._grids.items() if not k} | {key: _joined(blocks)}
+            # the plain one, and two delays: a value of it and the step beside that
+            delayed = [k for k in self._grids if k]
+            self._grids = {k: self._grids[k] for k in self._grids if k not in delayed[:-1]}
+            self._grids[key] = _joined(blocks)
         return self._grids[key]
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from canest.diagnose.choice import Chosen
-from canest.diagnose.fit import solve
+from canest.diagnose.fit import Fit, Matrix, solve
 from canest.diagnose.problem import Problem
 from canest.frames import BoolColumn, FloatColumn
 from canest.vehicle.effects import Effect
@@ -43,20 +43,7 @@ def refine(problem: Problem, base: Sequence[Effect], chosen: Sequence[Chosen]) -
 
     Returns the residual at their values (n,), in N, not whitened.
     """
-    for _ in range(STEPS):
-        residual_N = problem.residual_N(effects_with(base, chosen))
-        columns = regressors(problem, base, chosen, residual_N)
-        fit = solve(problem.whiten(residual_N), problem.beside_nuisance(columns), problem.chunk)
-        small = True
-        for i, c in enumerate(chosen):
-            change = float(fit.values[i])
-            info = c.candidate.info
-            bounded = np.clip(info.neutral + c.deviation + change, info.low, info.high)
-            c.deviation = float(bounded - info.neutral)
-            c.scatter = c.std = float(np.sqrt(fit.covariance[i, i]))
-            small &= abs(change) < SMALL_STEP * c.scatter
-        if small:
-            break
+    _fit(problem, base, chosen, np.ones(problem.rows, np.bool_))
     return problem.residual_N(effects_with(base, chosen))
 
 
@@ -68,19 +55,44 @@ def fit_on(
     Returns base and refitted effects, and the force (n,) in N that a free mass takes out of the residual.
     """
     mine = [Chosen(c.candidate, c.deviation) for c in chosen]
-    chunk = np.unique(problem.chunk[rows], return_inverse=True)[1]
-    values = np.zeros(problem.nuisance.shape[1])
-    for _ in range(STEPS if mine else 1):
-        residual_N = problem.residual_N(effects_with(base, mine))
-        matrix = problem.beside_nuisance(regressors(problem, base, mine, residual_N))
-        if not matrix.shape[1]:
-            break
-        fit = solve(problem.whiten(residual_N)[rows], matrix[rows], chunk)
-        for c, change in zip(mine, fit.values[: len(mine)].tolist(), strict=True):
-            info = c.candidate.info
-            c.deviation = float(
-                np.clip(c.deviation + change, info.low - info.neutral, info.high - info.neutral)
-            )
-        values = fit.values[len(mine) :]
+    values = _fit(problem, base, mine, rows)
     taken = -problem.nuisance_N @ values if len(values) else np.zeros(problem.rows)
     return effects_with(base, mine), taken
+
+
+def _fit(problem: Problem, base: Sequence[Effect], chosen: Sequence[Chosen], rows: BoolColumn) -> FloatColumn:
+    """Fit the chosen parameters on these rows, in place; return the values of the nuisances.
+
+    Regressors cost a run of the model each. So the ones from before are tried first: where they see nothing
+    left to move, new ones would not either.
+    """
+    chunk = np.unique(problem.chunk[rows], return_inverse=True)[1]
+    matrix: Matrix | None = None
+    values = np.zeros(problem.nuisance.shape[1])
+    for _ in range(STEPS):
+        residual_N = problem.residual_N(effects_with(base, chosen))
+        whitened = problem.whiten(residual_N)[rows]
+        if matrix is not None:
+            fit = solve(whitened, matrix, chunk)
+            if _is_small(fit, chosen):
+                break
+        matrix = problem.beside_nuisance(regressors(problem, base, chosen, residual_N))[rows]
+        if not matrix.shape[1]:
+            break
+        fit = solve(whitened, matrix, chunk)
+        last = _is_small(fit, chosen)
+        for i, c in enumerate(chosen):
+            info = c.candidate.info
+            bounded = np.clip(info.neutral + c.deviation + fit.values[i], info.low, info.high)
+            c.deviation = float(bounded - info.neutral)
+            c.scatter = c.std = float(np.sqrt(fit.covariance[i, i]))
+        values = fit.values[len(chosen) :]
+        if last:
+            break
+    return values
+
+
+def _is_small(fit: Fit, chosen: Sequence[Chosen]) -> bool:
+    """Return whether a step moves no parameter by what counts."""
+    n = len(chosen)
+    return bool((np.abs(fit.values[:n]) < SMALL_STEP * np.sqrt(np.diag(fit.covariance)[:n])).all())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -108,6 +109,8 @@ class Problem:
             )
             error.failed, error.notes = self.failed, self.notes
             raise error
+        # a fit asks for the same values again and again, and each costs a run of the model
+        self._remembered = lru_cache(maxsize=100)(self._residual_N)
         offset, chunks = 0, []
         for part in self.parts:
             chunks.append(part.windows.chunk + offset)
@@ -138,7 +141,12 @@ class Problem:
 
     def residual_N(self, effects: Sequence[Effect]) -> FloatColumn:
         """Return the residual of the model with these effects, in N, not whitened (n,)."""
-        return np.concatenate([p.residual_N(p.drive.run(effects)) for p in self.parts])
+        return self._remembered(tuple(effects))
+
+    def _residual_N(self, effects: tuple[Effect, ...]) -> FloatColumn:
+        residual = np.concatenate([p.residual_N(p.drive.run(effects)) for p in self.parts])
+        residual.flags.writeable = False
+        return residual
 
     def whiten(self, column_N: FloatColumn) -> FloatColumn:
         """Return innovations in units of their own standard deviation: an unknown grade is filtered out."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import cache
 from types import NoneType
 from typing import Any, ClassVar, Literal, get_args, get_type_hints
 
@@ -80,7 +81,7 @@ def effect_from_config(entry: Mapping[str, Any], where: str = "effects") -> Effe
         raise ConfigError(
             "unknown effect", where=where, found=str(name), expected="one of " + ", ".join(EFFECTS)
         )
-    hints = get_type_hints(cls)
+    hints = _hints(cls.name)
     known = {f.name.removeprefix("on_"): f.name for f in fields(cls)}
     for key, value in values.items():
         if key not in known:
@@ -92,6 +93,11 @@ def effect_from_config(entry: Mapping[str, Any], where: str = "effects") -> Effe
         if values.get(key) is None:
             raise ConfigError(f"{name}: without {key} it never acts", where=where, expected=f"{key}: ROLE")
     return cls(**{known[key]: value for key, value in values.items()})
+
+
+@cache
+def _hints(name: str) -> dict[str, Any]:
+    return get_type_hints(EFFECTS[name])
 
 
 def _check(what: str, value: Any, hint: Any, bounds: Parameter | None, where: str) -> None:
