@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -255,8 +256,7 @@ def _in_place(search: Search, chosen: Chosen, candidate: Candidate, whole: float
 
 def _with(search: Search, chosen: Sequence[Chosen]) -> Search:
     """Return the search with copies of other choices, refitted."""
-    other = Search.__new__(Search)
-    other.__dict__.update(search.__dict__)
+    other = copy(search)
     other.chosen = [Chosen(c.candidate, c.deviation) for c in chosen]
     other.refit()
     other.widen()
