@@ -40,8 +40,8 @@ ORDINARY, CREST = 0.5, 2.0
 HILL_M, HILL_EFFORT = 200.0, 0.12
 #: memory of the innovations' sign, in windows; one innovation counts for so many stds at most
 SIGN_MEMORY, CLIP = 15.0, 5.0
-#: innovations this one-signed for seconds surprise
-ONE_SIGNED = 1.5
+#: innovations this one-signed for seconds lean; more so, they surprise
+LEANING, ONE_SIGNED = 0.5, 1.5
 #: a load that is another than before, by this share, has to prove itself for so long, s
 ANOTHER, PROOF_S = 0.045, 60.0
 #: who is surprised within this distance of another time, or of a stop, carries another load, m
@@ -135,6 +135,15 @@ def unload(memory: Container) -> None:
 def follow(memory: Container, bias: float) -> None:
     """Follow the sign of the innovations. bias: the newest one, in its stds."""
     memory[BIASED] += (min(max(bias, -CLIP), CLIP) - memory[BIASED]) / SIGN_MEMORY
+
+
+@fast.kernel
+def leans(memory: Container, traction: float) -> bool:
+    """Return whether innovations lean to one side: road or load is not what either filter takes it for.
+
+    What follows from it is not known yet, least of all for the mass. In overrun nobody counts (see `follow`).
+    """
+    return bool(traction > 0.0 and abs(memory[BIASED]) > LEANING)
 
 
 @fast.kernel

@@ -39,6 +39,7 @@ from canest.estimators.canest_doubt import (
     follow,
     forget,
     last,
+    leans,
     proven,
     stand,
     steady_hand,
@@ -245,8 +246,9 @@ def run(
         rings = ring(memory, t if begins else moved, u * J)
         swing_var = memory[SWING_VAR] * rings
         steepens = prior[CURVATURE] * calm
-        # an accelerometer feels the road that a steady hand follows
-        steady = not feels and steady_hand(memory, u, force[k], steepens)
+        # force that follows the road may widen what else is learned, and moves no mass; an accelerometer
+        # feels the road that a steady hand follows
+        follows = leans(memory, t) or (not feels and steady_hand(memory, u, force[k], steepens))
         # -- each filter by itself
         odds = 0.0  # log-likelihood of a straight less that of a curve
         speed_surplus = sensed_surplus = bias = nis = pressed = settles = 0.0
@@ -289,7 +291,7 @@ def run(
                     Q, 1.0, DELAY, late * whole, SLIP, calm * t * whole, U, -J * calm,
                     WINDUP, traction_rate[k] / whole,
                 )  # fmt: skip
-                if steady:  # force follows the road: it may widen what else is learned, and moves no mass
+                if follows:
                     x[U], P[U][U] = kept, kept_var
                 told += likelihood(e, s)
                 speed_found = surplus(e / whole, s / (whole * whole), speed_var + swing_var)
