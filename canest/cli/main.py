@@ -100,6 +100,7 @@ def main(argv: list[str] | None = None) -> None:
         sys.stdout.flush()
     except BrokenPipeError:
         _forget_stdout()
+    gc.freeze()  # all that is left goes with the process: looking for garbage in it takes 60 ms
     sys.exit(code)
 
 
