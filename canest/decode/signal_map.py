@@ -95,7 +95,7 @@ def resolution_of(config: Config) -> dict[str, float]:
     steps = {"speed": 0.01, "torque": 0.005 * reference, "accelerometer": 0.02}
     for role, scale in speeds.items():
         if role in config.signals:
-            step = _step(config, role)
+            step = step_of(config, role)
             steps["speed"] = 0.01 if step is None else step * scale
             break
     torques = {
@@ -105,17 +105,17 @@ def resolution_of(config: Config) -> dict[str, float]:
         "engine_torque_pct": 0.01 * reference,
     }
     for role, scale in torques.items():
-        step = _step(config, role)
+        step = step_of(config, role)
         if step is not None:
             steps["torque"] = step * scale
             break
-    step = _step(config, "longitudinal_accel")
+    step = step_of(config, "longitudinal_accel")
     if step is not None:
         steps["accelerometer"] = step
     return steps
 
 
-def _step(config: Config, role: str) -> float | None:
+def step_of(config: Config, role: str) -> float | None:
     """Return the factor of a role's DBC signal in the role's unit, None for a table column."""
     source = config.signals.get(role)
     if source is None or source.message is None or source.signal is None:

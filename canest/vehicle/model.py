@@ -18,10 +18,12 @@ import numpy as np
 
 from canest.columns import constant, shifted
 from canest.config.schema import Config
+from canest.decode.signal_map import step_of
 from canest.decode.validity import GEAR_PARK
 from canest.frames import BoolColumn, FloatColumn, Onward
 from canest.grid.grid import GridBlock
 from canest.vehicle.columns import Columns
+from canest.vehicle.friction import EngineFriction
 from canest.vehicle.samples import STEP_S
 from canest.vehicle.screen import MAX_SPEED_MPS
 from canest.vehicle.sources import AT_WHEELS, ratio_ways, speed_roles, torque_role
@@ -40,6 +42,7 @@ MIN_SHAFT_RPM = 50.0
 _NOTHING_ENGAGED = (0.0, GEAR_PARK)
 #: speeds that turn with the driven wheels
 _DRIVEN = ("output_shaft_speed", "engine_speed", "vehicle_speed")
+_FRICTION = "engine_friction_pct"
 #: a gear ratio found from shaft speeds is snapped to a table entry this close, relative
 RATIO_SNAP = 0.05
 
@@ -80,6 +83,8 @@ class LongitudinalModel:
         }
         self._gears = np.array(sorted(self.vehicle.gear_ratios), np.float64)
         self._ratios = np.array([self.vehicle.gear_ratios[int(g)] for g in self._gears], np.float64)
+        step = step_of(config, _FRICTION) if "engine_speed" in self.roles else None
+        self._friction = None if step is None else EngineFriction(step)
         self._last_speed_mps = np.nan
         self._onward = Onward()
         self._first_us: int | None = None
@@ -97,6 +102,12 @@ class LongitudinalModel:
         if not grid.continues:
             self._last_speed_mps = np.nan
         c = self._columns(grid)
+        if self._friction is not None:
+            reported, speed = c.signals[_FRICTION], c.engine_radps
+            c.signals = {
+                **c.signals,
+                _FRICTION: self._friction.between_steps(reported, speed, grid.continues),
+            }
         geared = c.ratio > 0
         c.ratio = np.where(geared, c.ratio, 0.0)
         self._run("geometry", c)
@@ -230,7 +241,7 @@ class LongitudinalModel:
         else:
             declared = self.vehicle.reference_torque_Nm
             reference = c.signal("reference_torque", np.nan if declared is None else declared)
-            friction = c.signal("engine_friction_pct", self.vehicle.friction_torque_pct)
+            friction = c.signal(_FRICTION, self.vehicle.friction_torque_pct)
             c.torque_Nm = (c.signals[role] - friction) * 0.01 * reference
         retarder = self.vehicle.retarder
         # torque measured at the wheels already has what a retarder takes
