@@ -25,6 +25,8 @@ Container = Any  #: list interpreted, array compiled
 
 #: a second, in windows; a change of the acceleration that is no noise, m/s2
 SECOND, SHAKE_MPS2 = 5.0, 0.2
+#: nor is it the rounding of a coarse speed: four times what that makes of a change, sqrt(6) stds a second
+ROUNDED_1PS = 10.0
 #: squares of changes, (m/s2)2: how many make a judgement, and how many are remembered
 FEWEST, MOST = 1.5, 5.0
 #: the share of a change that a sound accelerometer feels: 0.8 to 1.1 on trucks and cars, more on soft springs
@@ -32,10 +34,11 @@ LEAST_FELT, MOST_FELT = 0.5, 1.6
 
 
 @fast.kernel
-def hears(memory: Container, sensed: float, accel: float, moving: bool) -> bool:
+def hears(memory: Container, sensed: float, accel: float, moving: bool, rounding_mps: float) -> bool:
     """Return whether there is an accelerometer to be used, after one more window (its mean, and the speed's).
 
     sensed: NaN where there is none. moving: fast enough for a speed sensor to tell an acceleration.
+    rounding_mps: std of the speed within its resolution.
     """
     known = not math.isnan(sensed)
     if known and moving:
@@ -48,7 +51,7 @@ def hears(memory: Container, sensed: float, accel: float, moving: bool) -> bool:
     if memory[SUMMED] >= SECOND:
         felt, done = memory[SENSED_SUM] / SECOND, memory[ACCEL_SUM] / SECOND
         shake = done - memory[ACCEL_BEFORE]
-        if abs(shake) > SHAKE_MPS2:
+        if abs(shake) > max(SHAKE_MPS2, ROUNDED_1PS * rounding_mps):
             memory[SHAKES] += shake * shake
             memory[SHAKEN] += shake * (felt - memory[SENSED_BEFORE])
             left = min(MOST / memory[SHAKES], 1.0)

@@ -206,7 +206,7 @@ def run(
         # the road has a step, or the load has changed where nobody saw it: let the next seconds tell
         surprised, again = surprise(memory, ds)
         was_deaf = memory[DEAF]
-        feels = hears(memory, sensed[k], a, v > _MOVING_MPS)
+        feels = hears(memory, sensed[k], a, v > _MOVING_MPS, floors[0])
         # -- what both filters share of this window
         begins = is_open and memory[SINCE] == 0.0
         calm = v

@@ -37,8 +37,10 @@ class Gating:
             g: round(s.recovery_s * RATE_HZ) for g, s in sections.items() if s.enabled
         }
         self._settle_ticks = round(config.gates.stale.recovery_s * RATE_HZ)
-        self._until_tick = _NEVER
+        self._until_tick = self._slack_until_tick = _NEVER
         self._last_ratio = np.nan
+        #: where the driveline links engine and wheels no more, in the last block (see `_slack`)
+        self.slack: BoolColumn = constant(False, 0)
 
     def close(self, grid: GridBlock, raw: RawModel, accel_mps2: FloatColumn) -> NDArray[np.uint8]:
         """Return the gate code of every tick (uint8, 0 is open), the excitation gate aside."""
@@ -48,8 +50,10 @@ class Gating:
         until = np.full(
             len(grid), self._until_tick if grid.continues else tick[0] + self._settle_ticks, np.int64
         )
+        causes = self._causes(grid, raw, accel_mps2)
+        self.slack = self._slack(grid, causes, tick)
         # backwards: the cause that comes first has the last word
-        for gate, closed in reversed(self._causes(grid, raw, accel_mps2)):
+        for gate, closed in reversed(causes):
             dwell = self._dwell_ticks.get(gate)
             if dwell is None or not np.count_nonzero(closed):
                 continue
@@ -59,6 +63,24 @@ class Gating:
             until = np.maximum.accumulate(until)
         self._until_tick = int(until[-1])
         return np.where((code == 0) & (tick < until), np.uint8(Gate.RECOVERY), code)
+
+    def _slack(
+        self, grid: GridBlock, causes: list[tuple[Gate, BoolColumn]], tick: NDArray[np.int64]
+    ) -> BoolColumn:
+        """Return where a shift or a clutch, or what they leave swinging, parts the engine from the wheels.
+
+        Only asked for where the speed is the engine's, through the gear: then it is no speed of the vehicle.
+        """
+        if self._model.speed_roles[0] != "engine_speed":
+            return constant(False, len(grid))
+        until = np.full(len(grid), self._slack_until_tick if grid.continues else _NEVER, np.int64)
+        for gate, closed in causes:
+            if gate in (Gate.SHIFT, Gate.DRIVELINE):
+                until = np.maximum(until, np.where(closed, tick + 1 + self._dwell_ticks.get(gate, 0), _NEVER))
+        until = np.maximum.accumulate(until)
+        self._slack_until_tick = int(until[-1])
+        slack: BoolColumn = tick < until
+        return slack
 
     def _causes(
         self, grid: GridBlock, raw: RawModel, accel_mps2: FloatColumn

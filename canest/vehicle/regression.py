@@ -83,7 +83,7 @@ class Regression:
         self._was_open = bool(is_open[-1])
         nothing = constant(math.nan, len(grid))
         # backwards an accelerometer feels the other way than a speed tells, which has no sign
-        doubtful = np.isfinite(c.signal(MOTION_JUMP, np.nan)) | (c.gear < 0)
+        doubtful = np.isfinite(c.signal(MOTION_JUMP, np.nan)) | (c.gear < 0) | self._gating.slack
         accelerometer = self._sensor("accelerometer", c.signals.get("longitudinal_accel"), grid)
         return ModelBlock(
             t_us=grid.t_us,

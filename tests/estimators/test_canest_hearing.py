@@ -15,14 +15,13 @@ from canest.vehicle.samples import Status
 from .momentum import FACTS, trip
 
 
-def judged(sensed, accel, moving=None):
+def judged(sensed, accel, moving=None, rounding_mps=0.0):
     """Return the verdict after every window."""
     memory = [0.0] * at.MEMORY
     memory[at.ACCEL_BEFORE] = np.nan
     moving = np.ones(len(accel), bool) if moving is None else moving
-    return np.array(
-        [hears(memory, float(s), float(a), bool(m)) for s, a, m in zip(sensed, accel, moving, strict=True)]
-    )
+    windows = zip(sensed, accel, moving, strict=True)
+    return np.array([hears(memory, float(s), float(a), bool(m), rounding_mps) for s, a, m in windows])
 
 
 def driven(seed=3, seconds=300):
@@ -44,6 +43,15 @@ def test_the_gain_decides_whatever_bias_road_and_noise(gain, sound):
     assert told[:5].all()  # nothing speaks against it yet
     assert told[300:].all() == sound
     assert told[300:].any() == sound
+
+
+def test_a_coarse_speed_is_no_witness():
+    """A J1587 road speed has steps of half a mile per hour: most of what it tells of changes is rounding."""
+    accel, step = 0.5 * driven(), 0.2235
+    speed = 15.0 + np.cumsum(accel) * 0.2
+    told = np.diff(np.round(speed / step) * step, prepend=15.0) / 0.2
+    assert not judged(0.9 * accel, told).all()
+    assert judged(0.9 * accel, told, rounding_mps=step / np.sqrt(12.0)).all()
 
 
 def test_one_that_gets_stuck_is_noticed_and_one_that_recovers_too():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -149,6 +150,30 @@ def test_backwards_an_accelerometer_is_not_used() -> None:
     }
     block = Regression(config(roles)).process(ticks(signals, 3))
     assert block.ax_ok.tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize("cut", [[], [40], [61, 62, 90]])
+@pytest.mark.parametrize(("speed", "felt"), [("engine_speed", False), ("vehicle_speed", True)])
+def test_an_engines_speed_is_not_the_vehicles_in_a_shift_or_until_it_has_settled(speed, felt, cut) -> None:
+    roles = ("engine_torque", speed, "gear_ratio", "shift_in_process", "longitudinal_accel")
+    shift = np.zeros(200)
+    shift[50:70] = 1.0
+    turning = 15.0 if speed == "vehicle_speed" else 15.0 / RADIUS_M * RATIO * 30.0 / np.pi
+    n, marks = 200, [0, *cut, 200]
+    values = {
+        "engine_torque": np.full(n, 500.0),
+        speed: np.full(n, turning),
+        "gear_ratio": np.full(n, 2.0),
+        "shift_in_process": shift,
+        "longitudinal_accel": np.full(n, 0.2),
+    }
+    regression = Regression(config(roles, gates={"shift": {"recovery_s": 1.0}}))
+    used = []
+    for a, b in pairwise(marks):
+        part = ticks({k: v[a:b] for k, v in values.items()}, b - a, a, continues=a > 0)
+        used.extend(regression.process(part).ax_ok.tolist())
+    parted = [i for i, ok in enumerate(used) if not ok]
+    assert parted == ([] if felt else list(range(50, 120)))
 
 
 def test_a_slope_sensor_gives_the_tangent() -> None:
