@@ -128,7 +128,8 @@ class Doctor:
             status=self._status,
             stops=("" if log is None else wrong_kind(self.config, log)) or self._stops(model, findings),
             hints=self._hints(findings),
-            notes=([] if log is None else log_notes(log)) + stream_notes(self.pipeline.intake),
+            notes=([] if log is None else log_notes(log))
+            + stream_notes(self.pipeline.intake, self.pipeline.frozen),
         )
 
     def _frames(self, block: FrameBlock) -> Samples:

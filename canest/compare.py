@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,9 +19,9 @@ from canest.notes import log_notes, stream_notes
 from canest.pipeline import Estimates, estimator_of, facts_of
 from canest.scoring import Score
 from canest.tables import TableMap, open_for
-from canest.vehicle.regression import Regression
 from canest.vehicle.samples import RATE_HZ, ModelBlock, Status
-from canest.vehicle.stand_ins import StandIns, doubting
+from canest.vehicle.stand_ins import doubting
+from canest.vehicle.stream import ModelStream
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -119,34 +119,18 @@ def compare(
     return Comparison(table, estimates, true_mass, true_grade, speed)
 
 
-class _Model:
-    """The model samples of one kind of estimator."""
-
-    def __init__(self, config: Config, *, excitation_gate: bool) -> None:
-        self._regression = Regression(config, excitation_gate=excitation_gate)
-        self._learned = False
-
-    def process(self, ticks: GridBlock, refuted: bool) -> tuple[ModelBlock, bool]:
-        """Return the samples, and whether estimators must begin again before them (see `StandIns`)."""
-        again = refuted and self._learned
-        block = self._regression.process(replace(ticks, continues=False) if again else ticks)
-        self._learned = self._learned or not block.gate.all()
-        return block, again
-
-
-_Samples = tuple[ModelBlock, bool]
+_Samples = tuple[ModelBlock, bool]  #: and whether estimators must begin anew before them
 
 
 def _samples(
     config: Config, log: str | Path, channel: str | None, progress: Progress | None, notes: list[str]
 ) -> Iterator[tuple[_Samples, _Samples]]:
     """Yield the samples of a log, without and with the low-excitation gate; add to ``notes`` at its end."""
-    intake, grid, tables, stand_ins = Intake(config), grid_for(config), TableMap(config), StandIns(config)
-    plain, excited = _Model(config, excitation_gate=False), _Model(config, excitation_gate=True)
+    intake, grid, tables = Intake(config), grid_for(config), TableMap(config)
+    plain, excited = (ModelStream(config, excitation_gate=gate) for gate in (False, True))
 
     def both(ticks: GridBlock) -> Iterator[tuple[_Samples, _Samples]]:
-        for part, refuted in stand_ins.parts(ticks):
-            yield plain.process(part, refuted), excited.process(part, refuted)
+        return zip(plain.process(ticks), excited.process(ticks), strict=True)
 
     reader = open_for(config, log, channel)
     for block in reader:
@@ -163,7 +147,7 @@ def _samples(
         ticks_left = grid.ticks_until(intake.clock.last_us, inclusive=True)
         if ticks_left is not None:
             yield from both(ticks_left)
-    notes += log_notes(reader) + stream_notes(intake)
+    notes += log_notes(reader) + stream_notes(intake, plain.frozen)
 
 
 def _run(entry: _Entry, block: ModelBlock) -> None:

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canest.vehicle.samples import RATE_HZ
+
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from canest.intake import Intake
     from canest.logs.base import LogReader
 
@@ -28,8 +32,11 @@ def log_notes(reader: LogReader) -> list[str]:
     return notes
 
 
-def stream_notes(intake: Intake) -> list[str]:
-    """Return what an intake could not use of all that it was given, one sentence each."""
+def stream_notes(intake: Intake, frozen: Mapping[str, int] | None = None) -> list[str]:
+    """Return what could not be used of all that an intake was given, one sentence each.
+
+    frozen: ticks on which a speed stood still, though the vehicle did not (`canest.vehicle.frozen`).
+    """
     notes = []
     mended = {name: n for name, n in intake.clock.counters.items() if n}
     if mended:
@@ -46,4 +53,7 @@ def stream_notes(intake: Intake) -> list[str]:
     if refused:
         counts = ", ".join(f"{n:,} of {role}" for role, n in sorted(refused.items()))
         notes.append(f"jumps beyond physics, not used: {counts}")
+    for role, ticks in sorted((frozen or {}).items()):
+        seconds = f"{ticks / RATE_HZ:,.1f} s"
+        notes.append(f"{role} stood still while the vehicle did not: frozen, taken as silent for {seconds}")
     return notes

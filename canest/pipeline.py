@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -26,9 +26,9 @@ from canest.gates import LABELS
 from canest.grid.clock import Clock
 from canest.grid.grid import Feed, GridBlock
 from canest.intake import Intake, grid_for, hold_us
-from canest.vehicle.regression import Regression
 from canest.vehicle.samples import EstimateBlock, ModelBlock, VehicleFacts
-from canest.vehicle.stand_ins import StandIns, doubting
+from canest.vehicle.stand_ins import doubting
+from canest.vehicle.stream import ModelStream
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,9 +73,8 @@ class Pipeline:
         self.intake = Intake(config)
         self._grid = grid_for(config)
         self.estimator = estimator_of(config)
-        self._regression = Regression(config, excitation_gate=self.estimator.wants_excitation_gate)
+        self._model = ModelStream(config, excitation_gate=self.estimator.wants_excitation_gate)
         self._listener = listener
-        self._stand_ins = StandIns(config)
         self._remembered: tuple[float, float] | None = None
         self._mass_kg = math.nan
         self.gates: Counter[str] = Counter()
@@ -137,6 +136,11 @@ class Pipeline:
         return self.intake.clock
 
     @property
+    def frozen(self) -> dict[str, int]:
+        """Return the ticks on which a speed stood still, though the vehicle did not, by role."""
+        return dict(self._model.frozen)
+
+    @property
     def gate_counts(self) -> dict[str, int]:
         """Return samples refused per gate, by name."""
         return {name: self.gates[name] for name in LABELS.values() if name and self.gates[name]}
@@ -156,15 +160,12 @@ class Pipeline:
     def _emit(self, ticks: GridBlock | None, done: list[Estimates]) -> None:
         if ticks is None:
             return
-        for part, refuted in self._stand_ins.parts(ticks):
-            if refuted and self.updated:
+        for samples, anew in self._model.process(ticks):
+            if anew:
                 self.estimator = doubting(estimator_of(self.config), self._mass_kg, self._remembered)
-                self._estimate(replace(part, continues=False), done)
-            else:
-                self._estimate(part, done)
+            self._estimate(samples, done)
 
-    def _estimate(self, ticks: GridBlock, done: list[Estimates]) -> None:
-        samples = self._regression.process(ticks)
+    def _estimate(self, samples: ModelBlock, done: list[Estimates]) -> None:
         e = self.estimator.update(samples)
         if self._listener is not None:
             self._listener(samples, e)

@@ -28,6 +28,7 @@ METRICS: dict[str, tuple[str, str]] = {
     "canest_address_claims_total": ("counter", "Claims of an address (PGN 60928)."),
     "canest_torque_commands_total": ("counter", "Engine and retarder commands (TSC1) by sender."),
     "canest_implausible_jumps_total": ("counter", "Samples refused: no vehicle changes so fast."),
+    "canest_frozen_seconds_total": ("counter", "For how long a speed was frozen, and taken as silent."),
     "canest_other_mass_kilograms": ("gauge", "Gross mass that another ECU sends (SPN 1760)."),
     "canest_node_events_total": ("counter", "What was sent, and what happened to us as a node."),
     "canest_clock_events_total": ("counter", "Irregular time stamps."),
@@ -74,6 +75,8 @@ def samples(snapshot: dict[str, Any]) -> Iterator[Sample]:
         yield "canest_torque_commands_total", {"source": source}, count
     for signal, count in snapshot["implausible_jumps"].items():
         yield "canest_implausible_jumps_total", {"signal": signal}, count
+    for signal, seconds in snapshot["frozen_signals"].items():
+        yield "canest_frozen_seconds_total", {"signal": signal}, seconds
     for source, mass_kg in snapshot["masses_of_others_kg"].items():
         yield "canest_other_mass_kilograms", {"source": source}, mass_kg
     for event, count in snapshot["broadcast"].items():

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from canest.gates import LABELS
 from canest.live.estimate_frame import STATUS_WORDS
 from canest.unheard import unheard
+from canest.vehicle.samples import RATE_HZ
 from canest.verdict import why_no_signal
 
 if TYPE_CHECKING:
@@ -78,6 +79,7 @@ def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
         "torque_commands": {_address(a): n for a, n in sorted(node.watch.torque_commands.items())},
         "transport": dict(counters.transport),
         "implausible_jumps": dict(pipeline.intake.screen.refused),
+        "frozen_signals": {role: round(n / RATE_HZ, 1) for role, n in pipeline.frozen.items()},
         "masses_of_others_kg": {_address(a): m.mass_kg for a, m in sorted(node.watch.other_masses.items())},
         "ticks": {
             "count": daemon.schedule.ticks,

@@ -94,6 +94,9 @@ def _doubts(snapshot: dict[str, Any]) -> list[tuple[str, str]]:
         senders = _counted({f"from {address}": n for address, n in refused.items()}, 4)
         text = f"{role} comes from several addresses; refused: {senders}. Name the right one (source:)"
         lines.append(("contested", text))
+    if frozen := snapshot["frozen_signals"]:
+        seconds = _counted({f"{role}, seconds:": s for role, s in frozen.items()}, 4)
+        lines.append(("frozen", f"{seconds}. The vehicle changed its speed meanwhile; taken as silent"))
     for sender, (usual_hz, now_hz) in snapshot["sends_faster"].items():
         paces = f"{_words(sender)}: {now_hz:g} Hz, usually {usual_hz:g}"
         lines.append(("doubtful", f"{paces}. Does somebody else send under this address?"))

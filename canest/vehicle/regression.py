@@ -13,6 +13,7 @@ from canest.frames import BoolColumn, FloatColumn
 from canest.gates import Gate
 from canest.grid.grid import GridBlock
 from canest.vehicle.columns import Columns
+from canest.vehicle.frozen import Frozen
 from canest.vehicle.gating import Excitation, Gating
 from canest.vehicle.lost_brakes import LostBrakes
 from canest.vehicle.model import LongitudinalModel
@@ -48,6 +49,7 @@ class Regression:
     def __init__(self, config: Config, *, excitation_gate: bool = False) -> None:
         self.model = LongitudinalModel(config)
         self._gating = Gating(config, self.model)
+        self.frozen = Frozen(config)
         self._brakes = LostBrakes(config)
         wanted = config.gates.low_excitation.enabled
         use = excitation_gate if wanted is None else wanted
@@ -63,7 +65,7 @@ class Regression:
     @np.errstate(all="ignore")  # signals may be any float: what is no sane number closes a gate
     def process(self, grid: GridBlock) -> ModelBlock:
         """Turn a block of ticks into model samples."""
-        grid = self._brakes.fill(grid)
+        grid = self._brakes.fill(self.frozen.silence(grid))
         raw = self.model.process(grid)
         self.last_columns = c = raw.columns
         moving = np.abs(raw.speed_mps) <= MAX_SPEED_MPS  # known, whatever becomes of the torque

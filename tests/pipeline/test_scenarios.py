@@ -122,10 +122,8 @@ def test_a_frozen_shaft_speed_disagrees_with_the_engine_and_closes_the_driveline
     rising = {
         "EngSpeed": lambda t: shaft_rpm(speed(t)),
         "Trans1OutputShaftSpeed": lambda t: shaft_rpm(speed(min(t, 8.0))),
-        "WheelBasedVehicleSpeed": lambda t: 3.6 * speed(t),
-        "FrontAxleSpeed": lambda t: 3.6 * speed(t),
     }
-    _, e = estimate(bus(20, drive(**rising)))
+    _, e = estimate(bus(20, drive(**rising), silent={"CCVS1", "EBC2"}))
     assert (e.gate[~after(e, 8) & after(e, 2)] == Gate.OPEN).all()
     # 6 % of 15.2 m/s and 5 rad/s of the engine: 1.6 m/s, reached 4 s after the freeze
     assert (e.gate[after(e, 12.5)] == Gate.DRIVELINE).all()

@@ -1,0 +1,118 @@
+"""A speed that repeats itself while another shows that the vehicle moves on is taken as silent."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from vehicle_helpers import FINAL_DRIVE, RADIUS_M, config, ticks
+
+from canest.config.schema import Config
+from canest.grid.grid import GridBlock
+from canest.vehicle.frozen import Frozen
+
+N = 1000
+T_S = np.arange(N) * 0.02
+#: 8 m/s, faster by 0.4 m/s2 from 5 s on
+SPEED = 8.0 + 0.4 * np.maximum(T_S - 5.0, 0.0)
+RPM_PER_MPS = FINAL_DRIVE / RADIUS_M * 30 / math.pi
+#: as sensors are: no two samples are the same
+NOISE = 0.02 * np.random.default_rng(5).standard_normal(N)
+SHAFT = (SPEED + NOISE) * RPM_PER_MPS
+FROM = 300  #: the tick of the freeze
+ROLES = ("engine_torque_pct", "engine_speed", "output_shaft_speed", "undriven_speed", "gear")
+
+
+def mapped() -> Config:
+    """A bus in which the engine's speed comes with its torque, and the shaft's with the gear."""
+    plain = config(ROLES)
+    messages = {"engine_torque_pct": "A", "engine_speed": "A", "output_shaft_speed": "B", "gear": "B"}
+    signals = {
+        role: source.model_copy(update={"message": messages.get(role, role), "signal": role, "column": None})
+        for role, source in plain.signals.items()
+    }
+    return plain.model_copy(update={"signals": signals})
+
+
+def drive(**changes: Any) -> GridBlock:
+    values = {
+        "engine_torque_pct": 50.0,
+        "engine_speed": SHAFT,
+        "output_shaft_speed": SHAFT,
+        "undriven_speed": SPEED,
+        "gear": 4.0,
+    }
+    return ticks(values | changes, N)
+
+
+def frozen(column: np.ndarray, begin: int = FROM, end: int = N) -> np.ndarray:
+    still = column.copy()
+    still[begin:end] = column[begin]
+    return still
+
+
+def silent(before: GridBlock, after: GridBlock) -> dict[str, np.ndarray]:
+    """Return role -> ticks on which it fell silent."""
+    lost = {r: np.flatnonzero(np.isnan(v) & ~np.isnan(before.values[r])) for r, v in after.values.items()}
+    return {r: at for r, at in lost.items() if len(at)}
+
+
+@pytest.mark.parametrize(
+    ("role", "mate"), [("output_shaft_speed", "gear"), ("engine_speed", "engine_torque_pct")]
+)
+def test_a_frozen_speed_falls_silent_with_its_message_until_it_moves_again(role: str, mate: str) -> None:
+    judge, block = Frozen(mapped()), drive(**{role: frozen(SHAFT, end=800)})
+    after = judge.silence(block)
+    lost = silent(block, after)
+    # half a second settles, then 0.6 m/s at 0.4 m/s2: told two seconds after the freeze
+    assert lost[mate][0] == pytest.approx(FROM + 100, abs=3)
+    assert lost[mate][-1] == 799
+    assert np.array_equal(np.flatnonzero(after.stale[mate]), lost[mate])
+    assert set(lost) - {role, mate} <= {"engine_speed", "undriven_speed"}
+    assert judge.counts == {role: len(lost[mate])}
+
+
+def test_where_the_speed_goes_over_to_another_signal_it_is_unknown_for_one_tick() -> None:
+    block = drive(output_shaft_speed=frozen(SHAFT))
+    lost = silent(block, Frozen(mapped()).silence(block))
+    assert len(lost["undriven_speed"]) == len(lost["engine_speed"]) == 1
+    assert lost["undriven_speed"][0] == lost["output_shaft_speed"][0]
+
+
+@pytest.mark.parametrize(
+    ("shaft", "undriven"),
+    [
+        (SHAFT, SPEED),
+        (frozen(SHAFT), frozen(SPEED + NOISE)),  # nobody moves
+        (np.round(SPEED / 0.447) * 0.447 * RPM_PER_MPS, SPEED + NOISE),  # whole miles per hour
+        (np.where(T_S < 9, 0.0, SHAFT), np.clip(0.5 * (T_S - 6), 0.0, None)),  # no pulses below 1.5 m/s
+        (frozen(SHAFT), np.where(T_S < 9, 8.0, 12.0)),  # a jump is no motion
+        (frozen(SHAFT), np.full(N, np.nan)),
+    ],
+    ids=["moving", "all still", "coarse", "standing", "jump", "alone"],
+)
+def test_a_speed_that_may_be_true_is_left_alone(shaft: np.ndarray, undriven: np.ndarray) -> None:
+    judge, block = Frozen(mapped()), drive(output_shaft_speed=shaft, undriven_speed=undriven)
+    block = ticks(block.values | {"engine_speed": SHAFT}, N)
+    assert silent(block, judge.silence(block)) == {}
+    assert not judge.counts
+
+
+def test_any_cut_gives_the_same_bits() -> None:
+    still = frozen(frozen(SHAFT), 100, 260)
+    gone = np.where((T_S > 12) & (T_S < 12.5), np.nan, SPEED)
+    block = drive(output_shaft_speed=still, engine_speed=frozen(SHAFT, 500, 900), undriven_speed=gone)
+    whole = Frozen(mapped()).silence(block)
+    assert len(silent(block, whole)) == len(ROLES)
+    rng = np.random.default_rng(11)
+    for pieces in (2, 5, 40, 400):
+        cuts = np.sort(rng.choice(np.arange(1, N), pieces, replace=False))
+        judge, rest, at, parts = Frozen(mapped()), block, 0, []
+        for cut in [*cuts.tolist(), N]:
+            part, rest = rest.split(cut - at)
+            at = cut
+            parts.append(judge.silence(part))
+        for role, column in whole.values.items():
+            assert column.tobytes() == np.concatenate([p.values[role] for p in parts]).tobytes(), role
