@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -9,6 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, model_
 
 from canest.config.agreement import MisplacedError, refuse_contradictions
 from canest.config.bus import Broadcast, Bus
+from canest.config.files import ReadFiles
 from canest.config.gates import Gates
 from canest.config.origins import Origins
 from canest.config.section import Number, Section, Whole, empty_section
@@ -137,6 +139,7 @@ class Config(Section):
     """A whole config."""
 
     _origins: Origins = PrivateAttr(default_factory=Origins)
+    _files: ReadFiles = PrivateAttr(default_factory=ReadFiles)
 
     vehicle: Vehicle
     dbc: tuple[str, ...] = ("j1939.dbc",)
@@ -153,6 +156,13 @@ class Config(Section):
     def note_origins(self, origins: Origins) -> None:
         """Remember where keys were written, for messages."""
         self._origins = origins
+
+    def read_once(self, read: Callable[[str, str], Any]) -> list[Any]:
+        """Return what ``read`` makes of each file under `dbc` (its name, its place in the config), once."""
+        kept = self._files.kept
+        if self.dbc not in kept:
+            kept[self.dbc] = [read(name, self.at(f"dbc.{i}")) for i, name in enumerate(self.dbc)]
+        return kept[self.dbc]
 
     def at(self, key: str) -> str:
         """Return a key behind the place where it was written: "truck.yaml:31: signals.gear"."""

@@ -55,8 +55,13 @@ def decoder_for(config: Config) -> Decoder:
 
 
 def databases_of(config: Config) -> list[Database]:
-    """Return the databases of a config. Errors: ConfigError for a file that is missing or no database."""
-    return [load(find("dbc", name, config.at(f"dbc.{i}"))) for i, name in enumerate(config.dbc)]
+    """Return the databases of a config: what its files held when it was first asked for them.
+
+    A daemon makes its pipeline anew after a defect, or when a number is refuted, and must not depend on files
+    that somebody is replacing meanwhile; who wants what is in them now reads the config anew.
+    Errors: ConfigError for a file that is missing or no database.
+    """
+    return config.read_once(lambda name, at: load(find("dbc", name, at)))
 
 
 def factor_and_offset(role: str, source: Source, unit: str, where: str = "") -> tuple[float, float]:

@@ -32,6 +32,32 @@ def test_a_defect_in_the_estimation_is_survived_with_the_learned_mass(tmp_path, 
         assert abs(after.mass_kg - before.mass_kg) < 0.02 * before.mass_kg
 
 
+def test_a_defect_is_survived_while_the_dbc_is_gone_and_a_reload_of_it_refused(tmp_path, drive, monkeypatch):
+    """Somebody copies a new one there: for a moment there is none, or half of it."""
+    dbc = tmp_path / "own.dbc"
+    shutil.copy(shipped("dbc") / "j1939.dbc", dbc)
+
+    def settings():
+        return config(tmp_path, f"dbc=[{dbc}]", "service.learn='on'")
+
+    def broken(frames):
+        raise ZeroDivisionError("surprise")
+
+    with Rig(monkeypatch, settings(), drive, reload=settings) as rig:
+        rig.run(60)
+        before = rig.daemon.estimate(rig.now_us)
+        dbc.unlink()
+        rig.daemon.pipeline.push = broken
+        rig.run(3)
+        rig.daemon._wants_reload = True
+        rig.run(2)
+        assert rig.daemon.failures == 1 and rig.daemon.reloads == 0
+        refused = next(line for line in rig.log.getvalue().splitlines() if "reload-refused" in line)
+        assert "own.dbc" in refused
+        after = rig.daemon.estimate(rig.now_us)
+        assert abs(after.mass_kg - before.mass_kg) < 0.02 * before.mass_kg
+
+
 def test_a_defect_that_stays_ends_the_daemon_for_systemd_to_restart_it(tmp_path, drive, monkeypatch):
     def broken(self, frames):
         raise ZeroDivisionError("surprise")
