@@ -73,7 +73,6 @@ class _Watch:
     mates: list[str]
     value: float = math.nan
     since_tick: int = 0
-    refuted: bool = False
     shown: dict[str, _Shown] = field(default_factory=dict)
 
 
@@ -82,33 +81,25 @@ class Frozen:
 
     def __init__(self, config: Config) -> None:
         self.counts: Counter[str] = Counter()
-        self._order = [role for role in SPEED_ORDER if role in config.signals]
-        watched = dict.fromkeys((*self._order[:1], "engine_speed"))
+        in_use = next((role for role in SPEED_ORDER if role in config.signals), "engine_speed")
+        watched = dict.fromkeys((in_use, "engine_speed"))
         self._watched = {role: w for role in watched if (w := _watch(config, role)) is not None}
 
     def silence(self, ticks: GridBlock) -> GridBlock:
         """Return the ticks with what is frozen as stale."""
         tick = ticks.t_us // STEP_US
         silent: dict[str, BoolColumn] = {}
-        begins: list[BoolColumn] = []
         for role, watch in self._watched.items():
-            was = watch.refuted and ticks.continues
             refuted = self._refuted(role, watch, ticks, tick)
             if refuted is None:
                 continue
             self.counts[role] += int(np.count_nonzero(refuted))
             for mate in watch.mates:
                 silent[mate] = refuted | silent[mate] if mate in silent else refuted
-            if role == self._order[0]:
-                begins.append(refuted & ~shifted(refuted, was))
         if not silent:
             return ticks
         values = {role: np.where(where, np.nan, ticks.values[role]) for role, where in silent.items()}
         stale = {role: ticks.stale[role] | where for role, where in silent.items()}
-        for where in begins:
-            # the speed goes over to another signal: that step is no acceleration, filters begin anew
-            for role in self._order:
-                values[role] = np.where(where, np.nan, values.get(role, ticks.values[role]))
         return replace(ticks, values={**ticks.values, **values}, stale={**ticks.stale, **stale})
 
     def _refuted(self, role: str, watch: _Watch, ticks: GridBlock, tick: IntColumn) -> BoolColumn | None:
@@ -119,14 +110,13 @@ class Frozen:
             same[0] = False
         watch.value = float(values[-1])
         if not np.count_nonzero(same):
-            watch.since_tick, watch.refuted = int(tick[-1]), False
+            watch.since_tick = int(tick[-1])
             watch.shown.clear()
             return None
         began = np.maximum.accumulate(np.where(same, watch.since_tick if same[0] else tick[0], tick))
         settled = same & (tick - began >= SETTLED_S * RATE_HZ)
         watch.since_tick = int(began[-1])
         refuted = self._contradicted(watch, ticks, values, settled) & (tick - began >= watch.ticks)
-        watch.refuted = bool(refuted[-1])
         return refuted if np.count_nonzero(refuted) else None
 
     @staticmethod

@@ -27,6 +27,7 @@ from canest.vehicle.friction import EngineFriction
 from canest.vehicle.samples import STEP_S
 from canest.vehicle.screen import MAX_SPEED_MPS
 from canest.vehicle.sources import AT_WHEELS, ratio_ways, speed_roles, torque_role
+from canest.vehicle.speed_choice import SpeedChoice
 
 if TYPE_CHECKING:
     from canest.vehicle.effects import Effect
@@ -85,6 +86,8 @@ class LongitudinalModel:
         self._ratios = np.array([self.vehicle.gear_ratios[int(g)] for g in self._gears], np.float64)
         step = step_of(config, _FRICTION) if "engine_speed" in self.roles else None
         self._friction = None if step is None else EngineFriction(step)
+        self._choice = SpeedChoice(self.speed_roles)
+        self._is_driven = np.array([float(role in _DRIVEN) for role in self.speed_roles])
         self._last_speed_mps = np.nan
         self._onward = Onward()
         self._first_us: int | None = None
@@ -122,7 +125,7 @@ class LongitudinalModel:
             per_torque = c.ratio / c.radius_m * np.where(c.torque_Nm < 0, 1.0 / c.efficiency, c.efficiency)
             traction = c.torque_Nm * per_torque
         c.notes["traction_N"] = traction
-        self._speed(c)
+        self._speed(c, grid)
         self._run("road", c)
         # torque measured at the wheels has already accelerated everything before them
         before = 0.0 if self.at_wheels else c.crank_inertia_kgm2 * c.ratio * c.ratio * c.efficiency
@@ -257,31 +260,22 @@ class LongitudinalModel:
             else:
                 c.extra_N = c.extra_N + torque * self.vehicle.final_drive / c.radius_m
 
-    def _speed(self, c: Columns) -> None:
-        """Set speed and acceleration, from the finest speed that has a value."""
+    def _speed(self, c: Columns, ticks: GridBlock) -> None:
+        """Set speed and acceleration, from the finest speed that can be relied on."""
         shaft = self.vehicle.final_drive
-        speed: FloatColumn | None = None
+        found: list[FloatColumn] = []
         for role in self.speed_roles:
             if role == "output_shaft_speed":
-                candidate = c.signals[role] * (RPM_TO_RADPS / shaft) * c.radius_m
+                found.append(c.signals[role] * (RPM_TO_RADPS / shaft) * c.radius_m)
             elif role == "engine_speed":
                 geared = c.ratio > 0
-                candidate = (
+                found.append(
                     np.where(geared, c.engine_radps / np.where(geared, c.ratio, 1.0), np.nan) * c.radius_m
                 )
             else:
-                candidate = c.signals[role]
-            by_drive = float(role in _DRIVEN)
-            if speed is None:
-                speed, driven = candidate, constant(by_drive, len(candidate))
-            else:
-                lacking = np.isnan(speed)
-                speed, driven = np.where(lacking, candidate, speed), np.where(lacking, by_drive, driven)
-            if not np.count_nonzero(np.isnan(speed)):
-                break
-        assert speed is not None  # `speed_roles` is never empty
-        c.speed_mps = speed
-        c.notes["driven"] = driven
+                found.append(c.signals[role])
+        c.speed_mps, source = self._choice.choose(found, ticks)
+        c.notes["driven"] = self._is_driven[source]
         self._run("speed", c)
         speed = c.speed_mps
         before = shifted(speed, self._last_speed_mps)

@@ -1,4 +1,4 @@
-"""A controller that repeats its last frame for a minute, in a drive whose mass is valid."""
+"""A controller that repeats its last frame for a minute, or comes and goes, while the mass is valid."""
 
 from __future__ import annotations
 
@@ -65,3 +65,16 @@ def test_a_sender_that_repeats_itself_for_a_minute_bends_little(
     assert np.abs(e.mass_kg / clean.mass_kg - 1)[valid].max() < 0.01
     assert pipeline.frozen[role] > 50 * 40
     assert f"{role} stood still" in stream_notes(pipeline.intake, pipeline.frozen)[-1]
+
+
+def test_a_sender_that_comes_and_goes_teaches_no_wrong_mass(config):
+    """Another speed takes over and is left again, six times a minute: steps that are no acceleration."""
+    drive = simulate(load_scenario("mixed-9t").model_copy(update={"seed": 4}))
+    groups = {i: j1939.pgn_of(i) for i in np.unique(drive.frames.can_id).tolist()}
+    of = np.array([groups[i] for i in drive.frames.can_id.tolist()]) == ETC1
+    elapsed_s = (drive.frames.t_us - drive.frames.t_us[0]) // 1_000_000
+    gone = of & ((elapsed_s + 6) % 10 < 3)
+    _, e = estimated(config, drive.frames[~gone])
+    valid = e.status == Status.VALID
+    assert valid.mean() > 0.5
+    assert np.abs(e.mass_kg[valid] / drive.truth["mass_kg"].max() - 1).max() < 0.05  # 0.09 with the steps

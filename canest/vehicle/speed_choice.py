@@ -1,0 +1,83 @@
+"""Which of several signals tells the speed.
+
+No two speeds of a vehicle agree: tyres wear and slip, sensors round. Where one takes over from another, the
+step between them is no acceleration, though 0.1 m/s in a tick looks like 5 m/s2: a sender that comes and goes
+would teach a wrong mass by it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from canest.columns import constant, shifted
+from canest.frames import BoolColumn, FloatColumn, IntColumn
+from canest.grid.grid import GridBlock
+from canest.vehicle.samples import RATE_HZ, STEP_US
+
+#: a speed that was lost has to be there for so long before it is taken again, s
+BACK_S = 1.0
+#: a step of this size is none, m/s: 1/256 km/h of wheels and 1/8 rpm of shafts are finer
+NO_STEP_MPS = 0.01
+_NEVER = -(1 << 62)
+_NONE = -1
+
+
+class SpeedChoice:
+    """Carries which speed was taken last, and when each one was lost.
+
+    Taken is the finest that has not been lost lately, else the finest that is there. The engine's is lost in
+    every shift: then a gate is closed, and it is taken again as soon as there is a gear.
+
+    roles: of the speeds, the finest first.
+    """
+
+    def __init__(self, roles: Sequence[str]) -> None:
+        self._roles = roles
+        self._begin()
+
+    def _begin(self) -> None:
+        self._taken, self._last_mps = _NONE, np.nan
+        self._heard = [False] * len(self._roles)
+        self._lost_tick = [_NEVER] * len(self._roles)
+
+    def choose(self, speeds: Sequence[FloatColumn], ticks: GridBlock) -> tuple[FloatColumn, IntColumn]:
+        """Return the speed, NaN where none is there or another one steps in, and which one it is, both (n,).
+
+        speeds: one (n,) for each role, NaN where it is not known.
+        """
+        if not ticks.continues:
+            self._begin()
+        tick = ticks.t_us // STEP_US
+        there = [~np.isnan(speed) for speed in speeds]
+        reliable = [self._reliable(k, column, tick) for k, column in enumerate(there)]
+        if self._taken == 0 and np.count_nonzero(reliable[0]) == len(tick):  # as a rule
+            self._last_mps = float(speeds[0][-1])
+            return speeds[0], constant(0.0, len(tick)).astype(np.int64)
+        taken = np.full(len(tick), _NONE)
+        speed = np.full(len(tick), np.nan)
+        for k, column in (*enumerate(reliable), *enumerate(there)):
+            here = column & (taken == _NONE)
+            taken[here] = k
+            speed[here] = speeds[k][here]
+        before = shifted(taken, self._taken)
+        steps = np.abs(speed - shifted(speed, self._last_mps)) > NO_STEP_MPS
+        self._taken, self._last_mps = int(taken[-1]), float(speed[-1])
+        takes_over = steps & (taken != before) & (taken != _NONE) & (before != _NONE)
+        if "engine_speed" in self._roles:
+            engine = self._roles.index("engine_speed")
+            takes_over &= (taken != engine) & (before != engine)
+        speed[takes_over] = np.nan
+        return speed, taken
+
+    def _reliable(self, k: int, there: BoolColumn, tick: IntColumn) -> BoolColumn:
+        """Return where a speed is there and has been for a while, or always (n,)."""
+        if self._roles[k] == "engine_speed":
+            return there
+        if self._heard[k] and np.count_nonzero(there) == len(there):
+            return there & (tick - self._lost_tick[k] > BACK_S * RATE_HZ)
+        heard = np.logical_or.accumulate(there) | self._heard[k]
+        lost = np.maximum.accumulate(np.where(heard & ~there, tick, self._lost_tick[k]))
+        self._heard[k], self._lost_tick[k] = bool(heard[-1]), int(lost[-1])
+        return there & (tick - lost > BACK_S * RATE_HZ)
