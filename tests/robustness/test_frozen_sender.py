@@ -16,7 +16,7 @@ from canest.vehicle.samples import Status
 
 from .attacks import estimated
 
-ETC1, EEC1 = 61442, 61444
+ETC1, EEC1, VDC2 = 61442, 61444, 61449
 MINUTE_US = 60_000_000
 
 
@@ -65,6 +65,17 @@ def test_a_sender_that_repeats_itself_for_a_minute_bends_little(
     assert np.abs(e.mass_kg / clean.mass_kg - 1)[valid].max() < 0.01
     assert pipeline.frozen[role] > 50 * 40
     assert f"{role} stood still" in stream_notes(pipeline.intake, pipeline.frozen)[-1]
+
+
+def test_an_accelerometer_that_repeats_itself_bends_little(config):
+    """It is braked meanwhile: believed, that is a hill of 9 %."""
+    frames = simulate(load_scenario("mixed-36t").model_copy(update={"duration_s": 300.0})).frames
+    clean = estimated(config, frames)[1]
+    begin_us = int(frames.t_us[0]) + 220_000_000
+    pipeline, e = estimated(config, frozen(frames, VDC2, begin_us))
+    valid = (e.status == Status.VALID) & (clean.status == Status.VALID)
+    assert np.abs(e.grade - clean.grade)[valid].max() < 0.015
+    assert pipeline.frozen["longitudinal_accel"] > 50 * 35
 
 
 def test_a_sender_that_comes_and_goes_teaches_no_wrong_mass(config):

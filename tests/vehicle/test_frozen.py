@@ -1,4 +1,4 @@
-"""A speed that repeats itself while another shows that the vehicle moves on is taken as silent."""
+"""A signal that repeats itself while another shows that the vehicle moves on is taken as silent."""
 
 from __future__ import annotations
 
@@ -22,13 +22,18 @@ RPM_PER_MPS = FINAL_DRIVE / RADIUS_M * 30 / math.pi
 NOISE = 0.02 * np.random.default_rng(5).standard_normal(N)
 SHAFT = (SPEED + NOISE) * RPM_PER_MPS
 FROM = 300  #: the tick of the freeze
-ROLES = ("engine_torque_pct", "engine_speed", "output_shaft_speed", "undriven_speed", "gear")
+ROLES = ("engine_torque_pct", "engine_speed", "output_shaft_speed", "undriven_speed", "gear", "yaw_rate",
+         "longitudinal_accel")  # fmt: skip
+#: from 12 s on it brakes, as the sensor feels
+BRAKED = SPEED - 1.5 * np.clip(T_S - 12.0, 0.0, 3.0)
+FELT = np.gradient(BRAKED, T_S) + NOISE
 
 
 def mapped() -> Config:
     """A bus in which the engine's speed comes with its torque, and the shaft's with the gear."""
     plain = config(ROLES)
-    messages = {"engine_torque_pct": "A", "engine_speed": "A", "output_shaft_speed": "B", "gear": "B"}
+    messages = {"engine_torque_pct": "A", "engine_speed": "A", "output_shaft_speed": "B", "gear": "B",
+                "longitudinal_accel": "C", "yaw_rate": "C"}  # fmt: skip
     signals = {
         role: source.model_copy(update={"message": messages.get(role, role), "signal": role, "column": None})
         for role, source in plain.signals.items()
@@ -43,6 +48,8 @@ def drive(**changes: Any) -> GridBlock:
         "output_shaft_speed": SHAFT,
         "undriven_speed": SPEED,
         "gear": 4.0,
+        "yaw_rate": 0.01,
+        "longitudinal_accel": NOISE,
     }
     return ticks(values | changes, N)
 
@@ -93,10 +100,39 @@ def test_a_speed_that_may_be_true_is_left_alone(shaft: np.ndarray, undriven: np.
     assert not judge.counts
 
 
+@pytest.mark.parametrize(
+    ("speed", "felt", "told"),
+    [
+        (BRAKED, FELT, False),
+        (BRAKED, frozen(FELT), True),
+        (SPEED, frozen(FELT), False),  # slower than a road may be
+        (np.where(T_S < 12, SPEED, SPEED + 20), frozen(FELT), False),  # a jump is no motion
+    ],
+    ids=["feels", "frozen", "slow", "jump"],
+)
+def test_an_accelerometer_that_feels_no_brake_is_frozen(
+    speed: np.ndarray, felt: np.ndarray, told: bool
+) -> None:
+    judge = Frozen(mapped())
+    shaft = (speed + NOISE) * RPM_PER_MPS
+    block = drive(output_shaft_speed=shaft, engine_speed=shaft, longitudinal_accel=felt, undriven_speed=speed)
+    lost = silent(block, judge.silence(block))
+    assert set(lost) == ({"longitudinal_accel", "yaw_rate"} if told else set())
+    if told:  # a second of 1.5 m/s2 at the latest, and to the end
+        assert 12.0 < T_S[lost["yaw_rate"][0]] < 13.0
+        assert lost["yaw_rate"][-1] == N - 1
+        assert judge.counts == {"longitudinal_accel": len(lost["yaw_rate"])}
+
+
 def test_any_cut_gives_the_same_bits() -> None:
     still = frozen(frozen(SHAFT), 100, 260)
     gone = np.where((T_S > 12) & (T_S < 12.5), np.nan, SPEED)
-    block = drive(output_shaft_speed=still, engine_speed=frozen(SHAFT, 500, 900), undriven_speed=gone)
+    block = drive(
+        output_shaft_speed=still - (SPEED - BRAKED) * RPM_PER_MPS,
+        engine_speed=frozen(SHAFT, 500, 900),
+        undriven_speed=gone,
+        longitudinal_accel=frozen(FELT, 400, 950),
+    )
     whole = Frozen(mapped()).silence(block)
     assert len(silent(block, whole)) == len(ROLES) - 1
     rng = np.random.default_rng(11)
