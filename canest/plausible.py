@@ -27,6 +27,8 @@ RATIO_SPREAD = 0.05
 TORQUE_TOLERANCE = 0.01
 #: signals are compared over stretches of at least this, however small the blocks they come in
 STRETCH_US = 5_000_000
+#: or over so many samples: stamps may stand still, or be those of many senders
+MOST_WAITING = 50_000
 #: what may turn out to be in another unit or at another radius, the commonest first
 ROAD_SPEEDS = ("vehicle_speed", "undriven_speed", "gps_speed")
 #: gears that are named
@@ -41,6 +43,7 @@ class Plausibility:
         # the ratio that counts is that of the bus, where it has one
         self._by_gear = "gear_ratio" not in config.signals
         self._waiting: dict[str, list[tuple[IntColumn, FloatColumn]]] = {}
+        self._waiting_samples = 0
         self._since_us: int | None = None
         self._pairs = dict.fromkeys(ROAD_SPEEDS, 0)
         self._product = dict.fromkeys(ROAD_SPEEDS, 0.0)
@@ -57,6 +60,7 @@ class Plausibility:
         for role in ("engine_speed", "output_shaft_speed", "gear", *ROAD_SPEEDS):
             if role in samples and len(samples[role][0]):
                 self._waiting.setdefault(role, []).append(samples[role])
+                self._waiting_samples += len(samples[role][0])
                 latest_us = max(latest_us or 0, int(samples[role][0][-1]))
         if "reference_torque" in samples:
             values = samples["reference_torque"][1]
@@ -67,12 +71,12 @@ class Plausibility:
             return
         if self._since_us is None:
             self._since_us = latest_us
-        if abs(latest_us - self._since_us) >= STRETCH_US:
+        if abs(latest_us - self._since_us) >= STRETCH_US or self._waiting_samples > MOST_WAITING:
             self._compare()
 
     def _compare(self) -> None:
         """Compare what has come since the last time."""
-        self._since_us = None
+        self._since_us, self._waiting_samples = None, 0
         stretch = {
             role: (np.concatenate([t for t, _ in parts]), np.concatenate([v for _, v in parts]))
             for role, parts in self._waiting.items()

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
+import numpy as np
 import pytest
 
 from canest.check import Doctor
 from canest.config import load_config
 from canest.logs import open_log
+from canest.plausible import Plausibility
 from canest.simulate import simulate
 
 SCENARIO = {
@@ -90,3 +94,14 @@ def test_small_blocks_of_a_live_bus_tell_the_same(drive):
             for first in range(0, len(block), 40):
                 doctor.push(block[first : first + 40])
     assert len(doctor.report().hints) == len(hints(drive, *overrides, without=("gear_ratio",))) == 2
+
+
+def test_stamps_that_stand_still_do_not_pile_up():
+    judge = Plausibility(load_config("class8"))
+    stamps, rpm = np.zeros(1000, np.int64), np.full(1000, 1200.0)
+    tracemalloc.start()
+    for _ in range(1000):
+        judge.push({"engine_speed": (stamps, rpm.copy()), "output_shaft_speed": (stamps, rpm.copy())})
+    kept_bytes, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert kept_bytes < 2_000_000  # all of them: 16 MB
