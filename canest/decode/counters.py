@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from canest.frames import IntColumn
+
+#: a sender without a frame for longer is silent, or the clock was set
+LONGEST_US = 60_000_000
+
 
 @dataclass(slots=True)
 class SignalCounters:
@@ -24,7 +29,8 @@ class SenderCounters:
     """One parameter group (or exact identifier) from one address.
 
     used: False when the config names another source for everything that this group carries.
-    frames: data frames or reassembled messages; first_us, last_us: their event time, for the rate.
+    frames: data frames or reassembled messages; first_us, last_us: their event time, for the rate. Where the
+    clock steps, or the sender is silent for long, first_us is moved along: that was no time in which it sent.
     """
 
     used: bool
@@ -36,6 +42,25 @@ class SenderCounters:
     first_us: int | None = None
     last_us: int | None = None
     roles: dict[str, SignalCounters] = field(default_factory=dict)
+
+    def take(self, t_us: IntColumn) -> None:
+        """Count frames of one sender by their stamps (n,), at least one."""
+        self.frames += len(t_us) - 1
+        self.take_one(int(t_us[0]))
+        assert self.first_us is not None
+        steps = t_us[1:] - t_us[:-1]
+        if steps.min(initial=0) < 0 or steps.max(initial=0) > LONGEST_US:
+            self.first_us += int(steps[(steps < 0) | (steps > LONGEST_US)].sum())
+        self.last_us = int(t_us[-1])
+
+    def take_one(self, t_us: int) -> None:
+        """Count one frame."""
+        self.frames += 1
+        if self.first_us is None or self.last_us is None:
+            self.first_us = t_us
+        elif not 0 <= t_us - self.last_us <= LONGEST_US:
+            self.first_us += t_us - self.last_us
+        self.last_us = t_us
 
     @property
     def not_available(self) -> int:

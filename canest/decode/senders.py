@@ -130,10 +130,7 @@ class Sender:
         """Decode the frames at ``rows`` of a block (ascending)."""
         block = columns.block
         counters = self.counters
-        counters.frames += len(rows)
-        if counters.first_us is None:
-            counters.first_us = int(block.t_us[rows[0]])
-        counters.last_us = int(block.t_us[rows[-1]])
+        counters.take(block.t_us[rows])
         if not self.signals:
             return
         fits = block.length[rows] == np.uint8(self._length)
@@ -168,9 +165,5 @@ class Sender:
             )
 
     def _begin(self, t_us: int) -> bool:
-        counters = self.counters
-        counters.frames += 1
-        if counters.first_us is None:
-            counters.first_us = t_us
-        counters.last_us = t_us
+        self.counters.take_one(t_us)
         return bool(self.signals)

@@ -182,6 +182,22 @@ def test_rate_and_span_of_a_sender():
     assert (sender.first_us, sender.last_us, sender.rate_Hz) == (0, 1_000_000, 10.0)
 
 
+HOUR_US = 3_600_000_000
+
+
+@pytest.mark.parametrize("short_block", [0, 10_000])
+@pytest.mark.parametrize("step_us", [-HOUR_US, -2_000_000, 300_000_000, HOUR_US])
+def test_the_rate_is_that_of_sending_whatever_the_clock_is_set_to(monkeypatch, short_block, step_us):
+    monkeypatch.setattr(decoder_module, "SHORT_BLOCK", short_block)
+    for cut in (50, 77, 300):  # a clock that is set back begins a new block
+        d = decoder((*SPEED, 0))
+        stamps = [2 * HOUR_US + 100_000 * k + (step_us if k >= 50 else 0) for k in range(300)]
+        frames = [(t, ccvs(0), speed(5)) for t in stamps]
+        for begin, end in ((0, 50), (50, cut), (cut, 300)) if step_us < 0 else ((0, cut), (cut, 300)):
+            push(d, frames[begin:end])
+        assert d.counters.senders[0xFEF1, 0].rate_Hz == pytest.approx(10.0, rel=0.01)
+
+
 OWN = """VERSION ""
 BU_: X
 BO_ 291 Own: 4 X
