@@ -19,25 +19,33 @@ from canest.errors import ConfigError
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal
 
-#: file -> its time of change and size when it was parsed, and what was in it
-_parsed: dict[Path, tuple[tuple[int, int], Database]] = {}
+#: file -> its time of change and size when it was looked at, its bytes and what they say
+_parsed: dict[Path, tuple[tuple[int, int], bytes, Database]] = {}
 
 
 def load(path: str | Path) -> Database:
     """Return the database of a file (DBC, or another format that cantools reads).
 
-    A file is parsed once: the same object comes back until the file on the disk is another one.
+    A file is parsed once: the same object comes back until there is something else in it.
     Errors: ConfigError for a file that is missing, no database, or one without CAN messages.
     """
     file = Path(path).resolve()
+    before = _parsed.get(file)
     try:
         status = file.stat()
+        version = (
+            status.st_mtime_ns,
+            status.st_size,
+        )  # first: what changes meanwhile is read next time
+        if before is not None and before[0] == version:
+            return before[2]
+        content = file.read_bytes()
     except OSError as error:
         raise _cannot_read(str(path), error) from error
-    version = status.st_mtime_ns, status.st_size  # looked up first: what changes meanwhile is read next time
-    if file not in _parsed or _parsed[file][0] != version:
-        _parsed[file] = version, _parse(file, str(path))
-    return _parsed[file][1]
+    same = before is not None and before[1] == content
+    found = before[2] if before is not None and same else _parse(file, str(path))
+    _parsed[file] = version, content, found
+    return found
 
 
 def _cantools_database() -> Any:

@@ -160,12 +160,14 @@ def test_reload_takes_an_edited_dbc_over_and_refuses_a_broken_one(tmp_path, driv
         rig.run(1)
         assert not edited(rig, text[: len(text) // 2].rsplit("BO_", 1)[0] + "BO_ nonsense")
         assert "reload-refused" in rig.log.getvalue()
+        assert not edited(rig, text)  # the old one put back, or copied there again, changes nothing
+        assert rig.daemon.reloads == 1
         assert edited(rig, text + "\n")
         assert len(rig.opened) == 2  # filters may have changed with it
         rig.daemon._wants_reload = True
         pipeline = rig.daemon.pipeline
         rig.run(2)
-        assert rig.daemon.pipeline is pipeline and rig.daemon.reloads == 2
+        assert rig.daemon.pipeline is pipeline and rig.daemon.reloads == 3
 
 
 @pytest.mark.parametrize(

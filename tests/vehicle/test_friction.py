@@ -105,6 +105,7 @@ def test_the_models_torque_is_less_this_friction():
         "gear_ratio": np.ones(n),
         "gear": np.full(n, 9.0),
     }
+    values = dict.fromkeys(config.signals, np.full(n, np.nan)) | values
     found = LongitudinalModel(config).process(ticks(values, n)).columns.torque_Nm
     friction = 40.0 - found / 21.0
     late = slice(60 * 50, None)
