@@ -240,8 +240,8 @@ def _signals() -> str:
     ]
     text += (
         "\n## Roles\n\nOne torque and one speed are needed, and where a vehicle has several gears one way "
-        "to the ratio\n(`gear_ratio`, `gear`, or `engine_speed` with `output_shaft_speed`); everything else "
-        "helps or guards.\n\n"
+        "to the ratio\n(`gear_ratio`, `gear`, or `engine_speed` with `output_shaft_speed` or "
+        "`vehicle_speed`); everything else helps\nor guards. EEC1 and CCVS1 alone are enough.\n\n"
     )
     text += _table(["role", "unit", "stale after, s", "what it is"], rows)
     rows = [[inside or "none", ", ".join(u for u in units if u)] for inside, units in UNITS.items() if inside]

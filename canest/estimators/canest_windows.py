@@ -126,7 +126,8 @@ class Windows:
         new[_ALTITUDE] = block.altitude_m
         new[_YAW] = block.yaw_rate_radps
         new[_GATE] = block.gate
-        new[_STOPPED] = block.stopped
+        # who knows no speed knows of no driving either: it may be loaded as well as in a stop
+        new[_STOPPED] = block.stopped | np.isnan(block.raw_speed_mps)
         new[_TICK] = block.t_us // STEP_US
         new[_BROKEN] = 0.0
         needed = new[_NEEDED]

@@ -11,6 +11,7 @@ from canest.config.schema import Config
 from canest.frames import BoolColumn, FloatColumn
 from canest.gates import Gate
 from canest.grid.grid import GridBlock
+from canest.vehicle.driveline import ROAD_SPEED_LATE_S, parted
 from canest.vehicle.model import LongitudinalModel, RawModel
 from canest.vehicle.samples import GRAVITY_MPS2, RATE_HZ, STEP_US
 from canest.vehicle.screen import JUMP, MAX_ACCEL_MPS2, SPEED_SLACK_MPS
@@ -96,7 +97,7 @@ class Gating:
         causes.append((Gate.LOW_SPEED, speed < gates.low_speed.min_mps))
         causes.append((Gate.BRAKE, self._braking(raw, has)))
         causes.append((Gate.SHIFT, self._shifting(grid, raw, has)))
-        causes.append((Gate.DRIVELINE, self._disengaged(raw, has)))
+        causes.append((Gate.DRIVELINE, self._disengaged(raw, has, accel_mps2)))
         if "retarder_torque_pct" in has:
             closed = np.abs(has["retarder_torque_pct"]) > gates.retarder.torque_pct
             causes.append((Gate.RETARDER, closed))
@@ -144,19 +145,16 @@ class Gating:
             closed = closed | raw.columns.on("shift_in_process")
         return closed
 
-    def _disengaged(self, raw: RawModel, has: dict[str, FloatColumn]) -> BoolColumn:
+    def _disengaged(self, raw: RawModel, has: dict[str, FloatColumn], accel_mps2: FloatColumn) -> BoolColumn:
         c, gates = raw.columns, self._gates.driveline
-        closed = ~raw.geared
-        for role in ("driveline_engaged", "lockup_engaged"):
-            if role in has:
-                closed = closed | (has[role] < 0.5)
-        if "clutch_switch" in has:
-            closed = closed | c.on("clutch_switch")
-        if "clutch_slip" in has:
-            closed = closed | c.on("clutch_slip", gates.clutch_slip_pct)
-        if "engine_speed" in has and self._model.speed_roles[0] == "output_shaft_speed":
-            wheel = raw.speed_mps / c.radius_m * c.ratio
-            wrong = np.abs(c.engine_radps - wheel) > gates.ratio_mismatch * np.abs(wheel) + 5.0
+        closed = ~raw.geared | parted(c, gates.clutch_slip_pct)
+        if "engine_speed" in has and self._model.speed_roles[0] != "engine_speed":
+            per_mps = c.ratio / c.radius_m
+            wheel = raw.speed_mps * per_mps
+            allowed = gates.ratio_mismatch * np.abs(wheel) + 5.0
+            if self._model.speed_roles[0] == "vehicle_speed":  # of a message that is rare and late
+                allowed = allowed + ROAD_SPEED_LATE_S * np.abs(accel_mps2) * per_mps
+            wrong = np.abs(c.engine_radps - wheel) > allowed
             closed = closed | (wrong & np.isfinite(c.engine_radps) & np.isfinite(wheel) & (c.ratio > 0))
         return closed
 

@@ -23,6 +23,7 @@ from canest.decode.validity import GEAR_PARK
 from canest.frames import BoolColumn, FloatColumn, Onward
 from canest.grid.grid import GridBlock
 from canest.vehicle.columns import Columns
+from canest.vehicle.driveline import engines_speed
 from canest.vehicle.friction import EngineFriction
 from canest.vehicle.samples import STEP_S
 from canest.vehicle.screen import MAX_SPEED_MPS
@@ -86,6 +87,7 @@ class LongitudinalModel:
         self._ratios = np.array([self.vehicle.gear_ratios[int(g)] for g in self._gears], np.float64)
         step = step_of(config, _FRICTION) if "engine_speed" in self.roles else None
         self._friction = None if step is None else EngineFriction(step)
+        self._clutch_slip_pct = config.gates.driveline.clutch_slip_pct
         self._choice = SpeedChoice(self.speed_roles)
         self._is_driven = np.array([float(role in _DRIVEN) for role in self.speed_roles])
         self._last_speed_mps = np.nan
@@ -224,6 +226,9 @@ class LongitudinalModel:
 
     def _shaft_ratio(self, values: Mapping[str, FloatColumn], n: int) -> FloatColumn:
         engine, shaft = values.get("engine_speed"), values.get("output_shaft_speed")
+        if shaft is None and "vehicle_speed" in values:  # as the road turns it
+            rpm_per_mps = self.vehicle.final_drive / self.vehicle.wheel_radius_m / RPM_TO_RADPS
+            shaft = values["vehicle_speed"] * rpm_per_mps
         if engine is None or shaft is None:
             return constant(math.nan, n)
         turning = (shaft > MIN_SHAFT_RPM) & (engine > MIN_SHAFT_RPM)
@@ -268,10 +273,7 @@ class LongitudinalModel:
             if role == "output_shaft_speed":
                 found.append(c.signals[role] * (RPM_TO_RADPS / shaft) * c.radius_m)
             elif role == "engine_speed":
-                geared = c.ratio > 0
-                found.append(
-                    np.where(geared, c.engine_radps / np.where(geared, c.ratio, 1.0), np.nan) * c.radius_m
-                )
+                found.append(engines_speed(c, self._clutch_slip_pct))
             else:
                 found.append(c.signals[role])
         c.speed_mps, source = self._choice.choose(found, ticks)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from canest.config.schema import Config
 from canest.errors import ConfigError
+from canest.vehicle.driveline import CLUTCHES
 from canest.vehicle.screen import SPEED_ORDER
 
 #: torque roles that are measured where neither crank nor gear matters
@@ -41,7 +42,18 @@ def speed_roles(config: Config) -> tuple[str, ...]:
             where=config.at("signals"),
             expected="output_shaft_speed, vehicle_speed or another speed",
         )
-    return present
+    rigid = len(config.vehicle.gear_ratios) < 2 or any(role in config.signals for role in CLUTCHES)
+    if rigid or "engine_speed" not in present:
+        return present
+    # nothing tells when the clutch is open: any other speed is nearer to the truth
+    others = tuple(role for role in present if role != "engine_speed")
+    if not others:
+        raise ConfigError(
+            "engine_speed is the only speed, and nothing tells when the clutch is open",
+            where=config.at("signals"),
+            expected=f"vehicle_speed or another speed, or one of {', '.join(CLUTCHES)}",
+        )
+    return others
 
 
 def ratio_ways(config: Config, torque_role: str) -> tuple[tuple[str, ...], ...]:
@@ -57,12 +69,13 @@ def ratio_ways(config: Config, torque_role: str) -> tuple[tuple[str, ...], ...]:
         ways.append(("gear",))
     if not ways and len(gears) == 1:
         return ()
-    if gears and "engine_speed" in has and "output_shaft_speed" in has:
-        ways.append(("engine_speed", "output_shaft_speed"))
+    turned = next((role for role in ("output_shaft_speed", "vehicle_speed") if role in has), None)
+    if gears and "engine_speed" in has and turned is not None:
+        ways.append(("engine_speed", turned))
     if not ways:
         raise ConfigError(
             f"nothing tells which of the {len(gears)} vehicle.gear_ratios is engaged",
             where=config.at("signals"),
-            expected="gear_ratio, gear, or engine_speed and output_shaft_speed",
+            expected="gear_ratio, gear, or engine_speed with output_shaft_speed or vehicle_speed",
         )
     return tuple(ways)

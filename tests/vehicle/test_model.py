@@ -181,7 +181,7 @@ def test_speed_falls_back_from_the_finest_to_the_coarsest() -> None:
         "vehicle_speed": V + 3,
         "gps_speed": V + 4,
     }
-    lost: dict[str, Any] = {}
+    lost: dict[str, Any] = {"driveline_engaged": 1.0}
     for offset, role in enumerate(speeds):
         raw = process({**speeds, **lost})
         assert raw.speed_mps == pytest.approx(V + offset)
@@ -189,6 +189,25 @@ def test_speed_falls_back_from_the_finest_to_the_coarsest() -> None:
     raw = process({**speeds, **lost})
     assert np.isnan(raw.speed_mps).all()
     assert not raw.usable.any()
+
+
+def test_an_engines_speed_is_none_of_the_vehicle_where_nothing_tells_of_the_clutch() -> None:
+    speeds = {"output_shaft_speed": np.nan, "engine_speed": rpm(V + 2, RATIO), "vehicle_speed": V + 3}
+    assert process(speeds).speed_mps == pytest.approx(V + 3)
+    one_gear = {"gear_ratios": {1: 2.0}}
+    assert process({**speeds, "gear": None}, vehicle=one_gear).speed_mps == pytest.approx(V + 2)
+
+
+@pytest.mark.parametrize("off", [0.97, 1.0, 1.03])
+def test_the_road_tells_the_gear_where_no_shaft_does(off: float) -> None:
+    """Within a tyre's size and a late message; table entries are much further apart."""
+    road = {"gear": None, "output_shaft_speed": None, "vehicle_speed": V * off}
+    for gear, ratio in {1: 8.0, 2: 4.0, 3: 2.0, 4: 1.0}.items():
+        raw = process({**road, "engine_speed": rpm(V, ratio * FINAL_DRIVE)})
+        assert raw.columns.ratio == pytest.approx([ratio * FINAL_DRIVE] * 2)
+        assert raw.columns.gear.tolist() == [gear, gear]
+    between = process({**road, "engine_speed": rpm(V, 2.8 * FINAL_DRIVE)})
+    assert not between.geared.any()
 
 
 def test_a_missing_torque_makes_a_tick_unusable() -> None:

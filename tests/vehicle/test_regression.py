@@ -155,7 +155,9 @@ def test_backwards_an_accelerometer_is_not_used() -> None:
 @pytest.mark.parametrize("cut", [[], [40], [61, 62, 90]])
 @pytest.mark.parametrize(("speed", "felt"), [("engine_speed", False), ("vehicle_speed", True)])
 def test_an_engines_speed_is_not_the_vehicles_in_a_shift_or_until_it_has_settled(speed, felt, cut) -> None:
-    roles = ("engine_torque", speed, "gear_ratio", "shift_in_process", "longitudinal_accel")
+    roles = (
+        "engine_torque", speed, "gear_ratio", "driveline_engaged", "shift_in_process", "longitudinal_accel"
+    )  # fmt: skip
     shift = np.zeros(200)
     shift[50:70] = 1.0
     turning = 15.0 if speed == "vehicle_speed" else 15.0 / RADIUS_M * RATIO * 30.0 / np.pi
@@ -164,6 +166,7 @@ def test_an_engines_speed_is_not_the_vehicles_in_a_shift_or_until_it_has_settled
         "engine_torque": np.full(n, 500.0),
         speed: np.full(n, turning),
         "gear_ratio": np.full(n, 2.0),
+        "driveline_engaged": np.ones(n),
         "shift_in_process": shift,
         "longitudinal_accel": np.full(n, 0.2),
     }

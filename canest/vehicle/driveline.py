@@ -1,0 +1,47 @@
+"""Whether engine and wheels turn together: what the driveline says, and what another speed denies."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from canest.columns import constant
+from canest.frames import BoolColumn, FloatColumn
+from canest.vehicle.columns import Columns
+
+#: the engine's speed through the gear and the road's differ by a tyre's size and a message's delay
+MISMATCH_SHARE, MISMATCH_MPS = 0.15, 0.5
+#: a wheel-based speed comes every 100 ms, from pulses that were counted before, s
+ROAD_SPEED_LATE_S = 0.25
+#: signals that say when the clutch or the converter parts the engine from the wheels
+CLUTCHES = ("driveline_engaged", "lockup_engaged", "clutch_switch", "clutch_slip")
+
+
+def parted(c: Columns, clutch_slip_pct: float) -> BoolColumn:
+    """Return where a signal says that the engine is parted from the wheels (n,)."""
+    found = constant(False, len(c))
+    for role in CLUTCHES[:2]:
+        if role in c.signals:
+            found = found | (c.signals[role] < 0.5)
+    if "clutch_switch" in c.signals:
+        found = found | c.on("clutch_switch")
+    if "clutch_slip" in c.signals:
+        found = found | c.on("clutch_slip", clutch_slip_pct)
+    return found
+
+
+def engines_speed(c: Columns, clutch_slip_pct: float) -> FloatColumn:
+    """Return the vehicle's speed by the engine's, m/s (n,): NaN where that turns by itself.
+
+    At a crossing it idles in gear with its clutch open, and would be a truck that creeps: no stop, and no
+    load that may have changed in it.
+    """
+    geared = c.ratio > 0
+    speed: FloatColumn = (
+        np.where(geared, c.engine_radps / np.where(geared, c.ratio, 1.0), np.nan) * c.radius_m
+    )
+    alone = parted(c, clutch_slip_pct) | c.on("shift_in_process")
+    road = c.signals.get("vehicle_speed")
+    if road is not None:
+        denied = np.abs(speed - road) > MISMATCH_SHARE * road + MISMATCH_MPS
+        alone = alone | denied | (road == 0.0)
+    return np.where(alone, np.nan, speed)

@@ -1,0 +1,49 @@
+"""Trucks that say little: a load that changes in a stop is found, and no number is believed that is wrong."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from canest.config.load import parse_config
+from canest.resources import shipped
+from canest.simulate.reading import load_scenario
+from canest.simulate.run import simulate
+from canest.vehicle.samples import Status
+
+from .attacks import estimated
+
+SHAFTS = ("output_shaft_speed", "undriven_speed")
+CLUTCHES = ("shift_in_process", "driveline_engaged", "lockup_engaged", "clutch_slip")
+MORE = ("gear_ratio", "gear", "longitudinal_accel", "yaw_rate", "altitude")
+
+
+def without(*roles: str):
+    text = (shipped("configs") / "class8.yaml").read_text()
+    return parse_config(re.sub(rf"(?m)^  ({'|'.join(roles)}):.*\n", "", text), str(Path("class8.yaml")))
+
+
+@pytest.fixture(scope="module")
+def drive():
+    scenario = load_scenario("city-payload")
+    return simulate(scenario.model_copy(update={"duration_s": 460.0}))
+
+
+@pytest.mark.parametrize(
+    "silent",
+    [SHAFTS, (*SHAFTS, "vehicle_speed"), (*SHAFTS, *CLUTCHES), (*SHAFTS, *CLUTCHES, *MORE)],
+    ids=["no shaft", "engine speed only", "no word of the clutch", "EEC1 and CCVS1 only"],
+)
+def test_a_change_of_load_is_found(drive, silent):
+    _, e = estimated(without(*silent), drive.frames)
+    t = e.t_us * 1e-6
+    mass = drive.truth["mass_kg"][np.searchsorted(drive.truth["t_s"], t, side="right") - 1]
+    error = np.abs(e.mass_kg / mass - 1.0)
+    assert (error[e.status == Status.VALID] > 0.08).mean() < 0.01
+    before = mass == mass[0]
+    assert error[before][-1] < 0.05 and error[-1] < 0.05
+    assert mass[0] != mass[-1]
+    assert (e.status[before] == Status.VALID).any()

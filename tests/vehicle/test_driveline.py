@@ -1,0 +1,96 @@
+"""The engine's speed is the vehicle's only while they turn together."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from vehicle_helpers import FINAL_DRIVE, RADIUS_M, config, ticks
+
+from canest.errors import ConfigError
+from canest.gates import Gate
+from canest.vehicle.model import LongitudinalModel
+from canest.vehicle.regression import Regression
+from canest.vehicle.sources import speed_roles
+
+RATIO = 4.0 * FINAL_DRIVE
+N = 100
+
+
+def rpm(speed_mps: float) -> float:
+    return speed_mps / RADIUS_M * RATIO * 30 / math.pi
+
+
+TRUCK: dict[str, Any] = {
+    "engine_torque": 500.0,
+    "engine_speed": rpm(8.0),
+    "gear_ratio": 4.0,
+    "driveline_engaged": 1.0,
+}
+
+
+def speed(**changes: Any) -> np.ndarray:
+    signals = TRUCK | changes
+    return LongitudinalModel(config(list(signals))).process(ticks(signals)).speed_mps
+
+
+def test_in_gear_it_is() -> None:
+    assert speed() == pytest.approx([8.0] * 2)
+    assert speed(vehicle_speed=8.4) == pytest.approx([8.0] * 2)
+    assert speed(vehicle_speed=math.nan) == pytest.approx([8.0] * 2)
+    assert speed(driveline_engaged=math.nan) == pytest.approx([8.0] * 2)  # nobody says that it is not
+
+
+@pytest.mark.parametrize(
+    "parted",
+    [
+        {"driveline_engaged": 0.0},
+        {"lockup_engaged": 0.0},
+        {"clutch_switch": 1.0},
+        {"clutch_slip": 20.0},
+        {"shift_in_process": 1.0},
+        {"gear_ratio": 0.0},
+        {"gear_ratio": math.nan},
+    ],
+)
+def test_parted_from_the_wheels_it_is_not(parted: dict[str, float]) -> None:
+    assert np.isnan(speed(**parted)).all()
+    assert speed(**parted, vehicle_speed=5.0) == pytest.approx([5.0] * 2)
+
+
+@pytest.mark.parametrize("road_mps", [0.0, 5.0, 12.0])
+def test_where_the_road_denies_it_the_road_is_right(road_mps: float) -> None:
+    assert speed(vehicle_speed=road_mps) == pytest.approx([road_mps] * 2)
+
+
+def test_an_engine_that_idles_in_gear_with_its_clutch_open_stands() -> None:
+    idles = {"engine_speed": 600.0, "gear_ratio": 8.0}  # would be 1 m/s
+    assert (speed(**idles, vehicle_speed=0.0) == 0.0).all()
+
+
+def test_the_only_speed_needs_someone_who_tells_of_the_clutch() -> None:
+    roles = ["engine_torque", "engine_speed", "gear_ratio"]
+    with pytest.raises(ConfigError, match=r"engine_speed is the only speed.*or one of driveline_engaged"):
+        speed_roles(config(roles))
+    assert speed_roles(config([*roles, "clutch_switch"])) == ("engine_speed",)
+    assert speed_roles(config(roles, vehicle={"gear_ratios": {1: 9.7}})) == ("engine_speed",)
+    assert speed_roles(config([*roles, "vehicle_speed"])) == ("vehicle_speed",)
+
+
+@pytest.mark.parametrize(
+    ("engine_mps", "accel_mps2", "parted"), [(8.0, 0.0, False), (8.8, 0.0, True), (8.3, 1.0, False)]
+)
+def test_without_a_word_of_the_clutch_an_engine_that_differs_tells(engine_mps, accel_mps2, parted) -> None:
+    """A road speed that is late by 0.25 s while the truck gains 1 m/s2 is 0.25 m/s behind."""
+    t = np.arange(N) * 0.02
+    road = 8.0 + accel_mps2 * (t - t[-1])
+    values = {
+        "engine_torque": np.full(N, 500.0),
+        "engine_speed": rpm(1.0) * (engine_mps - 8.0 + road),
+        "gear_ratio": np.full(N, 4.0),
+        "vehicle_speed": road,
+    }
+    gate = Regression(config(list(values))).process(ticks(values, N)).gate
+    assert (gate[-1] == Gate.DRIVELINE) == parted
