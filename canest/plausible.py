@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from canest.frames import FloatColumn, IntColumn
+from canest.plausible_gears import GearFit
 from canest.roles import UNITS
 
 if TYPE_CHECKING:
@@ -51,6 +52,10 @@ class Plausibility:
         self._gears: set[int] = set()
         self._turns: dict[int, FloatColumn] = {}
         self._turns_of = "output_shaft_speed"
+        #: nothing on the bus tells the gear
+        self._fit = (
+            None if {"gear", "gear_ratio"} & set(config.signals) else GearFit(config.vehicle.gear_ratios)
+        )
         self._reference_Nm: float | None = None
         self._uses_reference = "reference_torque" in config.signals
 
@@ -94,6 +99,10 @@ class Plausibility:
             self._gears.update(np.unique(known).astype(int).tolist())
             if self._by_gear:
                 self._ratios(stretch)
+        if self._fit is not None and "engine_speed" in stretch:
+            stamps, engine_rpm = stretch["engine_speed"]
+            shaft_rpm, least_rpm = self._shaft(stamps, stretch)
+            self._fit.push(engine_rpm, shaft_rpm, shaft_rpm > least_rpm)
 
     def _speeds(
         self, role: str, road: tuple[IntColumn, FloatColumn], wheel: tuple[IntColumn, FloatColumn]
@@ -107,20 +116,14 @@ class Plausibility:
     def _ratios(self, stretch: Samples) -> None:
         """Note how often the engine turns per turn of the output shaft while a gear stays in."""
         v = self._vehicle
-        roles = ("output_shaft_speed", *ROAD_SPEEDS)
-        turning = next((role for role in roles if role in stretch), None)
-        if turning is None or "engine_speed" not in stretch:
+        if "engine_speed" not in stretch:
             return
         stamps, gear = stretch["gear"]
-        shaft_rpm = _at(stamps, stretch[turning])
-        rpm_per_mps = v.final_drive / v.wheel_radius_m / RPM_TO_RADPS
-        if turning != "output_shaft_speed":
-            shaft_rpm = shaft_rpm * rpm_per_mps
-        self._turns_of = turning
+        shaft_rpm, least_rpm = self._shaft(stamps, stretch)
         engine_rpm = _at(stamps, stretch["engine_speed"])
         stays = np.zeros(len(gear), np.bool_)
         stays[1:-1] = (gear[1:-1] == gear[:-2]) & (gear[1:-1] == gear[2:])
-        stays &= np.isfinite(engine_rpm) & (shaft_rpm > MIN_MPS * rpm_per_mps)
+        stays &= np.isfinite(engine_rpm) & (shaft_rpm > least_rpm)
         for number in v.gear_ratios:
             rows = stays & (gear == number)
             if rows.any():
@@ -128,11 +131,24 @@ class Plausibility:
                 turns = np.concatenate((before, engine_rpm[rows] / shaft_rpm[rows]))
                 self._turns[number] = turns[:MOST_PAIRS]
 
+    def _shaft(self, stamps: IntColumn, stretch: Samples) -> tuple[FloatColumn, float]:
+        """Return the output shaft's speed (rpm, n), or the road's for it, and the least that counts."""
+        rpm_per_mps = self._vehicle.final_drive / self._vehicle.wheel_radius_m / RPM_TO_RADPS
+        roles = ("output_shaft_speed", *ROAD_SPEEDS)
+        turning = next((role for role in roles if role in stretch), None)
+        if turning is None:
+            return np.full(len(stamps), np.nan), 0.0
+        self._turns_of = turning
+        shaft_rpm = _at(stamps, stretch[turning])
+        if turning != "output_shaft_speed":
+            shaft_rpm = shaft_rpm * rpm_per_mps
+        return shaft_rpm, MIN_MPS * rpm_per_mps
+
     def hints(self) -> list[str]:
         """Return what does not fit, one sentence each."""
         self._compare()
         v = self._vehicle
-        hints = self._speed_hints() + self._ratio_hints()
+        hints = self._speed_hints() + self._ratio_hints() + self._table_hints()
         unknown = sorted(self._gears - set(v.gear_ratios))
         if v.gear_ratios and unknown:
             hints.append(
@@ -193,6 +209,24 @@ class Plausibility:
         more = f" and {len(wrong) - _SHOWN} gears more" if len(wrong) > _SHOWN else ""
         listed = ", ".join(shown) + more
         return [f"engine and {against} turn in the ratio {listed}: is the table another gearbox's?"]
+
+    def _table_hints(self) -> list[str]:
+        """Return what is wrong with a table of which nothing tells the gear."""
+        times, commonest = self._fit.mistake() if self._fit is not None else (None, [])
+        if not commonest:
+            return []
+        v, against = self._vehicle, self._turns_of.replace("_", " ")
+        listed = ", ".join(f"{ratio:.3g}" for ratio in commonest)
+        told = f"engine and {against} turn mostly in the ratio {listed}, and gear_ratios has nothing near"
+        if times is None:
+            return [f"{told}: is the table another gearbox's, or final_drive another axle's?"]
+        if self._turns_of in ROAD_SPEEDS:
+            radius_m = v.wheel_radius_m / times
+            return [
+                f"{told}; it would fit with wheel_radius_m {radius_m:.3f} instead of {v.wheel_radius_m:g}, "
+                f"or final_drive {v.final_drive * times:.3g} instead of {v.final_drive:g}"
+            ]
+        return [f"{told}; it would fit if all were {times:.3g} times as large"]
 
 
 def _at(stamps: IntColumn, samples: tuple[IntColumn, FloatColumn]) -> FloatColumn:

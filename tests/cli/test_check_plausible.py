@@ -47,7 +47,15 @@ def hints(drive, *overrides, without=()):
 
 @pytest.mark.parametrize(
     "without",
-    [(), ("gear_ratio",), ("gear_ratio", "output_shaft_speed"), ("vehicle_speed",), ("engine_speed",)],
+    [
+        (),
+        ("gear_ratio",),
+        ("gear_ratio", "output_shaft_speed"),
+        ("gear_ratio", "gear"),
+        ("gear_ratio", "gear", "output_shaft_speed"),
+        ("vehicle_speed",),
+        ("engine_speed",),
+    ],
 )
 def test_of_a_config_that_fits_nothing_is_said(drive, without):
     assert hints(drive, without=without) == []
@@ -62,6 +70,23 @@ def test_without_an_output_shaft_all_gears_off_alike_are_one_wheel_radius(drive)
     (told,) = hints(drive, "vehicle.wheel_radius_m=0.56", without=("gear_ratio", "output_shaft_speed"))
     assert "engine and vehicle speed agree with wheel_radius_m 0.500" in told
     assert "the config says 0.56" in told
+
+
+GEARLESS = ("gear_ratio", "gear", "output_shaft_speed")
+
+
+@pytest.mark.parametrize(("radius_m", "final_drive"), [(0.56, 4.18), (0.45, 3.36)])
+def test_where_nothing_tells_the_gear_the_table_is_tried_as_a_whole(drive, radius_m, final_drive):
+    (told,) = hints(drive, f"vehicle.wheel_radius_m={radius_m}", without=GEARLESS)
+    assert "engine and vehicle speed turn mostly in the ratio" in told
+    radius, axle = (float(told.split(word)[1].split()[0]) for word in ("wheel_radius_m ", "final_drive "))
+    assert radius == pytest.approx(0.5, rel=0.01)
+    assert axle == pytest.approx(final_drive, rel=0.01)
+
+
+def test_a_table_that_no_factor_mends(drive):
+    (told,) = hints(drive, "vehicle.gear_ratios={1: 8.0, 2: 1.2}", without=GEARLESS)
+    assert "is the table another gearbox's" in told
 
 
 def test_a_wheel_radius_is_told_once_for_all_road_speeds(drive):
