@@ -148,7 +148,7 @@ class Gating:
     def _disengaged(self, raw: RawModel, has: dict[str, FloatColumn], accel_mps2: FloatColumn) -> BoolColumn:
         c, gates = raw.columns, self._gates.driveline
         closed = ~raw.geared | parted(c, gates.clutch_slip_pct)
-        if "engine_speed" in has and self._model.speed_roles[0] != "engine_speed":
+        if "engine_speed" in has:  # also where it was the speed, until the road denied it
             per_mps = c.ratio / c.radius_m
             wheel = raw.speed_mps * per_mps
             allowed = gates.ratio_mismatch * np.abs(wheel) + 5.0

@@ -94,3 +94,27 @@ def test_without_a_word_of_the_clutch_an_engine_that_differs_tells(engine_mps, a
     }
     gate = Regression(config(list(values))).process(ticks(values, N)).gate
     assert (gate[-1] == Gate.DRIVELINE) == parted
+
+
+@pytest.mark.parametrize(
+    "clutch", [{"clutch_slip": 0.0}, {"lockup_engaged": math.nan}, {"clutch_switch": 0.0}]
+)
+@pytest.mark.parametrize("engine_mps", [5.0, 10.0, 16.0])
+def test_an_engine_that_the_road_denies_drives_nothing(clutch, engine_mps) -> None:
+    """Whatever the clutch says of itself: its torque is not at the wheels, or the road speed is frozen."""
+    values = TRUCK | {"engine_speed": rpm(engine_mps), "vehicle_speed": 8.0} | clutch
+    del values["driveline_engaged"]
+    gate = Regression(config(list(values))).process(ticks(values, N)).gate
+    assert gate[-1] == Gate.DRIVELINE
+
+
+def test_where_the_road_takes_over_from_the_engine_the_step_between_them_teaches_nothing() -> None:
+    """The step looks like an acceleration, and must not excuse the engine as one that is late does."""
+    t = np.arange(2 * N) * 0.02
+    engine_mps = 8.0 + np.maximum(t - 2.0, 0.0) * 3.0  # a clutch that begins to slip
+    values = TRUCK | {"engine_speed": rpm(1.0) * engine_mps, "vehicle_speed": 8.0}
+    block = Regression(config(list(values))).process(ticks(values, 2 * N))
+    assert (block.gate[:100] == 0)[-1]
+    by_road = block.raw_speed_mps == 8.0
+    assert by_road[-1]
+    assert (block.gate[by_road & (t > 2.0)] == Gate.DRIVELINE).all()
