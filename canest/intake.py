@@ -13,7 +13,8 @@ from canest.grid.clock import Clock, Stretch
 from canest.grid.grid import FOREVER_US, Channel, Feed, Grid
 from canest.roles import LASTING, ROLES
 from canest.vehicle.model import effects_of
-from canest.vehicle.screen import DOUBT_S, JUMP, MOTION_JUMP, Screen, limits_of, motion_roles
+from canest.vehicle.screen import DOUBT_S, JUMP, MOTION_JUMP, Screen, limits_of
+from canest.vehicle.sources import motion_roles
 
 #: roles that the effect `torque_delay` finds late
 TORQUE_ROLES = ("engine_torque_pct", "engine_torque", "engine_friction_pct", "retarder_torque_pct")

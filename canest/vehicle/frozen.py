@@ -24,6 +24,7 @@ from canest.grid.grid import GridBlock
 from canest.roles import LASTING, ROLES
 from canest.vehicle.samples import RATE_HZ, STEP_US
 from canest.vehicle.screen import MAX_ACCEL_MPS2, SPEED_ORDER, SPEED_SLACK_MPS
+from canest.vehicle.sources import speed_in_use
 
 #: another speed must have changed by so much: more than noise and rounding to a mile per hour, m/s
 MOVED_MPS = 0.6
@@ -173,7 +174,7 @@ class Frozen:
 
     def __init__(self, config: Config) -> None:
         self.counts: Counter[str] = Counter()
-        speed = next((role for role in SPEED_ORDER if role in config.signals), "engine_speed")
+        speed = speed_in_use(config) or "engine_speed"
         watched = (role for role in dict.fromkeys((speed, "engine_speed")) if role in config.signals)
         self._watched: list[_Still] = [s for role in watched if (s := _Speed(config, role)).witnesses]
         if _ACCELEROMETER in config.signals and speed not in _NO_WITNESS:

@@ -75,12 +75,6 @@ def limits_of(config: Config) -> dict[str, Limit]:
     return {role: every[role] for role in config.signals if role in every}
 
 
-def motion_roles(config: Config) -> set[str]:
-    """Return the speed in use and the accelerometer."""
-    speed = next((r for r in SPEED_ORDER if r in config.signals), "")
-    return {speed, "longitudinal_accel"}
-
-
 class Screen:
     """Carries the last believed sample of every limited role; counts what it refused, per role.
 

@@ -33,27 +33,38 @@ def torque_role(config: Config) -> str:
     )
 
 
+def speed_in_use(config: Config) -> str:
+    """Return the role that tells the speed as long as it is heard, '' for none."""
+    return next(iter(_speeds(config)), "")
+
+
+def motion_roles(config: Config) -> set[str]:
+    """Return the speed in use and the accelerometer."""
+    return {speed_in_use(config), "longitudinal_accel"}
+
+
 def speed_roles(config: Config) -> tuple[str, ...]:
     """Return the roles that tell the speed, the finest first. Errors: ConfigError for none."""
-    present = tuple(r for r in SPEED_ORDER if r in config.signals)
-    if not present:
+    found = _speeds(config)
+    if found:
+        return found
+    if "engine_speed" not in config.signals:
         raise ConfigError(
             "no speed",
             where=config.at("signals"),
             expected="output_shaft_speed, vehicle_speed or another speed",
         )
+    raise ConfigError(
+        "engine_speed is the only speed, and nothing tells when the clutch is open",
+        where=config.at("signals"),
+        expected=f"vehicle_speed or another speed, or one of {', '.join(CLUTCHES)}",
+    )
+
+
+def _speeds(config: Config) -> tuple[str, ...]:
     rigid = len(config.vehicle.gear_ratios) < 2 or any(role in config.signals for role in CLUTCHES)
-    if rigid or "engine_speed" not in present:
-        return present
-    # nothing tells when the clutch is open: any other speed is nearer to the truth
-    others = tuple(role for role in present if role != "engine_speed")
-    if not others:
-        raise ConfigError(
-            "engine_speed is the only speed, and nothing tells when the clutch is open",
-            where=config.at("signals"),
-            expected=f"vehicle_speed or another speed, or one of {', '.join(CLUTCHES)}",
-        )
-    return others
+    # where nothing tells when the clutch is open, any other speed is nearer to the truth
+    return tuple(r for r in SPEED_ORDER if r in config.signals and (rigid or r != "engine_speed"))
 
 
 def ratio_ways(config: Config, torque_role: str) -> tuple[tuple[str, ...], ...]:

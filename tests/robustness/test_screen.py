@@ -107,7 +107,8 @@ def test_any_cut_refuses_the_same_samples(steps, cuts, few):
 @pytest.mark.parametrize("name", ["class8", "kenworth", "bmw-i3", "testcar"])
 def test_every_shipped_config_has_its_speeds_limited(name):
     from canest.config import load_config
-    from canest.vehicle.screen import limits_of, motion_roles
+    from canest.vehicle.screen import limits_of
+    from canest.vehicle.sources import motion_roles
 
     config = load_config(name)
     limited = limits_of(config)

@@ -11,9 +11,10 @@ from vehicle_helpers import FINAL_DRIVE, RADIUS_M, config, ticks
 
 from canest.errors import ConfigError
 from canest.gates import Gate
+from canest.vehicle.frozen import Frozen
 from canest.vehicle.model import LongitudinalModel
 from canest.vehicle.regression import Regression
-from canest.vehicle.sources import speed_roles
+from canest.vehicle.sources import motion_roles, speed_roles
 
 RATIO = 4.0 * FINAL_DRIVE
 N = 100
@@ -118,3 +119,14 @@ def test_where_the_road_takes_over_from_the_engine_the_step_between_them_teaches
     by_road = block.raw_speed_mps == 8.0
     assert by_road[-1]
     assert (block.gate[by_road & (t > 2.0)] == Gate.DRIVELINE).all()
+
+
+def test_what_is_not_used_as_a_speed_is_none_for_screen_and_watch_either() -> None:
+    """EEC1 and CCVS1: a brake that the road speed shows convicts an accelerometer."""
+    roles = ["engine_torque", "engine_speed", "vehicle_speed", "longitudinal_accel"]
+    assert motion_roles(config(roles)) == {"vehicle_speed", "longitudinal_accel"}
+    assert motion_roles(config([*roles, "clutch_slip"])) == {"engine_speed", "longitudinal_accel"}
+    speed = 10.0 - 3.0 * np.clip(np.arange(300) * 0.02 - 3.0, 0.0, 2.0)
+    values = {"engine_torque": 0.0, "engine_speed": 900.0, "vehicle_speed": speed, "longitudinal_accel": 0.1}
+    silent = Frozen(config(roles)).silence(ticks(values, 300))
+    assert np.isnan(silent.values["longitudinal_accel"][-1])
