@@ -11,6 +11,7 @@ from canest.decode.groups import Want
 from canest.errors import ConfigError
 from canest.resources import find
 from canest.roles import ROLES, UNITS, conversion
+from canest.vehicle.sources import speed_in_use
 
 if TYPE_CHECKING:
     from cantools.database.can import Database
@@ -98,11 +99,10 @@ def resolution_of(config: Config) -> dict[str, float]:
         "gps_speed": 1.0,
     }
     steps = {"speed": 0.01, "torque": 0.005 * reference, "accelerometer": 0.02}
-    for role, scale in speeds.items():
-        if role in config.signals:
-            step = step_of(config, role)
-            steps["speed"] = 0.01 if step is None else step * scale
-            break
+    speed = speed_in_use(config)
+    step = step_of(config, speed)
+    if step is not None:
+        steps["speed"] = step * speeds[speed]
     torques = {
         "wheel_torque": 1.0,
         "half_shaft_torque_left": 2.0**0.5,  # and the right one

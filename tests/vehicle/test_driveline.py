@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from vehicle_helpers import FINAL_DRIVE, RADIUS_M, config, ticks
 
+from canest.config.schema import Config
+from canest.decode.signal_map import resolution_of
 from canest.errors import ConfigError
 from canest.gates import Gate
 from canest.vehicle.frozen import Frozen
@@ -130,3 +132,13 @@ def test_what_is_not_used_as_a_speed_is_none_for_screen_and_watch_either() -> No
     values = {"engine_torque": 0.0, "engine_speed": 900.0, "vehicle_speed": speed, "longitudinal_accel": 0.1}
     silent = Frozen(config(roles)).silence(ticks(values, 300))
     assert np.isnan(silent.values["longitudinal_accel"][-1])
+
+
+def test_the_steps_of_the_speed_in_use_count() -> None:
+    """Not the engine's, whose speed is finer than a road's in half miles per hour, where it is not used."""
+    few = {
+        "engine_speed": {"message": "EEC1", "signal": "EngSpeed"},
+        "vehicle_speed": {"message": "CCVS1", "signal": "WheelBasedVehicleSpeed"},
+    }
+    heard = config(list(few)).model_dump() | {"dbc": ["j1939.dbc"], "signals": few}
+    assert resolution_of(Config.model_validate(heard))["speed"] == pytest.approx(1 / 256 / 3.6)
