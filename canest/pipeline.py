@@ -137,7 +137,7 @@ class Pipeline:
 
     @property
     def frozen(self) -> dict[str, int]:
-        """Return the ticks on which a speed stood still, though the vehicle did not, by role."""
+        """Return, by role, the ticks on which a sensor stood still though the vehicle did not."""
         return dict(self._model.frozen)
 
     @property

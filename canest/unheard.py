@@ -1,4 +1,4 @@
-"""Signals that a config maps and nobody sends, though mass and grade are wrong without them."""
+"""Signals that nobody sends, or no role maps, though mass and grade are wrong without them."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ def unheard(config: Config, heard: Collection[str]) -> list[str]:
     """Return one sentence for each gap; ``heard``: the roles that have had a value."""
     missing = config.signals.keys() - set(heard)
     told = []
-    if torque_role(config) not in AT_WHEELS:
-        if FRICTION in missing and not config.vehicle.friction_torque_pct:
+    torque = torque_role(config)
+    if torque not in AT_WHEELS:
+        if torque == "engine_torque_pct" and FRICTION not in heard and not config.vehicle.friction_torque_pct:
             told.append(
                 "nobody tells the engine's friction, so it counts as 0 % of the reference torque: say what "
                 "it is (vehicle.friction_torque_pct, some 5 to 12 %), or mass and grade are wrong by it"
@@ -24,8 +25,11 @@ def unheard(config: Config, heard: Collection[str]) -> list[str]:
         if RETARDER in missing and config.vehicle.retarder is not None:
             told.append(_unseen("a retarder", RETARDER))
     brakes = [role for role in BRAKES if role in config.signals]
-    if brakes and missing.issuperset(brakes) and not config.gates.brake.assume_when_pedal_released:
-        told.append(_unseen("the brake", " or ".join(brakes)))
+    if missing.issuperset(brakes) and not config.gates.brake.assume_when_pedal_released:
+        told.append(
+            _unseen("the brake", " or ".join(brakes or BRAKES))
+            + ("" if brakes else ". No such role is mapped: SPN 597 is in CCVS1")
+        )
     return told
 
 

@@ -40,7 +40,7 @@ class DrivelineGate(GateSection):
 
     recovery_s: Number = Field(0.6, ge=0, le=60)
     clutch_slip_pct: Number = Field(5.0, ge=0, le=100)
-    #: engine speed against output shaft x ratio: largest relative difference of an engaged driveline
+    #: engine speed against the speed in use x ratio: largest relative difference of an engaged driveline
     ratio_mismatch: Number = Field(0.06, gt=0, le=1)
 
 

@@ -111,6 +111,8 @@ class _Speed(_Still):
     def _shown(self, ticks: GridBlock, value: float, part: slice) -> BoolColumn:
         slack = MOVED_MPS * (1.0 if value else AT_REST)
         found = np.zeros(part.stop - part.start, np.bool_)
+        if not value and self.role == "undriven_speed":  # driven wheels spin, and the vehicle stands
+            return found
         for role, scale in self.witnesses.items():
             moved = self._ranges.setdefault(role, _Range()).push(scale * ticks.values[role][part])
             found |= moved > slack

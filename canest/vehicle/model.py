@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -265,18 +266,19 @@ class LongitudinalModel:
             else:
                 c.extra_N = c.extra_N + torque * self.vehicle.final_drive / c.radius_m
 
+    def _told_by(self, role: str, c: Columns) -> FloatColumn:
+        """Return the speed that a role tells, m/s (n,)."""
+        if role == "output_shaft_speed":
+            return c.signals[role] * (RPM_TO_RADPS / self.vehicle.final_drive) * c.radius_m
+        if role == "engine_speed":
+            return engines_speed(c, self._clutch_slip_pct)
+        return c.signals[role]
+
     def _speed(self, c: Columns, ticks: GridBlock) -> None:
         """Set speed and acceleration, from the finest speed that can be relied on."""
-        shaft = self.vehicle.final_drive
-        found: list[FloatColumn] = []
-        for role in self.speed_roles:
-            if role == "output_shaft_speed":
-                found.append(c.signals[role] * (RPM_TO_RADPS / shaft) * c.radius_m)
-            elif role == "engine_speed":
-                found.append(engines_speed(c, self._clutch_slip_pct))
-            else:
-                found.append(c.signals[role])
-        c.speed_mps, source = self._choice.choose(found, ticks)
+        c.speed_mps, source = self._choice.choose(
+            [partial(self._told_by, role, c) for role in self.speed_roles], ticks
+        )
         c.notes["driven"] = self._is_driven[source]
         self._run("speed", c)
         speed = c.speed_mps

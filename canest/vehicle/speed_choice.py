@@ -7,7 +7,7 @@ would teach a wrong mass by it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -42,19 +42,28 @@ class SpeedChoice:
         self._heard = [False] * len(self._roles)
         self._lost_tick = [_NEVER] * len(self._roles)
 
-    def choose(self, speeds: Sequence[FloatColumn], ticks: GridBlock) -> tuple[FloatColumn, IntColumn]:
+    def choose(
+        self, told: Sequence[Callable[[], FloatColumn]], ticks: GridBlock
+    ) -> tuple[FloatColumn, IntColumn]:
         """Return the speed, NaN where none is there or another one steps in, and which one it is, both (n,).
 
-        speeds: one (n,) for each role, NaN where it is not known.
+        told: gives the speed (n,) of each role, NaN where it is not known; the engine's only where it counts.
         """
         if not ticks.continues:
             self._begin()
         tick = ticks.t_us // STEP_US
-        there = [~np.isnan(speed) for speed in speeds]
-        reliable = [self._reliable(k, column, tick) for k, column in enumerate(there)]
-        if self._taken == 0 and np.count_nonzero(reliable[0]) == len(tick):  # as a rule
+        speeds = [told[0]()]
+        reliable = [self._reliable(0, ~np.isnan(speeds[0]), tick)]
+        usual = self._taken == 0 and np.count_nonzero(reliable[0]) == len(tick)
+        for k, role in enumerate(self._roles[1:], 1):
+            if usual and role == "engine_speed":  # has no past to remember
+                continue
+            speeds.append(told[k]())
+            reliable.append(self._reliable(k, ~np.isnan(speeds[-1]), tick))
+        if usual:
             self._last_mps = float(speeds[0][-1])
             return speeds[0], constant(0.0, len(tick)).astype(np.int64)
+        there = [~np.isnan(speed) for speed in speeds]
         taken = np.full(len(tick), _NONE)
         speed = np.full(len(tick), np.nan)
         for k, column in (*enumerate(reliable), *enumerate(there)):

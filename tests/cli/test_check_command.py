@@ -7,8 +7,12 @@ import lzma
 import re
 from pathlib import Path
 
+import pytest
+
+from canest.config import load_config
 from canest.demo import DRIVE
 from canest.resources import shipped
+from canest.unheard import unheard
 
 DATA = Path(__file__).parents[1] / "data"
 KENWORTH = DATA / "kenworth" / "normal.log.xz"
@@ -298,3 +302,24 @@ def test_a_time_in_milliseconds_is_refused_at_once(canest, tmp_path):
         done = canest(command, log, "-c", "bmw-i3", *more)
         assert done.code == 1
         assert "20000 s from row to row" in done.err
+
+
+@pytest.mark.parametrize(
+    ("roles", "told"),
+    [
+        (("brake_switch", "brake_pedal"), "No such role is mapped: SPN 597 is in CCVS1"),
+        (("brake_switch",), None),  # the pedal tells
+        (("engine_friction_pct",), "nobody tells the engine's friction"),
+    ],
+)
+def test_what_no_role_maps_is_told_as_what_nobody_sends(roles, told):
+    config = load_config("class8")
+    kept = {role: source for role, source in config.signals.items() if role not in roles}
+    hints = unheard(config.model_copy(update={"signals": kept}), kept)
+    assert (len(hints) == 1 and told in hints[0]) if told else not hints
+    assert not unheard(config, config.signals)
+
+
+def test_a_pedal_that_counts_as_braking_needs_no_brake():
+    config = load_config("bmw-i3")
+    assert not unheard(config, config.signals)

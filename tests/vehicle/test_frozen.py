@@ -145,3 +145,12 @@ def test_any_cut_gives_the_same_bits() -> None:
             parts.append(judge.silence(part))
         for role, column in whole.values.items():
             assert column.tobytes() == np.concatenate([p.values[role] for p in parts]).tobytes(), role
+
+
+@pytest.mark.parametrize(("axle_mps", "silenced"), [(0.0, False), (5.0, True)])
+def test_wheels_that_spin_do_not_make_a_vehicle_that_stands_frozen(axle_mps: float, silenced: bool) -> None:
+    standing = config(("engine_torque_pct", "undriven_speed", "vehicle_speed"))
+    spin = {"engine_torque_pct": 50.0, "undriven_speed": axle_mps, "vehicle_speed": SPEED + NOISE}
+    watch = Frozen(standing)
+    watch.silence(ticks(spin, N))
+    assert bool(watch.counts) == silenced

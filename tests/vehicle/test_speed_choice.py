@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -25,7 +26,7 @@ def chosen(*speeds: np.ndarray, cuts: tuple[int, ...] = ()) -> tuple[np.ndarray,
     choice, parts = SpeedChoice(ROLES), []
     for begin, end in pairwise((0, *cuts, N)):
         block = ticks({"x": 0.0}, end - begin, begin, continues=begin > 0)
-        parts.append(choice.choose([s[begin:end] for s in speeds], block))
+        parts.append(choice.choose([partial(s.__getitem__, slice(begin, end)) for s in speeds], block))
     return np.concatenate([s for s, _ in parts]), np.concatenate([k for _, k in parts])
 
 
@@ -60,7 +61,7 @@ def test_a_speed_that_is_heard_late_for_the_first_time_is_taken_at_once() -> Non
 def test_the_engine_is_lost_in_every_shift_and_taken_again_with_the_gear() -> None:
     roles = ("engine_speed", "vehicle_speed")
     choice = SpeedChoice(roles)
-    speed, taken = choice.choose([lost(ENGINE, (100, 140)), AXLE], ticks({"x": 0.0}, N))
+    speed, taken = choice.choose([lambda: lost(ENGINE, (100, 140)), lambda: AXLE], ticks({"x": 0.0}, N))
     assert (taken[140:] == 0).all()
     assert not np.isnan(speed).any()
 
