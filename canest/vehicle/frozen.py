@@ -41,6 +41,8 @@ QUICK_MPS2 = 0.5
 #: too late, or not tied to the road
 _NO_WITNESS = ("engine_speed", "gps_speed")
 _ACCELEROMETER = "longitudinal_accel"
+#: name under which ticks say that a speed is frozen
+STOOD = "frozen_speed"
 
 
 class _Still:
@@ -186,15 +188,19 @@ class Frozen:
         """Return the ticks with what is frozen as stale."""
         tick = ticks.t_us // STEP_US
         silent: dict[str, BoolColumn] = {}
+        stood = np.zeros(len(ticks), np.bool_)
         for still in self._watched:
             refuted = still.refuted(ticks, tick)
             if refuted is not None:
                 self.counts[still.role] += int(np.count_nonzero(refuted))
                 silent |= {mate: refuted | silent.get(mate, False) for mate in still.mates}
+                stood |= refuted & isinstance(still, _Speed)
         if not silent:
             return ticks
         values = {role: np.where(where, np.nan, ticks.values[role]) for role, where in silent.items()}
         stale = {role: ticks.stale[role] | where for role, where in silent.items()}
+        # until it was noticed it was believed: nothing is learned on top of that
+        values[STOOD] = stood.astype(np.float64)
         return replace(ticks, values={**ticks.values, **values}, stale={**ticks.stale, **stale})
 
 

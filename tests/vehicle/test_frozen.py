@@ -10,8 +10,10 @@ import pytest
 from vehicle_helpers import FINAL_DRIVE, RADIUS_M, config, ticks
 
 from canest.config.schema import Config
+from canest.gates import Gate
 from canest.grid.grid import GridBlock
 from canest.vehicle.frozen import Frozen
+from canest.vehicle.regression import Regression
 
 N = 1000
 T_S = np.arange(N) * 0.02
@@ -62,7 +64,7 @@ def frozen(column: np.ndarray, begin: int = FROM, end: int = N) -> np.ndarray:
 
 def silent(before: GridBlock, after: GridBlock) -> dict[str, np.ndarray]:
     """Return role -> ticks on which it fell silent."""
-    lost = {r: np.flatnonzero(np.isnan(v) & ~np.isnan(before.values[r])) for r, v in after.values.items()}
+    lost = {r: np.flatnonzero(np.isnan(after.values[r]) & ~np.isnan(v)) for r, v in before.values.items()}
     return {r: at for r, at in lost.items() if len(at)}
 
 
@@ -124,6 +126,11 @@ def test_an_accelerometer_that_feels_no_brake_is_frozen(
         assert judge.counts == {"longitudinal_accel": len(lost["yaw_rate"])}
 
 
+def said(ticks: GridBlock, role: str) -> np.ndarray:
+    """A role's values; that a speed is frozen is only said where one is."""
+    return ticks.values.get(role, np.zeros(len(ticks)))
+
+
 def test_any_cut_gives_the_same_bits() -> None:
     still = frozen(frozen(SHAFT), 100, 260)
     gone = np.where((T_S > 12) & (T_S < 12.5), np.nan, SPEED)
@@ -144,7 +151,7 @@ def test_any_cut_gives_the_same_bits() -> None:
             at = cut
             parts.append(judge.silence(part))
         for role, column in whole.values.items():
-            assert column.tobytes() == np.concatenate([p.values[role] for p in parts]).tobytes(), role
+            assert column.tobytes() == np.concatenate([said(p, role) for p in parts]).tobytes(), role
 
 
 @pytest.mark.parametrize(("axle_mps", "silenced"), [(0.0, False), (5.0, True)])
@@ -154,3 +161,16 @@ def test_wheels_that_spin_do_not_make_a_vehicle_that_stands_frozen(axle_mps: flo
     watch = Frozen(standing)
     watch.silence(ticks(spin, N))
     assert bool(watch.counts) == silenced
+
+
+@pytest.mark.parametrize("cut", [N // 2, 430, 777])
+def test_while_a_speed_is_frozen_nothing_is_learned_on_top_of_it(cut: int) -> None:
+    block = drive(output_shaft_speed=frozen(SHAFT, end=800))
+    bus = mapped()
+    bus.signals["gear"] = bus.signals["gear"].model_copy(update={"message": "D"})  # goes on
+    lost = silent(block, Frozen(bus).silence(block))["output_shaft_speed"]
+    regression = Regression(bus)
+    gate = np.concatenate([regression.process(part).gate for part in block.split(cut)])
+    assert gate[lost[0]] == Gate.INVALID  # the step to the next speed
+    assert (gate[lost[1:]] == Gate.IMPLAUSIBLE).all()
+    assert (gate[-50:] == Gate.OPEN).all()
