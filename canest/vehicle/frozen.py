@@ -1,11 +1,9 @@
-"""Signals that stand still while the vehicle does not: a sensor or a controller that repeats itself.
+"""An accelerometer that stands still while the vehicle does not: a sensor or a controller that repeats itself.
 
-What is the same to the last bit, again and again, while another signal shows that the vehicle has become
-faster or slower, is no measurement any more. It is taken as silent until it moves again, and with it all that
-comes in the same message. Silence is a fault that everything behind here can take.
-
-Watched are the speed in use and the engine's, whose message brings the torque, by the other speeds; and the
-accelerometer, by what is quicker in the speed than any road. What else freezes closes the gate `implausible`.
+What is the same to the last bit, again and again, while the speed shows that brakes or engine have acted, is no
+measurement any more. It is taken as silent until it moves again, and with it all that comes in the same
+message. Silence is a fault that everything behind here can take. What else freezes closes the gate
+`implausible` or `driveline`.
 """
 
 from __future__ import annotations
@@ -23,7 +21,7 @@ from canest.frames import BoolColumn, FloatColumn, IntColumn
 from canest.grid.grid import GridBlock
 from canest.roles import LASTING, ROLES
 from canest.vehicle.samples import RATE_HZ, STEP_US
-from canest.vehicle.screen import MAX_ACCEL_MPS2, SPEED_ORDER, SPEED_SLACK_MPS
+from canest.vehicle.screen import MAX_ACCEL_MPS2
 from canest.vehicle.sources import speed_in_use
 
 #: another speed must have changed by so much: more than noise and rounding to a mile per hour, m/s
@@ -41,8 +39,6 @@ QUICK_MPS2 = 0.5
 #: too late, or not tied to the road
 _NO_WITNESS = ("engine_speed", "gps_speed")
 _ACCELEROMETER = "longitudinal_accel"
-#: name under which ticks say that a speed is frozen
-STOOD = "frozen_speed"
 
 
 class _Still:
@@ -98,51 +94,6 @@ class _Still:
         raise NotImplementedError
 
 
-class _Speed(_Still):
-    """A speed, while others change."""
-
-    def __init__(self, config: Config, role: str) -> None:
-        super().__init__(config, role, SETTLED_S * RATE_HZ)
-        roles = (r for r in SPEED_ORDER if r in config.signals and r not in _NO_WITNESS)
-        self.witnesses = {r: _metres(config, r) for r in roles if r not in self.mates}
-        self._ranges: dict[str, _Range] = {}
-
-    def _forget(self) -> None:
-        self._ranges.clear()
-
-    def _shown(self, ticks: GridBlock, value: float, part: slice) -> BoolColumn:
-        slack = MOVED_MPS * (1.0 if value else AT_REST)
-        found = np.zeros(part.stop - part.start, np.bool_)
-        if not value and self.role == "undriven_speed":  # driven wheels spin, and the vehicle stands
-            return found
-        for role, scale in self.witnesses.items():
-            moved = self._ranges.setdefault(role, _Range()).push(scale * ticks.values[role][part])
-            found |= moved > slack
-        return found
-
-
-class _Range:
-    """How far a speed has moved, m/s; one that jumps shows no motion and begins anew."""
-
-    def __init__(self) -> None:
-        self._least, self._largest, self._last = math.inf, -math.inf, math.nan
-
-    def push(self, speed: FloatColumn) -> FloatColumn:
-        """Return over which range it has moved so far (n,)."""
-        moved = np.empty(len(speed))
-        jumps = np.abs(speed - shifted(speed, self._last)) > SPEED_SLACK_MPS
-        for i, (begin, end) in enumerate(pairwise([0, *np.flatnonzero(jumps).tolist(), len(speed)])):
-            if i:
-                self._least, self._largest = math.inf, -math.inf
-            if end > begin:
-                low = np.fmin(np.fmin.accumulate(speed[begin:end]), self._least)
-                high = np.fmax(np.fmax.accumulate(speed[begin:end]), self._largest)
-                moved[begin:end] = high - low
-                self._least, self._largest = float(low[-1]), float(high[-1])
-        self._last = float(speed[-1])
-        return moved
-
-
 class _Felt(_Still):
     """The accelerometer, while the speed in use changes quickly."""
 
@@ -179,8 +130,7 @@ class Frozen:
     def __init__(self, config: Config) -> None:
         self.counts: Counter[str] = Counter()
         speed = speed_in_use(config) or "engine_speed"
-        watched = (role for role in dict.fromkeys((speed, "engine_speed")) if role in config.signals)
-        self._watched: list[_Still] = [s for role in watched if (s := _Speed(config, role)).witnesses]
+        self._watched: list[_Still] = []
         if _ACCELEROMETER in config.signals and speed not in _NO_WITNESS:
             self._watched.append(_Felt(config, speed))
 
@@ -188,19 +138,15 @@ class Frozen:
         """Return the ticks with what is frozen as stale."""
         tick = ticks.t_us // STEP_US
         silent: dict[str, BoolColumn] = {}
-        stood = np.zeros(len(ticks), np.bool_)
         for still in self._watched:
             refuted = still.refuted(ticks, tick)
             if refuted is not None:
                 self.counts[still.role] += int(np.count_nonzero(refuted))
                 silent |= {mate: refuted | silent.get(mate, False) for mate in still.mates}
-                stood |= refuted & isinstance(still, _Speed)
         if not silent:
             return ticks
         values = {role: np.where(where, np.nan, ticks.values[role]) for role, where in silent.items()}
         stale = {role: ticks.stale[role] | where for role, where in silent.items()}
-        # until it was noticed it was believed: nothing is learned on top of that
-        values[STOOD] = stood.astype(np.float64)
         return replace(ticks, values={**ticks.values, **values}, stale={**ticks.stale, **stale})
 
 

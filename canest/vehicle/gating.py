@@ -12,7 +12,6 @@ from canest.frames import BoolColumn, FloatColumn
 from canest.gates import Gate
 from canest.grid.grid import GridBlock
 from canest.vehicle.driveline import ROAD_SPEED_LATE_S, parted
-from canest.vehicle.frozen import STOOD
 from canest.vehicle.model import LongitudinalModel, RawModel
 from canest.vehicle.samples import GRAVITY_MPS2, RATE_HZ, STEP_US
 from canest.vehicle.screen import JUMP, MAX_ACCEL_MPS2, SPEED_SLACK_MPS
@@ -161,8 +160,6 @@ class Gating:
 
     def _implausible(self, raw: RawModel, has: dict[str, FloatColumn], accel_mps2: FloatColumn) -> BoolColumn:
         closed = np.abs(accel_mps2) > MAX_ACCEL_MPS2
-        if STOOD in has:
-            closed = closed | (has[STOOD] > 0.0)
         if JUMP in has:
             closed = closed | np.isfinite(has[JUMP])
         others = [has[role] for role in ("undriven_speed", "vehicle_speed") if role in has]
