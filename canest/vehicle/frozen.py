@@ -1,7 +1,7 @@
-"""An accelerometer that stands still while the vehicle does not: a sensor or a controller that repeats itself.
+"""An accelerometer that stands still while the vehicle does not: a sensor that repeats itself.
 
-What is the same to the last bit, again and again, while the speed shows that brakes or engine have acted, is no
-measurement any more. It is taken as silent until it moves again, and with it all that comes in the same
+What is the same to the last bit, again and again, while the speed shows that brakes or engine have acted, is
+no measurement any more. It is taken as silent until it moves again, and with it all that comes in the same
 message. Silence is a fault that everything behind here can take. What else freezes closes the gate
 `implausible` or `driveline`.
 """
