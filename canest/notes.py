@@ -35,7 +35,7 @@ def log_notes(reader: LogReader) -> list[str]:
 def stream_notes(intake: Intake, frozen: Mapping[str, int] | None = None) -> list[str]:
     """Return what could not be used of all that an intake was given, one sentence each.
 
-    frozen: ticks on which a speed stood still, though the vehicle did not (`canest.vehicle.frozen`).
+    frozen: ticks on which a sensor stood still, though the vehicle did not (`canest.vehicle.frozen`).
     """
     notes = []
     mended = {name: n for name, n in intake.clock.counters.items() if n}

@@ -53,9 +53,8 @@ class Plausibility:
         self._turns: dict[int, FloatColumn] = {}
         self._turns_of = "output_shaft_speed"
         #: nothing on the bus tells the gear
-        self._fit = (
-            None if {"gear", "gear_ratio"} & set(config.signals) else GearFit(config.vehicle.gear_ratios)
-        )
+        gearless = config.signals.keys().isdisjoint(("gear", "gear_ratio"))
+        self._fit = GearFit(config.vehicle.gear_ratios) if gearless else None
         self._reference_Nm: float | None = None
         self._uses_reference = "reference_torque" in config.signals
 

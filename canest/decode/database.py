@@ -33,10 +33,8 @@ def load(path: str | Path) -> Database:
     before = _parsed.get(file)
     try:
         status = file.stat()
-        version = (
-            status.st_mtime_ns,
-            status.st_size,
-        )  # first: what changes meanwhile is read next time
+        # looked up first: what changes meanwhile is read next time
+        version = status.st_mtime_ns, status.st_size
         if before is not None and before[0] == version:
             return before[2]
         content = file.read_bytes()

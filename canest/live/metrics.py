@@ -28,7 +28,7 @@ METRICS: dict[str, tuple[str, str]] = {
     "canest_address_claims_total": ("counter", "Claims of an address (PGN 60928)."),
     "canest_torque_commands_total": ("counter", "Engine and retarder commands (TSC1) by sender."),
     "canest_implausible_jumps_total": ("counter", "Samples refused: no vehicle changes so fast."),
-    "canest_frozen_seconds_total": ("counter", "For how long a speed was frozen, and taken as silent."),
+    "canest_frozen_seconds_total": ("counter", "For how long a sensor was frozen, and taken as silent."),
     "canest_other_mass_kilograms": ("gauge", "Gross mass that another ECU sends (SPN 1760)."),
     "canest_node_events_total": ("counter", "What was sent, and what happened to us as a node."),
     "canest_clock_events_total": ("counter", "Irregular time stamps."),

@@ -9,17 +9,18 @@ from canest.frames import BoolColumn, FloatColumn
 from canest.vehicle.columns import Columns
 
 #: the engine's speed through the gear and the road's differ by a tyre's size and a message's delay
-MISMATCH_SHARE, MISMATCH_MPS = 0.15, 0.5
+_MISMATCH_SHARE, _MISMATCH_MPS = 0.15, 0.5
 #: a wheel-based speed comes every 100 ms, from pulses that were counted before, s
 ROAD_SPEED_LATE_S = 0.25
 #: signals that say when the clutch or the converter parts the engine from the wheels
-CLUTCHES = ("driveline_engaged", "lockup_engaged", "clutch_switch", "clutch_slip")
+ENGAGED = ("driveline_engaged", "lockup_engaged")
+CLUTCHES = (*ENGAGED, "clutch_switch", "clutch_slip")
 
 
 def parted(c: Columns, clutch_slip_pct: float) -> BoolColumn:
     """Return where a signal says that the engine is parted from the wheels (n,)."""
     found = constant(False, len(c))
-    for role in CLUTCHES[:2]:
+    for role in ENGAGED:
         if role in c.signals:
             found = found | (c.signals[role] < 0.5)
     if "clutch_switch" in c.signals:
@@ -42,6 +43,6 @@ def engines_speed(c: Columns, clutch_slip_pct: float) -> FloatColumn:
     alone = parted(c, clutch_slip_pct) | c.on("shift_in_process")
     road = c.signals.get("vehicle_speed")
     if road is not None:
-        denied = np.abs(speed - road) > MISMATCH_SHARE * road + MISMATCH_MPS
+        denied = np.abs(speed - road) > _MISMATCH_SHARE * road + _MISMATCH_MPS
         alone = alone | denied | (road == 0.0)
     return np.where(alone, np.nan, speed)
