@@ -126,8 +126,7 @@ class Windows:
         new[_ALTITUDE] = block.altitude_m
         new[_YAW] = block.yaw_rate_radps
         new[_GATE] = block.gate
-        # who knows no speed knows of no driving either: it may be loaded as well as in a stop
-        new[_STOPPED] = block.stopped | np.isnan(block.raw_speed_mps)
+        new[_STOPPED] = block.stopped
         new[_TICK] = block.t_us // STEP_US
         new[_BROKEN] = 0.0
         needed = new[_NEEDED]

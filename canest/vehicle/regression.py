@@ -16,7 +16,7 @@ from canest.vehicle.columns import Columns
 from canest.vehicle.frozen import Frozen
 from canest.vehicle.gating import Excitation, Gating
 from canest.vehicle.lost_brakes import LostBrakes
-from canest.vehicle.model import LongitudinalModel
+from canest.vehicle.model import LongitudinalModel, RawModel
 from canest.vehicle.samples import STEP_S, ModelBlock
 from canest.vehicle.screen import MAX_SPEED_MPS, MOTION_JUMP
 
@@ -107,9 +107,16 @@ class Regression:
             raw_torque_Nm=c.wheel_torque_Nm if self.model.at_wheels else c.torque_Nm,
             gate=gate,
             restart=is_open & ~was_open,
-            stopped=np.abs(raw.speed_mps) < STANDSTILL_MPS,
+            stopped=self._stopped(raw),
             ax_ok=np.isfinite(accelerometer) & np.isfinite(raw.speed_mps) & ~doubtful,
         )
+
+    def _stopped(self, raw: RawModel) -> BoolColumn:
+        """Return where the vehicle stands, or may: where only the engine tells a speed, and turns by itself."""
+        stands: BoolColumn = np.abs(raw.speed_mps) < STANDSTILL_MPS
+        if self.model.speed_roles[0] == "engine_speed":
+            stands = stands | (np.isnan(raw.speed_mps) & np.isfinite(raw.columns.engine_radps))
+        return stands
 
     def _rolling(self, c: Columns, grid: GridBlock) -> FloatColumn:
         """Return the rolling resistance coefficient, filtered where an effect lets it change."""

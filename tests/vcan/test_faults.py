@@ -151,7 +151,6 @@ def test_a_frozen_signal_closes_a_gate_and_leaves_the_mass(daemon: rig.Daemon, l
     with rig.Ears(BUS) as ears:
         with rig.playing(BUS, rig.cycle_log(logs)):
             before = ears.until(lambda heard: heard.fresh, 60.0, "an estimate before the fault")
-            time.sleep(8.0)  # out of the launch that every round begins with: frozen in it, it moves a mass
         with rig.playing(BUS, rig.cycle_log(logs, frozen=(GEARBOX_ETC1,))):
             ears.until(lambda heard: heard.signals["EstimateGate"] in gates, 60.0, "the gate")
             time.sleep(2.0)
