@@ -71,8 +71,10 @@ class Rlsmf(TwoParameter):
         out = room(n, 4)
         bounds = (self.box.low[0], self.box.high[0], self.box.low[1], self.box.high[1])
         state = state_in(self._state)
-        run = own_gain if self.name == "rlsmf" else joint_gain
-        run(*give(y, phi1, phi2), *self._inverse, *bounds, *self._ceiling, VARIANCE_ALPHA, state, *out)
+        joint = self.name != "rlsmf"
+        forget_each(
+            *give(y, phi1, phi2), joint, *self._inverse, *bounds, *self._ceiling, VARIANCE_ALPHA, state, *out
+        )
         self._state = state_out(state)
         known = np.stack([take(c) for c in out])
         known[2] *= o.forgetting_mass
@@ -81,10 +83,11 @@ class Rlsmf(TwoParameter):
 
 
 @fast.kernel
-def own_gain(
+def forget_each(
     y: Container,
     phi1: Container,
     phi2: Container,
+    joint: bool,
     il1: float,
     il2: float,
     low1: float,
@@ -106,67 +109,8 @@ def own_gain(
     gain L_i (eqs. 17, 18), (1 - L_i phi_i) P_i / lambda_i = q_i / (1 + w_i). The step along L_new leaves the
     residual f = e / (1 + w_1 + w_2), so e f estimates the noise variance without bias (as in plain RLS).
     The outputs var_i are q_i times that variance.
-    """
-    a, b, q1, q2, s = state
-    for k in range(len(y)):
-        p = phi1[k]
-        r = phi2[k]
-        u1 = q1 * p
-        u2 = q2 * r
-        w1 = u1 * p
-        w2 = u2 * r
-        e = y[k] - p * a - r * b
-        f = e / (1.0 + w1 + w2)
-        a += u1 * f
-        b += u2 * f
-        if a < low1:
-            a = low1
-        elif a > high1:
-            a = high1
-        if b < low2:
-            b = low2
-        elif b > high2:
-            b = high2
-        q1 = q1 * il1 / (1.0 + w1)
-        if q1 > top1:  # noqa: PLR1730 - min() costs a call
-            q1 = top1
-        q2 = q2 * il2 / (1.0 + w2)
-        if q2 > top2:  # noqa: PLR1730 - min() costs a call
-            q2 = top2
-        s += alpha * (e * f - s)
-        theta1[k] = a
-        theta2[k] = b
-        var1[k] = q1 * s
-        var2[k] = q2 * s
-    state[0] = a
-    state[1] = b
-    state[2] = q1
-    state[3] = q2
-    state[4] = s
 
-
-@fast.kernel
-def joint_gain(
-    y: Container,
-    phi1: Container,
-    phi2: Container,
-    il1: float,
-    il2: float,
-    low1: float,
-    high1: float,
-    low2: float,
-    high2: float,
-    top1: float,
-    top2: float,
-    alpha: float,
-    state: Container,
-    theta1: Container,
-    theta2: Container,
-    var1: Container,
-    var2: Container,
-) -> None:
-    """2013, Alg. 7 for two parameters: as `own_gain`, but P = diag((I - L_new phi^T) P) / lambda (line 4).
-
+    joint: 2013, Alg. 7 for two parameters, P = diag((I - L_new phi^T) P) / lambda (line 4), where
     1 - L_new,i phi_i = (1 + w_j) / (1 + w_1 + w_2): each covariance shrinks less than by its own gain.
     """
     a, b, q1, q2, s = state
@@ -178,8 +122,8 @@ def joint_gain(
         w1 = u1 * p
         w2 = u2 * r
         e = y[k] - p * a - r * b
-        d = 1.0 / (1.0 + w1 + w2)
-        f = e * d
+        d = 1.0 + w1 + w2
+        f = e / d
         a += u1 * f
         b += u2 * f
         if a < low1:
@@ -190,10 +134,10 @@ def joint_gain(
             b = low2
         elif b > high2:
             b = high2
-        q1 = q1 * il1 * ((1.0 + w2) * d)
+        q1 = q1 * il1 * (1.0 + w2) / d if joint else q1 * il1 / (1.0 + w1)
         if q1 > top1:  # noqa: PLR1730 - min() costs a call
             q1 = top1
-        q2 = q2 * il2 * ((1.0 + w1) * d)
+        q2 = q2 * il2 * (1.0 + w1) / d if joint else q2 * il2 / (1.0 + w2)
         if q2 > top2:  # noqa: PLR1730 - min() costs a call
             q2 = top2
         s += alpha * (e * f - s)

@@ -7,7 +7,7 @@ import pytest
 
 from canest.estimators.base import create
 from canest.estimators.multiple import MultipleForgetting
-from canest.estimators.rlsmf import joint_gain, own_gain
+from canest.estimators.rlsmf import forget_each
 
 from .synthetic import FACTS, drive
 
@@ -42,18 +42,18 @@ def by_algorithm_7(a, b, x, p, factors):
     return x, np.diag(p)
 
 
-def run(kernel, phi1, phi2, y, p=(4.0, 9.0)):
+def run(phi1, phi2, y, p=(4.0, 9.0), joint=False):
     state = [0.3, -0.2, p[0] / ONE, p[1] / TWO, 1.0]
     out = [[0.0] * len(y) for _ in range(4)]
     columns = [c.tolist() for c in (y, phi1, phi2)]
-    kernel.interpreted(*columns, 1 / ONE, 1 / TWO, *FREE, 0.002, state, *out)
+    forget_each.interpreted(*columns, joint, 1 / ONE, 1 / TWO, *FREE, 0.002, state, *out)
     return np.array(state)
 
 
 def test_2005_kernel_solves_equations_19_to_21():
     phi1, phi2, y = rows()
     theta, p1, p2 = by_equations_19_to_21(phi1, phi2, y, np.array([0.3, -0.2]), 4.0, 9.0)
-    state = run(own_gain, phi1, phi2, y)
+    state = run(phi1, phi2, y)
     np.testing.assert_allclose(state[:2], theta, rtol=1e-9)
     np.testing.assert_allclose(state[2:4], [p1 / ONE, p2 / TWO], rtol=1e-9)
 
@@ -62,7 +62,7 @@ def test_2013_kernels_are_algorithm_7():
     phi1, phi2, y = rows()
     a, factors = np.column_stack((phi1, phi2)), np.array([ONE, TWO])
     x, p = by_algorithm_7(a, y, np.array([0.3, -0.2]), np.array([4.0, 9.0]), factors)
-    state = run(joint_gain, phi1, phi2, y)
+    state = run(phi1, phi2, y, joint=True)
     np.testing.assert_allclose(state[:2], x, rtol=1e-9)
     np.testing.assert_allclose(state[2:4], p / factors, rtol=1e-9)
     wide = np.full(2, 1e9)
@@ -87,7 +87,7 @@ def test_four_parameters_are_algorithm_7():
 
 def test_the_two_papers_differ():
     phi1, phi2, y = rows()
-    own, joint = run(own_gain, phi1, phi2, y), run(joint_gain, phi1, phi2, y)
+    own, joint = run(phi1, phi2, y), run(phi1, phi2, y, joint=True)
     assert not np.allclose(own[2:4], joint[2:4], rtol=0.05)
 
 
