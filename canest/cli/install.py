@@ -23,22 +23,23 @@ Examples:
 @click.option("--root", metavar="DIR", default="/", help="Install below this directory (for images).")
 def command(write: bool, config_name: str | None, name: str | None, root: str) -> None:
     """Print the systemd unit, or install it together with a config."""
-    from canest.live.install import install, unit_text
+    from canest.live.install import databases_of, install, unit_text
 
     if not write:
         print(unit_text(), end="")
         return
-    path, databases = None, []
+    path, databases = None, {}
     if config_name is not None:
         from canest.pipeline import Pipeline
         from canest.resources import find
 
-        config = load(config_name)
-        Pipeline(config)  # a config that is refused must not become a service
+        Pipeline(load(config_name))  # a config that is refused must not become a service
         path = find("configs", config_name)
-        databases = [Path(dbc) for dbc in config.dbc if Path(dbc).parent == path.resolve().parent]
+        databases = databases_of(path)
     done = install(path, name, Path(root), databases)
     for written in done.written:
         print(f"written  {written}")
     for note in done.notes:
         print(note)
+    if done.config is not None:
+        Pipeline(load(str(done.config)))  # one that was there before may be refused

@@ -117,7 +117,8 @@ def run(arguments: list[str], debug: bool = False) -> int:
     except (click.exceptions.Abort, KeyboardInterrupt):
         print("interrupted", file=sys.stderr)
         return FAILED
-    except (BrokenPipeError, SystemExit):  # the reader of our output has seen enough; rich says it so
+    # the reader of our output has seen enough; click and rich say it so, and no command exits by itself
+    except (BrokenPipeError, SystemExit):
         _forget_stdout()
         return OK
     except Exception as error:

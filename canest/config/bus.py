@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -23,6 +24,12 @@ class Bus(Section):
     channel: Annotated[str, BeforeValidator(_word_of_number)] = "vcan0"
     bitrate: Whole | None = Field(None, gt=0)
     options: dict[str, Any] = Field(default_factory=dict)
+
+    @property
+    def file_name(self) -> str:
+        """Return what files of this bus are named by: the channel, which other interfaces number from 0."""
+        name = self.channel if self.interface == "socketcan" else f"{self.interface}-{self.channel}"
+        return re.sub(r"[^A-Za-z0-9_.-]", "_", name)
 
 
 class Name(Section):

@@ -8,16 +8,17 @@ nothing, when the grade is only known to be a slow function of distance.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from canest.diagnose.drive import Drive, Run
 from canest.errors import LogError
-from canest.frames import FloatColumn
+from canest.frames import BoolColumn, FloatColumn, IntColumn
 from canest.logs.truth import read_truth
 from canest.scoring import Score
-from canest.vehicle.samples import GRAVITY_MPS2
+from canest.vehicle.samples import GRAVITY_MPS2, RATE_HZ, STEP_US
 
 #: how fast a road's slope may wander, per root metre: from motorway to hills (0.1 to 0.8 % over 100 m);
 #: the likeliest for the drive is taken
@@ -28,7 +29,9 @@ MIN_ALTITUDE_STD_M = 0.3
 ACCELEROMETER_STD_MPS2 = 0.04
 #: bias of a vehicle's accelerometer, m/s2, and body pitch, rad per m/s2: prior spread
 BIAS_STD_MPS2, PITCH_STD = 0.3, 0.01
-_STEP = 50  #: ticks per smoother step: one second
+#: what is not known of a road: how high it lies, m, and how steep it is
+_ALTITUDE_STD_M, _SLOPE_STD = 100.0, 0.05
+_STEP = round(RATE_HZ)  #: ticks per smoother step: one second
 
 
 @dataclass(frozen=True)
@@ -106,15 +109,15 @@ def _altitude_and_accelerometer(drive: Drive, run: Run) -> _Sensed | None:
     accelerometer = a + g sin(beta) + bias + g pitch a   (2014 paper, eq. 3, with its pitch correction).
     """
     m = run.samples
-    steps = len(m) // _STEP
+    first, fresh = _seconds(m.t_us)
     has_altitude = np.isfinite(m.altitude_m).mean() > 0.5
     has_accelerometer = np.isfinite(m.accelerometer_mps2).mean() > 0.5
-    if steps < 20 or not (has_altitude or has_accelerometer):
+    if len(first) < 20 or not (has_altitude or has_accelerometer):
         return None
-    span = steps * _STEP
+    ticks = first[:, None] + np.arange(_STEP)
 
     def mean(x: FloatColumn) -> FloatColumn:
-        return np.asarray(np.mean(x[:span].reshape(steps, _STEP), axis=1))
+        return np.asarray(np.mean(x[ticks], axis=1))
 
     speed = mean(np.where(np.isfinite(m.speed_mps), m.speed_mps, 0.0))
     driving = speed > 1.0
@@ -122,26 +125,43 @@ def _altitude_and_accelerometer(drive: Drive, run: Run) -> _Sensed | None:
         return None  # no road was passed that could be smoothed
     accel = mean(m.accel_mps2)
     extra = mean(m.accelerometer_mps2) - accel
-    altitude = m.altitude_m[:span].reshape(steps, _STEP)[:, -1]
+    altitude = m.altitude_m[ticks[:, -1]]
     noise = _altitude_noise(altitude, speed)
     pitch = drive.config.vehicle.accelerometer.pitch_rad_per_mps2
     moving = np.maximum(speed, 0.1)
     smoothed = [
-        (*_smooth(speed, accel, extra, altitude, noise, walk**2 * moving, pitch), walk)
+        (*_smooth(fresh, speed, accel, extra, altitude, noise, walk**2 * moving, pitch), walk)
         for walk in GRADE_WALKS_PER_SQRT_M
     ]
     _, sin_beta, std, walk = max(smoothed, key=lambda s: s[0])
     # the smoother averages the sharper sensor over the distance in which the road changes as much as it errs
     sensor = ACCELEROMETER_STD_MPS2 / GRAVITY_MPS2 if has_accelerometer else noise / 20.0
     correlation_m = float(np.clip(np.median(moving[driving] ** 0.5) * sensor / walk, 10.0, 500.0))
-    ticks = np.arange(len(m))
-    centres = np.arange(steps) * _STEP + 0.5 * (_STEP - 1)
-    column = np.interp(ticks, centres, sin_beta)
+    column = _on_ticks(sin_beta, first, fresh, len(m))
     names = [n for n, has in (("altitude", has_altitude), ("accelerometer", has_accelerometer)) if has]
     text = "grade from " + " and ".join(names) + ", smoothed over the drive"
     if not has_altitude:
         std = float(np.hypot(std, 0.5 * BIAS_STD_MPS2 / GRAVITY_MPS2))
     return "+".join(names), text, column, std, correlation_m
+
+
+def _seconds(t_us: IntColumn) -> tuple[IntColumn, BoolColumn]:
+    """Return the first tick of each whole second (k,), and which of them follow a gap of the log."""
+    edges = np.flatnonzero(np.diff(t_us) != STEP_US) + 1
+    stretches = [np.arange(a, b - _STEP + 1, _STEP) for a, b in pairwise([0, *edges.tolist(), len(t_us)])]
+    first = np.concatenate(stretches)
+    return first, np.isin(first, edges)
+
+
+def _on_ticks(values: FloatColumn, first: IntColumn, fresh: BoolColumn, n: int) -> FloatColumn:
+    """Return what was found for each second on every tick (n,), drawn through no gap."""
+    ticks, centres = np.arange(n), first + 0.5 * (_STEP - 1)
+    column = np.empty(n)
+    edges = np.flatnonzero(fresh).tolist()
+    starts = [0, *first[edges].tolist(), n]
+    for (begin, end), (a, b) in zip(pairwise([0, *edges, len(first)]), pairwise(starts), strict=True):
+        column[a:b] = np.interp(ticks[a:b], centres[begin:end], values[begin:end])
+    return column
 
 
 def _altitude_noise(altitude: FloatColumn, speed: FloatColumn) -> float:
@@ -154,6 +174,7 @@ def _altitude_noise(altitude: FloatColumn, speed: FloatColumn) -> float:
 
 
 def _smooth(
+    fresh: BoolColumn,
     speed: FloatColumn,
     accel: FloatColumn,
     extra: FloatColumn,
@@ -162,19 +183,25 @@ def _smooth(
     walk: FloatColumn,
     pitch: float | None,
 ) -> tuple[float, FloatColumn, float]:
-    """Return log likelihood, sin(beta) (k,) and its median standard deviation; one step is one second."""
+    """Return log likelihood, sin(beta) (k,) and its median standard deviation; one step is one second.
+
+    fresh: steps after a gap: nobody knows where the road has led.
+    """
     n = len(speed)
     known = altitude[np.isfinite(altitude)]
     x = np.array([known[0] if len(known) else 0.0, 0.0, 0.0, 0.01 if pitch is None else pitch])
     pitch_std = PITCH_STD if pitch is None else 0.3 * max(pitch, 0.003)
-    P = np.diag([100.0**2, 0.05**2, BIAS_STD_MPS2**2, pitch_std**2])
+    P = np.diag([_ALTITUDE_STD_M**2, _SLOPE_STD**2, BIAS_STD_MPS2**2, pitch_std**2])
     xs, Ps = np.empty((n, 4)), np.empty((n, 4, 4))
     before_x, before_P, Fs = np.empty((n, 4)), np.empty((n, 4, 4)), np.empty((n, 4, 4))
     likelihood = 0.0
     for k in range(n):
         F = np.eye(4)
-        F[0, 1] = speed[k]
+        F[0, 1] = 0.0 if fresh[k] else speed[k]
         x, P = F @ x, F @ P @ F.T
+        if fresh[k]:
+            P[0, 0] += _ALTITUDE_STD_M**2
+            P[1, 1] += _SLOPE_STD**2
         P[1, 1] += walk[k]
         P[0, 0] += 0.01
         before_x[k], before_P[k], Fs[k] = x, P, F

@@ -5,12 +5,14 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 
+from canest.config.load import parse_config
 from canest.errors import ConfigError, OutputError
-from canest.resources import shipped
+from canest.resources import find, is_file, shipped
 
 UNIT = "canest@.service"
 _PATH_LINE = "Environment=PATH="
@@ -23,6 +25,7 @@ class Installed:
 
     written: list[Path] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    config: Path | None = None  #: as the service will read it
 
 
 def unit_text(executable: Path | None = None) -> str:
@@ -47,12 +50,38 @@ def this_executable() -> Path:
     return Path(found) if found else beside
 
 
+def databases_of(config: Path) -> dict[str, Path]:
+    """Return the DBC files that must go along with a config, by the names it gives them.
+
+    Shipped ones and absolute paths are found from anywhere.
+    Errors: ConfigError for one that would lie outside the folder of the services.
+    """
+    databases = {}
+    for name in parse_config(config.read_text(encoding="utf-8"), str(config)).dbc:
+        beside = config.parent / name
+        file = beside if is_file(beside) else find("dbc", name, str(config))
+        if Path(name).is_absolute() or file == shipped("dbc") / name:
+            continue
+        if ".." in Path(name).parts:
+            raise ConfigError(
+                "lies outside the config's folder",
+                where=f"{config}: dbc",
+                found=name,
+                expected="an absolute path",
+            )
+        databases[name] = file
+    return databases
+
+
 def install(
-    config: Path | None, name: str | None, root: Path = Path("/"), databases: Iterable[Path] = ()
+    config: Path | None,
+    name: str | None,
+    root: Path = Path("/"),
+    databases: Mapping[str, Path] = MappingProxyType({}),
 ) -> Installed:
     """Write the unit below ``root``, and the config as the instance ``name`` (default: the file's name).
 
-    databases: DBC files that lie beside the config, and shall again. Files that exist are kept.
+    databases: the DBC files that go along (`databases_of`). Files that exist are kept.
     Errors: ConfigError, OutputError.
     """
     done = Installed()
@@ -70,7 +99,8 @@ def install(
         _write(unit, unit_text(executable).encode(), done)
         if config is not None:
             folder = root / "etc/canest"
-            for source, file in ((config, f"{instance}.yaml"), *((d, d.name) for d in databases)):
+            done.config = folder / f"{instance}.yaml"
+            for source, file in ((config, done.config.name), *((d, n) for n, d in databases.items())):
                 if (folder / file).exists():
                     done.notes.append(
                         f"{folder / file} exists and was kept: edit it there, or remove it first; "

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import re
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -33,7 +32,7 @@ def place(name: str, variable: str, environment: Mapping[str, str] = os.environ)
 
 def file_name(config: Config) -> str:
     """Return the name of the state file: one per bus, since a daemon may be moved to another vehicle."""
-    return f"learned-{re.sub(r'[^A-Za-z0-9_.-]', '_', config.bus.channel)}.json"
+    return f"learned-{config.bus.file_name}.json"
 
 
 class Memory:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import re
 import socket
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -26,7 +25,7 @@ def socket_path(config: Config, environment: Mapping[str, str] = os.environ) -> 
     """Return where the daemon of this config listens: systemd's runtime directory, else the state's."""
     given = environment.get("RUNTIME_DIRECTORY", "").split(":")[0]
     folder = Path(given) if given else state_dir(config, environment)
-    return folder / f"status-{re.sub(r'[^A-Za-z0-9_.-]', '_', config.bus.channel)}.sock"
+    return folder / f"status-{config.bus.file_name}.sock"
 
 
 class StatusServer:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +20,8 @@ from canest.vehicle.screen import JUMP, MAX_ACCEL_MPS2, SPEED_SLACK_MPS
 
 #: two speeds of one vehicle may differ by slip and tyre size, besides `SPEED_SLACK_MPS`
 SPEED_MISMATCH_SHARE = 0.15
+#: an accelerator below this may be released: some rest a step or two of SPN 91 above zero, %
+RELEASED_PCT = 1.0
 _NEVER = -(1 << 62)
 #: the gates that a cause closes; excitation has a rule of its own
 _CAUSES: list[Gate] = [g for g in Gate if g not in (Gate.OPEN, Gate.LOW_EXCITATION, Gate.RECOVERY)]
@@ -103,10 +107,8 @@ class Gating:
             causes.append((Gate.RETARDER, closed))
         if "pto_state" in has:
             causes.append((Gate.PTO, has["pto_state"] > 0))
-        if "yaw_rate" in has:
-            causes.append((Gate.TURNING, np.abs(speed * has["yaw_rate"]) > gates.turning.lateral_mps2))
-        elif "lateral_accel" in has:
-            causes.append((Gate.TURNING, np.abs(has["lateral_accel"]) > gates.turning.lateral_mps2))
+        if "yaw_rate" in has or "lateral_accel" in has:
+            causes.append((Gate.TURNING, _lateral_mps2(speed, has) > gates.turning.lateral_mps2))
         causes.append((Gate.IMPLAUSIBLE, self._implausible(raw, has, accel_mps2)))
         return causes
 
@@ -132,7 +134,7 @@ class Gating:
         if "brake_pedal" in has:
             closed = closed | c.on("brake_pedal", self._gates.brake.pedal_pct)
         if self._pedal_only and "accelerator" in has:
-            closed = closed | ~(has["accelerator"] >= self._gates.brake.pedal_pct)
+            closed = closed | ~(has["accelerator"] >= RELEASED_PCT)
         return closed
 
     def _shifting(self, grid: GridBlock, raw: RawModel, has: dict[str, FloatColumn]) -> BoolColumn:
@@ -205,3 +207,12 @@ class Excitation:
         _excitation_kernel(force, flags, n, self._decay, self._least_N, state, low)
         self._state = [float(s) for s in state]
         return np.asarray(low, np.bool_)
+
+
+def _lateral_mps2(speed_mps: FloatColumn, has: dict[str, FloatColumn]) -> FloatColumn:
+    """Return the lateral acceleration (n,): of the yaw rate, or as felt (with body roll and bank) without."""
+    felt = np.abs(has["lateral_accel"]) if "lateral_accel" in has else constant(math.nan, len(speed_mps))
+    if "yaw_rate" not in has:
+        return felt
+    turned = np.abs(speed_mps * has["yaw_rate"])
+    return np.where(np.isnan(turned), felt, turned)

@@ -272,6 +272,8 @@ class LongitudinalModel:
             return c.signals[role] * (RPM_TO_RADPS / self.vehicle.final_drive) * c.radius_m
         if role == "engine_speed":
             return engines_speed(c, self._clutch_slip_pct)
+        if role == "vehicle_speed":  # counted at the wheels (SPN 84), with the radius that was declared
+            return c.signals[role] * (c.radius_m / self.vehicle.wheel_radius_m)
         return c.signals[role]
 
     def _speed(self, c: Columns, ticks: GridBlock) -> None:

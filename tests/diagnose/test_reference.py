@@ -11,27 +11,36 @@ from canest.diagnose.reference import (
     ACCELEROMETER_STD_MPS2,
     BIAS_STD_MPS2,
     PITCH_STD,
+    _on_ticks,
+    _seconds,
     _smooth,
     reference_for,
 )
-from canest.vehicle.samples import GRAVITY_MPS2
+from canest.simulate import simulate
+from canest.vehicle.samples import GRAVITY_MPS2, STEP_US
 
 ALTITUDE_STD_M, WALK = 1.0, 0.0004
 
 
-def road(n):
+def road(n, gap=None):
+    """A smooth road; from step ``gap`` on another one, 80 m higher."""
     rng = np.random.default_rng(1)
     speed = 18.0 + 4.0 * np.sin(np.arange(n) / 9.0)
     accel = np.gradient(speed)
     sin_beta = np.cumsum(rng.normal(size=n) * WALK * np.sqrt(speed))
-    altitude = 300.0 + np.cumsum(speed * sin_beta) + rng.normal(size=n) * ALTITUDE_STD_M
+    fresh = np.arange(n) == gap
+    if gap is not None:
+        sin_beta[gap:] -= 0.04
+    altitude = (
+        300.0 + 80.0 * np.cumsum(fresh) + np.cumsum(speed * sin_beta) + rng.normal(size=n) * ALTITUDE_STD_M
+    )
     extra = GRAVITY_MPS2 * sin_beta + 0.2 + GRAVITY_MPS2 * 0.012 * accel
     extra += rng.normal(size=n) * ACCELEROMETER_STD_MPS2
     altitude[::3] = np.nan  # a receiver that sometimes sees nothing
-    return speed, accel, extra, altitude, WALK**2 * speed
+    return fresh, speed, accel, extra, altitude, ALTITUDE_STD_M, WALK**2 * speed
 
 
-def batch(speed, accel, extra, altitude, walk):
+def batch(fresh, speed, accel, extra, altitude, altitude_std, walk):
     """Unknowns: first state (4), then each second's disturbance of altitude and of sin(beta)."""
     n = len(speed)
     unknowns = 4 + 2 * n
@@ -48,13 +57,14 @@ def batch(speed, accel, extra, altitude, walk):
         row(np.eye(unknowns)[i], first[i], std)
     slopes = np.empty((n, unknowns))
     for k in range(n):
-        state[0] += speed[k] * state[1]
-        for i, variance in ((0, 0.01), (1, walk[k])):
+        state[0] += 0.0 if fresh[k] else speed[k] * state[1]
+        lost = (100.0**2, 0.05**2) if fresh[k] else (0.0, 0.0)
+        for i, variance in ((0, 0.01 + lost[0]), (1, walk[k] + lost[1])):
             which = np.eye(unknowns)[4 + 2 * k + i]
             state[i] += which
             row(which, 0.0, np.sqrt(variance))
         if np.isfinite(altitude[k]):
-            row(state[0].copy(), altitude[k], ALTITUDE_STD_M)
+            row(state[0].copy(), altitude[k], altitude_std)
         h = GRAVITY_MPS2 * state[1] + state[2] + GRAVITY_MPS2 * accel[k] * state[3]
         row(h, extra[k], np.hypot(ACCELEROMETER_STD_MPS2, 0.05 * accel[k]))
         slopes[k] = state[1]
@@ -76,17 +86,42 @@ def test_a_mass_that_is_given_wins_over_the_table_and_the_table_need_not_tell_mo
     assert np.nanmin(told.mass_kg) >= 7000 and np.isnan(told.mass_kg[-1]) and told.grade is None
 
 
-def test_smoothed_grade_and_its_doubt_are_those_of_the_batch():
-    speed, accel, extra, altitude, walk = road(60)
-    _, sin_beta, std = _smooth(speed, accel, extra, altitude, ALTITUDE_STD_M, walk, None)[:3]
-    expected, expected_std = batch(*road(60))
+@pytest.mark.parametrize("gap", [None, 31])
+def test_smoothed_grade_and_its_doubt_are_those_of_the_batch(gap):
+    _, sin_beta, std = _smooth(*road(60, gap), None)
+    expected, expected_std = batch(*road(60, gap))
     assert sin_beta == pytest.approx(expected, abs=1e-7)
-    assert np.median(std) == pytest.approx(np.median(expected_std), rel=1e-4)
+    assert std == pytest.approx(np.median(expected_std), rel=1e-4)
 
 
 def test_the_right_roughness_of_the_road_is_the_likeliest():
-    speed, accel, extra, altitude, walk = road(600)
-    likelihood = [
-        _smooth(speed, accel, extra, altitude, ALTITUDE_STD_M, walk * f**2, None)[0] for f in (0.2, 1.0, 5.0)
-    ]
+    *seen, walk = road(600)
+    likelihood = [_smooth(*seen, walk * f**2, None)[0] for f in (0.2, 1.0, 5.0)]
     assert likelihood[1] == max(likelihood)
+
+
+def test_no_second_and_no_line_is_drawn_through_a_gap():
+    tick = np.concatenate((np.arange(120), np.arange(500, 530), np.arange(700, 800)))
+    first, fresh = _seconds(tick * STEP_US)
+    assert first.tolist() == [0, 50, 150, 200] and fresh.tolist() == [False, False, True, False]
+    column = _on_ticks(np.array([1.0, 2.0, 5.0, 7.0]), first, fresh, len(tick))
+    assert column[:150].min() == 1.0 and column[:150].max() == 2.0
+    assert column[150:].min() == 5.0 and column[-1] == 7.0
+
+
+def test_a_gap_costs_the_road_beside_it_nothing(tmp_path):
+    simulate("mixed-9t").write(tmp_path)
+    config = load_config("class8")
+    whole, cut = tmp_path / "mixed-9t.log", tmp_path / "cut.log"
+    lines = whole.read_text().splitlines(keepends=True)
+    begin_s = float(lines[0][1:].split(")")[0])
+    cut.write_text("".join(x for x in lines if not 150 < float(x[1:].split(")")[0]) - begin_s < 240))
+    found = {}
+    for log in (whole, cut):
+        drive = Drive.load(log, config)
+        run = drive.run([])
+        reference = reference_for(drive, run, mass_kg=9000.0)
+        assert reference.kind == "altitude+accelerometer"
+        found[log] = dict(zip(run.samples.t_us.tolist(), reference.sin_beta.tolist(), strict=True))
+    apart = [found[cut][t] - found[whole][t] for t in found[cut]]
+    assert np.max(np.abs(apart)) < 0.01

@@ -140,12 +140,12 @@ def test_a_reload_moves_the_metrics_port_and_the_status_socket(tmp_path, truck):
         reload(daemon, port=first, channel="elsewhere")
         assert wait_for(lambda: "service.metrics_port: cannot be opened" in daemon.said())
         assert "canest_uptime_seconds" in served(second)
-        assert ask(tmp_path / "run" / "status-vcan0.sock")["reloads"] == 2
+        assert ask(tmp_path / "run" / "status-virtual-vcan0.sock")["reloads"] == 2
         occupied.close()
         reload(daemon, port=first, channel="elsewhere")
-        assert wait_for((tmp_path / "run" / "status-elsewhere.sock").exists)
-        assert ask(tmp_path / "run" / "status-elsewhere.sock")["reloads"] == 3
-        assert not (tmp_path / "run" / "status-vcan0.sock").exists()
+        assert wait_for((tmp_path / "run" / "status-virtual-elsewhere.sock").exists)
+        assert ask(tmp_path / "run" / "status-virtual-elsewhere.sock")["reloads"] == 3
+        assert not (tmp_path / "run" / "status-virtual-vcan0.sock").exists()
         reload(daemon, port="null")
         assert wait_for(lambda: served(first) == "")
         daemon.process.terminate()
@@ -351,14 +351,37 @@ def test_the_service_is_installed_below_a_root_and_keeps_an_existing_config(tmp_
     assert any("kept" in note for note in second.notes)
 
 
-def test_the_dbc_beside_a_config_is_installed_with_it(tmp_path):
+@pytest.mark.parametrize("name", ["mine.dbc", "dbc/mine.dbc"])
+def test_the_dbc_of_a_config_is_installed_with_it(tmp_path, name):
+    folder, root = tmp_path / "here", tmp_path / "image"
+    (folder / name).parent.mkdir(parents=True)
+    (folder / name).write_bytes((shipped("dbc") / "j1939.dbc").read_bytes())
+    text = (shipped("configs") / "class8.yaml").read_text().replace("[j1939.dbc]", f"[{name}]")
+    (folder / "truck.yaml").write_text(text)
+    (folder / "linked.yaml").symlink_to("truck.yaml")
+    for config in ("truck", "linked"):
+        assert (
+            run(["install-service", "--install", "-c", f"{folder}/{config}.yaml", "--root", str(root)]) == 0
+        )
+        assert load_config(root / f"etc/canest/{config}.yaml").dbc == (str(root / "etc/canest" / name),)
+
+
+def test_a_dbc_that_the_service_would_not_find_is_refused(tmp_path, capsys):
     folder, root = tmp_path / "here", tmp_path / "image"
     folder.mkdir()
-    (folder / "mine.dbc").write_bytes((shipped("dbc") / "j1939.dbc").read_bytes())
-    text = (shipped("configs") / "class8.yaml").read_text().replace("[j1939.dbc]", "[mine.dbc]")
+    (tmp_path / "mine.dbc").write_bytes((shipped("dbc") / "j1939.dbc").read_bytes())
+    text = (shipped("configs") / "class8.yaml").read_text().replace("[j1939.dbc]", "[../mine.dbc]")
     (folder / "truck.yaml").write_text(text)
-    assert run(["install-service", "--install", "-c", f"{folder}/truck.yaml", "--root", str(root)]) == 0
-    assert load_config(root / "etc/canest/truck.yaml").dbc == (str(root / "etc/canest/mine.dbc"),)
+    assert run(["install-service", "--install", "-c", f"{folder}/truck.yaml", "--root", str(root)]) == 2
+    assert "../mine.dbc" in capsys.readouterr().err and not root.exists()
+
+
+def test_a_config_of_before_that_is_refused_is_told(tmp_path, capsys, truck):
+    (tmp_path / "etc/canest").mkdir(parents=True)
+    (tmp_path / "etc/canest/bus1.yaml").write_text("vehicle: {}")
+    argv = ["install-service", "--install", "-c", str(truck), "--name", "bus1", "--root", str(tmp_path)]
+    assert run(argv) == 2
+    assert f"{tmp_path}/etc/canest/bus1.yaml" in capsys.readouterr().err
 
 
 def test_a_place_that_cannot_be_written_is_one_plain_error(tmp_path, capsys, truck):

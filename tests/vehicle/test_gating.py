@@ -197,12 +197,20 @@ def test_a_pedal_that_is_up_counts_as_braking_where_no_brake_is_reported() -> No
     assert names(Drive(gates=gates).go(20, accelerator=0.0)) == {"BRAKE"}
     assert names(Drive(gates=gates).go(20, accelerator=math.nan)) == {"BRAKE"}
     assert names(Drive().go(20, accelerator=0.0)) == {"OPEN"}
+    gates["brake"]["pedal_pct"] = 50.0  # of the other pedal
+    assert names(Drive(gates=gates).go(20)) == {"OPEN"}
 
 
 def test_lateral_acceleration_where_there_is_no_yaw_rate() -> None:
     signals = {r: v for r, v in DRIVING.items() if r != "yaw_rate"} | {"lateral_accel": 0.0}
     assert names(Drive(signals).go(20, lateral_accel=-1.1)) == {"TURNING"}
     assert names(Drive(signals).go(20, lateral_accel=0.9)) == {"OPEN"}
+
+
+def test_lateral_acceleration_where_the_yaw_rate_is_not_told() -> None:
+    signals = {**DRIVING, "lateral_accel": 0.0}
+    assert names(Drive(signals).go(20, yaw_rate=math.nan, lateral_accel=-1.1)) == {"TURNING"}
+    assert names(Drive(signals).go(20, lateral_accel=-1.1)) == {"OPEN"}
 
 
 def test_low_excitation_closes_for_those_who_want_it_and_only_for_them() -> None:
