@@ -126,7 +126,7 @@ def _samples(
     config: Config, log: str | Path, channel: str | None, progress: Progress | None, notes: list[str]
 ) -> Iterator[tuple[_Samples, _Samples]]:
     """Yield the samples of a log, without and with the low-excitation gate; add to ``notes`` at its end."""
-    intake, grid, tables = Intake(config), grid_for(config), TableMap(config)
+    intake, grid, tables = Intake(config), grid_for(config), TableMap(config, log)
     plain, excited = (ModelStream(config, excitation_gate=gate) for gate in (False, True))
 
     def both(ticks: GridBlock) -> Iterator[tuple[_Samples, _Samples]]:

@@ -15,6 +15,11 @@ The message form is always: where, what, what was found, what was expected.
 from __future__ import annotations
 
 
+def how_to_add(extra: str) -> str:
+    """Return how an optional part of canest is installed: from its folder, for no package index has it."""
+    return f"pip install '.[{extra}]' in the folder that canest was installed from"
+
+
 class CanestError(Exception):
     """Root of all deliberate errors; ``str(error)`` is one plain line.
 

@@ -110,7 +110,7 @@ class LogRun:
     ) -> None:
         self.config = config
         self.pipeline = Pipeline(config, listener=listener)
-        self.table_map = TableMap(config)
+        self.table_map = TableMap(config, log)
         self.reader: LogReader = open_for(config, log, channel)
 
     def estimates(self, progress: Progress | None = None) -> Iterator[Estimates]:

@@ -27,12 +27,13 @@ _MANY = 5000
 
 
 class TableMap:
-    """Resolved columns of a config: role -> (column, factor, offset).
+    """Resolved columns of a config: role -> (column, factor, offset). log: the table, for messages.
 
     Errors: ConfigError for a unit that does not fit its role.
     """
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, log: str | Path = "") -> None:
+        self._where = f"{log}: column" if log else "column"
         self._time_column, self._hold_s = config.sampling.time_column, config.sampling.hold_s
         self.roles: dict[str, tuple[str, float, float]] = {}
         for role, source in config.signals.items():
@@ -56,7 +57,7 @@ class TableMap:
         if len(steps_s) >= _MANY and (apart_s := float(np.median(steps_s))) > self._hold_s:
             raise LogError(
                 "most rows come more than sampling.hold_s after the one before",
-                where=f"column {self._time_column}",
+                where=f"{self._where} {self._time_column}",
                 found=f"{apart_s:g} s from row to row",
                 expected="seconds, or ISO 8601",
             )

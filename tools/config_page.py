@@ -170,7 +170,7 @@ def _default(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if value in ({}, (), [], ""):
-        return "none"
+        return "empty"
     if isinstance(value, tuple):
         return "[" + ", ".join(map(str, value)) + "]"
     return f"{value:g}" if isinstance(value, float) else str(value)
@@ -179,7 +179,7 @@ def _default(value: Any) -> str:
 def _bounds(field: Any) -> str:
     signs = {"gt": "> ", "ge": "≥ ", "lt": "< ", "le": "≤ "}
     found = [
-        f"{sign}{getattr(m, name):g}"
+        f"{sign}{_default(getattr(m, name))}"
         for m in field.metadata
         for name, sign in signs.items()
         if hasattr(m, name)
@@ -241,7 +241,9 @@ def _signals() -> str:
     text += (
         "\n## Roles\n\nOne torque and one speed are needed, and where a vehicle has several gears one way "
         "to the ratio\n(`gear_ratio`, `gear`, or `engine_speed` with `output_shaft_speed` or "
-        "`vehicle_speed`); everything else helps\nor guards. EEC1 and CCVS1 alone are enough.\n\n"
+        "`vehicle_speed`); everything else helps\nor guards, but for "
+        "`selected_gear`, `input_shaft_speed`,\n`steering_angle` and `reported_mass`, which only "
+        "`canest check` shows.\nEEC1 and CCVS1 alone are enough.\n\n"
     )
     text += _table(["role", "unit", "stale after, s", "what it is"], rows)
     rows = [[inside or "none", ", ".join(u for u in units if u)] for inside, units in UNITS.items() if inside]

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
 from canest.cli.options import config_option, load, override_options
 
@@ -63,6 +64,11 @@ def command(
     """Say whether a config fits a log or a bus: every signal, found or not, from where, how often."""
     if log is not None and live:
         raise click.UsageError("give a LOG or --live, not both", click.get_current_context())
+    context = click.get_current_context()
+    if log is None and channel is not None:
+        raise click.UsageError("--channel chooses one interface of a LOG: give the log too", context)
+    if not live and context.get_parameter_source("seconds") is not ParameterSource.DEFAULT:
+        raise click.UsageError("--seconds is how long to listen: give --live too", context)
     config = load(config_name, overrides, estimator, initial_mass)
     from canest.check import Doctor
     from canest.cli.keep import config_files, keep_apart

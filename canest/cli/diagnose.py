@@ -223,6 +223,7 @@ def _show(diagnosis: Diagnosis, found: Sequence[Entry]) -> None:
     left = len(found) - SHOWN
     more = f"and {left} more in diagnosis.json; " if left > 0 else ""
     console.print(f"[dim]{more}*: added to the model, removes what comes back without it; others: alone[/]")
+    console.print("[dim]removes: share of the held-out residual variance once whitened, not in newtons[/]")
     console.print()
 
 

@@ -15,6 +15,7 @@ from canest.filters import Filter
 from canest.frames import BoolColumn, FloatColumn, Onward
 from canest.grid.grid import Feed, GridBlock
 from canest.intake import Intake, grid_for
+from canest.job import name_of
 from canest.logs.blocks import TableBlock
 from canest.notes import log_notes, stream_notes
 from canest.pipeline import Estimates, Pipeline
@@ -69,14 +70,14 @@ class Drive:
         self.path, self.config, self._feeds, self._flaw = path, config, feeds, flaw
         self.notes = list(notes)  #: what a user should know of the log beside the numbers
         self.channel = channel  #: the one interface of the log that was read, None for all
-        self.name = path.name.split(".")[0]
+        self.name = name_of(path)
         self._grids: dict[tuple[float, ...], list[GridBlock]] = {}
 
     @staticmethod
     def load(path: Path, config: Config, channel: str | None = None) -> Drive:
         """Read and decode a log (frames or table). Errors: LogError, NothingToDiagnoseError."""
         intake = Intake(config)
-        table = TableMap(config)
+        table = TableMap(config, path)
         feeds: list[Feed] = []
         reader = open_for(config, path, channel)
         for block in reader:

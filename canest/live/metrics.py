@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from canest.errors import UsageError
+from canest.errors import UsageError, how_to_add
 from canest.live.estimate_frame import STATUS_WORDS
 
 Sample = tuple[str, dict[str, str], float]
@@ -120,7 +120,7 @@ class MetricsServer:
             from prometheus_client.core import Metric
         except ImportError:
             raise UsageError(
-                "service.metrics_port needs prometheus-client", expected="pip install canest[metrics]"
+                "service.metrics_port needs prometheus-client", expected=how_to_add("metrics")
             ) from None
         from canest.live.metrics_http import HttpServer
 

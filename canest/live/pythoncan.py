@@ -13,7 +13,7 @@ import time
 from collections import Counter, deque
 
 from canest.config.bus import Bus
-from canest.errors import BusError
+from canest.errors import BusError, how_to_add
 from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.live.kernel_drain import Drained
 from canest.live.link import REOPEN_S, Filters
@@ -80,7 +80,7 @@ class PythonCanReceiver:
             raise BusError(
                 f"cannot be used ({error})",
                 where=f"bus.interface {bus.interface}",
-                expected="its driver" + (f": pip install canest[{extra}]" if extra else ""),
+                expected="its driver" + (f": {how_to_add(extra)}" if extra else ""),
             ) from error
 
     def collect(self) -> bool:

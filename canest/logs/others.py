@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from canest.errors import LogError
+from canest.errors import LogError, how_to_add
 from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.logs.base import LogReader
 from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
@@ -173,7 +173,7 @@ class PythonCanReader(LogReader):
             raise LogError(
                 f"log is in {self._suffix} format",
                 where=str(self.path),
-                expected="the asammdf package: pip install canest[formats]",
+                expected=f"the asammdf package: {how_to_add('formats')}",
             ) from None
 
     def _frame(self, message: Any) -> tuple[int, int, int, int] | None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.errors import LogError
+from canest.errors import LogError, how_to_add
 from canest.logs.blocks import TableBlock
 from canest.logs.compression import Source
 from canest.logs.tables import TableReader, number_of, seconds_of
@@ -36,7 +36,7 @@ class ParquetReader(TableReader):
             raise LogError(
                 "log is a parquet file",
                 where=str(self.path),
-                expected="the pyarrow package: pip install canest[formats]",
+                expected=f"the pyarrow package: {how_to_add('formats')}",
             ) from None
         try:
             file = pq.ParquetFile(self._unpacked() if self._source.archive else self.path)

@@ -86,7 +86,8 @@ class TableReader(LogReader):
                 f"the table has no time column {self._time_column!r}",
                 where=str(self.path),
                 found=", ".join(self.columns[:12]),
-                expected="a column of seconds (the config names it)",
+                expected="a column of seconds of this name (of a drive's own table the config names it: "
+                "sampling.time_column)",
             )
         names = list(dict.fromkeys(name for name in self.columns if name and name != self._time_column))
         chosen = [name for name in names if self._wanted is None or name in self._wanted]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from canest.errors import OutputError
+from canest.errors import OutputError, how_to_add
 from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.gates import LABELS
 from canest.logs import ascii as text
@@ -126,7 +126,7 @@ class ParquetEstimateWriter(EstimateWriter):
             raise OutputError(
                 "cannot write parquet",
                 where=str(path),
-                expected="the pyarrow package: pip install canest[formats]",
+                expected=f"the pyarrow package: {how_to_add('formats')}",
             ) from None
         super().__init__(path)
         self._pa = pa

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from canest import __version__
-from canest.errors import OutputError
+from canest.errors import OutputError, how_to_add
 
 
 @dataclass(slots=True)
@@ -85,5 +85,5 @@ def require_packages(where: str | Path) -> None:
             raise OutputError(
                 "cannot write a report",
                 where=str(where),
-                expected="plotly and jinja2: pip install canest[report]",
+                expected=f"plotly and jinja2: {how_to_add('report')}",
             )

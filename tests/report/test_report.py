@@ -255,7 +255,7 @@ def test_report_without_its_packages_is_one_line(tmp_path, canest_run, capsys, m
 
     monkeypatch.setitem(sys.modules, "jinja2", None)
     assert canest_run("replay", DRIVE, "-c", "class8", "--report", tmp_path / "r.html") == 1
-    assert "pip install canest[report]" in capsys.readouterr().err
+    assert "pip install '.[report]'" in capsys.readouterr().err
 
 
 @pytest.fixture
