@@ -205,7 +205,6 @@ def facts_of(config: Config) -> VehicleFacts:
         speed_step_mps=resolution["speed"],
         torque_step_Nm=resolution["torque"],
         accelerometer_step_mps2=resolution["accelerometer"],
-        reference_torque_Nm=v.reference_torque_Nm or 2000.0,
         has_accelerometer="longitudinal_accel" in config.signals,
         filter_delay_s=delay_s(butterworth(config.filter.order, config.filter.cutoff_hz)),
     )

@@ -8,14 +8,13 @@ import numpy as np
 
 from canest.frames import FloatColumn, IntColumn
 from canest.plausible_gears import GearFit
-from canest.roles import UNITS
+from canest.roles import RADPS_PER_RPM, UNITS
 
 if TYPE_CHECKING:
     from canest.config import Config
 
 Samples = dict[str, tuple[IntColumn, FloatColumn]]
 
-RPM_TO_RADPS = np.pi / 30
 #: slower than this (m/s), speeds are too coarse to compare
 MIN_MPS = 5.0
 #: pairs needed before a comparison counts, and how many of them a gear remembers
@@ -88,7 +87,7 @@ class Plausibility:
         self._waiting.clear()
         if "output_shaft_speed" in stretch:
             stamps, rpm = stretch["output_shaft_speed"]
-            wheel_radps = rpm * (RPM_TO_RADPS / self._vehicle.final_drive)
+            wheel_radps = rpm * (RADPS_PER_RPM / self._vehicle.final_drive)
             for role in ROAD_SPEEDS:
                 if role in stretch:
                     self._speeds(role, stretch[role], (stamps, wheel_radps))
@@ -132,7 +131,7 @@ class Plausibility:
 
     def _shaft(self, stamps: IntColumn, stretch: Samples) -> tuple[FloatColumn, float]:
         """Return the output shaft's speed (rpm, n), or the road's for it, and the least that counts."""
-        rpm_per_mps = self._vehicle.final_drive / self._vehicle.wheel_radius_m / RPM_TO_RADPS
+        rpm_per_mps = 1.0 / self._vehicle.mps_per_shaft_rpm
         roles = ("output_shaft_speed", *ROAD_SPEEDS)
         turning = next((role for role in roles if role in stretch), None)
         if turning is None:

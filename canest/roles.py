@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+RADPS_PER_RPM = math.pi / 30
+
 #: unit inside canest -> the units it may come in: value_inside = value * factor + offset
 UNITS: dict[str, dict[str, tuple[float, float]]] = {
     "m/s": {"m/s": (1.0, 0.0), "km/h": (1 / 3.6, 0.0), "kph": (1 / 3.6, 0.0), "mph": (0.44704, 0.0)},
-    "rpm": {"rpm": (1.0, 0.0), "1/min": (1.0, 0.0), "rad/s": (30 / math.pi, 0.0)},
+    "rpm": {"rpm": (1.0, 0.0), "1/min": (1.0, 0.0), "rad/s": (1 / RADPS_PER_RPM, 0.0)},
     "Nm": {"Nm": (1.0, 0.0), "N m": (1.0, 0.0), "kNm": (1000.0, 0.0)},
     "%": {"%": (1.0, 0.0)},
     "ratio": {"": (1.0, 0.0), "ratio": (1.0, 0.0)},
@@ -49,12 +51,10 @@ class Role:
     unit: str
     stale_s: float
     text: str
-    #: a held value of this role is a state (switch, gear), not a sample of something continuous
-    discrete: bool = False
 
 
-def _role(name: str, unit: str, stale_s: float, text: str, discrete: bool = False) -> tuple[str, Role]:
-    return name, Role(name, unit, stale_s, text, discrete)
+def _role(name: str, unit: str, stale_s: float, text: str) -> tuple[str, Role]:
+    return name, Role(name, unit, stale_s, text)
 
 
 ROLES: dict[str, Role] = dict(
@@ -72,23 +72,23 @@ ROLES: dict[str, Role] = dict(
         # driveline
         _role("output_shaft_speed", "rpm", 0.25, "transmission output shaft speed (SPN 191)"),
         _role("input_shaft_speed", "rpm", 0.25, "transmission input shaft speed (SPN 161)"),
-        _role("gear_ratio", "ratio", 1.0, "actual transmission ratio (SPN 526)", True),
-        _role("gear", "gear", 1.5, "current gear number (SPN 523)", True),
-        _role("selected_gear", "gear", 1.5, "selected gear number (SPN 524)", True),
-        _role("shift_in_process", "", 0.5, "shift in process, 0 or 1 (SPN 574)", True),
-        _role("driveline_engaged", "", 0.5, "driveline engaged, 0 or 1 (SPN 560)", True),
-        _role("lockup_engaged", "", 0.5, "torque converter locked up, 0 or 1 (SPN 573)", True),
+        _role("gear_ratio", "ratio", 1.0, "actual transmission ratio (SPN 526)"),
+        _role("gear", "gear", 1.5, "current gear number (SPN 523)"),
+        _role("selected_gear", "gear", 1.5, "selected gear number (SPN 524)"),
+        _role("shift_in_process", "", 0.5, "shift in process, 0 or 1 (SPN 574)"),
+        _role("driveline_engaged", "", 0.5, "driveline engaged, 0 or 1 (SPN 560)"),
+        _role("lockup_engaged", "", 0.5, "torque converter locked up, 0 or 1 (SPN 573)"),
         _role("clutch_slip", "%", 0.5, "clutch slip (SPN 522)"),
-        _role("clutch_switch", "", 1.0, "clutch pedal pressed, 0 or 1 (SPN 598)", True),
+        _role("clutch_switch", "", 1.0, "clutch pedal pressed, 0 or 1 (SPN 598)"),
         # speed of the vehicle
         _role("vehicle_speed", "m/s", 0.5, "wheel-based vehicle speed (SPN 84)"),
         _role("undriven_speed", "m/s", 0.5, "speed of an undriven axle (SPN 904)"),
         _role("gps_speed", "m/s", 2.5, "navigation-based speed (SPN 517)"),
         # brakes and retarders
-        _role("brake_switch", "", 1.0, "service brake pressed, 0 or 1 (SPN 597)", True),
+        _role("brake_switch", "", 1.0, "service brake pressed, 0 or 1 (SPN 597)"),
         _role("brake_pedal", "%", 0.5, "brake pedal position (SPN 521)"),
-        _role("parking_brake", "", 1.0, "parking brake set, 0 or 1 (SPN 70)", True),
-        _role("abs_active", "", 1.0, "anti-lock or traction control acting, 0 or 1 (SPN 563)", True),
+        _role("parking_brake", "", 1.0, "parking brake set, 0 or 1 (SPN 70)"),
+        _role("abs_active", "", 1.0, "anti-lock or traction control acting, 0 or 1 (SPN 563)"),
         _role(
             "retarder_torque_pct", "%", 0.5, "actual retarder percent torque, negative when braking (SPN 520)"
         ),
@@ -97,7 +97,7 @@ ROLES: dict[str, Role] = dict(
         _role("accelerator", "%", 0.5, "accelerator pedal position (SPN 91)"),
         _role("ambient_temperature", "degC", 30.0, "ambient air temperature (SPN 171)"),
         _role("barometric_pressure", "kPa", 30.0, "barometric pressure (SPN 108)"),
-        _role("pto_state", "", 2.0, "power take-off governor state, 0 is off (SPN 976)", True),
+        _role("pto_state", "", 2.0, "power take-off governor state, 0 is off (SPN 976)"),
         _role("fan_speed", "%", 5.0, "estimated fan speed (SPN 975)"),
         # motion
         _role("longitudinal_accel", "m/s2", 0.25, "longitudinal accelerometer (SPN 1810)"),

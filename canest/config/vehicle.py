@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from canest.config.agreement import MisplacedError
 from canest.config.section import Number, Section, empty_section
+from canest.roles import RADPS_PER_RPM
 
 
 class Retarder(Section):
@@ -45,6 +46,11 @@ class Vehicle(Section):
     air_density_kgpm3: Number = Field(1.2, gt=0.5, lt=1.6)
     rolling_resistance: Number = Field(gt=0, lt=0.1)
     accelerometer: Accelerometer = empty_section()
+
+    @property
+    def mps_per_shaft_rpm(self) -> float:
+        """Return how fast the road passes under the wheels per revolution a minute of the output shaft."""
+        return RADPS_PER_RPM / self.final_drive * self.wheel_radius_m
 
     @model_validator(mode="after")
     def _consistent(self) -> Vehicle:

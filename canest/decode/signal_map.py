@@ -90,11 +90,10 @@ def resolution_of(config: Config) -> dict[str, float]:
     """
     v = config.vehicle
     reference = v.reference_torque_Nm or 2000.0
-    per_rpm = 0.10472 * v.wheel_radius_m
     speeds = {
-        "output_shaft_speed": per_rpm / v.final_drive,
+        "output_shaft_speed": v.mps_per_shaft_rpm,
         "undriven_speed": 1.0,
-        "engine_speed": per_rpm / v.final_drive / min(v.gear_ratios.values(), default=1.0),
+        "engine_speed": v.mps_per_shaft_rpm / min(v.gear_ratios.values(), default=1.0),
         "vehicle_speed": 1.0,
         "gps_speed": 1.0,
     }

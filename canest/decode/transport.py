@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from canest.decode.j1939 import GLOBAL_ADDRESS
 
-RTS, CTS, END_OF_MESSAGE, BAM, ABORT = 16, 17, 19, 32, 255  #: control bytes of TP.CM
+RTS, CTS, BAM, ABORT = 16, 17, 32, 255  #: control bytes of TP.CM
 PACKET_BYTES = 7
 SMALLEST, LARGEST = 9, 1785  #: bytes that a multi-packet message may have
 BAM_SILENCE_US = 750_000  #: T1: longest gap between two packets of a broadcast

@@ -72,10 +72,6 @@ class Candidate:
         value = float(np.clip(info.neutral + deviation, info.low, info.high))
         return effect_from_config({"effect": self.effect, self.parameter: value} | dict(self.shape))
 
-    def reshaped(self, **shape: object) -> Candidate:
-        """Return the same candidate with another shape."""
-        return replace(self, shape=tuple((dict(self.shape) | shape).items()))
-
     @property
     def rank(self) -> int:
         """Place in the order of plausibility."""

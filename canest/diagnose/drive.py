@@ -22,7 +22,7 @@ from canest.pipeline import Estimates, Pipeline
 from canest.tables import TableMap, open_for
 from canest.vehicle.effects import Effect
 from canest.vehicle.regression import Regression
-from canest.vehicle.samples import ModelBlock
+from canest.vehicle.samples import STEP_US, ModelBlock
 from canest.verdict import why_no_time
 
 
@@ -133,7 +133,7 @@ class Drive:
         """Pass a column of the run's ticks through the model's Butterworth (for a reference)."""
         start = np.zeros(len(column), np.bool_)
         start[0] = True
-        start[1:] = np.diff(run.samples.t_us) != 20_000
+        start[1:] = np.diff(run.samples.t_us) != STEP_US
         return Filter(self.config.filter.order, self.config.filter.cutoff_hz).apply(column, start)
 
     def _ticks(self, config: Config, effects: Sequence[Effect]) -> list[GridBlock]:

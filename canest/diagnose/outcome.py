@@ -265,9 +265,8 @@ def _with(search: Search, chosen: Sequence[Chosen]) -> Search:
 
 def _share(search: Search) -> float:
     """Return the share of held-out variance (in units of what the reference lets see) that is removed."""
-    before, _ = search.held_out_rms(after=False)
-    after, _ = search.held_out_rms(after=True)
-    return _unit(1.0 - (after / before) ** 2) if before > 0 else 0.0
+    before, after = search.held_out_variance(after=False), search.held_out_variance(after=True)
+    return _unit(1.0 - after / before) if before > 0 else 0.0
 
 
 def _one_each(candidates: Sequence[Candidate]) -> list[Candidate]:

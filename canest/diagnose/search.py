@@ -10,12 +10,13 @@ import numpy as np
 from canest.diagnose.candidates import Candidate
 from canest.diagnose.choice import Chosen, Tried
 from canest.diagnose.equivalence import Alternatives, as_good
-from canest.diagnose.fit import Matrix, chunk_sums, solve
+from canest.diagnose.fit import Matrix, solve
 from canest.diagnose.gauss_newton import refine, regressors
 from canest.diagnose.problem import Problem
 from canest.diagnose.small_errors import usual_spread, variance_beside
 from canest.frames import FloatColumn
 from canest.vehicle.effects import Effect
+from canest.vehicle.samples import STEP_S
 
 #: an effect must be this many of its own (chunk-robust) standard deviations away from neutral, and more
 #: where the mass is free to take its part
@@ -29,7 +30,7 @@ MIN_WEIGHT_SHARE, MIN_TORQUE_STEPS = 2e-4, 0.5
 SHARE_WINDOWS = 4
 MAX_EFFECTS = 5
 #: samples are held from tick to tick (20 ms): no delay is known more finely
-TICK_STD_S = 0.02 / 12**0.5
+TICK_STD_S = STEP_S / 12**0.5
 #: a step of an effect that moves no window by this share of the weight moves nothing but rounding
 ROUNDING = 1e-9
 #: a delay is far from linear: Gauss-Newton starts from the best of these
@@ -303,12 +304,7 @@ class Search:
         """Return the chosen effects' regressors at their values, and the nuisances."""
         return self.problem.beside_nuisance(self._now()[1])
 
-    def held_out_rms(self, *, after: bool) -> tuple[float, float]:
-        """Return the held-out residual's RMS (whitened units) and its standard error by chunk bootstrap."""
+    def held_out_variance(self, *, after: bool) -> float:
+        """Return the mean square of the held-out residual (whitened units)."""
         residual, columns = self._now() if after else (self._first, [])
-        left = self._left(residual, columns)
-        sums = chunk_sums(left, self.problem.chunk)
-        counts = chunk_sums(np.ones(len(left)), self.problem.chunk)
-        draw = np.random.default_rng(0).integers(0, len(sums), (400, len(sums)))
-        resampled = np.sqrt(sums[draw].sum(axis=1) / counts[draw].sum(axis=1))
-        return float(np.sqrt(left.mean())), float(resampled.std())
+        return float(self._left(residual, columns).mean())

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from canest.frames import BoolColumn, FloatColumn, IntColumn
+from canest.vehicle.samples import RATE_HZ
 
-WINDOW_TICKS = 50
+WINDOW_TICKS = round(RATE_HZ)  #: one second
 #: windows that belong together in cross-validation and in standard errors: errors of a road, of the wind
 #: and of a driver last for seconds, not for one window
 CHUNK_S = 8.0

@@ -11,7 +11,7 @@ from pydantic import Field
 from canest.estimators.ekf import EkfBase, EkfOptions
 from canest.estimators.ekf_filter import EkfCore, Rows
 from canest.frames import FloatColumn, Onward
-from canest.vehicle.samples import STEP_US, EstimateBlock, ModelBlock
+from canest.vehicle.samples import STEP_S, STEP_US, EstimateBlock, ModelBlock
 
 
 class EkfSelectOptions(EkfOptions):
@@ -65,7 +65,7 @@ class EkfSelect(EkfBase):
     def _update(self, block: ModelBlock) -> EstimateBlock:
         rows = Rows(block, self._before)
         self._before = rows.after
-        every_us = round(self.options.every_s / 0.02) * STEP_US
+        every_us = round(self.options.every_s / STEP_S) * STEP_US
         parts = [np.empty((4, 0))]
         stamps = self._onward(block.t_us)
         times = stamps[rows.at]

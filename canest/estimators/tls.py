@@ -10,11 +10,12 @@ from pydantic import Field
 from canest.estimators.tls_math import NoiseScale, spread
 from canest.estimators.two_parameter import TwoParameter, TwoParameterOptions
 from canest.frames import FloatColumn
+from canest.vehicle.samples import RATE_HZ
 
 #: phi2 is a known constant; W must still be positive definite, so it gets this standard deviation, m/s2
 EXACT_MPS2 = 1e-4
 #: rows between two solutions of the batch methods: one second
-SOLVE_EVERY = 50
+SOLVE_EVERY = round(RATE_HZ)
 
 
 class GeneralizedOptions(TwoParameterOptions):

@@ -14,8 +14,8 @@ import time
 from collections.abc import Callable, Mapping
 from typing import TextIO
 
-ERROR, WARNING, NOTICE, INFO = 3, 4, 5, 6  #: syslog priorities
-_WORDS = {ERROR: "error", WARNING: "warning", NOTICE: "notice", INFO: "info"}
+ERROR, WARNING, NOTICE = 3, 4, 5  #: syslog priorities
+_WORDS = {ERROR: "error", WARNING: "warning", NOTICE: "notice"}
 
 BURST = 5  #: lines of one event at once
 REFILL_S = 30.0  #: then one more per this time
@@ -50,10 +50,6 @@ class Journal:
     def notice(self, event: str, **fields: object) -> None:
         """A change worth knowing."""
         self._log(NOTICE, event, fields)
-
-    def info(self, event: str, **fields: object) -> None:
-        """For the record."""
-        self._log(INFO, event, fields)
 
     def _log(self, priority: int, event: str, fields: dict[str, object]) -> None:
         held_back = self._admit(event)

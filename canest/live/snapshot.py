@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from canest.gates import LABELS
 from canest.live.estimate_frame import STATUS_WORDS
 from canest.unheard import unheard
-from canest.vehicle.samples import RATE_HZ
+from canest.vehicle.samples import RATE_HZ, STEP_S
 from canest.verdict import why_no_signal
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 NOT_AVAILABLE = "not available"
 #: most senders listed: noise from every address must not make a snapshot long
 MOST_SENDERS, MOST_OTHERS = 100, 20
-PATIENCE_TICKS = 30 * 50  #: before a signal counts as one that nobody sends
+PATIENCE_TICKS = round(30 * RATE_HZ)  #: before a signal counts as one that nobody sends
 
 
 def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
@@ -122,7 +122,7 @@ def why_not_valid(daemon: Daemon, now_us: int) -> str:
     if missing := missing or pipeline.estimator.doubts():
         return missing
     gate = LABELS.get(estimate.gate, "")
-    learned_s = pipeline.updated * 0.02
+    learned_s = pipeline.updated * STEP_S
     text = f"learned from {learned_s:.1f} s of driving so far"
     return f"{text}; now held back by the gate {gate}" if gate else text
 

@@ -17,6 +17,7 @@ from canest.report.gates import look as gate_look
 from canest.report.page import Card, Page, Section, Table
 from canest.report.recorder import Recorder, residual_N
 from canest.vehicle.model import LongitudinalModel
+from canest.vehicle.samples import RATE_HZ
 from canest.vehicle.sources import AT_WHEELS, torque_role
 
 if TYPE_CHECKING:
@@ -90,7 +91,8 @@ def _cards(s: dict[str, Any], recorder: Recorder) -> list[Card]:
     cards.append(Card("Status at the end", s["status"], s["estimator"], _TONES.get(s["status"], "")))
     if s["samples"]:
         share = 100 * s["updated"] / s["samples"]
-        cards.append(Card("Learned from", f"{share:.0f} %", f"{s['updated'] / 50:,.0f} s with open gates"))
+        open_s = s["updated"] / RATE_HZ
+        cards.append(Card("Learned from", f"{share:.0f} %", f"{open_s:,.0f} s with open gates"))
     errors = s.get("errors")
     if errors:
         after = f"from {errors['after_s']:g} s on"

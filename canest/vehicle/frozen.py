@@ -108,8 +108,7 @@ class Frozen:
 
 def _metres(config: Config, speed: str) -> float:
     """Return m/s per unit of a role that tells a speed."""
-    v = config.vehicle
-    return math.pi / 30 / v.final_drive * v.wheel_radius_m if speed == "output_shaft_speed" else 1.0
+    return config.vehicle.mps_per_shaft_rpm if speed == "output_shaft_speed" else 1.0
 
 
 def _together(config: Config, role: str) -> bool:

@@ -23,6 +23,7 @@ from canest.decode.signal_map import step_of
 from canest.decode.validity import GEAR_PARK
 from canest.frames import BoolColumn, FloatColumn, Onward
 from canest.grid.grid import GridBlock
+from canest.roles import RADPS_PER_RPM
 from canest.vehicle.columns import Columns
 from canest.vehicle.driveline import engines_speed
 from canest.vehicle.friction import EngineFriction
@@ -34,7 +35,6 @@ from canest.vehicle.speed_choice import SpeedChoice
 if TYPE_CHECKING:
     from canest.vehicle.effects import Effect
 
-RPM_TO_RADPS = np.pi / 30
 #: specific gas constant of dry air, J/(kg K)
 AIR_R = 287.05
 #: no road vehicle is pushed harder: a number beyond is damage, and would stay in the filters
@@ -182,10 +182,10 @@ class LongitudinalModel:
     def _engine_radps(self, values: Mapping[str, FloatColumn], ratio: FloatColumn) -> FloatColumn:
         """Return the crank's speed; where no role tells it, what the wheels turn it with."""
         if "engine_speed" in values:
-            return values["engine_speed"] * RPM_TO_RADPS
+            return values["engine_speed"] * RADPS_PER_RPM
         role = self.speed_roles[0]
         if role == "output_shaft_speed":
-            return values[role] * RPM_TO_RADPS * ratio
+            return values[role] * RADPS_PER_RPM * ratio
         return values[role] / self.vehicle.wheel_radius_m * self.vehicle.final_drive * ratio
 
     def _density(self, values: Mapping[str, FloatColumn], n: int) -> FloatColumn:
@@ -228,7 +228,7 @@ class LongitudinalModel:
     def _shaft_ratio(self, values: Mapping[str, FloatColumn], n: int) -> FloatColumn:
         engine, shaft = values.get("engine_speed"), values.get("output_shaft_speed")
         if shaft is None and "vehicle_speed" in values:  # as the road turns it
-            rpm_per_mps = self.vehicle.final_drive / self.vehicle.wheel_radius_m / RPM_TO_RADPS
+            rpm_per_mps = 1.0 / self.vehicle.mps_per_shaft_rpm
             shaft = values["vehicle_speed"] * rpm_per_mps
         if engine is None or shaft is None:
             return constant(math.nan, n)
@@ -269,7 +269,7 @@ class LongitudinalModel:
     def _told_by(self, role: str, c: Columns) -> FloatColumn:
         """Return the speed that a role tells, m/s (n,)."""
         if role == "output_shaft_speed":
-            return c.signals[role] * (RPM_TO_RADPS / self.vehicle.final_drive) * c.radius_m
+            return c.signals[role] * (RADPS_PER_RPM / self.vehicle.final_drive) * c.radius_m
         if role == "engine_speed":
             return engines_speed(c, self._clutch_slip_pct)
         if role == "vehicle_speed":  # counted at the wheels (SPN 84), with the radius that was declared

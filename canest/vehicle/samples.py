@@ -121,7 +121,6 @@ class VehicleFacts:
     initial_mass_kg: start value given by the user, or None: choose by yourself.
     rolling_resistance: coefficient of the config. pitch_rad_per_mps2: body pitch (squat) per m/s2.
     speed_step_mps, torque_step_Nm, accelerometer_step_mps2: resolution of the signals in use.
-    reference_torque_Nm: full scale of the reported torque (how large 1 % is).
     filter_delay_s: how much later than the vehicle the filtered columns are.
     """
 
@@ -134,6 +133,5 @@ class VehicleFacts:
     speed_step_mps: float = 0.002
     torque_step_Nm: float = 20.0
     accelerometer_step_mps2: float = 0.1
-    reference_torque_Nm: float = 2000.0
     has_accelerometer: bool = False
     filter_delay_s: float = 0.0

@@ -68,9 +68,8 @@ LIMITS: dict[str, Limit] = {
 
 def limits_of(config: Config) -> dict[str, Limit]:
     """Return the limits of the roles that a config maps."""
-    vehicle = config.vehicle
-    rpm_per_mps = vehicle.final_drive / vehicle.wheel_radius_m * 30 / math.pi
-    shaft = Limit(*(limit * rpm_per_mps for limit in (SPEED_SLACK_MPS, MAX_ACCEL_MPS2, MAX_SPEED_MPS)))
+    per_rpm = config.vehicle.mps_per_shaft_rpm
+    shaft = Limit(*(limit / per_rpm for limit in (SPEED_SLACK_MPS, MAX_ACCEL_MPS2, MAX_SPEED_MPS)))
     every = {**LIMITS, "output_shaft_speed": shaft}
     return {role: every[role] for role in config.signals if role in every}
 

@@ -147,8 +147,8 @@ def test_a_stderr_that_nobody_reads_is_not_waited_for():
 
 def test_outside_systemd_lines_are_for_people():
     log, stream, _ = journal({"TERM": "xterm"})
-    log.info("started", config="truck")
-    assert re.fullmatch(r"\d\d:\d\d:\d\d info: started config=truck\n", stream.getvalue())
+    log.notice("started", config="truck")
+    assert re.fullmatch(r"\d\d:\d\d:\d\d notice: started config=truck\n", stream.getvalue())
 
 
 class FakeTime:

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from canest.frames import BoolColumn
+from canest.roles import RADPS_PER_RPM
 from canest.vehicle.columns import Columns
 from canest.vehicle.effects.base import Added, Effect, Parameter, Scaled, Stage, register
 
@@ -119,6 +120,6 @@ class SwitchedLoad(Effect):
             return
         # below idle there is no power to take: bounds the torque while the engine starts or stops
         speed = np.maximum(c.engine_radps, 50.0)
-        reference = self.reference_rpm * np.pi / 30
+        reference = self.reference_rpm * RADPS_PER_RPM
         power_W = 1000.0 * self.power_kW * (speed / reference) ** self.exponent
         c.torque_Nm = c.torque_Nm - np.where(c.on(self.on_signal, self.threshold), power_W / speed, 0.0)
