@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from canest.roles import ROLES
+from canest.vehicle.driveline import CLUTCHES
 from canest.vehicle.model import LongitudinalModel
 from canest.vehicle.samples import RATE_HZ
 
@@ -64,13 +65,21 @@ def what_lacks(config: Config, model: LongitudinalModel, dead: Callable[[str], s
     for role, more in needed_roles(config, model).items():
         if reason := dead(role):
             return reason + more
-    speeds = [dead(role) for role in model.speed_roles]
+    speeds = [dead(role) or _clutch_lacks(role, config, dead) for role in model.speed_roles]
     if all(speeds):
         return "no speed: " + "; ".join(speeds)
     ways = [[reason for role in way if (reason := dead(role))] for way in model.ratio_ways]
     if ways and all(ways):
         return "no gear ratio: " + "; ".join(dict.fromkeys(reason for way in ways for reason in way))
     return ""
+
+
+def _clutch_lacks(role: str, config: Config, dead: Callable[[str], str]) -> str:
+    """Return why an engine's speed tells none of the vehicle, '' where it may."""
+    if role != "engine_speed" or len(config.vehicle.gear_ratios) < 2:
+        return ""
+    silent = [dead(clutch) for clutch in CLUTCHES if clutch in config.signals]
+    return f"nothing tells when the clutch is open ({'; '.join(silent)})" if all(silent) else ""
 
 
 def why_not_learning(run: LogRun) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from canest.columns import constant
+from canest.config.vehicle import Vehicle
 from canest.frames import BoolColumn, FloatColumn
 from canest.vehicle.columns import Columns
 
@@ -28,6 +29,25 @@ def parted(c: Columns, clutch_slip_pct: float) -> BoolColumn:
     if "clutch_slip" in c.signals:
         found = found | c.on("clutch_slip", clutch_slip_pct)
     return found
+
+
+class Clutch:
+    """Carries whether anything has ever told when the engine is parted from the wheels."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._known = len(vehicle.gear_ratios) < 2
+
+    def known(self, c: Columns) -> BoolColumn:
+        """Return where one knows it, or has one gear and no clutch (n,)."""
+        if self._known:
+            return constant(True, len(c))
+        told = constant(False, len(c))
+        for role in CLUTCHES:
+            if role in c.signals:
+                told = told | np.isfinite(c.signals[role])
+        told = np.logical_or.accumulate(told)
+        self._known = bool(told[-1])
+        return told
 
 
 def engines_speed(c: Columns, clutch_slip_pct: float) -> FloatColumn:

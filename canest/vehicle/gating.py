@@ -56,7 +56,7 @@ class Gating:
             len(grid), self._until_tick if grid.continues else tick[0] + self._settle_ticks, np.int64
         )
         causes = self._causes(grid, raw, accel_mps2)
-        self.slack = self._slack(grid, causes, tick)
+        self.slack = self._slack(grid, raw, causes, tick)
         # backwards: the cause that comes first has the last word
         for gate, closed in reversed(causes):
             dwell = self._dwell_ticks.get(gate)
@@ -70,21 +70,22 @@ class Gating:
         return np.where((code == 0) & (tick < until), np.uint8(Gate.RECOVERY), code)
 
     def _slack(
-        self, grid: GridBlock, causes: list[tuple[Gate, BoolColumn]], tick: NDArray[np.int64]
+        self, grid: GridBlock, raw: RawModel, causes: list[tuple[Gate, BoolColumn]], tick: NDArray[np.int64]
     ) -> BoolColumn:
         """Return where a shift or a clutch, or what they leave swinging, parts the engine from the wheels.
 
         Only asked for where the speed is the engine's, through the gear: then it is no speed of the vehicle.
         """
-        if self._model.speed_roles[0] != "engine_speed":
+        if not np.count_nonzero(raw.by_engine):
             return constant(False, len(grid))
         until = np.full(len(grid), self._slack_until_tick if grid.continues else _NEVER, np.int64)
         for gate, closed in causes:
             if gate in (Gate.SHIFT, Gate.DRIVELINE):
-                until = np.maximum(until, np.where(closed, tick + 1 + self._dwell_ticks.get(gate, 0), _NEVER))
+                ends = tick + 1 + self._dwell_ticks.get(gate, 0)
+                until = np.maximum(until, np.where(closed & raw.by_engine, ends, _NEVER))
         until = np.maximum.accumulate(until)
         self._slack_until_tick = int(until[-1])
-        slack: BoolColumn = tick < until
+        slack: BoolColumn = raw.by_engine & (tick < until)
         return slack
 
     def _causes(
@@ -154,8 +155,8 @@ class Gating:
             per_mps = c.ratio / c.radius_m
             wheel = raw.speed_mps * per_mps
             allowed = gates.ratio_mismatch * np.abs(wheel) + 5.0
-            if self._model.speed_roles[0] == "vehicle_speed":  # of a message that is rare and late
-                allowed = allowed + ROAD_SPEED_LATE_S * np.abs(accel_mps2) * per_mps
+            if np.count_nonzero(raw.late):
+                allowed = allowed + raw.late * ROAD_SPEED_LATE_S * np.abs(accel_mps2) * per_mps
             wrong = np.abs(c.engine_radps - wheel) > allowed
             closed = closed | (wrong & np.isfinite(c.engine_radps) & np.isfinite(wheel) & (c.ratio > 0))
         return closed

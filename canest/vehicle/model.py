@@ -20,13 +20,13 @@ import numpy as np
 from canest.columns import constant, shifted
 from canest.config.schema import Config
 from canest.decode.signal_map import step_of
-from canest.decode.validity import GEAR_PARK
-from canest.frames import BoolColumn, FloatColumn, Onward
+from canest.frames import BoolColumn, FloatColumn, IntColumn, Onward
 from canest.grid.grid import GridBlock
 from canest.roles import RADPS_PER_RPM
 from canest.vehicle.columns import Columns
-from canest.vehicle.driveline import engines_speed
+from canest.vehicle.driveline import Clutch, engines_speed
 from canest.vehicle.friction import EngineFriction
+from canest.vehicle.gearbox import Gearbox
 from canest.vehicle.samples import STEP_S
 from canest.vehicle.screen import MAX_SPEED_MPS
 from canest.vehicle.sources import AT_WHEELS, ratio_ways, speed_roles, torque_role
@@ -39,15 +39,9 @@ if TYPE_CHECKING:
 AIR_R = 287.05
 #: no road vehicle is pushed harder: a number beyond is damage, and would stay in the filters
 MAX_FORCE_N = 1e7
-#: a shaft slower than this tells nothing about the ratio, rpm
-MIN_SHAFT_RPM = 50.0
-#: neutral and park, as gear numbers
-_NOTHING_ENGAGED = (0.0, GEAR_PARK)
 #: speeds that turn with the driven wheels
 _DRIVEN = ("output_shaft_speed", "engine_speed", "vehicle_speed")
 _FRICTION = "engine_friction_pct"
-#: a gear ratio found from shaft speeds is snapped to a table entry this close, relative
-RATIO_SNAP = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +49,7 @@ class RawModel:
     """The unfiltered model of consecutive ticks, all columns (n,); units as in `ModelBlock`.
 
     usable: every needed number is there. geared: the ratio from crank to wheel is known (or not needed).
+    by_engine: the best speed is the engine's through the gear. late: it is the road's, of a rare message.
     """
 
     columns: Columns
@@ -66,6 +61,8 @@ class RawModel:
     rotating_mass_kg: FloatColumn
     usable: BoolColumn
     geared: BoolColumn
+    by_engine: BoolColumn
+    late: BoolColumn
 
 
 class LongitudinalModel:
@@ -84,12 +81,15 @@ class LongitudinalModel:
             stage: [e for e in self.effects if e.stage == stage]
             for stage in ("geometry", "crank", "driveline", "speed", "road")
         }
-        self._gears = np.array(sorted(self.vehicle.gear_ratios), np.float64)
-        self._ratios = np.array([self.vehicle.gear_ratios[int(g)] for g in self._gears], np.float64)
+        self._gearbox = Gearbox(self.vehicle)
         step = step_of(config, _FRICTION) if "engine_speed" in self.roles else None
         self._friction = None if step is None else EngineFriction(step)
         self._clutch_slip_pct = config.gates.driveline.clutch_slip_pct
         self._choice = SpeedChoice(self.speed_roles)
+        places = {role: k for k, role in enumerate(self.speed_roles)}
+        self._late = places.get("vehicle_speed", -1)
+        self._engine = places.get("engine_speed", len(places) + 1)
+        self._clutch = Clutch(self.vehicle)
         self._is_driven = np.array([float(role in _DRIVEN) for role in self.speed_roles])
         self._last_speed_mps = np.nan
         self._onward = Onward()
@@ -128,7 +128,9 @@ class LongitudinalModel:
             per_torque = c.ratio / c.radius_m * np.where(c.torque_Nm < 0, 1.0 / c.efficiency, c.efficiency)
             traction = c.torque_Nm * per_torque
         c.notes["traction_N"] = traction
-        self._speed(c, grid)
+        known = self._clutch.known(c)
+        finest = self._speed(c, grid, known)
+        by_engine, late = (finest >= self._engine) & known, finest == self._late
         self._run("road", c)
         # torque measured at the wheels has already accelerated everything before them
         before = 0.0 if self.at_wheels else c.crank_inertia_kgm2 * c.ratio * c.ratio * c.efficiency
@@ -138,7 +140,9 @@ class LongitudinalModel:
         force = traction - rotating * c.accel_mps2 - aero + c.extra_N
         usable = (np.abs(force) <= MAX_FORCE_N) & (np.abs(c.speed_mps) <= MAX_SPEED_MPS)
         geared = geared | self.at_wheels
-        return RawModel(c, c.speed_mps, force, traction, aero, per_torque, rotating, usable, geared)
+        return RawModel(
+            c, c.speed_mps, force, traction, aero, per_torque, rotating, usable, geared, by_engine, late
+        )
 
     # -- the steps ---------------------------------------------------------------------------------
 
@@ -151,7 +155,7 @@ class LongitudinalModel:
         onward_us = self._onward(grid.t_us)  # where the clock was set back, the vehicle drove on
         if self._first_us is None:
             self._first_us = int(onward_us[0])
-        ratio, gear = self._ratio_and_gear(grid.values, n)
+        ratio, gear = self._gearbox.of(grid.values, n)
         efficiency = constant(v.driveline_efficiency, n)
         for number, value in v.gear_efficiency.items():
             efficiency = np.where(gear == number, value, efficiency)
@@ -183,10 +187,12 @@ class LongitudinalModel:
         """Return the crank's speed; where no role tells it, what the wheels turn it with."""
         if "engine_speed" in values:
             return values["engine_speed"] * RADPS_PER_RPM
-        role = self.speed_roles[0]
-        if role == "output_shaft_speed":
-            return values[role] * RADPS_PER_RPM * ratio
-        return values[role] / self.vehicle.wheel_radius_m * self.vehicle.final_drive * ratio
+        per_mps = self.vehicle.final_drive / self.vehicle.wheel_radius_m * ratio
+        speed = constant(math.nan, len(ratio))
+        for role in self.speed_roles:
+            per_unit = RADPS_PER_RPM * ratio if role == "output_shaft_speed" else per_mps
+            speed = np.where(np.isnan(speed), values[role] * per_unit, speed)
+        return speed
 
     def _density(self, values: Mapping[str, FloatColumn], n: int) -> FloatColumn:
         pressure, temperature = values.get("barometric_pressure"), values.get("ambient_temperature")
@@ -196,47 +202,6 @@ class LongitudinalModel:
         density = 1000.0 * pressure / (AIR_R * (temperature + 273.15))
         plausible = (density > 0.5) & (density < 1.7)
         return np.where(plausible, density, declared)
-
-    def _ratio_and_gear(self, values: Mapping[str, FloatColumn], n: int) -> tuple[FloatColumn, FloatColumn]:
-        """Return transmission ratio and gear number: from ETC2, else the gear table, else shaft speeds."""
-        ratio, gear = values.get("gear_ratio"), values.get("gear")
-        if not len(self._gears):
-            known = constant(1.0, n) if ratio is None else ratio
-            return known, constant(0.0, n) if gear is None else gear
-        if len(self._gears) == 1 and ratio is None and gear is None:
-            return constant(float(self._ratios[0]), n), constant(float(self._gears[0]), n)
-        if gear is not None:
-            table = self._table_ratio(gear)
-            ratio = table if ratio is None else np.where(ratio > 0, ratio, table)
-        if ratio is None:
-            ratio = self._shaft_ratio(values, n)
-        elif np.count_nonzero(unknown := np.isnan(ratio)):
-            if gear is not None:  # whoever knows the gear knows that nothing is engaged
-                unknown = unknown & ~np.isin(gear, _NOTHING_ENGAGED)
-            ratio = np.where(unknown, self._shaft_ratio(values, n), ratio)
-        if gear is None:
-            nearest = np.abs(np.log(np.where(ratio > 0, ratio, 1.0))[:, None] - np.log(self._ratios)).argmin(
-                1
-            )
-            gear = np.where(ratio > 0, self._gears[nearest], 0.0)
-        return ratio, gear
-
-    def _table_ratio(self, gear: FloatColumn) -> FloatColumn:
-        at = np.minimum(np.searchsorted(self._gears, gear), len(self._gears) - 1)
-        return np.where(self._gears[at] == gear, self._ratios[at], np.nan)
-
-    def _shaft_ratio(self, values: Mapping[str, FloatColumn], n: int) -> FloatColumn:
-        engine, shaft = values.get("engine_speed"), values.get("output_shaft_speed")
-        if shaft is None and "vehicle_speed" in values:  # as the road turns it
-            rpm_per_mps = 1.0 / self.vehicle.mps_per_shaft_rpm
-            shaft = values["vehicle_speed"] * rpm_per_mps
-        if engine is None or shaft is None:
-            return constant(math.nan, n)
-        turning = (shaft > MIN_SHAFT_RPM) & (engine > MIN_SHAFT_RPM)
-        measured = np.where(turning, engine, 1.0) / np.where(turning, shaft, 1.0)
-        nearest = np.abs(np.log(measured)[:, None] - np.log(self._ratios)).argmin(1)
-        table = self._ratios[nearest]
-        return np.where(turning & (np.abs(measured / table - 1) < RATIO_SNAP), table, np.nan)
 
     def _torque(self, c: Columns) -> None:
         """Set net crank torque (or wheel torque): (actual - friction) % x reference, plus the retarder."""
@@ -266,20 +231,23 @@ class LongitudinalModel:
             else:
                 c.extra_N = c.extra_N + torque * self.vehicle.final_drive / c.radius_m
 
-    def _told_by(self, role: str, c: Columns) -> FloatColumn:
-        """Return the speed that a role tells, m/s (n,)."""
+    def _told_by(self, role: str, c: Columns, known: BoolColumn) -> FloatColumn:
+        """Return the speed that a role tells, m/s (n,). known: where one knows when the clutch is open."""
         if role == "output_shaft_speed":
             return c.signals[role] * (RADPS_PER_RPM / self.vehicle.final_drive) * c.radius_m
         if role == "engine_speed":
-            return engines_speed(c, self._clutch_slip_pct)
+            return np.where(known, engines_speed(c, self._clutch_slip_pct), np.nan)
         if role == "vehicle_speed":  # counted at the wheels (SPN 84), with the radius that was declared
             return c.signals[role] * (c.radius_m / self.vehicle.wheel_radius_m)
         return c.signals[role]
 
-    def _speed(self, c: Columns, ticks: GridBlock) -> None:
-        """Set speed and acceleration, from the finest speed that can be relied on."""
-        c.speed_mps, source = self._choice.choose(
-            [partial(self._told_by, role, c) for role in self.speed_roles], ticks
+    def _speed(self, c: Columns, ticks: GridBlock, known: BoolColumn) -> IntColumn:
+        """Set speed and acceleration, from the finest speed that can be relied on.
+
+        Returns the finest that has been told so far, as a position in `speed_roles` (n,).
+        """
+        c.speed_mps, source, finest = self._choice.choose(
+            [partial(self._told_by, role, c, known) for role in self.speed_roles], ticks
         )
         c.notes["driven"] = self._is_driven[source]
         self._run("speed", c)
@@ -287,6 +255,7 @@ class LongitudinalModel:
         before = shifted(speed, self._last_speed_mps)
         c.accel_mps2 = np.where(np.isnan(before), 0.0, speed - before) / STEP_S
         self._last_speed_mps = float(speed[-1])
+        return finest
 
 
 def effects_of(config: Config) -> list[Effect]:

@@ -114,9 +114,7 @@ class Regression:
     def _stopped(self, raw: RawModel) -> BoolColumn:
         """Return where the vehicle stands, or may: only the engine tells a speed, and turns by itself."""
         stands: BoolColumn = np.abs(raw.speed_mps) < STANDSTILL_MPS
-        if self.model.speed_roles[0] == "engine_speed":
-            stands = stands | (np.isnan(raw.speed_mps) & np.isfinite(raw.columns.engine_radps))
-        return stands
+        return stands | (raw.by_engine & np.isnan(raw.speed_mps) & np.isfinite(raw.columns.engine_radps))
 
     def _rolling(self, c: Columns, grid: GridBlock) -> FloatColumn:
         """Return the rolling resistance coefficient, filtered where an effect lets it change."""

@@ -80,9 +80,8 @@ def ratio_ways(config: Config, torque_role: str) -> tuple[tuple[str, ...], ...]:
         ways.append(("gear",))
     if not ways and len(gears) == 1:
         return ()
-    turned = next((role for role in ("output_shaft_speed", "vehicle_speed") if role in has), None)
-    if gears and "engine_speed" in has and turned is not None:
-        ways.append(("engine_speed", turned))
+    if gears and "engine_speed" in has:
+        ways += [("engine_speed", role) for role in ("output_shaft_speed", "vehicle_speed") if role in has]
     if not ways:
         raise ConfigError(
             f"nothing tells which of the {len(gears)} vehicle.gear_ratios is engaged",

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from canest.columns import constant, shifted
+from canest.columns import shifted
 from canest.frames import BoolColumn, FloatColumn, IntColumn
 from canest.grid.grid import GridBlock
 from canest.vehicle.samples import RATE_HZ, STEP_US
@@ -35,6 +35,7 @@ class SpeedChoice:
 
     def __init__(self, roles: Sequence[str]) -> None:
         self._roles = roles
+        self._finest = len(roles)
         self._begin()
 
     def _begin(self) -> None:
@@ -44,8 +45,10 @@ class SpeedChoice:
 
     def choose(
         self, told: Sequence[Callable[[], FloatColumn]], ticks: GridBlock
-    ) -> tuple[FloatColumn, IntColumn]:
+    ) -> tuple[FloatColumn, IntColumn, IntColumn]:
         """Return the speed, NaN where none is there or another one steps in, and which one it is, both (n,).
+
+        Third comes the finest that has ever been told (n,): one that is mapped and never sent does not count.
 
         told: gives the speed (n,) of each role, NaN where it is not known; the engine's only where it counts.
         """
@@ -62,8 +65,14 @@ class SpeedChoice:
             reliable.append(self._reliable(k, ~np.isnan(speeds[-1]), tick))
         if usual:
             self._last_mps = float(speeds[0][-1])
-            return speeds[0], constant(0.0, len(tick)).astype(np.int64)
+            self._finest = 0
+            first = np.zeros(len(tick), np.int64)
+            return speeds[0], first, first
         there = [~np.isnan(speed) for speed in speeds]
+        finest = np.full(len(tick), self._finest)
+        for k, column in enumerate(there):
+            finest = np.where(np.logical_or.accumulate(column), np.minimum(finest, k), finest)
+        self._finest = int(finest[-1])
         taken = np.full(len(tick), _NONE)
         speed = np.full(len(tick), np.nan)
         for k, column in (*enumerate(reliable), *enumerate(there)):
@@ -78,7 +87,7 @@ class SpeedChoice:
             engine = self._roles.index("engine_speed")
             takes_over &= (taken != engine) & (before != engine)
         speed[takes_over] = np.nan
-        return speed, taken
+        return speed, taken, finest
 
     def _reliable(self, k: int, there: BoolColumn, tick: IntColumn) -> BoolColumn:
         """Return where a speed is there and has been for a while, or always (n,)."""

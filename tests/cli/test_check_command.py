@@ -120,7 +120,8 @@ def test_a_gear_ratio_that_nothing_tells_is_named(canest, tmp_path):
     source = "signals.gear={message: ETC2, signal: TransCurrentGear, source: 0x31}"
     ratio = "signals.gear_ratio={message: ETC2, signal: TransActualGearRatio, source: 0x31}"
     shaft = "signals.output_shaft_speed={message: ETC1, signal: Trans1OutputShaftSpeed, source: 0x31}"
-    elsewhere = [part for change in (source, ratio, shaft) for part in ("--set", change)]
+    engine = "signals.engine_speed={message: EEC1, signal: EngSpeed, source: 0x31}"
+    elsewhere = [part for change in (source, ratio, shaft, engine) for part in ("--set", change)]
     found = report(canest, "-c", "kenworth", KENWORTH, *elsewhere)
     assert role(found, "gear")["need"] == "ratio"
     assert found["stops"].startswith("no gear ratio: gear_ratio (actual transmission ratio (SPN 526))")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from canest.config.load import parse_config
+from canest.config.load import load_config, parse_config
 from canest.resources import shipped
 from canest.simulate.reading import load_scenario
 from canest.simulate.run import simulate
@@ -18,6 +18,7 @@ from .attacks import estimated
 
 SHAFTS = ("output_shaft_speed", "undriven_speed")
 CLUTCHES = ("shift_in_process", "driveline_engaged", "lockup_engaged", "clutch_slip")
+ETC1, ETC2, EBC2, VDC2 = 0xF002, 0xF005, 0xFEBF, 0xF009  #: PGN
 MORE = ("gear_ratio", "gear", "longitudinal_accel", "yaw_rate", "altitude")
 
 
@@ -38,7 +39,18 @@ def drive():
     ids=["no shaft", "engine speed only", "no word of the clutch", "EEC1 and CCVS1 only"],
 )
 def test_a_change_of_load_is_found(drive, silent):
-    _, e = estimated(without(*silent), drive.frames)
+    judge(drive, without(*silent), drive.frames)
+
+
+@pytest.mark.parametrize("unsent", [(ETC1,), (ETC1, EBC2), (ETC1, ETC2, EBC2, VDC2)])
+def test_a_change_of_load_is_found_where_what_is_mapped_is_never_sent(drive, unsent):
+    heard = ~np.isin((drive.frames.can_id.astype(np.int64) >> 8) & 0x3FFFF, unsent)
+    judge(drive, load_config("class8"), drive.frames[heard])
+
+
+def judge(drive, config, frames):
+    """Require a mass that is right before and after the change, and none that is believed and wrong."""
+    _, e = estimated(config, frames)
     t = e.t_us * 1e-6
     mass = drive.truth["mass_kg"][np.searchsorted(drive.truth["t_s"], t, side="right") - 1]
     error = np.abs(e.mass_kg / mass - 1.0)

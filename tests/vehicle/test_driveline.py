@@ -43,7 +43,17 @@ def test_in_gear_it_is() -> None:
     assert speed() == pytest.approx([8.0] * 2)
     assert speed(vehicle_speed=8.4) == pytest.approx([8.0] * 2)
     assert speed(vehicle_speed=math.nan) == pytest.approx([8.0] * 2)
-    assert speed(driveline_engaged=math.nan) == pytest.approx([8.0] * 2)  # nobody says that it is not
+    told_once = np.array([1.0, math.nan])
+    assert speed(driveline_engaged=told_once) == pytest.approx([8.0] * 2)  # nobody says that it is not
+
+
+def test_where_nothing_has_ever_told_when_the_clutch_is_open_it_is_not() -> None:
+    """As in a config without a clutch's roles: what is mapped and never sent tells no more than that."""
+    assert np.isnan(speed(driveline_engaged=math.nan)).all()
+    assert speed(driveline_engaged=math.nan, vehicle_speed=8.4) == pytest.approx([8.4] * 2)
+    one_gear = config(list(TRUCK), vehicle={"gear_ratios": {1: 4.0}})
+    raw = LongitudinalModel(one_gear).process(ticks(TRUCK | {"driveline_engaged": math.nan}))
+    assert raw.speed_mps == pytest.approx([8.0] * 2)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
+import pytest
 from vehicle_helpers import ticks
 
 from canest.vehicle.speed_choice import SpeedChoice
@@ -27,7 +28,8 @@ def chosen(*speeds: np.ndarray, cuts: tuple[int, ...] = ()) -> tuple[np.ndarray,
     for begin, end in pairwise((0, *cuts, N)):
         block = ticks({"x": 0.0}, end - begin, begin, continues=begin > 0)
         parts.append(choice.choose([partial(s.__getitem__, slice(begin, end)) for s in speeds], block))
-    return np.concatenate([s for s, _ in parts]), np.concatenate([k for _, k in parts])
+    speed, taken, _ = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return speed, taken
 
 
 def test_the_finest_speed_is_taken_and_the_next_where_it_is_lost() -> None:
@@ -61,7 +63,7 @@ def test_a_speed_that_is_heard_late_for_the_first_time_is_taken_at_once() -> Non
 def test_the_engine_is_lost_in_every_shift_and_taken_again_with_the_gear() -> None:
     roles = ("engine_speed", "vehicle_speed")
     choice = SpeedChoice(roles)
-    speed, taken = choice.choose([lambda: lost(ENGINE, (100, 140)), lambda: AXLE], ticks({"x": 0.0}, N))
+    speed, taken, _ = choice.choose([lambda: lost(ENGINE, (100, 140)), lambda: AXLE], ticks({"x": 0.0}, N))
     assert (taken[140:] == 0).all()
     assert not np.isnan(speed).any()
 
@@ -86,3 +88,14 @@ def test_any_cut_gives_the_same_bits() -> None:
         cut = chosen(*speeds, cuts=cuts)
         assert whole[0].tobytes() == cut[0].tobytes()
         assert whole[1].tobytes() == cut[1].tobytes()
+
+
+@pytest.mark.parametrize("cut", [1, 60, 100, 101, 150, 300])
+def test_what_has_never_been_told_is_not_the_finest(cut: int) -> None:
+    choice, found = SpeedChoice(ROLES), []
+    speeds = lost(SHAFT, (0, 100), (200, 300)), lost(AXLE, (0, 50)), lost(ENGINE, (0, 20))
+    for begin, end in pairwise((0, cut, N)):
+        block = ticks({"x": 0.0}, end - begin, begin, continues=begin > 0)
+        found.append(choice.choose([partial(s.__getitem__, slice(begin, end)) for s in speeds], block)[2])
+    finest = np.concatenate(found)
+    assert finest.tolist() == [3] * 20 + [2] * 30 + [1] * 50 + [0] * (N - 100)
