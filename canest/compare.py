@@ -84,7 +84,7 @@ def compare(
     """
     from canest.replay import compiling_pays
 
-    fast.enable(compiling_pays([Path(log)]) if compiled is None else compiled)
+    on = fast.enable(compiling_pays([Path(log)]) if compiled is None else compiled)
     facts, chosen = facts_of(config), config.estimator
 
     def new(name: str) -> Estimator:
@@ -93,6 +93,8 @@ def compare(
     entries = {name: _Entry(new(name)) for name in (names or REGISTRY)}
     blocks: list[ModelBlock] = []
     notes: list[str] = []
+    if compiled and not on:
+        notes.append("--compiled: numba is not there, or has nowhere to keep what it compiles: interpreted")
     for plain, excited in _samples(config, log, channel, progress, notes):
         blocks.append(plain[0])
         for name, entry in entries.items():

@@ -1,12 +1,13 @@
 """Optional compilation: the same scalar Python source, run by CPython or compiled by numba.
 
 numba costs 0.2 to 0.45 s to import, so it is imported only when a caller says that it pays
-(`enable`), and everything runs interpreted when it is missing. Kernels are written so that both
+(`enable`), and everything runs interpreted when it is missing or has nowhere to keep what it compiles. Kernels are written so that both
 give the same bits: plain float64 arithmetic, no fastmath, no numpy reductions.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.util
 from collections.abc import Callable
@@ -26,8 +27,23 @@ def available() -> bool:
 def enable(on: bool = True) -> bool:
     """Switch compilation on (or off) for every kernel called from now on; return what is in force."""
     global _enabled  # noqa: PLW0603 - one process-wide switch, set once by the command that starts
-    _enabled = on and available()
+    _enabled = on and available() and _keeps()
     return _enabled
+
+
+def _keeps() -> bool:
+    """Return whether compiled code can be kept: else each process would compile for half a minute."""
+    import numba
+
+    try:
+        numba.njit(cache=True)(_nothing)
+    except RuntimeError:  # neither the package's folder nor the user's can be written
+        return False
+    return True
+
+
+def _nothing() -> None:
+    pass
 
 
 def enabled() -> bool:
@@ -70,6 +86,7 @@ class Kernel:
             )
             self._compiled = numba.njit(cache=True, error_model="numpy")(function)
             _once_for_all_literals(self._compiled)
+            _keep_if_it_can_be(self._compiled)
         return self._compiled
 
     def content(self) -> str:
@@ -114,6 +131,18 @@ def _once_for_all_literals(dispatcher: Any) -> None:
         return choose([unliteral(a) for a in args], {k: unliteral(v) for k, v in kws.items()})
 
     dispatcher.get_call_template = choose_by_type
+
+
+def _keep_if_it_can_be(dispatcher: Any) -> None:
+    """Let a full disk cost the next process its time, not this one its result."""
+    cache = dispatcher._cache
+    save = cache.save_overload
+
+    def save_or_not(signature: Any, compiled: Any) -> None:
+        with contextlib.suppress(OSError):
+            save(signature, compiled)
+
+    cache.save_overload = save_or_not
 
 
 def kernel(function: Callable[..., Any]) -> Kernel:

@@ -70,3 +70,29 @@ def test_a_kernel_called_with_other_constants_is_not_compiled_again(tmp_path, mo
     module = importlib.import_module("indexed_kernel")
     assert module.run.compiled(np.array([1.0, 2.0])) == 21.0
     assert len(module.taken.compiled.signatures) == 1
+
+
+@pytest.mark.skipif(not fast.available(), reason="numba is not installed")
+def test_where_nothing_compiled_can_be_kept_kernels_run_interpreted(monkeypatch):
+    """As in an installation that its user may not write to, with a home that is none."""
+    from numba.core import caching
+
+    was = fast.enabled()
+    monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
+    try:
+        assert not fast.enable()
+    finally:
+        monkeypatch.undo()
+        assert fast.enable(was) == was
+
+
+@pytest.mark.skipif(not fast.available(), reason="numba is not installed")
+def test_a_full_disk_costs_the_next_process_its_time_and_this_one_nothing(monkeypatch):
+    from numba.core import caching
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(caching.IndexDataCacheFile, "save", full)
+    twice = fast.kernel(lambda x: 2.0 * x)
+    assert twice.compiled(4.0) == 8.0
