@@ -19,6 +19,7 @@ from canest.estimators.canest_states import (
     HERE_M,
     LASTED_S,
     LASTING_U,
+    LEARNED,
     SINCE_STOOD_M,
     SLOW_N,
     STANDING_S,
@@ -125,9 +126,12 @@ def stand(memory: Container, gap_s: float, still: bool, ds: float) -> float:
 
 @fast.kernel
 def unload(memory: Container) -> None:
-    """Forget what torque has told: the vehicle may carry another load, which has to prove itself."""
+    """Forget what torque has told: the vehicle may carry another load, which has to prove itself.
+
+    Measured by the mass that had lasted, or by the first one, though that was known for less than `PROOF_S`.
+    """
     forget(memory)
-    if memory[LASTED_S] >= PROOF_S:
+    if memory[LASTED_S] >= PROOF_S or (memory[BEFORE_U] == 0.0 and memory[LEARNED] > 0.0):
         memory[BEFORE_U] = memory[HELD_U]
 
 

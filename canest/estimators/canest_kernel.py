@@ -109,8 +109,8 @@ from canest.vehicle.samples import GRAVITY_MPS2
 Container = Any  #: list interpreted, array compiled
 
 _G = GRAVITY_MPS2
-#: a straight is not quite straight: variance of the grade per metre, (0.05 % in 100 m)^2
-_ROUGHNESS = 3e-9
+#: a straight is not quite straight: variance of the grade per metre, (0.1 % in 100 m)^2, as on a motorway
+_ROUGHNESS = 1e-8
 #: gusts: m/s, and how long they last
 _GUST_MPS, _GUST_S = 0.15, 5.0
 #: a satellite altitude wanders (2 m in a minute, whether the vehicle moves or not), m2/s; and the std of one

