@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from canest.vehicle.samples import RATE_HZ
 MIN_GEAR_S = 6
 #: drives must differ so much in temperature before its effect can be told
 MIN_TEMPERATURE_SPAN_K = 5.0
+#: a stop this long may have changed the load, s
+LOADING_S = 30.0
 #: effects that scale all traction, as an unknown mass does
 SCALE_EFFECTS = ("torque_gain", "driveline_loss", "wheel_radius")
 #: warm-up times tried, s; the best is refined afterwards
@@ -143,6 +146,31 @@ def candidates_for(
                     (("signal", role), ("exponent", exponent), ("threshold", _threshold(problem, role))),
                 )
             )
+    found += [
+        Candidate(f"payload_change at {t_s:.0f} s", "payload_change", "mass_delta_kg", (("t_s", t_s),))
+        for t_s in _loading_stops(problem)
+    ]
+    return found
+
+
+def _loading_stops(problem: Problem) -> list[float]:
+    """Return when the vehicle stood for long enough to be loaded, the middle of each such stop, s.
+
+    A time says which drive is meant only where no other one was at that time.
+    """
+    spans = sorted(tuple(p.run.samples.t_us[[0, -1]].tolist()) for p in problem.parts)
+    if any(begin <= end for (_, end), (begin, _) in pairwise(spans)):
+        return []
+    found = []
+    for part in problem.parts:
+        stopped = np.concatenate(([False], part.run.samples.stopped, [False]))
+        edges = np.flatnonzero(np.diff(stopped.astype(np.int8)))
+        t_s = part.run.samples.t_us * 1e-6
+        for begin, end in edges.reshape(-1, 2).tolist():
+            drives = part.windows.t_s
+            between = drives.size and drives[0] < part.run.t_s[begin] and part.run.t_s[end - 1] < drives[-1]
+            if between and t_s[end - 1] - t_s[begin] >= LOADING_S:
+                found.append(round(float(0.5 * (t_s[begin] + t_s[end - 1])), 1))
     return found
 
 

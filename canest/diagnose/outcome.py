@@ -51,7 +51,7 @@ class Entry:
             known = EFFECTS[c.effect].parameters.get(field.name)
             fitted = field.name == c.parameter
             told[field.name.removeprefix("on_")] = {
-                "value": _plain(value),
+                "value": _plain(value) if fitted else value,
                 "std": _plain(self.std) if fitted else None,
                 "unit": known.unit if known else "",
             }
@@ -182,7 +182,7 @@ def not_tried(diagnosis: Diagnosis, found: Sequence[Entry]) -> dict[str, str]:
         "retarder_unreported": "the signal map names no accelerator",
         "rolling_resistance_temperature": "the ambient temperature is not known, or the same in all drives",
         "switched_load": "no signal of the bus that goes on and off explains anything",
-        "payload_change": "a note about the load, not a force: the mass shows it",
+        "payload_change": "no stop of 30 s between driving, or drives of the same time",
     }
     told = {}
     for name in EFFECTS:

@@ -16,6 +16,7 @@ from canest.diagnose.windows import Windows, windows_of
 from canest.errors import LogError
 from canest.frames import FloatColumn, IntColumn
 from canest.vehicle.effects import Effect
+from canest.vehicle.effects.load import added_kg
 from canest.vehicle.samples import GRAVITY_MPS2, RATE_HZ
 
 #: what is left of speed quantisation and oscillation in a one-second mean, as specific force (m/s2)
@@ -80,9 +81,11 @@ class _Part:
         raw = float(s @ f / (s @ s)) if s @ s > 0 else v.mass_min_kg
         return np.full(len(self.specific), np.clip(raw, v.mass_min_kg, v.mass_max_kg))
 
-    def residual_N(self, run: Run) -> FloatColumn:
-        """Return the force that the model has and the reference does not need, per window."""
-        return self.windows.mean(self._at_once(run, run.samples.force_N) - self.mass_kg * self._specific(run))
+    def residual_N(self, effects: Sequence[Effect]) -> FloatColumn:
+        """Return the force of the model with these effects less what the reference needs, per window."""
+        run = self.drive.run(effects)
+        mass_kg = self.mass_kg + added_kg(effects, self.run.samples.t_us)
+        return self.windows.mean(self._at_once(run, run.samples.force_N) - mass_kg * self._specific(run))
 
 
 class Problem:
@@ -144,7 +147,7 @@ class Problem:
         return self._remembered(tuple(effects))
 
     def _residual_N(self, effects: tuple[Effect, ...]) -> FloatColumn:
-        residual = np.concatenate([p.residual_N(p.drive.run(effects)) for p in self.parts])
+        residual = np.concatenate([p.residual_N(effects) for p in self.parts])
         residual.flags.writeable = False
         return residual
 

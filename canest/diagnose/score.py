@@ -15,6 +15,7 @@ from canest.diagnose.windows import CHUNK_S
 from canest.frames import BoolColumn, FloatColumn, IntColumn, Onward
 from canest.pipeline import Estimates
 from canest.vehicle.effects import Effect
+from canest.vehicle.effects.load import added_kg
 
 #: the estimator gets this long before its errors count, s
 SETTLE_S = 60.0
@@ -23,7 +24,11 @@ BOOTSTRAPS = 400
 
 @dataclass(frozen=True)
 class Score:
-    """One row of the before-and-after table; None where there is nothing to compare with."""
+    """One row of the before-and-after table; None where there is nothing to compare with.
+
+    mass_kg: at the end (of several drives: their mean). mass_error_pct, mass_rms_pct, grade_rms_deg: mean
+    and RMS of the errors of all judged samples, positive where the estimate is too heavy.
+    """
 
     residual_rms_N: float
     residual_rms_N_std: float
@@ -84,12 +89,12 @@ def residual_score(
 
 
 def _bootstrap(errors: FloatColumn, block: IntColumn) -> tuple[FloatColumn, FloatColumn]:
-    """Draw whole blocks anew, with replacement: RMS and absolute mean of every draw, (BOOTSTRAPS,) each."""
+    """Draw whole blocks anew, with replacement: RMS and mean of every draw, (BOOTSTRAPS,) each."""
     number = np.unique(block, return_inverse=True)[1]
     sums = np.stack([np.bincount(number, weights=w) for w in (np.ones(len(errors)), errors, errors**2)])
     draws = np.random.default_rng(0).integers(0, sums.shape[1], (BOOTSTRAPS, sums.shape[1]))
     count, total, square = sums[:, draws].sum(axis=2)
-    return np.sqrt(square / count), np.abs(total / count)
+    return np.sqrt(square / count), total / count
 
 
 def _interval(drawn: FloatColumn) -> tuple[float, float]:
@@ -117,14 +122,14 @@ class _Errors:
         self._blocks.append(minute + 1_000_000 * drive)
 
     def numbers(self, scale: float) -> tuple[dict[str, float | None], dict[str, tuple[float, float]]]:
-        """Return `rms` and `mean` (absolute), and their intervals; None and nothing without errors."""
+        """Return `rms` and `mean`, and their intervals; None and nothing without errors."""
         errors = np.concatenate(self._errors) * scale if self._errors else np.empty(0)
         if not len(errors):
             return {"rms": None, "mean": None}, {}
         rms, mean = _bootstrap(errors, np.concatenate(self._blocks))
         told: dict[str, float | None] = {
             "rms": float(np.sqrt((errors**2).mean())),
-            "mean": float(abs(errors.mean())),
+            "mean": float(errors.mean()),
         }
         return told, {"rms": _interval(rms), "mean": _interval(mean)}
 
@@ -158,7 +163,8 @@ def score(problem: Problem, folds: Sequence[Fold]) -> tuple[Score, FloatColumn, 
             reference = part.reference  # which is of what the ticks show, not of when they are
             ticks_us = Onward()(part.run.samples.t_us) - round(part.run.behind_s * 1e6)
             if reference.mass_kg is not None:
-                true = np.interp(passed_us, ticks_us, reference.mass_kg)
+                carried_kg = reference.mass_kg + added_kg(fold.effects, part.run.samples.t_us)
+                true = np.interp(passed_us, ticks_us, carried_kg)
                 mass.add(e.mass_kg / true - 1.0, t, counted, i)
             if reference.grade is not None:
                 true = np.interp(passed_us, ticks_us, reference.grade)

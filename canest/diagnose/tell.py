@@ -9,7 +9,7 @@ from canest.diagnose.score import Score
 _SCORES = (
     ("held-out residual RMS", "residual_rms_N", "{:,.0f} N"),
     ("mass at the end", "mass_kg", "{:,.0f} kg"),
-    ("mean mass error", "mass_error_pct", "{:.2f} %"),
+    ("mean mass error", "mass_error_pct", "{:+.2f} %"),
     ("mass error RMS", "mass_rms_pct", "{:.2f} %"),
     ("grade error RMS", "grade_rms_deg", "{:.3f}°"),
 )

@@ -61,7 +61,8 @@ def said(chosen: Chosen) -> str:
         "cornering_drag": f"cornering drag of {number}",
         "wheel_slip": f"driven-wheel slip of {number}",
         "switched_load": f"{value:.3g} ± {chosen.std:.1g} kW taken while {shape.get('signal')} is on",
-        "payload_change": f"{number} loaded",
+        "payload_change": f"{abs(value):,.0f} ± {chosen.std:,.0f} kg {'loaded' if value > 0 else 'unloaded'} "
+        f"in the stop around t_s {float(str(shape.get('t_s', 0))):.0f}",
     }
     return texts.get(c.effect, f"{c.effect} of {number}")
 

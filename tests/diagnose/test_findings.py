@@ -232,3 +232,18 @@ def test_an_effect_is_told_by_the_parameters_of_the_vocabulary(drive, found):
     told = found(drive({"effect": "headwind", "wind_mps": -6.0}), "--truth", "auto")
     slip = next(c for c in told["candidates"] if c["effect"] == "wheel_slip")
     assert set(slip["parameters"]) == {"slip_per_mps2"} and slip["settings"] == {"mass_kg": 21250.0}
+
+
+@pytest.mark.parametrize("reference", [("--mass", "19000"), ()])
+def test_a_load_that_changed_in_a_stop_is_no_loss_of_torque(drive, found, reference):
+    log = drive(
+        {"effect": "payload_change", "mass_delta_kg": 8000, "t_s": 260},
+        seed=7, duration_s=600, mass_kg=19000, road={"kind": "highway", "grade_max": 0.03},
+        driver={"kind": "stop-and-go", "long_stops": [[240, 75]]},
+    )  # fmt: skip
+    told = found(log, *reference)
+    assert told["selected"][0] == "payload_change"
+    assert value(told, "payload_change", "mass_delta_kg") == pytest.approx(8000, rel=0.05)
+    assert value(told, "payload_change", "t_s") - 1.7e9 == pytest.approx(277.5, abs=15)
+    assert told["after"]["residual_rms_N"] < 0.2 * told["baseline"]["residual_rms_N"]
+    assert told["verdict"] == "explained"
