@@ -92,6 +92,7 @@ ROLES: dict[str, Role] = dict(
         _role(
             "retarder_torque_pct", "%", 0.5, "actual retarder percent torque, negative when braking (SPN 520)"
         ),
+        _role("retarder_request", "%", 0.5, "driver's demand of retarder torque, negative (SPN 1715)"),
         _role("retarder_reference_torque", "Nm", math.inf, "retarder reference torque (SPN 556)"),
         # driver and environment
         _role("accelerator", "%", 0.5, "accelerator pedal position (SPN 91)"),

@@ -266,8 +266,9 @@ def _effects() -> str:
     text += (
         "`switched_load` needs `signal`, the role that switches it: it acts above `threshold` (0.5), with a\n"
         "power that goes with engine speed to the `exponent` (0; 3 for a fan) and is `power_kW` at\n"
-        "`reference_rpm` (1500). `retarder_unreported` acts while its `cause` is on: `pedal_up` (default),\n"
-        "`brake`, or a role.\n\n"
+        "`reference_rpm` (1500). `retarder_unreported` acts while its `cause` is on (default `pedal_up`).\n"
+        "Both know three regimes beside roles: `pedal_up` (`accelerator`), `brake` (`brake_switch`) and\n"
+        "`request` (`retarder_request`).\n\n"
     )
     return text + _table(["effect", "parameters", "meaning"], rows)
 

@@ -36,6 +36,7 @@ SIGNALS: dict[str, Any] = {
     "gear": 3.0,
     "accelerator": 50.0,
     "brake_switch": 0.0,
+    "retarder_request": 0.0,
     "yaw_rate": 0.1,
     "fan_speed": 100.0,
     "ambient_temperature": 5.0,
@@ -43,6 +44,13 @@ SIGNALS: dict[str, Any] = {
 PER_TORQUE = RATIO / RADIUS_M * EFFICIENCY
 TRACTION_N = 1000 * PER_TORQUE
 ENGINE_KG = ENGINE_INERTIA * RATIO**2 * EFFICIENCY / RADIUS_M**2
+
+
+REGIMES: list[tuple[str, dict[str, Any]]] = [
+    ("pedal_up", {"accelerator": 0.0}),
+    ("brake", {"brake_switch": 1.0}),
+    ("request", {"retarder_request": -30.0}),
+]
 
 
 def process(*effects: dict[str, Any], **signals: Any) -> RawModel:
@@ -136,10 +144,19 @@ def test_its_force_by_hand(effect: dict[str, Any], force_N: float) -> None:
 
 def test_an_unreported_retarder_acts_while_its_cause_is_on() -> None:
     # the engine idles along: 1000 - 200 N m still drives
-    for cause, on in (("pedal_up", {"accelerator": 0.0}), ("brake", {"brake_switch": 1.0})):
+    for cause, on in REGIMES:
         effect = entry("retarder_unreported", torque_Nm=200.0, cause=cause)
         assert process(effect).force_N[1] == process().force_N[1]
         assert process(effect, **on).force_N[1] - process().force_N[1] == pytest.approx(-200 * PER_TORQUE)
+
+
+def test_a_load_may_act_in_a_regime() -> None:
+    for cause, on in REGIMES:
+        effect = entry("switched_load", power_kW=10.0, signal=cause)
+        assert process(effect).force_N[1] == process().force_N[1]
+        torque_Nm = 10_000.0 / ENGINE_RADPS
+        taken_N = process(**on).force_N[1] - process(effect, **on).force_N[1]
+        assert taken_N == pytest.approx(torque_Nm * PER_TORQUE)
 
 
 @pytest.mark.parametrize(

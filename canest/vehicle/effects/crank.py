@@ -54,6 +54,19 @@ class TorqueDelay(Effect):
 
 #: accelerator position below which a pedal counts as up, %: less than half a step of SPN 91
 PEDAL_UP_PCT = 0.2
+#: retarder demand that is one: half a step of SPN 1715, %
+_DEMANDED_PCT = 0.5
+#: regimes that something may act in -> the role that tells them; else a role by its name
+REGIMES = {"pedal_up": "accelerator", "brake": "brake_switch", "request": "retarder_request"}
+
+
+def _acts(c: Columns, cause: str, threshold: float = 0.5) -> BoolColumn:
+    """Return where a regime is on, or a role above a threshold (n,)."""
+    if cause == "pedal_up":
+        return c.signal("accelerator", missing=100.0) < PEDAL_UP_PCT
+    if cause == "request":
+        return np.abs(c.signal("retarder_request", missing=0.0)) > _DEMANDED_PCT
+    return c.on(REGIMES[cause]) if cause in REGIMES else c.on(cause, threshold)
 
 
 @register
@@ -66,33 +79,27 @@ class RetarderUnreported(Effect):
     text: ClassVar[str] = "retarding torque at the crank while its cause is on"
     parameters: ClassVar[dict[str, Parameter]] = {"torque_Nm": Parameter("Nm", 0.0, 0.0, 5000.0, 50.0)}
     torque_Nm: float = 0.0
-    #: pedal_up, brake, or the name of a role that is on (above 0.5) while it acts
+    #: pedal_up, brake, request, or the name of a role that is on (above 0.5) while it acts
     cause: str = "pedal_up"
 
     @property
     def signal(self) -> str | None:
         """Return the role behind the cause."""
-        return {"pedal_up": "accelerator", "brake": "brake_switch"}.get(self.cause, self.cause)
-
-    def active(self, c: Columns) -> BoolColumn:
-        """Return where the cause is on."""
-        if self.cause == "pedal_up":
-            return c.signal("accelerator", missing=100.0) < PEDAL_UP_PCT
-        return c.on(self.signal or "")
+        return REGIMES.get(self.cause, self.cause)
 
     def apply(self, c: Columns) -> None:
         """Take it off the net torque while the cause is on."""
-        c.torque_Nm = c.torque_Nm - self.torque_Nm * self.active(c)
+        c.torque_Nm = c.torque_Nm - self.torque_Nm * _acts(c, self.cause)
 
 
 @register
 @dataclass(frozen=True)
 class SwitchedLoad(Effect):
-    """Something takes power at the crank while a signal (fan, compressor, PTO) is on."""
+    """Something takes power at the crank while a signal (fan, compressor, PTO) or a regime is on."""
 
     name: ClassVar[str] = "switched_load"
     stage: ClassVar[Stage] = "crank"
-    text: ClassVar[str] = "power taken at the crank while a signal is on"
+    text: ClassVar[str] = "power taken at the crank while a signal or a regime is on"
     parameters: ClassVar[dict[str, Parameter]] = {"power_kW": Parameter("kW", 0.0, 0.0, 400.0, 2.0)}
     settings: ClassVar[dict[str, Parameter]] = {
         "threshold": Parameter("", 0.5, -1e6, 1e6, 0.1),
@@ -101,7 +108,7 @@ class SwitchedLoad(Effect):
     }
     required: ClassVar[tuple[str, ...]] = ("signal",)
     power_kW: float = 0.0
-    #: the role that switches it (as the signal map names it)
+    #: the role that switches it (as the signal map names it), or a regime: pedal_up, brake, request
     on_signal: str | None = None
     #: on above this value of the signal
     threshold: float = 0.5
@@ -112,7 +119,7 @@ class SwitchedLoad(Effect):
     @property
     def signal(self) -> str | None:
         """Return the switching role."""
-        return self.on_signal
+        return None if self.on_signal is None else REGIMES.get(self.on_signal, self.on_signal)
 
     def apply(self, c: Columns) -> None:
         """Take power / speed off the net torque while on."""
@@ -122,4 +129,4 @@ class SwitchedLoad(Effect):
         speed = np.maximum(c.engine_radps, 50.0)
         reference = self.reference_rpm * RADPS_PER_RPM
         power_W = 1000.0 * self.power_kW * (speed / reference) ** self.exponent
-        c.torque_Nm = c.torque_Nm - np.where(c.on(self.on_signal, self.threshold), power_W / speed, 0.0)
+        c.torque_Nm = c.torque_Nm - np.where(_acts(c, self.on_signal, self.threshold), power_W / speed, 0.0)
