@@ -20,7 +20,10 @@ def log_notes(reader: LogReader) -> list[str]:
     notes = [f"line {number} skipped: {reason}: {text!r}" for number, text, reason in
              reader.skipped[:_LINES_SHOWN]]  # fmt: skip
     if reader.skipped_lines > _LINES_SHOWN:
-        notes.append(f"{reader.skipped_lines - _LINES_SHOWN:,} more lines skipped")
+        numbers = ", ".join(str(number) for number, _, _ in reader.skipped[_LINES_SHOWN:])
+        unnamed = reader.skipped_lines - len(reader.skipped)
+        more = f" and {unnamed:,} after them" if unnamed else ""
+        notes.append(f"{reader.skipped_lines - _LINES_SHOWN:,} more lines skipped: {numbers}{more}")
     notes += reader.remarks
     if reader.truncated:
         notes.append(f"the log ends before it should: {reader.truncated_reason}")

@@ -78,8 +78,10 @@ def _clutch_lacks(role: str, config: Config, dead: Callable[[str], str]) -> str:
     """Return why an engine's speed tells none of the vehicle, '' where it may."""
     if role != "engine_speed" or len(config.vehicle.gear_ratios) < 2:
         return ""
-    silent = [dead(clutch) for clutch in CLUTCHES if clutch in config.signals]
-    return f"nothing tells when the clutch is open ({'; '.join(silent)})" if all(silent) else ""
+    mapped = [clutch for clutch in CLUTCHES if clutch in config.signals]
+    if any(not dead(clutch) for clutch in mapped):
+        return ""
+    return f"engine_speed tells none while {' and '.join(mapped)}, which tell of the clutch, have no value"
 
 
 def why_not_learning(run: LogRun) -> str:

@@ -14,7 +14,7 @@ from canest.logs.lines import Line, is_ignorable, parse_line
 
 NEWLINE = 10
 LINE_CHARS_MAX = 1024  #: the longest line candump writes has some 330 characters
-SKIPPED_SHOWN = 10
+SKIPPED_SHOWN = 50
 SHOWN_CHARS = 80
 _WIDTH_MIN = 8  #: layouts read whole words
 #: below this many lines of one width, one line at a time is quicker

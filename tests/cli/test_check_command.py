@@ -324,3 +324,11 @@ def test_what_no_role_maps_is_told_as_what_nobody_sends(roles, told):
 def test_a_pedal_that_counts_as_braking_needs_no_brake():
     config = load_config("bmw-i3")
     assert not unheard(config, config.signals)
+
+
+def test_an_engine_speed_alone_tells_no_speed_while_nobody_tells_of_the_clutch(canest, tmp_path):
+    some = tmp_path / "engine.log"
+    frame = "(1700000000.{:06d}) can0 0CF00400#F07D9128A000F0FF\n"
+    some.write_text("".join(frame.format(20_000 * n) for n in range(40)))
+    told = report(canest, "-c", "class8", some)["stops"]
+    assert "engine_speed tells none while driveline_engaged and lockup_engaged and clutch_slip" in told

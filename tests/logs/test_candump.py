@@ -14,7 +14,8 @@ from canest import fast
 from canest.errors import LogError
 from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.logs import open_log
-from canest.logs.candump import CandumpParser
+from canest.logs.candump import SKIPPED_SHOWN, CandumpParser
+from canest.notes import log_notes
 from logs.helpers_logs import DATA, FRAMES, assert_same, log_form, one_by_one, read_all, screen_form
 
 
@@ -205,7 +206,7 @@ def test_malformed_lines_are_counted_with_their_numbers_and_cost_nobody_else(cop
     assert parser.skipped_lines == 2 * copies * len(MALFORMED)
     assert parser.ignored_lines == 2
     assert min(number for number, _, _ in parser.skipped) == 31
-    assert len(parser.skipped) <= 10 and all(len(text) <= 80 for _, text, _ in parser.skipped)
+    assert len(parser.skipped) <= SKIPPED_SHOWN and all(len(text) <= 80 for _, text, _ in parser.skipped)
 
 
 def test_a_line_without_stamp_says_so():
@@ -364,3 +365,15 @@ class TestCompiled:
         block, _ = read_all(path)
         fast.enable()
         assert_same(compiled_block, block)
+
+
+def test_every_bad_line_has_its_number_told_and_endless_ones_their_count(tmp_path):
+    good = "(1700000000.{:06d}) can0 0CF00400#F07D9128A000F0FF\n"
+    log = tmp_path / "a.log"
+    log.write_text("".join("garbage\n" if n % 9 == 0 else good.format(n) for n in range(1, 601)))
+    reader = open_log(log)
+    assert sum(len(block) for block in reader) == 600 - 66
+    told = log_notes(reader)[3]
+    assert told.startswith("63 more lines skipped: 36, 45, 54, ") and told.endswith(
+        ", 441, 450 and 16 after them"
+    )
