@@ -6,9 +6,10 @@ import time
 from collections.abc import Callable
 
 from canest.config.bus import Bus
-from canest.errors import BusError, LogError, UsageError
+from canest.errors import BusError, LogError, UsageError, how_to_add
 from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.live.link import require_interface
+from canest.live.pythoncan import EXTRAS
 from canest.logs.lines import CLASSIC_BYTES
 from canest.logs.reader import open_log
 
@@ -55,7 +56,9 @@ def play(
         raise BusError(
             f"cannot be opened ({' '.join(str(error).split())})",
             where=bus,
-            expected="an interface that is up (ip link), or another one, e.g. udp_multicast:239.74.163.2",
+            expected=f"its driver: {how_to_add(EXTRAS[interface])}"
+            if "not installed" in str(error) and interface in EXTRAS
+            else "an interface that is up (ip link), or another one, e.g. udp_multicast:239.74.163.2",
         ) from None
     sent = dropped = long = pauses = left_out_us = 0
     started = begin = time.monotonic()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -134,7 +135,7 @@ def _diagnose(
         print(f"left out: {reason}")
     print("\n".join([*_notes(diagnosis.problem.notes), _files(written.paths)]))
     if diagnosis.search.chosen:
-        print(f"try it: canest replay ANOTHER.log -c {output / 'revised.yaml'}")
+        print(f"try it: canest replay ANOTHER.log -c {shlex.quote(str(output / 'revised.yaml'))}")
     return _failures(diagnosis.problem.failed)
 
 

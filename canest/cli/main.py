@@ -155,7 +155,10 @@ def _have_streams() -> None:
         stream = getattr(sys, name)
         if stream is None:
             setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115 - as long as the process
-        elif isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+        # what else an encoding may do with it is to give back the bytes of a file's name, as UTF-8 can
+        elif isinstance(stream, io.TextIOWrapper) and (
+            stream.errors == "strict" or not stream.encoding.lower().startswith("utf")
+        ):
             stream.reconfigure(errors="replace")
 
 

@@ -44,7 +44,7 @@ _STAMP_MAX_S = 9e12  #: what microseconds in 64 bits can hold
 #: interfaces that hand our own frames back to us although asked not to (python-can 4.6)
 _ECHOING = frozenset({"udp_multicast"})
 #: extras of ours that bring what an interface of python-can needs
-_EXTRAS = {"udp_multicast": "multicast", "slcan": "serial", "serial": "serial", "robotell": "serial"}
+EXTRAS = {"udp_multicast": "multicast", "slcan": "serial", "serial": "serial", "robotell": "serial"}
 
 
 class PythonCanReceiver:
@@ -76,7 +76,7 @@ class PythonCanReceiver:
         try:
             self._open()
         except (can.CanInterfaceNotImplementedError, ImportError) as error:
-            extra = _EXTRAS.get(bus.interface)
+            extra = EXTRAS.get(bus.interface)
             raise BusError(
                 f"cannot be used ({error})",
                 where=f"bus.interface {bus.interface}",

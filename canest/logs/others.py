@@ -6,6 +6,7 @@ import contextlib
 import gc
 import logging
 import math
+import re
 import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -99,10 +100,11 @@ class PythonCanReader(LogReader):
         if self._suffix in _TEXT_SUFFIXES:
             yield from self._text_messages()
             return
-        if not self._source.archive:
+        if not self._source.archive and self.path.is_file():
             with self.path.open("rb") as file:
                 yield from self._binary_messages(file)
             return
+        # these formats are read at any place: what is packed, or comes through a pipe, becomes a file first
         with tempfile.NamedTemporaryFile(suffix=self._suffix) as unpacked:
             unpacked.write(self._head)
             while piece := self._source.read(_TEXT_BYTES):
@@ -145,6 +147,11 @@ class PythonCanReader(LogReader):
         """Iterate with a fresh reader behind every line that ends one; the header is read again each time."""
         import can
 
+        if re.search(rb"(?im)^\s*base\s+\S+\s+timestamps\s+relative", self._head):
+            raise LogError(
+                "tells the time from each event to the next", where=str(self.path),
+                found="timestamps relative", expected="an export with `timestamps absolute`",
+            )  # fmt: skip
         kind = {".asc": can.ASCReader, ".trc": can.TRCReader, ".csv": can.CSVReader}[self._suffix]
         lines = self._lines = Lines(self._source, self._head, self._suffix, self._skip_line)
         while not lines.ended:

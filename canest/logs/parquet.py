@@ -39,7 +39,8 @@ class ParquetReader(TableReader):
                 expected=f"the pyarrow package: {how_to_add('formats')}",
             ) from None
         try:
-            file = pq.ParquetFile(self._unpacked() if self._source.archive else self.path)
+            plain = self.path.is_file() and not self._source.archive
+            file = pq.ParquetFile(self.path if plain else self._unpacked())
             self.columns = list(file.schema_arrow.names)
             names = [self.columns[position] for position in self._choose()]
             seen = 0

@@ -285,8 +285,11 @@ class TestProcess:
         assert (done.returncode, done.stderr) == (0, b"")
         assert (tmp_path / "e.csv").stat().st_size > 10_000
 
-    def test_a_terminal_without_the_sign_for_a_degree(self):
-        ascii_only = os.environ | {"PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii"}
+    @pytest.mark.parametrize(
+        "ascii_only", [{"PYTHONIOENCODING": "ascii"}, {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0"}]
+    )
+    def test_a_terminal_without_the_sign_for_a_degree(self, ascii_only):
+        ascii_only = os.environ | {"PYTHONUTF8": "0"} | ascii_only
         arguments = ["compare", str(KENWORTH), "-c", "kenworth", "--mass", "7700", "--only", "rls"]
         done = self.run(*arguments, env=ascii_only)
         assert done.returncode == 0, done.stderr

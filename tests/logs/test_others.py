@@ -4,7 +4,9 @@ import contextlib
 import gc
 import gzip
 import importlib.util
+import os
 import sqlite3
+import threading
 import warnings
 
 import can
@@ -203,3 +205,25 @@ def test_a_database_cut_in_its_first_page_says_so(tmp_path):
     path.write_bytes(path.read_bytes()[:2000])
     with pytest.raises(LogError, match=r"drive\.db: damaged or cut short, .*, expected a whole \.db file"):
         list(open_log(path))
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".db", ".asc", MF4])
+def test_what_comes_through_a_pipe_is_read_too(tmp_path, suffix):
+    expected, _ = read_all(write(tmp_path / f"drive{suffix}"))
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    content = (tmp_path / f"drive{suffix}").read_bytes()
+    feeder = threading.Thread(target=pipe.write_bytes, args=(content,))
+    feeder.start()
+    block, _ = read_all(pipe)
+    feeder.join()
+    assert_same(block, expected)
+
+
+def test_an_export_of_time_differences_is_refused_by_name(tmp_path):
+    path = write(tmp_path / "drive.asc")
+    path.write_text(path.read_text().replace("timestamps absolute", "timestamps relative"))
+    with pytest.raises(
+        LogError, match="'timestamps relative', expected an export with `timestamps absolute`"
+    ):
+        read_all(path)
