@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from canest.simulate.vehicles import Strict
 
@@ -131,6 +131,18 @@ class SwitchedLoad(Strict):
     at_rpm: float = Field(1500.0, gt=0)
     period_s: float = Field(97.0, gt=0)
     on_s: float = Field(41.0, ge=0)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_a_config_says_it(cls, given: Any) -> Any:
+        """Take an entry of a config's `effects:` too; its threshold lies between off and on, 0 and 100 %."""
+        if not isinstance(given, dict) or "exponent" not in given:
+            return given
+        entry = {k: v for k, v in given.items() if k not in ("exponent", "reference_rpm", "threshold")}
+        laws = {0: "constant", 3: "cubic"}
+        if given["exponent"] not in laws:
+            raise ValueError(f"found exponent {given['exponent']}, expected 0 or 3")
+        return {"law": laws[given["exponent"]], "at_rpm": given.get("reference_rpm", 1500.0)} | entry
 
 
 class PayloadChange(Strict):

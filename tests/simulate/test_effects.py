@@ -6,8 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 from canest.simulate import simulate
+from canest.simulate.effects import Effect
+from canest.vehicle.effects import EFFECTS
 
 from .conftest import (
     EFFICIENCY,
@@ -245,3 +248,20 @@ def test_small_errors_are_small_and_leave_the_road_alone():
         known = np.interp(at, plain.history["distance_m"], plain.history["grade"])
         inside = at < plain.history["distance_m"][-1]
         assert real.history["grade"][inside] == pytest.approx(known[inside], abs=2e-4)
+
+
+def test_a_switched_load_may_be_said_as_a_config_says_it():
+    """What `canest diagnose` writes can be planted again."""
+    simulated = TypeAdapter(Effect)
+    written = EFFECTS["switched_load"](
+        on_signal="fan_speed", power_kW=30.0, exponent=3.0, threshold=50.0
+    ).to_config()
+    planted = simulated.validate_python(written)
+    assert (planted.signal, planted.power_kW, planted.law, planted.at_rpm) == (
+        "fan_speed",
+        30.0,
+        "cubic",
+        1500.0,
+    )
+    with pytest.raises(ValueError, match="found exponent 2"):
+        simulated.validate_python(written | {"exponent": 2.0})
