@@ -109,15 +109,23 @@ class Search:
         self._add()
         if any(c.deviation > LONG_DELAY_S for c in self.chosen if c.candidate in delay):
             self._or_from([Chosen(c, USUAL_DELAY_S) for c in delay])
+        loads = [c for c, column in self._offered if c.effect == "payload_change" and column.any()]
+        if len(loads) > 1:
+            self._or_from([Chosen(c, USUAL_DELAY_S) for c in delay], [Chosen(c, 0.0) for c in loads])
 
-    def _or_from(self, start: list[Chosen]) -> None:
+    def _or_from(self, start: list[Chosen], loads: Sequence[Chosen] = ()) -> None:
         """Select anew from another start, where nothing is fitted yet; what leaves less out of sample stays.
 
-        A delay that takes all it can passes for slip and inertia too, and then leaves them nothing.
+        A delay that takes all it can passes for slip and inertia too, and then leaves them nothing. A load
+        that comes and goes looks like no single change of it, but like a loss of torque.
         """
         first, left = (self.chosen, self.residual_N), self._left(*self._now())
-        self.chosen = start
-        self.residual_N = self.problem.residual_N([*self.base, *(c.effect() for c in start)])
+        self.chosen = [*start, *loads]
+        if loads:
+            self.refit()
+            self._prune()
+        else:
+            self.residual_N = self.problem.residual_N([*self.base, *(c.effect() for c in start)])
         self._add()
         if as_good(left, self._left(*self._now()), self.problem.chunk):
             self.chosen, self.residual_N = first
@@ -217,6 +225,7 @@ class Search:
             several = (c.effect == "driveline_loss" and "gear" in mine and "gear" in theirs) or (
                 c.effect == "switched_load" and mine["signal"] != theirs["signal"]
             )
+            several = several or (c.effect == "payload_change" and mine["t_s"] != theirs["t_s"])
             if c.label == chosen.candidate.label or not several:
                 return True
         return False

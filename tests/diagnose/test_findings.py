@@ -247,3 +247,21 @@ def test_a_load_that_changed_in_a_stop_is_no_loss_of_torque(drive, found, refere
     assert value(told, "payload_change", "t_s") - 1.7e9 == pytest.approx(277.5, abs=15)
     assert told["after"]["residual_rms_N"] < 0.2 * told["baseline"]["residual_rms_N"]
     assert told["verdict"] == "explained"
+
+
+@pytest.mark.slow
+def test_a_load_that_came_and_went_is_no_loss_of_torque_either(drive, found):
+    loads = [(260, 12_000), (500, -17_000)]
+    log = drive(
+        *({"effect": "payload_change", "mass_delta_kg": kg, "t_s": t_s} for t_s, kg in loads),
+        seed=7, duration_s=760, mass_kg=19000, road={"kind": "highway", "grade_max": 0.03},
+        driver={"kind": "stop-and-go", "long_stops": [[240, 75], [480, 75]]},
+    )  # fmt: skip
+    told = found(log, "--mass", "19000")
+    changes = [
+        c["parameters"] for c in told["candidates"] if c["effect"] == "payload_change" and c["selected"]
+    ]
+    for at_s, kg in loads:
+        [found_kg] = [c["mass_delta_kg"] for c in changes if abs(c["t_s"]["value"] - 1.7e9 - at_s) < 40]
+        assert abs(found_kg["value"] - kg) < 3 * found_kg["std"] < 0.1 * abs(kg)
+    assert "torque_gain" not in told["selected"] and told["verdict"] == "explained"
