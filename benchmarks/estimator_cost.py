@@ -23,7 +23,7 @@ from canest import fast
 from canest.estimators.base import REGISTRY, create
 from canest.estimators.ekf_filter import ekf_steps
 from canest.estimators.multiple import MultipleForgetting
-from canest.estimators.rlsmf import own_gain
+from canest.estimators.rlsmf import forget_each
 from canest.estimators.rsvd import Rsvd
 from canest.vehicle.samples import STEP_US, ModelBlock, VehicleFacts
 
@@ -108,8 +108,8 @@ def kernels(n: int) -> dict[str, Callable[[], object]]:
     svd = Rsvd(2, 0.9995)
     z = np.column_stack((block.force_N / 300.0, phi2 / 1e-4, block.accel_mps2 / 0.05))
     return {
-        "RLSMF, 2 parameters": lambda: own_gain(
-            y, phi1, second, 1 / 0.999, 1 / 0.99, *bounds, 1e-6, 1e3, 2e-3, rlsmf, *out[:4]
+        "RLSMF, 2 parameters": lambda: forget_each(
+            y, phi1, second, False, 1 / 0.999, 1 / 0.99, *bounds, 1e-6, 1e3, 2e-3, rlsmf, *out[:4]
         ),
         "RLSMF, 4 parameters": lambda: each(lambda p: four.add(a[p], b[p]), pieces),
         "EKF": lambda: ekf_steps(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -23,3 +24,11 @@ def test_source_passes(check: str) -> None:
     command = [sys.executable, "-m", *CHECKS[check]]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, f"{' '.join(command[2:])}\n{done.stdout}{done.stderr}"
+
+
+@pytest.mark.parametrize("script", sorted(p.name for p in (ROOT / "benchmarks").glob("*.py")))
+def test_benchmarks_ask_for_what_is_there(script: str) -> None:
+    """They are run by hand, and their other imports may be missing."""
+    for node in ast.walk(ast.parse((ROOT / "benchmarks" / script).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("canest"):
+            exec(ast.unparse(node), {})
