@@ -1,7 +1,8 @@
 """The one way through: frames -> decode -> grid -> model, filter, gates -> estimator -> estimates.
 
-Knows no socket, file, wall clock or thread. Daemon, replay, comparison and diagnosis are thin shells
-around it, and give the same bits for the same frames however they are cut.
+Knows no socket, file, wall clock or thread. Daemon and replay are thin shells around it, and give the same
+bits for the same frames however they are cut; comparison and diagnosis put its parts together for many
+estimators, or many models, on frames that are decoded once.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class Estimates:
 
 
 class Listener(Protocol):
-    """Someone who wants the model samples beside the estimates (report, comparison, diagnosis)."""
+    """Someone who wants the model samples beside the estimates (report, recorder of the daemon)."""
 
     def __call__(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
         """Take the next samples and their estimates."""
