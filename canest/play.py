@@ -6,10 +6,9 @@ import time
 from collections.abc import Callable
 
 from canest.config.bus import Bus
-from canest.errors import BusError, LogError, UsageError, how_to_add
+from canest.errors import BusError, LogError, UsageError
 from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.live.link import require_interface
-from canest.live.pythoncan import EXTRAS
 from canest.logs.lines import CLASSIC_BYTES
 from canest.logs.reader import open_log
 
@@ -50,14 +49,16 @@ def play(
         raise LogError("holds decoded signals, no frames: it cannot be played onto a bus", where=log)
     import can
 
+    from canest.live.pythoncan import driver_of
+
     try:
         out = can.Bus(interface=interface, channel=name)
     except Exception as error:  # each of python-can's interfaces has exceptions of its own
         raise BusError(
             f"cannot be opened ({' '.join(str(error).split())})",
             where=bus,
-            expected=f"its driver: {how_to_add(EXTRAS[interface])}"
-            if "not installed" in str(error) and interface in EXTRAS
+            expected=driver_of(interface)
+            if "not installed" in str(error)
             else "an interface that is up (ip link), or another one, e.g. udp_multicast:239.74.163.2",
         ) from None
     sent = dropped = long = pauses = left_out_us = 0

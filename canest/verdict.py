@@ -76,7 +76,7 @@ def what_lacks(config: Config, model: LongitudinalModel, dead: Callable[[str], s
 
 def _clutch_lacks(role: str, config: Config, dead: Callable[[str], str]) -> str:
     """Return why an engine's speed tells none of the vehicle, '' where it may."""
-    if role != "engine_speed" or len(config.vehicle.gear_ratios) < 2:
+    if role != "engine_speed" or config.vehicle.has_one_gear:
         return ""
     mapped = [clutch for clutch in CLUTCHES if clutch in config.signals]
     if any(not dead(clutch) for clutch in mapped):

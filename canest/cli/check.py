@@ -62,9 +62,9 @@ def command(
     initial_mass: float | None,
 ) -> int:
     """Say whether a config fits a log or a bus: every signal, found or not, from where, how often."""
-    if log is not None and live:
-        raise click.UsageError("give a LOG or --live, not both", click.get_current_context())
     context = click.get_current_context()
+    if log is not None and live:
+        raise click.UsageError("give a LOG or --live, not both", context)
     if log is None and channel is not None:
         raise click.UsageError("--channel chooses one interface of a LOG: give the log too", context)
     if not live and context.get_parameter_source("seconds") is not ParameterSource.DEFAULT:

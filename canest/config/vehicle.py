@@ -48,6 +48,11 @@ class Vehicle(Section):
     accelerometer: Accelerometer = empty_section()
 
     @property
+    def has_one_gear(self) -> bool:
+        """Return whether there is no gear to choose, and so no clutch between engine and wheels."""
+        return len(self.gear_ratios) < 2
+
+    @property
     def mps_per_shaft_rpm(self) -> float:
         """Return how fast the road passes under the wheels per revolution a minute of the output shaft."""
         return RADPS_PER_RPM / self.final_drive * self.wheel_radius_m

@@ -10,14 +10,12 @@ import numpy as np
 
 from canest.diagnose.problem import Problem
 from canest.vehicle.effects import EFFECTS, Effect, Parameter, effect_from_config
-from canest.vehicle.samples import RATE_HZ
+from canest.vehicle.samples import LOADING_S, RATE_HZ
 
 #: seconds of open driving that a gear needs before its own loss can be told
 MIN_GEAR_S = 6
 #: drives must differ so much in temperature before its effect can be told
 MIN_TEMPERATURE_SPAN_K = 5.0
-#: a stop this long may have changed the load, s
-LOADING_S = 30.0
 #: effects that scale all traction, as an unknown mass does
 SCALE_EFFECTS = ("torque_gain", "driveline_loss", "wheel_radius")
 #: warm-up times tried, s; the best is refined afterwards
@@ -165,10 +163,9 @@ def _loading_stops(problem: Problem) -> list[float]:
     for part in problem.parts:
         stopped = np.concatenate(([False], part.run.samples.stopped, [False]))
         edges = np.flatnonzero(np.diff(stopped.astype(np.int8)))
-        t_s = part.run.samples.t_us * 1e-6
+        t_s, passed_s, driven_s = part.run.samples.t_us * 1e-6, part.run.t_s, part.windows.t_s
         for begin, end in edges.reshape(-1, 2).tolist():
-            drives = part.windows.t_s
-            between = drives.size and drives[0] < part.run.t_s[begin] and part.run.t_s[end - 1] < drives[-1]
+            between = driven_s.size and driven_s[0] < passed_s[begin] and passed_s[end - 1] < driven_s[-1]
             if between and t_s[end - 1] - t_s[begin] >= LOADING_S:
                 found.append(round(float(0.5 * (t_s[begin] + t_s[end - 1])), 1))
     return found

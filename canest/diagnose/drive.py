@@ -46,6 +46,12 @@ class Run:
         return np.asarray((Onward()(self.samples.t_us) - self.samples.t_us[0]) * 1e-6)
 
     @property
+    def begins(self) -> BoolColumn:
+        """Where the run begins, or goes on after a gap of the log (n,)."""
+        t_us = self.samples.t_us
+        return np.asarray(np.diff(t_us, prepend=t_us[:1]) != STEP_US)
+
+    @property
     def open(self) -> BoolColumn:
         """Where the gates are open."""
         return np.asarray(self.samples.gate == 0)
@@ -131,10 +137,7 @@ class Drive:
 
     def filtered(self, column: FloatColumn, run: Run) -> FloatColumn:
         """Pass a column of the run's ticks through the model's Butterworth (for a reference)."""
-        start = np.zeros(len(column), np.bool_)
-        start[0] = True
-        start[1:] = np.diff(run.samples.t_us) != STEP_US
-        return Filter(self.config.filter.order, self.config.filter.cutoff_hz).apply(column, start)
+        return Filter(self.config.filter.order, self.config.filter.cutoff_hz).apply(column, run.begins)
 
     def _ticks(self, config: Config, effects: Sequence[Effect]) -> list[GridBlock]:
         """Return the grid blocks, made anew only when an effect changes the sampling."""

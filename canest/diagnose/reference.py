@@ -18,7 +18,7 @@ from canest.errors import LogError
 from canest.frames import BoolColumn, FloatColumn, IntColumn
 from canest.logs.truth import read_truth
 from canest.scoring import Score
-from canest.vehicle.samples import GRAVITY_MPS2, RATE_HZ, STEP_US
+from canest.vehicle.samples import GRAVITY_MPS2, RATE_HZ
 
 #: how fast a road's slope may wander, per root metre: from motorway to hills (0.1 to 0.8 % over 100 m);
 #: the likeliest for the drive is taken
@@ -109,7 +109,7 @@ def _altitude_and_accelerometer(drive: Drive, run: Run) -> _Sensed | None:
     accelerometer = a + g sin(beta) + bias + g pitch a   (2014 paper, eq. 3, with its pitch correction).
     """
     m = run.samples
-    first, fresh = _seconds(m.t_us)
+    first, fresh = _seconds(run.begins)
     has_altitude = np.isfinite(m.altitude_m).mean() > 0.5
     has_accelerometer = np.isfinite(m.accelerometer_mps2).mean() > 0.5
     if len(first) < 20 or not (has_altitude or has_accelerometer):
@@ -145,12 +145,17 @@ def _altitude_and_accelerometer(drive: Drive, run: Run) -> _Sensed | None:
     return "+".join(names), text, column, std, correlation_m
 
 
-def _seconds(t_us: IntColumn) -> tuple[IntColumn, BoolColumn]:
-    """Return the first tick of each whole second (k,), and which of them follow a gap of the log."""
-    edges = np.flatnonzero(np.diff(t_us) != STEP_US) + 1
-    stretches = [np.arange(a, b - _STEP + 1, _STEP) for a, b in pairwise([0, *edges.tolist(), len(t_us)])]
-    first = np.concatenate(stretches)
-    return first, np.isin(first, edges)
+def _seconds(begins: BoolColumn) -> tuple[IntColumn, BoolColumn]:
+    """Return the first tick of each whole second (k,), and which of them follow another across a gap.
+
+    begins: where the log begins, or goes on after a gap (n,).
+    """
+    edges = np.flatnonzero(begins)
+    bounds = pairwise([*edges.tolist(), len(begins)])
+    first = np.concatenate([np.arange(a, b - _STEP + 1, _STEP) for a, b in bounds])
+    fresh = np.isin(first, edges)
+    fresh[:1] = False  # what lies before it was too short for a second
+    return first, fresh
 
 
 def _on_ticks(values: FloatColumn, first: IntColumn, fresh: BoolColumn, n: int) -> FloatColumn:

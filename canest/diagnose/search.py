@@ -33,6 +33,8 @@ MAX_EFFECTS = 5
 TICK_STD_S = STEP_S / 12**0.5
 #: a step of an effect that moves no window by this share of the weight moves nothing but rounding
 ROUNDING = 1e-9
+#: effects that there may be several of -> what tells them apart
+SEVERAL_BY = {"driveline_loss": "gear", "switched_load": "signal", "payload_change": "t_s"}
 #: a delay is far from linear: Gauss-Newton starts from the best of these
 DELAY_STARTS_S = (0.0, 0.06, 0.12, 0.2, 0.3, 0.4)
 #: what engine controllers usually take to report, and what is so much more that it may be something else
@@ -219,14 +221,11 @@ class Search:
     def _excluded(self, c: Candidate) -> bool:
         """Return whether a candidate would say again what is chosen already."""
         for chosen in self.chosen:
-            mine, theirs = dict(c.shape), dict(chosen.candidate.shape)
             if chosen.candidate.effect != c.effect:
                 continue
-            several = (c.effect == "driveline_loss" and "gear" in mine and "gear" in theirs) or (
-                c.effect == "switched_load" and mine["signal"] != theirs["signal"]
-            )
-            several = several or (c.effect == "payload_change" and mine["t_s"] != theirs["t_s"])
-            if c.label == chosen.candidate.label or not several:
+            key = SEVERAL_BY.get(c.effect, "")
+            mine, theirs = dict(c.shape).get(key), dict(chosen.candidate.shape).get(key)
+            if mine is None or theirs is None or mine == theirs:
                 return True
         return False
 

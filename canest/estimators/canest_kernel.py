@@ -104,7 +104,7 @@ from canest.estimators.canest_states import (
     U,
 )
 from canest.estimators.canest_windows import WINDOW_S
-from canest.vehicle.samples import GRAVITY_MPS2
+from canest.vehicle.samples import GRAVITY_MPS2, LOADING_S
 
 Container = Any  #: list interpreted, array compiled
 
@@ -141,8 +141,6 @@ _SEE_EVERY = 2.0
 _JITTER_S = 0.004
 #: the remaining delay is trusted to, s; the inverse mass is taken for it at least this share of its prior std
 _DELAY_S, _LEAST_SHARE = 0.1, 0.1
-#: a vehicle that stands this long may have been loaded
-_LOADING_S = 30.0
 #: what surprises may be a curve this much beyond its prior variance
 _SHARPER = 9.0
 #: an accelerometer's bias wanders with its temperature (0.02 m/s2 in ten minutes), (m/s2)2/s
@@ -193,7 +191,7 @@ def run(
         # -- what happened since the window before
         stood_s = memory[STANDING_S]
         standing = stand(memory, gap_s[k], stopped[k] > 0.0, ds)
-        loaded = stood_s < _LOADING_S <= standing
+        loaded = stood_s < LOADING_S <= standing
         if gap_s[k] > 0.0:
             memory[SINCE] = 0.0
             ds += gap_s[k] * max(v, 0.0)

@@ -44,7 +44,13 @@ _STAMP_MAX_S = 9e12  #: what microseconds in 64 bits can hold
 #: interfaces that hand our own frames back to us although asked not to (python-can 4.6)
 _ECHOING = frozenset({"udp_multicast"})
 #: extras of ours that bring what an interface of python-can needs
-EXTRAS = {"udp_multicast": "multicast", "slcan": "serial", "serial": "serial", "robotell": "serial"}
+_EXTRAS = {"udp_multicast": "multicast", "slcan": "serial", "serial": "serial", "robotell": "serial"}
+
+
+def driver_of(interface: str) -> str:
+    """Return what an interface lacks that cannot be used, and how that is installed where an extra has it."""
+    extra = _EXTRAS.get(interface)
+    return "its driver" + (f": {how_to_add(extra)}" if extra else "")
 
 
 class PythonCanReceiver:
@@ -76,11 +82,10 @@ class PythonCanReceiver:
         try:
             self._open()
         except (can.CanInterfaceNotImplementedError, ImportError) as error:
-            extra = EXTRAS.get(bus.interface)
             raise BusError(
                 f"cannot be used ({error})",
                 where=f"bus.interface {bus.interface}",
-                expected="its driver" + (f": {how_to_add(extra)}" if extra else ""),
+                expected=driver_of(bus.interface),
             ) from error
 
     def collect(self) -> bool:

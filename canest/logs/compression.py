@@ -71,6 +71,11 @@ class Source:
         self._piece_bytes = _ZSTD_PIECE_BYTES if self.archive == "zstd" else _PIECE_BYTES
         self._machine = self._start()
 
+    @property
+    def is_plain(self) -> bool:
+        """Return whether the file itself holds the log, and may be read at any place: no archive, no pipe."""
+        return not self.archive and self.path.is_file()
+
     def __enter__(self) -> Source:
         return self
 

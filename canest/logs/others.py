@@ -100,7 +100,7 @@ class PythonCanReader(LogReader):
         if self._suffix in _TEXT_SUFFIXES:
             yield from self._text_messages()
             return
-        if not self._source.archive and self.path.is_file():
+        if self._source.is_plain:
             with self.path.open("rb") as file:
                 yield from self._binary_messages(file)
             return
@@ -147,7 +147,7 @@ class PythonCanReader(LogReader):
         """Iterate with a fresh reader behind every line that ends one; the header is read again each time."""
         import can
 
-        if re.search(rb"(?im)^\s*base\s+\S+\s+timestamps\s+relative", self._head):
+        if self._suffix == ".asc" and re.search(rb"(?im)^\s*base\s+\S+\s+timestamps\s+relative", self._head):
             raise LogError(
                 "tells the time from each event to the next", where=str(self.path),
                 found="timestamps relative", expected="an export with `timestamps absolute`",

@@ -39,8 +39,7 @@ class ParquetReader(TableReader):
                 expected=f"the pyarrow package: {how_to_add('formats')}",
             ) from None
         try:
-            plain = self.path.is_file() and not self._source.archive
-            file = pq.ParquetFile(self.path if plain else self._unpacked())
+            file = pq.ParquetFile(self.path if self._source.is_plain else self._unpacked())
             self.columns = list(file.schema_arrow.names)
             names = [self.columns[position] for position in self._choose()]
             seen = 0

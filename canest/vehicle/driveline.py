@@ -35,7 +35,7 @@ class Clutch:
     """Carries whether anything has ever told when the engine is parted from the wheels."""
 
     def __init__(self, vehicle: Vehicle) -> None:
-        self._known = len(vehicle.gear_ratios) < 2
+        self._known = vehicle.has_one_gear
 
     def known(self, c: Columns) -> BoolColumn:
         """Return where one knows it, or has one gear and no clutch (n,)."""

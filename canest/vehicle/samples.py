@@ -14,6 +14,7 @@ GRAVITY_MPS2 = 9.80665
 STEP_US = 20_000  #: one tick of the 50 Hz grid
 STEP_S = 0.02
 RATE_HZ = 50.0
+LOADING_S = 30.0  #: a vehicle that stands this long may have been loaded
 
 
 class Status(IntEnum):

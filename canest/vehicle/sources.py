@@ -62,7 +62,7 @@ def speed_roles(config: Config) -> tuple[str, ...]:
 
 
 def _speeds(config: Config) -> tuple[str, ...]:
-    rigid = len(config.vehicle.gear_ratios) < 2 or any(role in config.signals for role in CLUTCHES)
+    rigid = config.vehicle.has_one_gear or any(role in config.signals for role in CLUTCHES)
     # where nothing tells when the clutch is open, any other speed is nearer to the truth
     return tuple(r for r in SPEED_ORDER if r in config.signals and (rigid or r != "engine_speed"))
 

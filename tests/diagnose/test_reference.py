@@ -17,7 +17,7 @@ from canest.diagnose.reference import (
     reference_for,
 )
 from canest.simulate import simulate
-from canest.vehicle.samples import GRAVITY_MPS2, STEP_US
+from canest.vehicle.samples import GRAVITY_MPS2
 
 ALTITUDE_STD_M, WALK = 1.0, 0.0004
 
@@ -102,11 +102,17 @@ def test_the_right_roughness_of_the_road_is_the_likeliest():
 
 def test_no_second_and_no_line_is_drawn_through_a_gap():
     tick = np.concatenate((np.arange(120), np.arange(500, 530), np.arange(700, 800)))
-    first, fresh = _seconds(tick * STEP_US)
+    begins = np.diff(tick, prepend=-1) != 1
+    begins[0] = True
+    first, fresh = _seconds(begins)
     assert first.tolist() == [0, 50, 150, 200] and fresh.tolist() == [False, False, True, False]
     column = _on_ticks(np.array([1.0, 2.0, 5.0, 7.0]), first, fresh, len(tick))
     assert column[:150].min() == 1.0 and column[:150].max() == 2.0
     assert column[150:].min() == 5.0 and column[-1] == 7.0
+    # a scrap before the first gap has no second of its own
+    first, fresh = _seconds(np.concatenate(([True], begins[101:])))
+    assert first.tolist() == [50, 100] and not fresh.any()
+    assert _on_ticks(np.array([5.0, 7.0]), first, fresh, 150)[0] == 5.0
 
 
 def test_a_gap_costs_the_road_beside_it_nothing(tmp_path):
