@@ -58,6 +58,7 @@ def samples(n: int) -> ModelBlock:
         aero_N=zeros + 500.0,
         force_per_torque_1pm=zeros + 10.0,
         rotating_mass_kg=zeros + 600.0,
+        coasting_N=nan,
         undriven_mps=nan,
         accelerometer_mps2=accel,
         slope=nan,

@@ -191,6 +191,7 @@ def from_equation(
         aero_N=3.8 * speed**2,
         force_per_torque_1pm=zeros + 7.0,
         rotating_mass_kg=zeros,
+        coasting_N=nan,
         undriven_mps=nan,
         accelerometer_mps2=nan,
         slope=nan,

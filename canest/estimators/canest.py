@@ -49,6 +49,8 @@ class Canest(Estimator):
     def __init__(self, name: str, facts: VehicleFacts, options: Mapping[str, Any] | None = None) -> None:
         super().__init__(name, facts, options)
         self.options = parse(CanestOptions, options)
+        #: how much earlier than the samples that end them windows show the vehicle
+        self._late_s = SHIFT * STEP_S + facts.filter_delay_s
         self._begin(None, None)
 
     def _begin(self, mass_kg: float | None, mass_std_kg: float | None) -> None:
@@ -71,7 +73,7 @@ class Canest(Estimator):
         self._memory[at.SURPRISED_M] = math.inf
         self._memory[at.SWING_VAR] = SWING_MPN * SWING_MPN
         self._memory[at.ACCEL_BEFORE] = math.nan
-        self._windows = Windows()
+        self._windows = Windows(self._late_s)
         self._status = StatusTracker(VALID_SHARE)
         # a guess is given out until there is something better, and has no other part in it
         guess = mass_kg or self.facts.initial_mass_kg
@@ -170,7 +172,7 @@ class Canest(Estimator):
         learned = np.repeat(table[output.LEARNED] > 0.0, samples)
         doubtful = (table[output.STANDING_S] > output.UNLOADED_S) | (table[output.PROVEN] == 0.0)
         doubtful = np.repeat(doubtful, samples)
-        sine += per_tick * (np.arange(n) - last + (SHIFT + self.facts.filter_delay_s / STEP_S))
+        sine += per_tick * (np.arange(n) - last + self._late_s / STEP_S)
         np.clip(sine, -STEEPEST, STEEPEST, out=sine)
         status = self._status.update(learned & ~doubtful, mass, mass_std)
         status[learned & doubtful] = Status.CONVERGING

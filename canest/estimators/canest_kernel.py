@@ -34,6 +34,7 @@ from typing import Any
 from canest import fast
 from canest.estimators.canest_axle import UNDRIVEN_EVERY, slip_seen
 from canest.estimators.canest_coarse import coarse_grade, surer
+from canest.estimators.canest_coast import FAR_M, doubt_road, note, roll_back, rolling_grade
 from canest.estimators.canest_doubt import (
     credit,
     follow,
@@ -62,6 +63,8 @@ from canest.estimators.canest_states import (
     AXLE_SLIP,
     BIAS,
     CALM_MPS,
+    COAST_BACK_M,
+    COAST_VAR,
     COUNT,
     CURVATURE,
     CURVED,
@@ -75,6 +78,7 @@ from canest.estimators.canest_states import (
     HEIGHT,
     LAST_MPS2,
     LEARNED,
+    OUT_CURVATURE,
     OUT_DEAF,
     OUT_EFFORT,
     OUT_FELT,
@@ -180,6 +184,8 @@ def run(
     gear, rotating, undriven, sensed = windows[12], windows[13], windows[14], windows[15]
     altitude, open_, retarding, stopped = windows[16], windows[17], windows[18], windows[19]
     coarse, bend = windows[20], windows[21]
+    coast_mps2, coast_var, coast_N = windows[22], windows[23], windows[24]
+    coast_kg, coast_back_s = windows[25], windows[26]
     curvature_var, wind_var = prior[CURVATURE] * prior[CURVATURE], prior[WIND] * prior[WIND]
     least = _LEAST_SHARE * prior[U]
     lowest, highest = 1.0 / heaviest, 1.0 / lightest
@@ -205,6 +211,8 @@ def run(
         surprised, again = surprise(memory, ds)
         was_deaf = memory[DEAF]
         feels = hears(memory, sensed[k], a, v > _MOVING_MPS, floors[0])
+        memory[COAST_BACK_M] += ds
+        coasted = note(memory, coast_mps2[k], coast_var[k], coast_N[k], coast_kg[k], coast_back_s[k] * v)
         # -- what both filters share of this window
         begins = is_open and memory[SINCE] == 0.0
         calm = v
@@ -247,6 +255,7 @@ def run(
         # force that follows the road may widen what else is learned, and moves no mass; an accelerometer
         # feels the road that a steady hand follows
         follows = leans(memory, t) or (not feels and steady_hand(memory, u, force[k], steepens))
+        rolled = is_open and memory[COAST_VAR] > 0.0 and memory[COAST_BACK_M] < FAR_M
         # -- each filter by itself
         odds = 0.0  # log-likelihood of a straight less that of a curve
         speed_surplus = sensed_surplus = bias = nis = pressed = settles = 0.0
@@ -268,6 +277,10 @@ def run(
                 if m == CURVED:
                     P[CURVATURE][CURVATURE] += _SHARPER * curvature_var
             motion = a
+            if coasted:
+                doubt_road(x, P, memory, roll[k], drag[k])
+            if rolled:
+                told += roll_back(x, P, w, memory, roll[k], drag[k], _ROUGHNESS)
             if is_open:
                 inverse = max(x[U], least)
                 # the delay's lever is the traction halfway through it (second order in the delay)
@@ -368,12 +381,18 @@ def run(
         row = out[k]
         blend(X, PP, weight, memory, is_open, row)
         if is_open:
+            memory[COAST_VAR] = 0.0
             last(memory)
         seen = seen_var = 0.0
         if coarse[k] > 0.0:
             wind = weight[STRAIGHT] * X[STRAIGHT][WIND] + weight[CURVED] * X[CURVED][WIND]
             seen, seen_var = coarse_grade(
                 row[OUT_U], row[OUT_U_VAR], wind, force[k], J, a, roll[k], drag[k], bend[k], memory[SPEED_VAR]
+            )
+        elif coasted:
+            wind = weight[STRAIGHT] * X[STRAIGHT][WIND] + weight[CURVED] * X[CURVED][WIND]
+            seen, seen_var = rolling_grade(
+                memory, row[OUT_U], row[OUT_U_VAR], wind, roll[k], drag[k], row[OUT_CURVATURE], wind_var
             )
         row[OUT_GRADE], row[OUT_GRADE_VAR] = surer(
             memory, row[OUT_GRADE], row[OUT_GRADE_VAR], is_open, seen, seen_var

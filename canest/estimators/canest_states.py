@@ -65,8 +65,13 @@ AXLE_STATES = 3
     DEAF,  # 1 while it does not feel what the vehicle does
     RINGING,  # shoves of torque that still ring in the driveline, squared, N2
     SWING_VAR,  # and how much it swings then, (m/s per N)2
-) = range(46)
-MEMORY = 46
+    COAST_MPS2,  # the last coasting that no open gate has taken yet: acceleration, its variance (0: none),
+    COAST_VAR,
+    COAST_N,  # force, what rotates with the wheels, and how far back it was
+    COAST_KG,
+    COAST_BACK_M,
+) = range(51)
+MEMORY = 51
 
 # one window's outputs
 OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S, OUT_EFFORT = range(8)

@@ -12,6 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from canest.estimators.canest_lines import COLUMNS as COASTED
+from canest.estimators.canest_lines import CoastLines
 from canest.frames import FloatColumn
 from canest.gates import Gate
 from canest.vehicle.samples import GRAVITY_MPS2, STEP_S, STEP_US, ModelBlock
@@ -47,6 +49,7 @@ COLUMNS = (
     "stopped",
     "coarse",  # 1 where nothing but a bend or the dwell after another gate closes this one
     "bend_mps2",  # what a bend may brake there, std
+    *COASTED,
 )
 
 (
@@ -66,8 +69,11 @@ COLUMNS = (
     _STOPPED,
     _TICK,
     _BROKEN,
-) = range(16)
-_COLUMNS = 16
+    _RAW,
+    _COAST,
+) = range(18)
+_COLUMNS = 18
+_LINED = [_TICK, _COAST, _ROTATING, _RAW]  #: what lines through a coasting are drawn from
 _LATE = slice(_SENSED, _AERO + 1)  #: columns whose mean is taken SHIFT ticks back
 _NEEDED = slice(_SPEED, _ROTATING + 1)  #: columns without which a sample is broken
 #: beyond these no vehicle goes: m/s, N, -, m/s2, N, N, 1/m, kg; and the accelerometer, altitude
@@ -82,11 +88,13 @@ Picked = slice | NDArray[np.int64]  #: indices of samples, one per window
 class Windows:
     """Carries the samples of the unfinished window and what the next one needs of the past."""
 
-    def __init__(self) -> None:
+    def __init__(self, late_s: float = 0.0) -> None:
+        self._late_s = late_s
         self._kept: NDArray[np.float64] = np.empty((_COLUMNS, 0))
         self._altitude_m = np.nan
         self._last_end: int | None = None
         self._started = 0
+        self._lines = CoastLines()
 
     def push(self, block: ModelBlock) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Take samples (n,); return finished windows (len(COLUMNS), w) and the samples that end them (w,)."""
@@ -95,8 +103,10 @@ class Windows:
         past = rows.shape[1] - len(block)
         ends = self._ends(ticks, past)
         starts = self._starts(rows[_GATE], ticks, past, ends)
+        coasted = self._lines.push(past, rows[_LINED], ends)
         if len(ends):
-            windows = self._windows(rows, ticks, ends, starts)
+            coasted[-1] -= self._late_s
+            windows = np.concatenate((self._windows(rows, ticks, ends, starts), coasted))
             self._last_end = int(ticks[ends[-1]])
         else:
             windows = np.empty((len(COLUMNS), 0))
@@ -129,6 +139,8 @@ class Windows:
         new[_STOPPED] = block.stopped
         new[_TICK] = block.t_us // STEP_US
         new[_BROKEN] = 0.0
+        new[_RAW] = block.raw_speed_mps
+        new[_COAST] = block.coasting_N
         needed = new[_NEEDED]
         if len(block) and not (np.abs(extremes(needed)) <= _MOST).all():  # NaN is not either
             sound = np.abs(needed) <= _MOST

@@ -13,6 +13,7 @@ from canest.config.schema import Config
 from canest.frames import BoolColumn, FloatColumn
 from canest.gates import Gate
 from canest.grid.grid import GridBlock
+from canest.vehicle.coasting import PARTED_BY, Coasting
 from canest.vehicle.driveline import ROAD_SPEED_LATE_S, parted
 from canest.vehicle.model import LongitudinalModel, RawModel
 from canest.vehicle.samples import GRAVITY_MPS2, RATE_HZ, STEP_US
@@ -46,6 +47,9 @@ class Gating:
         self._last_ratio = np.nan
         #: where the driveline links engine and wheels no more, in the last block (see `_slack`)
         self.slack: BoolColumn = constant(False, 0)
+        self._coasting = Coasting(config.gates.low_speed.min_mps)
+        #: where the vehicle coasts with its driveline open, in the last block (see `Coasting`)
+        self.coasting: BoolColumn = constant(False, 0)
 
     def close(self, grid: GridBlock, raw: RawModel, accel_mps2: FloatColumn) -> NDArray[np.uint8]:
         """Return the gate code of every tick (uint8, 0 is open), the excitation gate aside."""
@@ -57,13 +61,19 @@ class Gating:
         )
         causes = self._causes(grid, raw, accel_mps2)
         self.slack = self._slack(grid, raw, causes, tick)
+        # until when anything but an open driveline closes the gate
+        acting = np.full(len(grid), _NEVER, np.int64)
         # backwards: the cause that comes first has the last word
         for gate, closed in reversed(causes):
             dwell = self._dwell_ticks.get(gate)
             if dwell is None or not np.count_nonzero(closed):
                 continue
             code = np.where(closed, np.uint8(gate), code)
-            until = np.maximum(until, np.where(closed, tick + dwell, _NEVER))
+            ends = np.where(closed, tick + dwell, _NEVER)
+            until = np.maximum(until, ends)
+            if gate not in PARTED_BY:
+                acting = np.maximum(acting, ends)
+        self.coasting = self._coasting.of(grid, raw, tick, acting)
         if len(until) > 1:
             until = np.maximum.accumulate(until)
         self._until_tick = int(until[-1])

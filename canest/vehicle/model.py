@@ -59,6 +59,7 @@ class RawModel:
     aero_N: FloatColumn
     force_per_torque_1pm: FloatColumn
     rotating_mass_kg: FloatColumn
+    wheel_mass_kg: FloatColumn
     usable: BoolColumn
     geared: BoolColumn
     by_engine: BoolColumn
@@ -134,14 +135,26 @@ class LongitudinalModel:
         self._run("road", c)
         # torque measured at the wheels has already accelerated everything before them
         before = 0.0 if self.at_wheels else c.crank_inertia_kgm2 * c.ratio * c.ratio * c.efficiency
-        rotating = (c.wheel_inertia_kgm2 + before) / c.radius_m**2
+        wheels = c.wheel_inertia_kgm2 / c.radius_m**2
+        rotating = wheels + before / c.radius_m**2
         air = c.speed_mps + c.wind_mps
         aero = 0.5 * c.density_kgpm3 * c.drag_area_m2 * air * np.abs(air)
         force = traction - rotating * c.accel_mps2 - aero + c.extra_N
         usable = (np.abs(force) <= MAX_FORCE_N) & (np.abs(c.speed_mps) <= MAX_SPEED_MPS)
         geared = geared | self.at_wheels
         return RawModel(
-            c, c.speed_mps, force, traction, aero, per_torque, rotating, usable, geared, by_engine, late
+            columns=c,
+            speed_mps=c.speed_mps,
+            force_N=force,
+            traction_N=traction,
+            aero_N=aero,
+            force_per_torque_1pm=per_torque,
+            rotating_mass_kg=rotating,
+            wheel_mass_kg=wheels,
+            usable=usable,
+            geared=geared,
+            by_engine=by_engine,
+            late=late,
         )
 
     # -- the steps ---------------------------------------------------------------------------------

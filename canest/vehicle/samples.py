@@ -47,6 +47,9 @@ class ModelBlock:
     aero_N: the part of F that is aerodynamic drag (positive against the motion), filtered.
     force_per_torque_1pm: d(traction)/d(net crank torque) = ratio x efficiency / radius, unfiltered.
     rotating_mass_kg: effective mass of wheels and engine inertia in this gear, unfiltered.
+    coasting_N: known forces on a vehicle that coasts with its driveline open (neither engine nor brakes reach
+        the road), rotating inertia not subtracted, unfiltered; NaN where it does not. There
+        `rotating_mass_kg` is that of the wheels alone.
     undriven_mps: speed of an undriven axle, filtered; NaN without one.
     accelerometer_mps2: longitudinal accelerometer, filtered; NaN without one. Not gated by the driveline.
     slope: measured grade (slope sensor), ratio, as last sent; NaN without one.
@@ -71,6 +74,7 @@ class ModelBlock:
     aero_N: FloatColumn
     force_per_torque_1pm: FloatColumn
     rotating_mass_kg: FloatColumn
+    coasting_N: FloatColumn
     undriven_mps: FloatColumn
     accelerometer_mps2: FloatColumn
     slope: FloatColumn

@@ -16,6 +16,7 @@ from canest.vehicle.samples import GRAVITY_MPS2, STEP_S, STEP_US, ModelBlock, Ve
 
 MU = 0.006
 ROTATING_KG = 700.0
+WHEELS_KG = 500.0
 GEAR_1PM = 7.3
 FACTS = VehicleFacts(mass_min_kg=7_000.0, mass_max_kg=40_000.0, pitch_rad_per_mps2=0.01)
 
@@ -55,6 +56,7 @@ def trip(
     road: Callable = hills,
     throttle: Callable = pulses,
     stops: list[tuple[float, float]] | None = None,
+    shifts: list[tuple[float, float]] | None = None,
     delay_s: float = 0.06,
     slip_per_mps2: float = 0.0,
     windup_mpN: float = 0.0,
@@ -67,7 +69,10 @@ def trip(
     start_mps: float = 20.0,
     seed: int = 1,
 ) -> Trip:
-    """Drive; ``stops`` are (start, end) in seconds, ``mass_kg`` one load or (from second, load) pairs."""
+    """Drive; ``stops`` are (start, end) in seconds, ``mass_kg`` one load or (from second, load) pairs.
+
+    In ``shifts`` the driveline is open, and the gates stay closed for 0.6 s more.
+    """
     rng = np.random.default_rng(seed)
     n = round(seconds / STEP_S)
     t = np.arange(n) * STEP_S
@@ -76,18 +81,24 @@ def trip(
     for since, load in loads:
         mass[t >= since] = load
     v, a, s, traction, aero = start_mps, np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
-    speed, gate, x = np.zeros(n), np.zeros(n, np.uint8), 0.0
+    speed, gate, x, parted = np.zeros(n), np.zeros(n, np.uint8), 0.0, np.zeros(n, np.bool_)
     pull = 0.0
     for i in range(n):
         standing = any(b <= t[i] < e for b, e in stops or [])
         braking = any(b - 15.0 <= t[i] < b for b, e in stops or [])
         wanted = 0.0 if braking or standing else throttle(t[i], v) * (2.2 if v < 12.0 else 1.0) * 11_000.0
         pull += (wanted - pull) * STEP_S / 0.3
+        is_parted = any(b <= t[i] < e for b, e in shifts or [])
+        if is_parted:
+            pull = 0.0
+            gate[i], parted[i] = Gate.SHIFT, True
+        elif any(e <= t[i] < e + 0.6 for b, e in shifts or []):
+            gate[i] = Gate.RECOVERY
         aero[i] = 3.8 * v * v
         slope = float(np.sin(np.arctan(road(np.array(x)))))
         traction[i] = pull
         road_force = mass[i] * GRAVITY_MPS2 * (slope + MU)
-        a[i] = (pull - aero[i] - road_force) / (mass[i] + ROTATING_KG)
+        a[i] = (pull - aero[i] - road_force) / (mass[i] + (WHEELS_KG if is_parted else ROTATING_KG))
         if braking:
             a[i], gate[i] = -min(2.0, v / STEP_S), Gate.BRAKE
         if standing:
@@ -116,7 +127,8 @@ def trip(
         traction_N=reported,
         aero_N=aero,
         force_per_torque_1pm=np.full(n, GEAR_1PM),
-        rotating_mass_kg=np.full(n, ROTATING_KG),
+        rotating_mass_kg=np.where(parted, WHEELS_KG, ROTATING_KG),
+        coasting_N=np.where(parted, -aero, nan),
         undriven_mps=speed + noise * rng.normal(0, 0.003, n) if slip_per_mps2 else nan,
         accelerometer_mps2=sensed + noise * rng.normal(0, 0.04, n) if accelerometer else nan,
         slope=nan,

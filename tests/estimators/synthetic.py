@@ -64,6 +64,7 @@ def drive(
         aero_N=np.full(n, 500.0),
         force_per_torque_1pm=np.full(n, 10.0),
         rotating_mass_kg=np.full(n, 600.0),
+        coasting_N=nan,
         undriven_mps=nan,
         accelerometer_mps2=accel + GRAVITY_MPS2 * np.sin(beta) + noise_mps2 * rng.standard_normal(n),
         slope=slope.copy(),

@@ -58,7 +58,7 @@ def random_windows(n, seed=0, **columns):
     w[AT["drag_N_per_mps"]], w[AT["gear_1pm"]] = 100.0, 7.0
     w[AT["before_mps"], 0] = speed[0] - accel[0] * WINDOW_S
     w[AT["before_N"], 0] = traction[0]
-    w[AT["undriven_mps"]] = w[AT["sensed_mps2"]] = w[AT["altitude_m"]] = np.nan
+    w[AT["undriven_mps"]] = w[AT["sensed_mps2"]] = w[AT["altitude_m"]] = w[AT["coast_mps2"]] = np.nan
     w[AT["open"]] = 1.0
     for name, column in columns.items():
         w[AT[name]] = column

@@ -1,0 +1,92 @@
+"""Coasting with the driveline open: how steep the road is, whatever the vehicle weighs.
+
+    a (1 + u J) = u F - g mu - g theta - c omega     F air, J the wheels alone
+
+Gates are closed then, so the filter takes it when they open, at the place where it was; the grade that is
+given out knows it at once.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from canest import fast
+from canest.estimators.canest_filter import OUTLIER, correct
+from canest.estimators.canest_roads import likelihood
+from canest.estimators.canest_states import (
+    COAST_BACK_M,
+    COAST_KG,
+    COAST_MPS2,
+    COAST_N,
+    COAST_VAR,
+    CURVATURE,
+    GRADE,
+    WIND,
+    Q,
+    U,
+)
+from canest.vehicle.samples import GRAVITY_MPS2
+
+Container = Any  #: list interpreted, array compiled
+
+#: what an open driveline drags, and the vehicle rocks on its tyres, m/s2
+DRAGS_MPS2 = 0.03
+#: further back the road is another one, m
+FAR_M = 100.0
+
+
+@fast.kernel
+def note(memory: Container, accel: float, var: float, force: float, wheels: float, back_m: float) -> bool:
+    """Remember a coasting (NaN: there is none) until gates open; return whether there is a new one."""
+    known = not math.isnan(accel)
+    if known:
+        memory[COAST_MPS2], memory[COAST_N], memory[COAST_KG] = accel, force, wheels
+        memory[COAST_VAR] = var + DRAGS_MPS2 * DRAGS_MPS2
+        memory[COAST_BACK_M] = back_m
+    return known
+
+
+@fast.kernel
+def doubt_road(x: Container, P: Container, memory: Container, roll: float, drag: float) -> None:
+    """Doubt the grade by what a remembered coasting denies of it; arguments as in `roll_back`.
+
+    It is no outlier: where nothing was heard of the road, under the brake say, the road has become another.
+    """
+    a = memory[COAST_MPS2]
+    bare = -a - roll - (memory[COAST_KG] * a - memory[COAST_N]) * x[U] - drag * x[WIND]
+    e = bare / GRAVITY_MPS2 - x[GRADE] + memory[COAST_BACK_M] * x[CURVATURE]
+    if e * e > OUTLIER * (P[GRADE][GRADE] + memory[COAST_VAR] / (GRAVITY_MPS2 * GRAVITY_MPS2)):
+        P[GRADE][GRADE] += e * e
+
+
+@fast.kernel
+def roll_back(
+    x: Container, P: Container, w: Container, memory: Container, roll: float, drag: float, uneven: float
+) -> float:
+    """Take a remembered coasting into a filter, where it was; return its log-likelihood.
+
+    roll: g mu. drag: aerodynamic force per m/s of wind. uneven: variance that the grade gains per metre.
+    """
+    a, back_m = memory[COAST_MPS2], memory[COAST_BACK_M]
+    r = memory[COAST_VAR] + GRAVITY_MPS2 * GRAVITY_MPS2 * uneven * abs(back_m)
+    lever = memory[COAST_KG] * a - memory[COAST_N]
+    e, s = correct(
+        x, P, w, 0, -a - roll, r,
+        GRADE, GRAVITY_MPS2, CURVATURE, -GRAVITY_MPS2 * back_m, U, lever, WIND, drag, Q, 0.0,
+    )  # fmt: skip
+    told: float = likelihood(e, s)
+    return told
+
+
+@fast.kernel
+def rolling_grade(
+    memory: Container, u: float, u_var: float, wind: float, roll: float, drag: float, kappa: float,
+    wind_var: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Return the grade that a remembered coasting tells of here, and its variance; see `roll_back`."""
+    a = memory[COAST_MPS2]
+    lever = memory[COAST_N] - memory[COAST_KG] * a
+    grade = (u * lever - a - roll - drag * wind) / GRAVITY_MPS2 + kappa * memory[COAST_BACK_M]
+    var = memory[COAST_VAR] + lever * lever * u_var + drag * drag * u * u * wind_var
+    return grade, var / (GRAVITY_MPS2 * GRAVITY_MPS2)

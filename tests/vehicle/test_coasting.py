@@ -1,0 +1,101 @@
+"""A vehicle coasts where its driveline is open and nothing but air, tyres and slope acts on it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_gating import CREEPING, DRIVING, Drive
+from vehicle_helpers import RADIUS_M, WHEEL_INERTIA
+
+PARTED = {"shift_in_process": 1.0, "driveline_engaged": 0.0}
+
+
+def coasts(block):
+    return np.isfinite(block.coasting_N)
+
+
+def test_between_two_gears_it_coasts():
+    drive = Drive()
+    assert not coasts(drive.go(10)).any()
+    parted = drive.go(30, **PARTED)
+    assert coasts(parted).all()
+    assert parted.coasting_N == pytest.approx(-parted.aero_N, rel=0.01)
+    assert parted.rotating_mass_kg == pytest.approx(WHEEL_INERTIA / RADIUS_M**2)
+    engaged = drive.go(10)
+    assert not coasts(engaged).any()
+    assert (engaged.rotating_mass_kg > WHEEL_INERTIA / RADIUS_M**2).all()
+
+
+def test_in_neutral_it_coasts_without_a_shift():
+    drive = Drive()
+    assert coasts(drive.go(500, driveline_engaged=0.0)).all()
+
+
+@pytest.mark.parametrize(
+    "doing",
+    [
+        {"shift_in_process": 1.0},  # torque comes and goes, the driveline is closed
+        {"clutch_switch": 1.0},  # the foot is on the pedal, the clutch may be anywhere
+        {"lockup_engaged": 0.0},  # a converter drives
+        {"clutch_slip": 50.0},
+        {"driveline_engaged": float("nan")},
+        PARTED | {"brake_switch": 1.0},
+        PARTED | {"retarder_torque_pct": -40.0},
+        PARTED | {"yaw_rate": 0.3},
+        PARTED
+        | {"output_shaft_speed": float("nan"), "vehicle_speed": float("nan"), "undriven_speed": float("nan")},
+    ],
+)
+def test_elsewhere_it_does_not(doing):
+    assert not coasts(Drive().go(30, **doing)).any()
+
+
+def test_a_brake_just_released_may_still_drag():
+    drive = Drive()
+    drive.go(30, brake_switch=1.0)
+    after = coasts(drive.go(200, **PARTED))
+    assert not after[:10].any()
+    assert after[100:].all()
+
+
+def test_a_clutch_that_slips_in_a_launch_is_no_coasting():
+    drive = Drive()
+    drive.go(100, **CREEPING)
+    assert not coasts(drive.go(50, driveline_engaged=0.0)).any()
+    drive.go(60)  # closed for the first time: what follows is a shift
+    assert coasts(drive.go(30, **PARTED)).all()
+
+
+def test_after_a_gap_nobody_knows_whether_it_has_stood():
+    drive = Drive()
+    drive.go(10)
+    assert not coasts(drive.go(300, gap=True, **PARTED)).any()
+
+
+def test_without_the_signal_there_is_none():
+    signals = {role: value for role, value in DRIVING.items() if role != "driveline_engaged"}
+    assert not coasts(Drive(signals).go(30, shift_in_process=1.0)).any()
+
+
+def test_any_cut_gives_the_same():
+    def stretches(drive, cut):
+        parts = []
+        for n, changes in (
+            (60, {}),
+            (45, PARTED),
+            (20, {}),
+            (30, {"brake_switch": 1.0}),
+            (150, PARTED),
+            (9, {}),
+        ):
+            while n > 0:
+                parts.append(drive.go(min(n, cut), **changes))
+                n -= cut
+        return [
+            np.concatenate([getattr(p, name) for p in parts]) for name in ("coasting_N", "rotating_mass_kg")
+        ]
+
+    whole = stretches(Drive(), 1000)
+    for cut in (1, 7):
+        for one, other in zip(whole, stretches(Drive(), cut), strict=True):
+            np.testing.assert_array_equal(one, other)
