@@ -6,10 +6,13 @@ is such a moment, of half a second or so.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from canest.columns import constant
+from canest.config.schema import Config
 from canest.frames import BoolColumn
 from canest.gates import Gate
 from canest.grid.grid import GridBlock
@@ -19,13 +22,19 @@ from canest.vehicle.model import RawModel
 PARTED_BY = (Gate.SHIFT, Gate.DRIVELINE)
 _ENGAGED = "driveline_engaged"
 _NEVER = -(1 << 62)
+#: speeds of one gear apart by this share are not synchronous; gears are three times that apart and more
+_TOGETHER = 0.05
+#: auxiliaries take no more than this share of the reference torque; a shift no longer than 3 s
+_IDLE_SHARE, _SHIFT_TICKS = 0.05, 150
 
 
 class Coasting:
     """Carries when the driveline was last closed, when the vehicle last stood and what else acts on it."""
 
-    def __init__(self, standstill_mps: float) -> None:
-        self._standstill_mps = standstill_mps
+    def __init__(self, config: Config) -> None:
+        self._standstill_mps = config.gates.low_speed.min_mps
+        reference = config.vehicle.reference_torque_Nm
+        self._reference_Nm = math.nan if reference is None else reference
         self._closed_tick = self._stood_tick = self._acts_until_tick = _NEVER
 
     def of(
@@ -34,7 +43,8 @@ class Coasting:
         """Return where the vehicle coasts (n,).
 
         acts_until: until which tick something else acts on it, or has left its traces, by each tick's causes.
-        Before it has been closed since the last stop, an open driveline is a clutch that slips in a launch.
+        An open driveline may be a clutch that slips. So it has to have been closed since the last stop, the
+        engine does not turn with the wheels, and it is in a shift, which is soon over, or idles.
         """
         engaged = grid.values.get(_ENGAGED)
         if engaged is None:
@@ -51,5 +61,30 @@ class Coasting:
             closed_at, stood_at, until = (np.maximum.accumulate(x) for x in (closed_at, stood_at, until))
         self._closed_tick, self._stood_tick = int(closed_at[-1]), int(stood_at[-1])
         self._acts_until_tick = int(until[-1])
-        coasting: BoolColumn = (engaged < 0.5) & (closed_at > stood_at) & (tick >= until)
+        opened = engaged < 0.5
+        if not np.count_nonzero(opened):
+            return opened
+        alone = ~_with_wheels(raw) & (self._idles(raw) | _shifts(raw, tick - closed_at))
+        coasting: BoolColumn = opened & (closed_at > stood_at) & (tick >= until) & alone
         return coasting
+
+    def _idles(self, raw: RawModel) -> BoolColumn:
+        """Return where the engine gives no more than its auxiliaries take, as far as known (n,)."""
+        c = raw.columns
+        reference = c.signal("reference_torque", self._reference_Nm)
+        idles: BoolColumn = np.abs(c.torque_Nm) <= _IDLE_SHARE * reference
+        return idles
+
+
+def _shifts(raw: RawModel, open_ticks: NDArray[np.int64]) -> BoolColumn:
+    """Return where a shift opens the driveline, for as long as one may take (n,)."""
+    shifts: BoolColumn = raw.columns.on("shift_in_process") & (open_ticks <= _SHIFT_TICKS)
+    return shifts
+
+
+def _with_wheels(raw: RawModel) -> BoolColumn:
+    """Return where the engine turns as fast as the wheels would turn it in this gear (n,)."""
+    c = raw.columns
+    turned = raw.speed_mps * c.ratio / c.radius_m
+    together: BoolColumn = np.abs(c.engine_radps - turned) <= _TOGETHER * turned
+    return together & (c.ratio > 0)

@@ -47,7 +47,7 @@ class Gating:
         self._last_ratio = np.nan
         #: where the driveline links engine and wheels no more, in the last block (see `_slack`)
         self.slack: BoolColumn = constant(False, 0)
-        self._coasting = Coasting(config.gates.low_speed.min_mps)
+        self._coasting = Coasting(config)
         #: where the vehicle coasts with its driveline open, in the last block (see `Coasting`)
         self.coasting: BoolColumn = constant(False, 0)
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_gating import CREEPING, DRIVING, Drive
+from test_gating import CREEPING, DRIVING, SHAFT_RPM, Drive
 from vehicle_helpers import RADIUS_M, WHEEL_INERTIA
 
-PARTED = {"shift_in_process": 1.0, "driveline_engaged": 0.0}
+OPEN = {"driveline_engaged": 0.0, "engine_speed": 0.6 * SHAFT_RPM}
+PARTED = OPEN | {"shift_in_process": 1.0}
+NEUTRAL = OPEN | {"engine_torque_pct": 8.0}  # 5 % are friction
 
 
 def coasts(block):
@@ -28,7 +30,7 @@ def test_between_two_gears_it_coasts():
 
 def test_in_neutral_it_coasts_without_a_shift():
     drive = Drive()
-    assert coasts(drive.go(500, driveline_engaged=0.0)).all()
+    assert coasts(drive.go(500, **NEUTRAL)).all()
 
 
 @pytest.mark.parametrize(
@@ -39,6 +41,9 @@ def test_in_neutral_it_coasts_without_a_shift():
         {"lockup_engaged": 0.0},  # a converter drives
         {"clutch_slip": 50.0},
         {"driveline_engaged": float("nan")},
+        {"driveline_engaged": 0.0},  # says one, and the engine turns with the wheels
+        OPEN,  # the clutch slips, and the engine pulls
+        PARTED | {"engine_speed": 1.02 * SHAFT_RPM},
         PARTED | {"brake_switch": 1.0},
         PARTED | {"retarder_torque_pct": -40.0},
         PARTED | {"yaw_rate": 0.3},
@@ -50,18 +55,24 @@ def test_elsewhere_it_does_not(doing):
     assert not coasts(Drive().go(30, **doing)).any()
 
 
+def test_no_shift_takes_for_ever():
+    after = coasts(Drive().go(400, **PARTED))
+    assert after[:140].all()
+    assert not after[160:].any()
+
+
 def test_a_brake_just_released_may_still_drag():
     drive = Drive()
     drive.go(30, brake_switch=1.0)
     after = coasts(drive.go(200, **PARTED))
     assert not after[:10].any()
-    assert after[100:].all()
+    assert after[100:140].all()
 
 
 def test_a_clutch_that_slips_in_a_launch_is_no_coasting():
     drive = Drive()
     drive.go(100, **CREEPING)
-    assert not coasts(drive.go(50, driveline_engaged=0.0)).any()
+    assert not coasts(drive.go(50, **NEUTRAL)).any()
     drive.go(60)  # closed for the first time: what follows is a shift
     assert coasts(drive.go(30, **PARTED)).all()
 
@@ -70,6 +81,12 @@ def test_after_a_gap_nobody_knows_whether_it_has_stood():
     drive = Drive()
     drive.go(10)
     assert not coasts(drive.go(300, gap=True, **PARTED)).any()
+
+
+def test_where_the_ratio_or_the_engine_is_not_known_nobody_denies_it():
+    drive = Drive()
+    assert coasts(drive.go(30, **(PARTED | {"gear_ratio": float("nan"), "gear": 0.0}))).all()
+    assert coasts(drive.go(30, **(PARTED | {"engine_speed": float("nan")}))).all()
 
 
 def test_without_the_signal_there_is_none():
