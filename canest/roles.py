@@ -76,7 +76,12 @@ ROLES: dict[str, Role] = dict(
         _role("gear", "gear", 1.5, "current gear number (SPN 523)"),
         _role("selected_gear", "gear", 1.5, "selected gear number (SPN 524)"),
         _role("shift_in_process", "", 0.5, "shift in process, 0 or 1 (SPN 574)"),
-        _role("driveline_engaged", "", 0.5, "driveline engaged, 0 or 1 (SPN 560)"),
+        _role(
+            "driveline_engaged",
+            "",
+            0.5,
+            "driveline engaged, 0 or 1 (SPN 560): open, it tells the slope",
+        ),
         _role("lockup_engaged", "", 0.5, "torque converter locked up, 0 or 1 (SPN 573)"),
         _role("clutch_slip", "%", 0.5, "clutch slip (SPN 522)"),
         _role("clutch_switch", "", 1.0, "clutch pedal pressed, 0 or 1 (SPN 598)"),

@@ -34,6 +34,8 @@ class Coasting:
     def __init__(self, config: Config) -> None:
         self._standstill_mps = config.gates.low_speed.min_mps
         reference = config.vehicle.reference_torque_Nm
+        pedal = ("accelerator",) if config.gates.brake.assume_when_pedal_released else ()
+        self._brakes = ("brake_switch", "brake_pedal", *pedal)
         self._reference_Nm = math.nan if reference is None else reference
         self._closed_tick = self._stood_tick = self._acts_until_tick = _NEVER
 
@@ -44,7 +46,8 @@ class Coasting:
 
         acts_until: until which tick something else acts on it, or has left its traces, by each tick's causes.
         An open driveline may be a clutch that slips. So it has to have been closed since the last stop, the
-        engine does not turn with the wheels, and it is in a shift, which is soon over, or idles.
+        engine does not turn with the wheels, and it is in a shift, which is soon over, or idles. And brakes
+        of which nobody tells would be a hill.
         """
         engaged = grid.values.get(_ENGAGED)
         if engaged is None:
@@ -64,9 +67,16 @@ class Coasting:
         opened = engaged < 0.5
         if not np.count_nonzero(opened):
             return opened
-        alone = ~_with_wheels(raw) & (self._idles(raw) | _shifts(raw, tick - closed_at))
+        alone = ~_with_wheels(raw) & (self._idles(raw) | _shifts(raw, tick - closed_at)) & self._told(raw)
         coasting: BoolColumn = opened & (closed_at > stood_at) & (tick >= until) & alone
         return coasting
+
+    def _told(self, raw: RawModel) -> BoolColumn:
+        """Return where somebody tells whether the brakes are on (n,)."""
+        told = constant(False, len(raw.columns))
+        for role in self._brakes:
+            told = told | np.isfinite(raw.columns.signal(role, math.nan))
+        return told
 
     def _idles(self, raw: RawModel) -> BoolColumn:
         """Return where the engine gives no more than its auxiliaries take, as far as known (n,)."""

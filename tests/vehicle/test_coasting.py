@@ -10,6 +10,7 @@ from vehicle_helpers import RADIUS_M, WHEEL_INERTIA
 OPEN = {"driveline_engaged": 0.0, "engine_speed": 0.6 * SHAFT_RPM}
 PARTED = OPEN | {"shift_in_process": 1.0}
 NEUTRAL = OPEN | {"engine_torque_pct": 8.0}  # 5 % are friction
+NAN = float("nan")
 
 
 def coasts(block):
@@ -40,15 +41,15 @@ def test_in_neutral_it_coasts_without_a_shift():
         {"clutch_switch": 1.0},  # the foot is on the pedal, the clutch may be anywhere
         {"lockup_engaged": 0.0},  # a converter drives
         {"clutch_slip": 50.0},
-        {"driveline_engaged": float("nan")},
+        {"driveline_engaged": NAN},
         {"driveline_engaged": 0.0},  # says one, and the engine turns with the wheels
         OPEN,  # the clutch slips, and the engine pulls
         PARTED | {"engine_speed": 1.02 * SHAFT_RPM},
         PARTED | {"brake_switch": 1.0},
+        PARTED | {"brake_switch": NAN, "brake_pedal": NAN},  # the brakes may be on
         PARTED | {"retarder_torque_pct": -40.0},
         PARTED | {"yaw_rate": 0.3},
-        PARTED
-        | {"output_shaft_speed": float("nan"), "vehicle_speed": float("nan"), "undriven_speed": float("nan")},
+        PARTED | {"output_shaft_speed": NAN, "vehicle_speed": NAN, "undriven_speed": NAN},
     ],
 )
 def test_elsewhere_it_does_not(doing):
@@ -85,8 +86,8 @@ def test_after_a_gap_nobody_knows_whether_it_has_stood():
 
 def test_where_the_ratio_or_the_engine_is_not_known_nobody_denies_it():
     drive = Drive()
-    assert coasts(drive.go(30, **(PARTED | {"gear_ratio": float("nan"), "gear": 0.0}))).all()
-    assert coasts(drive.go(30, **(PARTED | {"engine_speed": float("nan")}))).all()
+    assert coasts(drive.go(30, **(PARTED | {"gear_ratio": NAN, "gear": 0.0}))).all()
+    assert coasts(drive.go(30, **(PARTED | {"engine_speed": NAN}))).all()
 
 
 def test_without_the_signal_there_is_none():
@@ -116,3 +117,11 @@ def test_any_cut_gives_the_same():
     for cut in (1, 7):
         for one, other in zip(whole, stretches(Drive(), cut), strict=True):
             np.testing.assert_array_equal(one, other)
+
+
+def test_where_a_released_pedal_stands_for_the_brake_it_tells():
+    signals = {role: value for role, value in DRIVING.items() if not role.startswith("brake")}
+    assert not coasts(Drive(signals).go(30, **PARTED)).any()
+    drive = Drive(signals, gates={"brake": {"assume_when_pedal_released": True}})
+    assert coasts(drive.go(30, **PARTED)).all()
+    assert not coasts(drive.go(30, accelerator=0.0, **PARTED)).any()
