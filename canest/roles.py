@@ -118,3 +118,5 @@ ROLES: dict[str, Role] = dict(
 )
 #: what was said once of these stays true: neither silence nor "not available" takes it back
 LASTING = frozenset(name for name, role in ROLES.items() if role.stale_s == math.inf)
+#: roles that tell whether the service brake is on
+BRAKES = ("brake_switch", "brake_pedal")

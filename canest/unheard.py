@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from canest.config.schema import Config
+from canest.roles import BRAKES
 from canest.vehicle.sources import AT_WHEELS, torque_role
 
 FRICTION, RETARDER = "engine_friction_pct", "retarder_torque_pct"
-BRAKES = ("brake_switch", "brake_pedal")
 
 
 def unheard(config: Config, heard: Collection[str]) -> list[str]:

@@ -16,6 +16,7 @@ from canest.config.schema import Config
 from canest.frames import BoolColumn
 from canest.gates import Gate
 from canest.grid.grid import GridBlock
+from canest.roles import BRAKES
 from canest.vehicle.model import RawModel
 
 #: gates that an open driveline closes by itself
@@ -35,7 +36,7 @@ class Coasting:
         self._standstill_mps = config.gates.low_speed.min_mps
         reference = config.vehicle.reference_torque_Nm
         pedal = ("accelerator",) if config.gates.brake.assume_when_pedal_released else ()
-        self._brakes = ("brake_switch", "brake_pedal", *pedal)
+        self._brakes = (*BRAKES, *pedal)
         self._reference_Nm = math.nan if reference is None else reference
         self._closed_tick = self._stood_tick = self._acts_until_tick = _NEVER
 
