@@ -71,6 +71,7 @@ class Canest(Estimator):
         self._memory[at.COARSE_VAR] = self._memory[at.LAST_VAR] = prior.std[at.GRADE] ** 2
         self._memory[at.COARSE_GRADE] = self._memory[at.LAST_GRADE] = prior.mean[at.GRADE]
         self._memory[at.SURPRISED_M] = math.inf
+        self._memory[at.LEFT] = 1.0
         self._memory[at.SWING_VAR] = SWING_MPN * SWING_MPN
         self._memory[at.ACCEL_BEFORE] = math.nan
         self._windows = Windows(self._late_s)
@@ -80,7 +81,6 @@ class Canest(Estimator):
         self._memory[at.HELD_U] = 1.0 / guess if guess else prior.mean[at.U]
         start = np.zeros((1, at.OUTPUTS))
         start[0, at.OUT_U], start[0, at.OUT_U_VAR] = self._memory[at.HELD_U], prior.std[at.U] ** 2
-        start[0, at.OUT_EFFORT] = REMEMBERED
         start[0, at.OUT_PROVEN] = 1.0
         start[0, at.OUT_GRADE] = prior.mean[at.GRADE]
         start[0, at.OUT_GRADE_VAR] = prior.std[at.GRADE] ** 2

@@ -12,6 +12,7 @@ from canest import fast
 from canest.estimators.canest_states import (
     BEFORE_U,
     BIASED,
+    DEAF,
     EFFORT,
     FELT,
     HELD_U,
@@ -39,6 +40,14 @@ ORDINARY, CREST = 0.5, 2.0
 #: a crest or sag is so long, m: on one such stretch force may happen to follow the road, so it is credited
 #: with no more effort than this, m2/s3, whatever the driver does (two stretches are two witnesses)
 HILL_M, HILL_EFFORT = 200.0, 0.12
+#: share of the mass left in doubt is this by the effort (m2/s3): half of it on a motorway at one speed,
+#: however long, 1 % after two or three launches; and the same by what an accelerometer has felt
+UNTOLD_MPS2, UNFELT_MPS2 = 0.005, 0.02
+#: slow torque leaves at least this share in doubt, whatever an accelerometer feels, so that it alone is never
+#: trusted: one crest taken for a straight while the driver eases off is enough
+LEAST_UNFELT = 0.045
+#: share of the mass in doubt where nothing speaks for it
+UNBELIEVED = 0.5
 #: memory of the innovations' sign, in windows; one innovation counts for so many stds at most
 SIGN_MEMORY, CLIP = 15.0, 5.0
 #: innovations this one-signed for seconds lean; more so, they surprise
@@ -87,6 +96,17 @@ def credit(
     memory[EFFORT] += effort
     if feels:
         memory[FELT] += slow * slow * WINDOW_S
+
+
+@fast.kernel
+def untold(memory: Container) -> float:
+    """Return the share of the mass that is in doubt because torque has told too little of it."""
+    if memory[DEAF] > 0.0:  # what it told is in all that was learned
+        return UNBELIEVED
+    brisk = UNTOLD_MPS2 / max(memory[EFFORT], 1e-9)
+    felt = max(UNFELT_MPS2 / max(memory[FELT], 1e-9), LEAST_UNFELT)
+    share: float = min(brisk, felt, UNBELIEVED)
+    return share
 
 
 @fast.kernel

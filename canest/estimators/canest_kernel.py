@@ -46,6 +46,7 @@ from canest.estimators.canest_doubt import (
     steady_hand,
     surprise,
     unload,
+    untold,
 )
 from canest.estimators.canest_filter import (
     correct,
@@ -58,6 +59,7 @@ from canest.estimators.canest_filter import (
 )
 from canest.estimators.canest_hearing import hears
 from canest.estimators.canest_noise import follow_swing, level, ring, surplus, tally
+from canest.estimators.canest_recall import compare, give_mass, refute, remember
 from canest.estimators.canest_roads import blend, drive_on, likelihood, weigh
 from canest.estimators.canest_states import (
     AXLE_SLIP,
@@ -70,8 +72,6 @@ from canest.estimators.canest_states import (
     CURVED,
     DEAF,
     DELAY,
-    EFFORT,
-    FELT,
     FREE,
     GRADE,
     HAS_HEIGHT,
@@ -79,9 +79,6 @@ from canest.estimators.canest_states import (
     LAST_MPS2,
     LEARNED,
     OUT_CURVATURE,
-    OUT_DEAF,
-    OUT_EFFORT,
-    OUT_FELT,
     OUT_GRADE,
     OUT_GRADE_VAR,
     OUT_LEARNED,
@@ -92,6 +89,8 @@ from canest.estimators.canest_states import (
     OUT_U_VAR,
     PITCH,
     PRESSED,
+    SAME_U,
+    SAME_VAR,
     SENSE_LAG,
     SENSED_VAR,
     SINCE,
@@ -205,10 +204,13 @@ def run(
                 memory[HAS_HEIGHT] = 0.0
         drive_on(X, PP, weight, memory, ds, wind_var, curvature_var)
         if loaded:
+            remember(memory)
             unload(memory)
             Y[AXLE_SLIP][AXLE_SLIP] += _LOOSER * prior[SLIP] * prior[SLIP] + y[AXLE_SLIP] * y[AXLE_SLIP]
         # the road has a step, or the load has changed where nobody saw it: let the next seconds tell
         surprised, again = surprise(memory, ds)
+        if again:
+            refute(memory)
         was_deaf = memory[DEAF]
         feels = hears(memory, sensed[k], a, v > _MOVING_MPS, floors[0])
         memory[COAST_BACK_M] += ds
@@ -236,6 +238,8 @@ def run(
         unknown = lacking * lacking * _FORCE_S + 2.0 * (step * step * lasts + gust * gust * _GUST_S)
         high = memory[HAS_HEIGHT] > 0.0
         uneven, fuel = _ROUGHNESS * ds, _MASS_DRIFT * ds
+        if memory[SAME_VAR] > 0.0:
+            memory[SAME_VAR] += fuel * memory[SAME_U] * memory[SAME_U]
         wander = _HEIGHT_WANDER * (WINDOW_S + gap_s[k])
         speed_var = memory[SPEED_VAR]
         slip_z = slip_r = 0.0
@@ -245,6 +249,7 @@ def run(
         sees = feels and stopped[k] == 0.0 and memory[UNSEEN] >= _SEE_EVERY
         if memory[DEAF] < was_deaf:  # it works again: from now on torque tells anew
             forget(memory)
+            refute(memory)
         if sees:
             memory[UNSEEN] = 0.0
         climbs = altitude[k] == altitude[k]
@@ -379,10 +384,13 @@ def run(
         memory[LAST_MPS2] = a
         weigh(weight, odds, 0.0)
         row = out[k]
-        blend(X, PP, weight, memory, is_open, row)
+        mean = blend(X, PP, weight, memory, is_open, row)
         if is_open:
             memory[COAST_VAR] = 0.0
+            share = untold(memory) * mean
+            compare(memory, mean, row[OUT_U_VAR] + share * share, prior[U] * prior[U])
             last(memory)
+        give_mass(memory, row, mean)
         seen = seen_var = 0.0
         if coarse[k] > 0.0:
             wind = weight[STRAIGHT] * X[STRAIGHT][WIND] + weight[CURVED] * X[CURVED][WIND]
@@ -399,8 +407,5 @@ def run(
         )
         row[OUT_LEARNED] = memory[LEARNED]
         row[OUT_STANDING_S] = memory[STANDING_S] * stopped[k]
-        row[OUT_EFFORT] = memory[EFFORT]
-        row[OUT_FELT] = memory[FELT]
         row[OUT_STEADY_MPS2] = row[OUT_U] * memory[STEADY_N]
         row[OUT_PROVEN] = proven(memory)
-        row[OUT_DEAF] = memory[DEAF]

@@ -14,14 +14,6 @@ from canest.vehicle.samples import GRAVITY_MPS2, VehicleFacts
 MASS_KG, MASS_STD_KG, SINE, SINE_STD, SINE_PER_M, SPEED_MPS, LEARNED, STANDING_S, PROVEN = range(9)
 COLUMNS = 9
 
-#: share of the mass left in doubt is this by the effort (m2/s3): half of it on a motorway at one speed,
-#: however long, 1 % after two or three launches; and the same by what an accelerometer has felt
-UNTOLD_MPS2, UNFELT_MPS2 = 0.005, 0.02
-#: slow torque leaves at least this share in doubt, whatever an accelerometer feels, so that it alone is never
-#: trusted: one crest taken for a straight while the driver eases off is enough
-LEAST_FELT = 0.045
-#: share of the mass in doubt where nothing speaks for it
-UNBELIEVED = 0.5
 #: a vehicle that stands longer than at a crossing may be loaded at this very moment
 UNLOADED_S = 10.0
 #: below this share of the mass its std is that of the inverse mass, to first order
@@ -39,12 +31,7 @@ def known(
     any_load: std of the inverse mass when nothing is known of the load, as while it may be changing.
     """
     table = np.empty((len(out), COLUMNS))
-    untold = UNTOLD_MPS2 / np.maximum(out[:, at.OUT_EFFORT], 1e-9)
-    felt = np.maximum(UNFELT_MPS2 / np.maximum(out[:, at.OUT_FELT], 1e-9), LEAST_FELT)
-    untold = np.minimum(np.minimum(untold, felt), UNBELIEVED)
-    # what an accelerometer told that does not feel the vehicle is in all that was learned
-    untold[out[:, at.OUT_DEAF] > 0.0] = UNBELIEVED
-    u_var = out[:, at.OUT_U_VAR] + (untold * out[:, at.OUT_U]) ** 2
+    u_var = out[:, at.OUT_U_VAR].copy()
     u_var[out[:, at.OUT_STANDING_S] > UNLOADED_S] += any_load * any_load
     table[:, MASS_KG], table[:, MASS_STD_KG] = mass_of(out[:, at.OUT_U], u_var, facts)
     table[:, SINE] = out[:, at.OUT_GRADE]
@@ -52,7 +39,7 @@ def known(
     # a tyre that rolls harder looks like a hill, for ever
     rolling = ROLLING_SHARE_STD * facts.rolling_resistance
     # what mass leaves in doubt of the steady force, the hill has to bear
-    borne = untold * out[:, at.OUT_STEADY_MPS2] / GRAVITY_MPS2
+    borne = out[:, at.OUT_UNTOLD] * out[:, at.OUT_STEADY_MPS2] / GRAVITY_MPS2
     grade_var = np.maximum(out[:, at.OUT_GRADE_VAR], 0.0)
     table[:, SINE_STD] = np.minimum(np.sqrt(grade_var + rolling * rolling + borne * borne), 1.0)
     table[:, LEARNED] = out[:, at.OUT_LEARNED]

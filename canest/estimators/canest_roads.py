@@ -23,7 +23,6 @@ from canest.estimators.canest_states import (
     OUT_CURVATURE,
     OUT_GRADE,
     OUT_GRADE_VAR,
-    OUT_U,
     OUT_U_VAR,
     PRESSED,
     STRAIGHT,
@@ -128,23 +127,24 @@ def mix(X: Container, PP: Container, weight: Container, far_m: float, curvature_
 @fast.kernel
 def blend(
     X: Container, PP: Container, weight: Container, memory: Container, is_open: bool, row: Container
-) -> None:
+) -> float:
     """Give mass, grade and their variances of both filters together, one Gaussian, into an output row.
 
-    A closed gate moves no mass.
+    Returns the mean of the inverse mass; a closed gate moves none that is given out.
     """
     p = weight[STRAIGHT]
     b, c = X[STRAIGHT], X[CURVED]
     B, C = PP[STRAIGHT], PP[CURVED]
     between = p * (1.0 - p)
     apart, steeper, beyond = b[U] - c[U], b[GRADE] - c[GRADE], memory[PRESSED]
+    mean: float = c[U] + p * apart
     if is_open or memory[HELD_U] == 0.0:
-        memory[HELD_U] = c[U] + p * apart
-    row[OUT_U] = memory[HELD_U]
+        memory[HELD_U] = mean
     row[OUT_U_VAR] = C[U][U] + p * (B[U][U] - C[U][U]) + between * apart * apart + beyond * beyond
     grade_var = C[GRADE][GRADE] + p * (B[GRADE][GRADE] - C[GRADE][GRADE])
     row[OUT_GRADE], row[OUT_GRADE_VAR] = c[GRADE] + p * steeper, grade_var + between * steeper * steeper
     row[OUT_CURVATURE] = (1.0 - p) * c[CURVATURE]
+    return mean
 
 
 @fast.kernel

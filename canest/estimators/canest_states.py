@@ -70,10 +70,14 @@ AXLE_STATES = 3
     COAST_N,  # force, what rotates with the wheels, and how far back it was
     COAST_KG,
     COAST_BACK_M,
-) = range(51)
-MEMORY = 51
+    SAME_U,  # the inverse mass from before a stop that may have changed it, and its variance (0: none)
+    SAME_VAR,
+    GIVEN_VAR,  # variance of the inverse mass that is given out, with all its doubts, and which share of what
+    LEFT,  # the filter alone would leave in doubt that is
+) = range(55)
+MEMORY = 55
 
 # one window's outputs
-OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S, OUT_EFFORT = range(8)
-OUT_FELT, OUT_STEADY_MPS2, OUT_PROVEN, OUT_DEAF = range(8, 12)
-OUTPUTS = 12
+OUT_U, OUT_U_VAR, OUT_GRADE, OUT_CURVATURE, OUT_GRADE_VAR, OUT_LEARNED, OUT_STANDING_S, OUT_UNTOLD = range(8)
+OUT_STEADY_MPS2, OUT_PROVEN = range(8, 10)
+OUTPUTS = 10

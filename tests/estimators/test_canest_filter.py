@@ -245,7 +245,8 @@ def test_momentum_balance_equals_two_dense_filters(compiled):
         weight /= weight.sum()
         mean, cov = moments(weight, [d.x for d in roads], [d.P for d in roads])
         assert out[i, at.OUT_U] == pytest.approx(mean[at.U], rel=1e-6), i
-        assert out[i, at.OUT_U_VAR] == pytest.approx(cov[at.U, at.U], rel=1e-5)
+        untold = out[i, at.OUT_UNTOLD] * mean[at.U]
+        assert out[i, at.OUT_U_VAR] == pytest.approx(cov[at.U, at.U] + untold**2, rel=1e-5)
         assert out[i, at.OUT_GRADE] == pytest.approx(mean[at.GRADE], abs=1e-7)
         assert out[i, at.OUT_GRADE_VAR] == pytest.approx(cov[at.GRADE, at.GRADE], rel=1e-5)
 
