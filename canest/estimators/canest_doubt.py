@@ -72,6 +72,12 @@ def steady_hand(memory: Container, u: float, force: float, steepens_1ps: float) 
 
 
 @fast.kernel
+def begin_stretch(memory: Container) -> None:
+    """From here on what the driver does is another witness."""
+    memory[HERE_M] = memory[HERE_EFFORT] = 0.0
+
+
+@fast.kernel
 def credit(
     memory: Container, u: float, force: float, steepens_1ps: float, first: bool, feels: bool, ds: float
 ) -> None:
@@ -81,7 +87,7 @@ def credit(
     """
     memory[HERE_M] += ds
     if memory[HERE_M] > HILL_M:
-        memory[HERE_M] = memory[HERE_EFFORT] = 0.0
+        begin_stretch(memory)
     if first:
         memory[STEADY_N] = memory[SLOW_N] = force
     crest = CREST * GRAVITY_MPS2 * steepens_1ps * ROAD_S

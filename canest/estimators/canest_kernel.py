@@ -36,6 +36,7 @@ from canest.estimators.canest_axle import UNDRIVEN_EVERY, slip_seen
 from canest.estimators.canest_coarse import coarse_grade, surer
 from canest.estimators.canest_coast import FAR_M, doubt_road, note, roll_back, rolling_grade
 from canest.estimators.canest_doubt import (
+    begin_stretch,
     credit,
     follow,
     forget,
@@ -375,6 +376,8 @@ def run(
             memory[LEARNED] = 1.0
             memory[PRESSED] = settles * memory[PRESSED] + pressed
             first_of_all = begins and memory[COUNT] == 0.0
+            if rolled:  # the road has been seen here
+                begin_stretch(memory)
             credit(memory, u, force[k], steepens, first_of_all, feels, ds)
             tally(memory, bias, nis)
             if t > 0.0:  # in overrun it may as well be a brake that nobody reports

@@ -14,7 +14,7 @@ from canest.estimators.canest_coast import DRAGS_MPS2, doubt_road, note, roll_ba
 from canest.estimators.canest_filter import OUTLIER
 from canest.estimators.canest_lines import COLUMNS, EARLY, MOST_MPS2, SETTLES, CoastLines
 from canest.gates import Gate
-from canest.vehicle.samples import GRAVITY_MPS2
+from canest.vehicle.samples import GRAVITY_MPS2, Status
 
 from .momentum import flat, hills, pulses, trip
 from .synthetic import FACTS
@@ -248,6 +248,16 @@ def test_a_coasting_moves_the_grade_at_once_and_the_mass_when_gates_open():
     assert np.abs(degrees(drive, seen)[recovery]).mean() < np.abs(degrees(drive, unseen)[recovery]).mean()
     np.testing.assert_array_equal(seen.mass_kg[: 33 * 50], unseen.mass_kg[: 33 * 50])
     assert seen.mass_kg[34 * 50 + 50] != unseen.mass_kg[34 * 50 + 50]
+
+
+def test_a_launch_with_shifts_is_told_by_several_witnesses():
+    shifts = [(4.0 + 3.0 * k, 4.8 + 3.0 * k) for k in range(4)]
+    drive = trip(20, road=flat, throttle=lambda t, v: 0.85, start_mps=3.0, shifts=shifts)
+    _, seen = run(drive)
+    _, unseen = run(blind(drive))
+    assert seen.status[-1] == Status.VALID
+    assert unseen.status[-1] == Status.CONVERGING  # one stretch of 200 m: a crest may have begun on it
+    assert abs(drive.error(seen)[-1]) < 0.02
 
 
 @pytest.mark.parametrize("road", [flat, hills])

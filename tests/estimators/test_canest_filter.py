@@ -13,7 +13,7 @@ from canest.estimators import canest_states as at
 from canest.estimators.canest import Canest
 from canest.estimators.canest_axle import slip_seen
 from canest.estimators.canest_coarse import surer
-from canest.estimators.canest_doubt import HILL_EFFORT, HILL_M, ORDINARY, ROAD_S, credit
+from canest.estimators.canest_doubt import HILL_EFFORT, HILL_M, ORDINARY, ROAD_S, begin_stretch, credit
 from canest.estimators.canest_filter import OUTLIER, correct, fade, travel
 from canest.estimators.canest_noise import (
     DOUBTED,
@@ -366,6 +366,15 @@ def test_one_stretch_of_road_is_one_witness_however_much_the_driver_does():
     assert (credited[False] <= stretches * HILL_EFFORT + 1e-12).all()
     assert credited[False][-1] == pytest.approx(2 * HILL_EFFORT)
     assert credited[True][-1] > 10 * HILL_EFFORT
+
+
+def test_where_a_coasting_has_shown_the_road_another_stretch_begins():
+    memory = [0.0] * at.MEMORY
+    for i in range(40):
+        if i == 20:
+            begin_stretch(memory)
+        credit(memory, 1 / 20_000, 20_000.0 if i // 5 % 2 else -2_000.0, 0.003, i == 0, False, 1.0)
+    assert memory[at.EFFORT] == pytest.approx(2 * HILL_EFFORT)
 
 
 def test_noise_free_windows_give_the_exact_mass_and_grade():
