@@ -88,5 +88,5 @@ def rolling_grade(
     a = memory[COAST_MPS2]
     lever = memory[COAST_N] - memory[COAST_KG] * a
     grade = (u * lever - a - roll - drag * wind) / GRAVITY_MPS2 + kappa * memory[COAST_BACK_M]
-    var = memory[COAST_VAR] + lever * lever * u_var + drag * drag * u * u * wind_var
+    var = memory[COAST_VAR] + lever * lever * u_var + drag * drag * wind_var
     return grade, var / (GRAVITY_MPS2 * GRAVITY_MPS2)

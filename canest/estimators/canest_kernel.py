@@ -56,15 +56,14 @@ from canest.estimators.canest_filter import (
     reopen,
     start,
     travel,
-    widen,
 )
 from canest.estimators.canest_hearing import hears
-from canest.estimators.canest_noise import follow_swing, level, ring, surplus, tally
+from canest.estimators.canest_noise import follow_swing, level, ring, surplus, tally, unknown_force
 from canest.estimators.canest_recall import compare, give_mass, refute, remember
 from canest.estimators.canest_roads import blend, drive_on, likelihood, weigh
+from canest.estimators.canest_senses import HEIGHT_WANDER, SEE_EVERY, climb, feel, retard
 from canest.estimators.canest_states import (
     AXLE_SLIP,
-    BIAS,
     CALM_MPS,
     COAST_BACK_M,
     COAST_VAR,
@@ -73,7 +72,6 @@ from canest.estimators.canest_states import (
     CURVED,
     DEAF,
     DELAY,
-    FREE,
     GRADE,
     HAS_HEIGHT,
     HEIGHT,
@@ -88,11 +86,9 @@ from canest.estimators.canest_states import (
     OUT_STEADY_MPS2,
     OUT_U,
     OUT_U_VAR,
-    PITCH,
     PRESSED,
     SAME_U,
     SAME_VAR,
-    SENSE_LAG,
     SENSED_VAR,
     SINCE,
     SLIP,
@@ -115,40 +111,20 @@ Container = Any  #: list interpreted, array compiled
 _G = GRAVITY_MPS2
 #: a straight is not quite straight: variance of the grade per metre, (0.1 % in 100 m)^2, as on a motorway
 _ROUGHNESS = 1e-8
-#: gusts: m/s, and how long they last
-_GUST_MPS, _GUST_S = 0.15, 5.0
-#: a satellite altitude wanders (2 m in a minute, whether the vehicle moves or not), m2/s; and the std of one
-#: reading, m
-_HEIGHT_WANDER, _HEIGHT_STD_M = 0.07, 2.5
 #: after a gap this long nobody knows how high the road has led, s
 _LOST_S = 60.0
-#: an altitude this many squared stds from where the road leads has leapt
-_LEAP = 25.0
-#: force that the model lacks: share of the traction, correlated over this time (torque holes, oscillation);
-#: more in overrun, where friction torque is coarse and brakes blend in
-_FORCE_SHARE, _OVERRUN_SHARE, _FORCE_S = 0.02, 0.1, 0.2
-#: reported torque is rounded, and the rounding error stays until the torque has moved on by a step
-_STEP_STD, _LONGEST_WINDOWS = math.sqrt(12.0), 25.0
-#: a retarder's force is known to this share, for as long as it brakes
-_RETARDER_SHARE, _RETARDER_WINDOWS = 0.1, 25.0
-#: brakes and torque holes pitch the body otherwise than the drive does: share of the acceleration
-_OTHER_PITCH = 0.1
 #: mass changes little by little (fuel, snow): relative variance per metre, (1 % in 10 km)^2
 _MASS_DRIFT = 1e-8
 #: weight of the newest window in the calm speed; all of it in the first windows of a balance
 _CALM, _FRESH = 0.02, 3.0
 #: slower than this the pulses of a speed sensor are too rare to tell an acceleration, m/s
 _MOVING_MPS = 2.0
-#: an accelerometer is read every so many windows
-_SEE_EVERY = 2.0
 #: the delay of reported torque changes from frame to frame by a part of its 20 ms cycle
 _JITTER_S = 0.004
 #: the remaining delay is trusted to, s; the inverse mass is taken for it at least this share of its prior std
 _DELAY_S, _LEAST_SHARE = 0.1, 0.1
 #: what surprises may be a curve this much beyond its prior variance
 _SHARPER = 9.0
-#: an accelerometer's bias wanders with its temperature (0.02 m/s2 in ten minutes), (m/s2)2/s
-_BIAS_WALK = 6e-7
 #: share of its prior variance by which a new load changes delay, slip, bias and pitch
 _LOOSER = 0.1
 
@@ -193,7 +169,6 @@ def run(
         v, t, a, J = speed[k], traction[k], accel[k], rotating[k]
         ds = distance[k]
         is_open = open_[k] > 0.0
-        first = 0 if is_open else FREE
         # -- what happened since the window before
         stood_s = memory[STANDING_S]
         standing = stand(memory, gap_s[k], stopped[k] > 0.0, ds)
@@ -232,22 +207,18 @@ def run(
             memory[SINCE] = 0.0
         torque_rate = (t - before_N[k]) / WINDOW_S
         moved = abs(t - before_N[k])
-        step = torque_std * gear[k]
-        lasts = min(max(_STEP_STD * step / max(moved, 1.0), 1.0), _LONGEST_WINDOWS) * WINDOW_S
-        lacking = _FORCE_SHARE * t if t > 0.0 else -_OVERRUN_SHARE * t
-        gust = _GUST_MPS * drag[k]
-        unknown = lacking * lacking * _FORCE_S + 2.0 * (step * step * lasts + gust * gust * _GUST_S)
+        unknown = unknown_force(t, moved, torque_std * gear[k], drag[k])
         high = memory[HAS_HEIGHT] > 0.0
         uneven, fuel = _ROUGHNESS * ds, _MASS_DRIFT * ds
         if memory[SAME_VAR] > 0.0:
             memory[SAME_VAR] += fuel * memory[SAME_U] * memory[SAME_U]
-        wander = _HEIGHT_WANDER * (WINDOW_S + gap_s[k])
+        wander = HEIGHT_WANDER * (WINDOW_S + gap_s[k])
         speed_var = memory[SPEED_VAR]
         slip_z = slip_r = 0.0
         if is_open and undriven[k] == undriven[k] and (memory[COUNT] + 1.0) % UNDRIVEN_EVERY == 0.0:
             slip_z, slip_r = slip_seen(y, Y, w, memory, floors[2], v - undriven[k], calm, t, a)
         memory[UNSEEN] += 1.0
-        sees = feels and stopped[k] == 0.0 and memory[UNSEEN] >= _SEE_EVERY
+        sees = feels and stopped[k] == 0.0 and memory[UNSEEN] >= SEE_EVERY
         if memory[DEAF] < was_deaf:  # it works again: from now on torque tells anew
             forget(memory)
             refute(memory)
@@ -322,42 +293,14 @@ def run(
                 settles += weight[m] * min(P[U][U] / kept_var, 1.0)
                 pressed += weight[m] * hold_within(x, P, U, lowest, highest)
             elif retarding[k] > 0.0:
-                share = _RETARDER_SHARE * x[U] * force[k]
-                r = 2.0 * speed_var / (WINDOW_S * WINDOW_S) + _RETARDER_WINDOWS * share * share
-                correct(
-                    x, P, w, FREE, -a - roll[k], r,
-                    GRADE, _G, U, J * a - force[k], WIND, drag[k], Q, 0.0, Q, 0.0,
-                )  # fmt: skip
+                retard(x, P, w, force[k], J, a, roll[k], drag[k], speed_var)
             if sees:
-                P[BIAS][BIAS] += _BIAS_WALK * _SEE_EVERY * WINDOW_S
-                r = memory[SENSED_VAR]
-                slip = calm * torque_rate + t * motion
-                jerk = x[U] * torque_rate
-                if not is_open:  # the torque reported in a shift is not that of the wheels
-                    jerk = (a - memory[LAST_MPS2]) / WINDOW_S
-                    r += slip * slip * (x[SLIP] * x[SLIP] + P[SLIP][SLIP])
-                    r += jerk * jerk * (x[SENSE_LAG] * x[SENSE_LAG] + P[SENSE_LAG][SENSE_LAG])
-                    r += _OTHER_PITCH * _OTHER_PITCH * a * a
-                    jerk = 0.0
-                e, s = correct(
-                    x, P, w, first, sensed[k] - a, r,
-                    GRADE, _G, BIAS, 1.0, PITCH, motion, SLIP, -slip, SENSE_LAG, -jerk,
-                )  # fmt: skip
-                told += likelihood(e, s)
-                sensed_found = surplus(e, s, r)
+                felt, sensed_found = feel(
+                    x, P, w, memory, is_open, sensed[k], a, motion, calm, t, torque_rate
+                )
+                told += felt
             if climbs:
-                r = _HEIGHT_STD_M * _HEIGHT_STD_M
-                e, s = altitude[k] - x[HEIGHT], max(P[HEIGHT][HEIGHT], 0.0) + r
-                if high:
-                    told += likelihood(e, s)
-                if high and e * e < _LEAP * s:
-                    correct(
-                        x, P, w, first, altitude[k], r,
-                        HEIGHT, 1.0, Q, 0.0, Q, 0.0, Q, 0.0, Q, 0.0,
-                    )  # fmt: skip
-                else:  # the first one, or satellites found anew: no road leads there
-                    widen(P, HEIGHT, r)
-                    x[HEIGHT] = altitude[k]
+                told += climb(x, P, w, is_open, high, altitude[k])
             odds += told if m == STRAIGHT else -told
             share = weight[m]
             speed_surplus += share * speed_found

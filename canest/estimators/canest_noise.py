@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from canest import fast
@@ -15,6 +16,7 @@ from canest.estimators.canest_states import (
     SIGN,
     SWING_VAR,
 )
+from canest.estimators.canest_windows import WINDOW_S
 
 Container = Any  #: list interpreted, array compiled
 
@@ -27,6 +29,28 @@ SWING_MPN, LEAST_SWING_MPN, MOST_SWING_MPN = 1e-6, 3e-7, 1e-5
 RINGS = 0.75
 #: an innovation this many times larger than the noise, by what the states are in doubt, tells less of it
 DOUBTED = 5.0
+
+#: gusts: m/s, and how long they last
+GUST_MPS, GUST_S = 0.15, 5.0
+#: force that the model lacks: share of the traction, correlated over this time (torque holes, oscillation);
+#: more in overrun, where friction torque is coarse and brakes blend in
+FORCE_SHARE, OVERRUN_SHARE, FORCE_S = 0.02, 0.1, 0.2
+#: reported torque is rounded, and the rounding error stays until the torque has moved on by a step
+STEP_STD, LONGEST_WINDOWS = math.sqrt(12.0), 25.0
+
+
+@fast.kernel
+def unknown_force(t: float, moved: float, step: float, drag: float) -> float:
+    """Return the density of the force that the model lacks, N2 s.
+
+    t: traction, and by how much it moved in this window. step: std of it within the torque's resolution.
+    drag: aerodynamic force per m/s of wind.
+    """
+    lasts = min(max(STEP_STD * step / max(moved, 1.0), 1.0), LONGEST_WINDOWS) * WINDOW_S
+    lacking = FORCE_SHARE * t if t > 0.0 else -OVERRUN_SHARE * t
+    gust = GUST_MPS * drag
+    unknown: float = lacking * lacking * FORCE_S + 2.0 * (step * step * lasts + gust * gust * GUST_S)
+    return unknown
 
 
 @fast.kernel

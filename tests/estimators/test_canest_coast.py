@@ -176,6 +176,10 @@ def test_on_a_slope_worked_out_by_hand(wheels):
     grade, var = rolling_grade(memory, u, 0.0, 0.0, 0.06, 100.0, 0.0, 0.0)
     assert grade == pytest.approx(-0.03)
     assert np.sqrt(var) == pytest.approx(DRAGS_MPS2 / GRAVITY_MPS2)
+    _, var = rolling_grade(memory, u, (0.1 * u) ** 2, 0.0, 0.06, 100.0, 0.0, (2.0 * u) ** 2)
+    # a tenth of the mass, and 2 m/s of wind at 100 N per m/s on 20 t, which is 0.01 m/s2
+    doubts = np.hypot(0.1 * u * abs(-500.0 - wheels * a), 0.01)
+    assert np.sqrt(var) * GRAVITY_MPS2 == pytest.approx(np.hypot(DRAGS_MPS2, doubts))
     here, _ = rolling_grade(memory, u, 0.0, 0.0, 0.06, 100.0, 2e-4, 0.0)
     assert here == pytest.approx(-0.03 + 10.0 * 2e-4)  # the middle of it was 10 m ago
 

@@ -17,10 +17,16 @@ from canest.estimators.canest_doubt import HILL_EFFORT, HILL_M, ORDINARY, ROAD_S
 from canest.estimators.canest_filter import OUTLIER, correct, fade, travel
 from canest.estimators.canest_noise import (
     DOUBTED,
+    FORCE_S,
+    FORCE_SHARE,
+    GUST_MPS,
+    GUST_S,
     LEAST_SWING_MPN,
+    LONGEST_WINDOWS,
     MOST_SWING_MPN,
     NOISE_MEMORY,
     NOISE_START,
+    OVERRUN_SHARE,
     RINGS,
     SWING_MPN,
 )
@@ -35,6 +41,7 @@ from canest.estimators.canest_roads import (
     mix,
     usual_curvature,
 )
+from canest.estimators.canest_senses import HEIGHT_STD_M, HEIGHT_WANDER
 from canest.estimators.canest_windows import COLUMNS, WINDOW_S
 from canest.vehicle.samples import GRAVITY_MPS2
 
@@ -202,11 +209,11 @@ def test_momentum_balance_equals_two_dense_filters(compiled):
         began = calm
         calm += max(k._CALM, min(1.0, k._FRESH / (i + 1))) * (c["speed_mps"] - calm)
         t = c["traction_N"]
-        share = k._FORCE_SHARE if t > 0 else k._OVERRUN_SHARE
+        share = FORCE_SHARE if t > 0 else OVERRUN_SHARE
         step = prior.torque_std_Nm * c["gear_1pm"]
-        lasts = min(max(np.sqrt(12) * step / abs(t - c["before_N"]), 1), k._LONGEST_WINDOWS) if i else 25.0
-        persistent = step**2 * lasts * WINDOW_S + (k._GUST_MPS * c["drag_N_per_mps"]) ** 2 * k._GUST_S
-        unknown = (share * t) ** 2 * k._FORCE_S + 2 * persistent
+        lasts = min(max(np.sqrt(12) * step / abs(t - c["before_N"]), 1), LONGEST_WINDOWS) if i else 25.0
+        persistent = step**2 * lasts * WINDOW_S + (GUST_MPS * c["drag_N_per_mps"]) ** 2 * GUST_S
+        unknown = (share * t) ** 2 * FORCE_S + 2 * persistent
         found = []
         least = k._LEAST_SHARE * prior.std[at.U]
         u = max(sum(p * d.x[at.U] for p, d in zip(weight, roads, strict=True)), least)
@@ -341,9 +348,9 @@ def test_a_satellite_altitude_gets_no_surer_than_it_wanders_while_the_vehicle_st
     still = dict.fromkeys(("distance_m", "open", "speed_mps", "before_mps", "accel_mps2"), 0.0)
     estimator = Canest("canest", FACTS)
     estimator._filter(random_windows(n, altitude_m=altitude, stopped=1.0, **still))
-    reading = variance = k._HEIGHT_STD_M**2
+    reading = variance = HEIGHT_STD_M**2
     for i in range(1, n):
-        variance += k._HEIGHT_WANDER * WINDOW_S
+        variance += HEIGHT_WANDER * WINDOW_S
         if i % 5 == 0:
             variance *= reading / (variance + reading)
     for P in estimator._PP:
