@@ -55,19 +55,24 @@ class Coasting:
             return constant(False, len(grid))
         if not grid.continues:
             self._closed_tick = self._stood_tick = self._acts_until_tick = _NEVER
-        closed_at = np.where(engaged >= 0.5, tick, _NEVER)
-        stood_at = np.where(raw.speed_mps > self._standstill_mps, _NEVER, tick)  # also where nobody knows
-        closed_at[0] = max(closed_at[0], self._closed_tick)
-        stood_at[0] = max(stood_at[0], self._stood_tick)
+        opened = engaged < 0.5
+        closed, stood = engaged >= 0.5, ~(raw.speed_mps > self._standstill_mps)  # also where nobody knows
+        if not np.count_nonzero(opened):  # as a rule
+            self._closed_tick = _last(tick, closed, self._closed_tick)
+            self._stood_tick = _last(tick, stood, self._stood_tick)
+            self._acts_until_tick = max(int(acts_until.max()), self._acts_until_tick)
+            return opened
+        closed_at, stood_at = (np.where(marked, tick, _NEVER) for marked in (closed, stood))
         until = acts_until.copy()
-        until[0] = max(until[0], self._acts_until_tick)
-        if len(tick) > 1:
-            closed_at, stood_at, until = (np.maximum.accumulate(x) for x in (closed_at, stood_at, until))
+        for column, before in (
+            (closed_at, self._closed_tick),
+            (stood_at, self._stood_tick),
+            (until, self._acts_until_tick),
+        ):
+            column[0] = max(column[0], before)
+            np.maximum.accumulate(column, out=column)
         self._closed_tick, self._stood_tick = int(closed_at[-1]), int(stood_at[-1])
         self._acts_until_tick = int(until[-1])
-        opened = engaged < 0.5
-        if not np.count_nonzero(opened):
-            return opened
         alone = ~_with_wheels(raw) & (self._idles(raw) | _shifts(raw, tick - closed_at)) & self._told(raw)
         coasting: BoolColumn = opened & (closed_at > stood_at) & (tick >= until) & alone
         return coasting
@@ -85,6 +90,11 @@ class Coasting:
         reference = c.signal("reference_torque", self._reference_Nm)
         idles: BoolColumn = np.abs(c.torque_Nm) <= _IDLE_SHARE * reference
         return idles
+
+
+def _last(tick: NDArray[np.int64], marked: BoolColumn, before: int) -> int:
+    """Return the last tick that is marked, ``before`` where none is."""
+    return int(tick[marked][-1]) if np.count_nonzero(marked) else before
 
 
 def _shifts(raw: RawModel, open_ticks: NDArray[np.int64]) -> BoolColumn:

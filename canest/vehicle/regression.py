@@ -86,7 +86,10 @@ class Regression:
         nothing = constant(math.nan, len(grid))
         # backwards an accelerometer feels the other way than a speed tells, which has no sign
         doubtful = np.isfinite(c.signal(MOTION_JUMP, np.nan)) | (c.gear < 0) | self._gating.slack
-        coasting = self._gating.coasting
+        rotating, coasting = raw.rotating_mass_kg, nothing
+        if np.count_nonzero(self._gating.coasting):
+            rotating = np.where(self._gating.coasting, raw.wheel_mass_kg, rotating)
+            coasting = np.where(self._gating.coasting, c.extra_N - raw.aero_N, math.nan)
         accelerometer = self._sensor("accelerometer", c.signals.get("longitudinal_accel"), grid)
         return ModelBlock(
             t_us=grid.t_us,
@@ -97,8 +100,8 @@ class Regression:
             traction_N=traction,
             aero_N=aero,
             force_per_torque_1pm=raw.force_per_torque_1pm,
-            rotating_mass_kg=np.where(coasting, raw.wheel_mass_kg, raw.rotating_mass_kg),
-            coasting_N=np.where(coasting, c.extra_N - raw.aero_N, math.nan),
+            rotating_mass_kg=rotating,
+            coasting_N=coasting,
             undriven_mps=self._sensor("undriven", c.signals.get("undriven_speed"), grid),
             accelerometer_mps2=accelerometer,
             slope=np.tan(c.signals["pitch"]) if "pitch" in c.signals else nothing,
