@@ -32,19 +32,36 @@ Container = Any  #: list interpreted, array compiled
 
 #: what an open driveline drags, and the vehicle rocks on its tyres, m/s2
 DRAGS_MPS2 = 0.03
-#: further back the road is another one, m
-FAR_M = 100.0
+#: further back the road is another one, m; and windows lag so little behind
+FAR_M, NEAR_M = 100.0, -20.0
+#: a coasting that tells the slope to a percent is a witness of the road, m/s2
+SHOWN_MPS2 = 0.1
 
 
 @fast.kernel
 def note(memory: Container, accel: float, var: float, force: float, wheels: float, back_m: float) -> bool:
-    """Remember a coasting (NaN: there is none) until gates open; return whether there is a new one."""
-    known = not math.isnan(accel)
+    """Remember a coasting (NaN: there is none) until gates open; return whether there is a new one.
+
+    back_m: travelled since its middle. What is far, or was before the clock was set, is no coasting here.
+    """
+    known = not math.isnan(accel) and NEAR_M <= back_m < FAR_M
     if known:
         memory[COAST_MPS2], memory[COAST_N], memory[COAST_KG] = accel, force, wheels
         memory[COAST_VAR] = var + DRAGS_MPS2 * DRAGS_MPS2
         memory[COAST_BACK_M] = back_m
     return known
+
+
+@fast.kernel
+def coasted_here(memory: Container) -> bool:
+    """Return whether a remembered coasting tells of the road here."""
+    return bool(memory[COAST_VAR] > 0.0 and memory[COAST_BACK_M] < FAR_M)
+
+
+@fast.kernel
+def shows(memory: Container) -> bool:
+    """Return whether a remembered coasting tells the slope to a percent."""
+    return bool(memory[COAST_VAR] < SHOWN_MPS2 * SHOWN_MPS2)
 
 
 @fast.kernel

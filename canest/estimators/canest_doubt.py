@@ -116,9 +116,8 @@ def untold(memory: Container) -> float:
 
 
 @fast.kernel
-def last(memory: Container) -> None:
-    """Count how long the inverse mass has lasted, a window with open gates more; another begins anew."""
-    u = memory[HELD_U]
+def last(memory: Container, u: float) -> None:
+    """Count how long the inverse mass u has lasted, a window with open gates more; another begins anew."""
     if abs(u - memory[LASTING_U]) > ANOTHER * memory[LASTING_U]:
         memory[LASTING_U] = u
         memory[LASTED_S] = 0.0

@@ -34,7 +34,7 @@ from typing import Any
 from canest import fast
 from canest.estimators.canest_axle import UNDRIVEN_EVERY, slip_seen
 from canest.estimators.canest_coarse import coarse_grade, surer
-from canest.estimators.canest_coast import FAR_M, doubt_road, note, roll_back, rolling_grade
+from canest.estimators.canest_coast import coasted_here, doubt_road, note, roll_back, rolling_grade, shows
 from canest.estimators.canest_doubt import (
     begin_stretch,
     credit,
@@ -232,7 +232,7 @@ def run(
         # force that follows the road may widen what else is learned, and moves no mass; an accelerometer
         # feels the road that a steady hand follows
         follows = leans(memory, t) or (not feels and steady_hand(memory, u, force[k], steepens))
-        rolled = is_open and memory[COAST_VAR] > 0.0 and memory[COAST_BACK_M] < FAR_M
+        rolled = is_open and coasted_here(memory)
         # -- each filter by itself
         odds = 0.0  # log-likelihood of a straight less that of a curve
         speed_surplus = sensed_surplus = bias = nis = pressed = settles = 0.0
@@ -319,7 +319,7 @@ def run(
             memory[LEARNED] = 1.0
             memory[PRESSED] = settles * memory[PRESSED] + pressed
             first_of_all = begins and memory[COUNT] == 0.0
-            if rolled:  # the road has been seen here
+            if rolled and shows(memory):  # the road has been seen here
                 begin_stretch(memory)
             credit(memory, u, force[k], steepens, first_of_all, feels, ds)
             tally(memory, bias, nis)
@@ -331,22 +331,23 @@ def run(
         weigh(weight, odds, 0.0)
         row = out[k]
         mean = blend(X, PP, weight, memory, is_open, row)
+        u_var = row[OUT_U_VAR]
         if is_open:
             memory[COAST_VAR] = 0.0
             share = untold(memory) * mean
-            compare(memory, mean, row[OUT_U_VAR] + share * share, prior[U] * prior[U])
-            last(memory)
+            compare(memory, mean, u_var + share * share, prior[U] * prior[U])
+            last(memory, mean)
         give_mass(memory, row, mean)
         seen = seen_var = 0.0
         if coarse[k] > 0.0:
             wind = weight[STRAIGHT] * X[STRAIGHT][WIND] + weight[CURVED] * X[CURVED][WIND]
             seen, seen_var = coarse_grade(
-                row[OUT_U], row[OUT_U_VAR], wind, force[k], J, a, roll[k], drag[k], bend[k], memory[SPEED_VAR]
+                mean, u_var, wind, force[k], J, a, roll[k], drag[k], bend[k], memory[SPEED_VAR]
             )
         elif coasted:
             wind = weight[STRAIGHT] * X[STRAIGHT][WIND] + weight[CURVED] * X[CURVED][WIND]
             seen, seen_var = rolling_grade(
-                memory, row[OUT_U], row[OUT_U_VAR], wind, roll[k], drag[k], row[OUT_CURVATURE], wind_var
+                memory, mean, u_var, wind, roll[k], drag[k], row[OUT_CURVATURE], wind_var
             )
         row[OUT_GRADE], row[OUT_GRADE_VAR] = surer(
             memory, row[OUT_GRADE], row[OUT_GRADE_VAR], is_open, seen, seen_var

@@ -27,8 +27,9 @@ FEWEST = 6.0
 LONGEST = 50.0
 #: no air and no retarder pulls harder, N; on no road a vehicle rolls faster and faster than this, m/s2
 MOST_N, MOST_MPS2 = 1e7, 4.0
-#: a parabola's change of slope has so many times the variance of a line's slope
-_BENDING = 60.0
+#: of the square of a parabola's change of slope one part in so many is in doubt of the line's slope: in 60 by
+#: white noise, in 4 where a driveline is not at rest, or the sender smooths the speed
+_BENT = 4.0
 
 #: one coasting, per window (NaN where none has ended)
 COLUMNS = (
@@ -55,6 +56,9 @@ def lines(
     """
     w = 0
     for now in range(first, n):
+        if now > 0 and ticks[now] < ticks[now - 1]:  # no line goes on when the clock was set back
+            for k in range(_STATES):
+                state[k] = 0.0
         if abs(force[now]) <= MOST_N:
             joins = now > 0 and ticks[now] - ticks[now - 1] == 1
             state[_UNBROKEN] = state[_UNBROKEN] + 1.0 if joins else 1.0
@@ -66,7 +70,7 @@ def lines(
         x = float(ticks[i]) - state[_FIRST_TICK] if count > 0.0 else 0.0
         if count > 0.0 and (not sound or x >= LONGEST):
             state[_ENDED] = 1.0
-        elif sound and (count == 0.0 or speed[i] != state[_LAST_MPS]):
+        elif sound and state[_ENDED] == 0.0 and (count == 0.0 or speed[i] != state[_LAST_MPS]):
             if count == 0.0:
                 state[_FIRST_MPS], state[_FIRST_TICK] = speed[i], float(ticks[i])
             v = speed[i] - state[_FIRST_MPS]
@@ -114,7 +118,7 @@ def draw(state: Container, tick: float, row: Container) -> None:
     bend = (x2v - slope * x3) / square
     noise = max(v2 - slope * xv - bend * bend * square, 0.0) / (n - 3.0)
     turns = 2.0 * bend * state[_LAST_X]
-    accel, var = slope / STEP_S, (noise / x2 + turns * turns / _BENDING) / (STEP_S * STEP_S)
+    accel, var = slope / STEP_S, (noise / x2 + turns * turns / _BENT) / (STEP_S * STEP_S)
     if abs(accel) <= MOST_MPS2 and var <= MOST_MPS2 * MOST_MPS2:
         row[0], row[1] = accel, var
         row[2] = state[_FORCE] / n

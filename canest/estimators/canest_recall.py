@@ -29,12 +29,15 @@ Container = Any  #: list interpreted, array compiled
 
 #: what is called the same load may be a little another: some passengers, a pallet; share of the mass, std
 LITTLE = 0.03
+#: and another one mostly differs by this share: loads as different as can be would make any other unlikely as
+#: long as little is known, and a small change would pass for none (Lindley's paradox)
+ANOTHER = 0.4
 
 
 @fast.kernel
 def remember(memory: Container) -> None:
-    """Remember the load that is given out, for it may become another."""
-    if memory[LEARNED] > 0.0:
+    """Remember the load that is given out, for it may become another; what is not compared yet stays."""
+    if memory[LEARNED] > 0.0 and not (memory[SAME_VAR] > 0.0 and memory[LEFT] == 1.0):
         little = LITTLE * memory[HELD_U]
         memory[SAME_U], memory[SAME_VAR] = memory[HELD_U], memory[GIVEN_VAR] + little * little
         memory[LEFT] = 1.0
@@ -55,6 +58,8 @@ def compare(memory: Container, u: float, u_var: float, any_var: float) -> None:
     if memory[SAME_VAR] == 0.0:
         return
     apart, var = u - memory[SAME_U], memory[SAME_VAR]
+    another = ANOTHER * memory[SAME_U]
+    any_var = min(any_var, another * another)
     both, either = u_var + var, any_var + var
     odds = math.sqrt(either / both) * math.exp(0.5 * apart * apart * (1.0 / either - 1.0 / both))
     # what both tell, if it is the same

@@ -229,10 +229,9 @@ class Windows:
         """Return for each window the tick on which filters last began anew (gap, missing signal)."""
         new = ticks[past:]
         anew = (gate[past:] == Gate.STALE) | (gate[past:] == Gate.INVALID)
-        if past:
-            anew |= new - ticks[past - 1 : -1] != 1
-        else:
-            anew[:1] = True
+        anew[1:] |= new[1:] - new[:-1] != 1
+        if len(new):
+            anew[0] |= not past or new[0] - ticks[past - 1] != 1
         begun = np.flatnonzero(anew)
         starts = np.concatenate(([self._started], new[begun]))
         self._started = int(starts[-1])

@@ -14,7 +14,7 @@ from canest.simulate.roads import START_ELEVATION_M
 from canest.simulate.scenario import Scenario
 
 RPM = 60 / (2 * math.pi)
-CCVS_DELAY_S = 0.03  #: a controller derives road speed from the shaft and smooths it
+CCVS_DELAY_S = 0.03  #: a controller derives road speed from the shaft
 BIAS_MPS2 = 0.12  #: half-width of a drawn accelerometer bias
 ALTITUDE_TAU_S = 40.0  #: satellite altitude wanders this slowly
 

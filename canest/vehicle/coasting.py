@@ -32,12 +32,13 @@ _IDLE_SHARE, _SHIFT_TICKS = 0.05, 150
 class Coasting:
     """Carries when the driveline was last closed, when the vehicle last stood and what else acts on it."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, *, at_wheels: bool) -> None:
         self._standstill_mps = config.gates.low_speed.min_mps
         reference = config.vehicle.reference_torque_Nm
         pedal = ("accelerator",) if config.gates.brake.assume_when_pedal_released else ()
         self._brakes = (*BRAKES, *pedal)
         self._reference_Nm = math.nan if reference is None else reference
+        self._at_wheels = at_wheels
         self._closed_tick = self._stood_tick = self._acts_until_tick = _NEVER
 
     def of(
@@ -47,8 +48,9 @@ class Coasting:
 
         acts_until: until which tick something else acts on it, or has left its traces, by each tick's causes.
         An open driveline may be a clutch that slips. So it has to have been closed since the last stop, the
-        engine does not turn with the wheels, and it is in a shift, which is soon over, or idles. And brakes
-        of which nobody tells would be a hill.
+        engine does not turn with the wheels, and it is in a shift, which is soon over, or idles. Brakes
+        of which nobody tells would be a hill. And a speed that its sender smooths, as wheel-based ones are,
+        still shows the pull of the gear before: only the output shaft's counts.
         """
         engaged = grid.values.get(_ENGAGED)
         if engaged is None:
@@ -73,7 +75,8 @@ class Coasting:
             np.maximum.accumulate(column, out=column)
         self._closed_tick, self._stood_tick = int(closed_at[-1]), int(stood_at[-1])
         self._acts_until_tick = int(until[-1])
-        alone = ~_with_wheels(raw) & (self._idles(raw) | _shifts(raw, tick - closed_at)) & self._told(raw)
+        alone = ~_with_wheels(raw) & (self._idles(raw) | _shifts(raw, tick - closed_at))
+        alone = alone & self._told(raw) & raw.by_shaft
         coasting: BoolColumn = opened & (closed_at > stood_at) & (tick >= until) & alone
         return coasting
 
@@ -87,6 +90,8 @@ class Coasting:
     def _idles(self, raw: RawModel) -> BoolColumn:
         """Return where the engine gives no more than its auxiliaries take, as far as known (n,)."""
         c = raw.columns
+        if self._at_wheels:  # nobody tells what the crank gives
+            return constant(False, len(c))
         reference = c.signal("reference_torque", self._reference_Nm)
         idles: BoolColumn = np.abs(c.torque_Nm) <= _IDLE_SHARE * reference
         return idles

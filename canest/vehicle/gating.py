@@ -47,7 +47,7 @@ class Gating:
         self._last_ratio = np.nan
         #: where the driveline links engine and wheels no more, in the last block (see `_slack`)
         self.slack: BoolColumn = constant(False, 0)
-        self._coasting = Coasting(config)
+        self._coasting = Coasting(config, at_wheels=model.at_wheels)
         #: where the vehicle coasts with its driveline open, in the last block (see `Coasting`)
         self.coasting: BoolColumn = constant(False, 0)
 
@@ -61,18 +61,19 @@ class Gating:
         )
         causes = self._causes(grid, raw, accel_mps2)
         self.slack = self._slack(grid, raw, causes, tick)
-        # until when anything but an open driveline closes the gate
+        # until when anything but an open driveline acts, whether or not its gate may close
         acting = np.full(len(grid), _NEVER, np.int64)
         # backwards: the cause that comes first has the last word
         for gate, closed in reversed(causes):
-            dwell = self._dwell_ticks.get(gate)
-            if dwell is None or not np.count_nonzero(closed):
+            if not np.count_nonzero(closed):
                 continue
-            code = np.where(closed, np.uint8(gate), code)
-            ends = np.where(closed, tick + dwell, _NEVER)
-            until = np.maximum(until, ends)
+            dwell = self._dwell_ticks.get(gate)
+            ends = np.where(closed, tick + (dwell or 1), _NEVER)
             if gate not in PARTED_BY:
                 acting = np.maximum(acting, ends)
+            if dwell is not None:
+                code = np.where(closed, np.uint8(gate), code)
+                until = np.maximum(until, ends)
         self.coasting = self._coasting.of(grid, raw, tick, acting)
         if len(until) > 1:
             until = np.maximum.accumulate(until)

@@ -49,7 +49,8 @@ class RawModel:
     """The unfiltered model of consecutive ticks, all columns (n,); units as in `ModelBlock`.
 
     usable: every needed number is there. geared: the ratio from crank to wheel is known (or not needed).
-    by_engine: the best speed is the engine's through the gear. late: it is the road's, of a rare message.
+    by_shaft: the speed is the gearbox's output shaft's. by_engine: the best one is the engine's through the
+    gear. late: it is the road's, of a rare message.
     """
 
     columns: Columns
@@ -62,6 +63,7 @@ class RawModel:
     wheel_mass_kg: FloatColumn
     usable: BoolColumn
     geared: BoolColumn
+    by_shaft: BoolColumn
     by_engine: BoolColumn
     late: BoolColumn
 
@@ -89,6 +91,7 @@ class LongitudinalModel:
         self._choice = SpeedChoice(self.speed_roles)
         places = {role: k for k, role in enumerate(self.speed_roles)}
         self._late = places.get("vehicle_speed", -1)
+        self._shaft = places.get("output_shaft_speed", -1)
         self._engine = places.get("engine_speed", len(places) + 1)
         self._clutch = Clutch(self.vehicle)
         self._is_driven = np.array([float(role in _DRIVEN) for role in self.speed_roles])
@@ -130,7 +133,7 @@ class LongitudinalModel:
             traction = c.torque_Nm * per_torque
         c.notes["traction_N"] = traction
         known = self._clutch.known(c)
-        finest = self._speed(c, grid, known)
+        source, finest = self._speed(c, grid, known)
         by_engine, late = (finest >= self._engine) & known, finest == self._late
         self._run("road", c)
         # torque measured at the wheels has already accelerated everything before them
@@ -153,6 +156,7 @@ class LongitudinalModel:
             wheel_mass_kg=wheels,
             usable=usable,
             geared=geared,
+            by_shaft=source == self._shaft,
             by_engine=by_engine,
             late=late,
         )
@@ -254,10 +258,10 @@ class LongitudinalModel:
             return c.signals[role] * (c.radius_m / self.vehicle.wheel_radius_m)
         return c.signals[role]
 
-    def _speed(self, c: Columns, ticks: GridBlock, known: BoolColumn) -> IntColumn:
+    def _speed(self, c: Columns, ticks: GridBlock, known: BoolColumn) -> tuple[IntColumn, IntColumn]:
         """Set speed and acceleration, from the finest speed that can be relied on.
 
-        Returns the finest that has been told so far, as a position in `speed_roles` (n,).
+        Returns which that is, and the finest that has been told so far, as positions in `speed_roles` (n,).
         """
         c.speed_mps, source, finest = self._choice.choose(
             [partial(self._told_by, role, c, known) for role in self.speed_roles], ticks
@@ -268,7 +272,7 @@ class LongitudinalModel:
         before = shifted(speed, self._last_speed_mps)
         c.accel_mps2 = np.where(np.isnan(before), 0.0, speed - before) / STEP_S
         self._last_speed_mps = float(speed[-1])
-        return finest
+        return source, finest
 
 
 def effects_of(config: Config) -> list[Effect]:

@@ -10,7 +10,15 @@ import pytest
 from canest import fast
 from canest.estimators import canest_states as at
 from canest.estimators.canest import Canest
-from canest.estimators.canest_coast import DRAGS_MPS2, doubt_road, note, roll_back, rolling_grade
+from canest.estimators.canest_coast import (
+    DRAGS_MPS2,
+    coasted_here,
+    doubt_road,
+    note,
+    roll_back,
+    rolling_grade,
+    shows,
+)
 from canest.estimators.canest_filter import OUTLIER
 from canest.estimators.canest_lines import COLUMNS, EARLY, MOST_MPS2, SETTLES, CoastLines
 from canest.gates import Gate
@@ -70,7 +78,8 @@ def test_its_variance_is_honest():
         stds.append(np.sqrt(found[1, at]))
     z = np.array(errors) / np.array(stds)
     assert np.mean(np.abs(z) < 2) > 0.93
-    assert np.std(errors) < np.median(stds) < 2 * np.std(errors)
+    # wider than white noise asks for: what bends a little may be a driveline that is not at rest
+    assert np.std(errors) < np.median(stds) < 4 * np.std(errors)
 
 
 def test_what_bends_is_less_sure():
@@ -96,6 +105,35 @@ def test_a_long_coasting_gives_one_line_after_another():
     (at,) = np.nonzero(np.isfinite(found[0]))
     assert len(at) == 4
     assert found[0, at] == pytest.approx([-0.37] * 4, abs=0.03)
+
+
+@pytest.mark.parametrize("lag_s", [0.05, 0.1, 0.2, 0.3, 0.5])
+def test_a_smoothed_speed_is_covered(lag_s):
+    """Its sender's filter still carries the pull of the gear before (1 m/s2) into the coasting."""
+    rows = samples([(50, 95)], noise=0.002)
+    accel = np.where(np.arange(N) < 50, 1.0, -0.37)
+    true = 12.0 + np.cumsum(accel) * 0.02
+    smooth = np.empty(N)
+    smooth[0] = true[0]
+    for i in range(1, N):
+        smooth[i] = smooth[i - 1] + (true[i] - smooth[i - 1]) * 0.02 / (lag_s + 0.02)
+    rows[3] += smooth - samples([(50, 95)], noise=0.0)[3]
+    found = lines_of(rows)
+    (at,) = np.flatnonzero(np.isfinite(found[0]))
+    assert abs(found[0, at] + 0.37) < 2.5 * np.hypot(np.sqrt(found[1, at]), DRAGS_MPS2)
+
+
+@pytest.mark.parametrize("by", [3, 500, 200_000, 4_000_000])
+def test_a_clock_set_back_ends_a_line_without_a_trace(by):
+    rows = samples([(50, 95), (120, 170)])
+    rows[0, 85:] -= by
+    ends = np.array([k for k in range(16, N) if (rows[0, k] + 1) % 10 == 0 and not 85 <= k < 101])
+    lines = CoastLines()
+    found = lines.push(0, rows, ends)
+    known = np.isfinite(found[0])
+    assert known.any()
+    assert found[0, known] == pytest.approx(-0.37, abs=0.05)
+    assert (np.abs(found[4, known]) < 2.0).all()
 
 
 def test_missing_ticks_end_a_line():
@@ -184,10 +222,20 @@ def test_on_a_slope_worked_out_by_hand(wheels):
     assert here == pytest.approx(-0.03 + 10.0 * 2e-4)  # the middle of it was 10 m ago
 
 
-def test_no_coasting_is_not_remembered():
+@pytest.mark.parametrize("back_m", [np.nan, 150.0, -80_000.0])
+def test_no_coasting_and_none_from_elsewhere_is_remembered(back_m):
     memory = [0.0] * at.MEMORY
-    assert not note(memory, np.nan, np.nan, np.nan, np.nan, np.nan)
+    accel = -0.3 if np.isfinite(back_m) else np.nan
+    assert not note(memory, accel, 1e-4, -500.0, 520.0, back_m)
     assert memory == [0.0] * at.MEMORY
+    assert not coasted_here(memory)
+
+
+@pytest.mark.parametrize(("std", "shown"), [(0.01, True), (0.3, False)])
+def test_a_coasting_that_tells_little_is_no_witness(std, shown):
+    memory = remembered(-0.3, std, -500.0, 520.0, 5.0)
+    assert coasted_here(memory)
+    assert shows(memory) == shown
 
 
 @pytest.mark.parametrize(("grade", "doubted"), [(0.01, False), (-0.02, True)])

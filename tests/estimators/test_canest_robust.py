@@ -198,3 +198,16 @@ def test_a_gap_counts_as_time_and_never_as_momentum():
     # nobody knows what was loaded in three quarters of a minute
     assert e.mass_std_kg[1520] > 5 * e.mass_std_kg[1490]
     assert abs(drive.error(e)[-1]) < 0.05
+
+
+@pytest.mark.parametrize("by_us", [-30_000_000, 700_000])
+def test_a_clock_that_jumps_in_the_first_block_is_seen_however_it_is_cut(by_us):
+    b = trip(20).block
+    gate, t_us = b.gate.copy(), b.t_us.copy()
+    gate[300:420] = Gate.RECOVERY  # windows of which are coarse, but for those that begin anew
+    t_us[330:] += by_us
+    b = replace(b, gate=gate, t_us=t_us)
+    whole, _ = Windows().push(b)
+    cut = Windows()
+    parts = [cut.push(b[k : k + 7])[0] for k in range(0, len(b), 7)]
+    np.testing.assert_array_equal(np.concatenate(parts, axis=1), whole)

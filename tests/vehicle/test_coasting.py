@@ -125,3 +125,22 @@ def test_where_a_released_pedal_stands_for_the_brake_it_tells():
     drive = Drive(signals, gates={"brake": {"assume_when_pedal_released": True}})
     assert coasts(drive.go(30, **PARTED)).all()
     assert not coasts(drive.go(30, accelerator=0.0, **PARTED)).any()
+
+
+@pytest.mark.parametrize("gate", ["brake", "turning", "retarder"])
+def test_what_acts_denies_it_though_its_gate_is_disabled(gate):
+    acts = {
+        "brake": {"brake_switch": 1.0},
+        "turning": {"yaw_rate": 0.3},
+        "retarder": {"retarder_torque_pct": -40.0},
+    }
+    drive = Drive(gates={gate: {"enabled": False}})
+    assert not coasts(drive.go(30, **PARTED, **acts[gate])).any()
+    assert coasts(drive.go(30, **PARTED)).any()
+
+
+def test_a_speed_that_its_sender_smooths_tells_no_coasting():
+    drive = Drive()
+    lost = drive.go(30, output_shaft_speed=NAN, **PARTED)
+    assert np.isfinite(lost.raw_speed_mps[5:]).all()  # the undriven axle's
+    assert not coasts(lost).any()
