@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from canest import fast
 from canest.estimators.columns import give, state_in, state_out
+from canest.frames import FloatColumn
 from canest.vehicle.samples import STEP_S
 
 Container = Any  #: list interpreted, array compiled
@@ -47,15 +48,17 @@ _STATES = 17
 
 @fast.kernel
 def lines(
-    first: int, n: int, ticks: Container, force: Container, wheels: Container, speed: Container,
+    visits: Container, ticks: Container, force: Container, wheels: Container, speed: Container,
     ends: Container, state: Container, out: Container,
 ) -> None:  # fmt: skip
     """Fit lines through raw speeds; out[w] holds the one that has ended by the w-th window's last sample.
 
-    Takes samples first..n - 1, each `EARLY` ticks after it has come. ends: samples on which windows end.
+    Takes each sample `EARLY` ticks after it has come. visits: those on which something may happen (see
+    `worth_visiting`), ends: those on which windows end; both are indices.
     """
     w = 0
-    for now in range(first, n):
+    for visit in visits:
+        now = int(visit)
         if now > 0 and ticks[now] < ticks[now - 1]:  # no line goes on when the clock was set back
             for k in range(_STATES):
                 state[k] = 0.0
@@ -86,15 +89,15 @@ def lines(
             state[_FORCE] += force[i]
             state[_WHEELS] = wheels[i]
             state[_LAST_MPS], state[_LAST_X] = speed[i], x
-        if w < len(ends) and ends[w] == now:
-            if state[_ENDED] > 0.0:
-                if state[_COUNT] >= FEWEST:
-                    draw(state, float(ticks[now]), out[w])
-                unbroken = state[_UNBROKEN]
-                for k in range(_STATES):
-                    state[k] = 0.0
-                state[_UNBROKEN] = unbroken  # a long coasting goes on
+        while w < len(ends) and ends[w] < now:
             w += 1
+        if w < len(ends) and ends[w] == now and state[_ENDED] > 0.0:
+            if state[_COUNT] >= FEWEST:
+                draw(state, float(ticks[now]), out[w])
+            unbroken = state[_UNBROKEN]
+            for k in range(_STATES):
+                state[k] = 0.0
+            state[_UNBROKEN] = unbroken  # a long coasting goes on
 
 
 @fast.kernel
@@ -139,12 +142,31 @@ class CoastLines:
         Returns `COLUMNS` of the windows, (5, w).
         """
         out = np.full((len(ends), len(COLUMNS)), math.nan)
-        idle = self._state[_UNBROKEN] == self._state[_COUNT] == 0.0
-        if idle and np.isnan(samples[1, past:]).all():
+        begun = self._state[_UNBROKEN] > 0.0 or self._state[_COUNT] > 0.0
+        visits = worth_visiting(past, samples[0], samples[1], ends, begun)
+        if not len(visits):
             return out.T
-        given = give(*samples, ends.astype(np.float64))
+        given = give(visits, *samples, ends.astype(np.float64))
         state = state_in(self._state)
         rows: Any = out if fast.enabled() else out.tolist()
-        lines(past, samples.shape[1], *given, state, rows)
+        lines(*given, state, rows)
         self._state = state_out(state)
         return np.asarray(rows, np.float64).reshape(out.shape).T
+
+
+def worth_visiting(
+    past: int, ticks: FloatColumn, force: FloatColumn, ends: NDArray[np.int64], begun: bool
+) -> NDArray[np.float64]:
+    """Return the samples from `past` on where a line goes on, breaks or is drawn: few, of a drive.
+
+    ticks, force: (n,), the force NaN where there is no coasting. begun: a line is on its way.
+    """
+    coasting = past + np.flatnonzero(np.abs(force[past:]) <= MOST_N)
+    if not len(coasting) and not begun:
+        return np.empty(0)
+    set_back = 1 + np.flatnonzero(ticks[1:] < ticks[:-1])
+    drawn = np.searchsorted(ends, coasting + 1)
+    parts = (coasting, coasting + 1, ends[drawn[drawn < len(ends)]], set_back[set_back >= past])
+    first = np.array([past, *ends[:1]] if begun else [], np.int64)
+    visits = np.unique(np.concatenate((*parts, first)))
+    return visits[visits < len(force)].astype(np.float64)
