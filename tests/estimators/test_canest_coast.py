@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from canest import fast
+from canest.estimators import canest_lines
 from canest.estimators import canest_states as at
 from canest.estimators.canest import Canest
 from canest.estimators.canest_coast import (
@@ -163,6 +164,25 @@ def test_compiled_gives_the_same_bits():
         np.testing.assert_array_equal(lines_of(rows, (40, 70)), interpreted)
     finally:
         fast.enable(False)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_samples_that_are_not_visited_would_change_nothing(seed, monkeypatch):
+    rng = np.random.default_rng(seed)
+    spans = [
+        (int(a), min(int(a + rng.integers(1, 80)), N)) for a in rng.integers(0, N - 20, rng.integers(1, 6))
+    ]
+    rows = samples(spans, seed=seed, held=int(rng.integers(1, 3)))
+    jump = int(rng.integers(20, N - 5))
+    rows[0, jump:] += rng.integers(-300, 300) * (rng.random() < 0.5)
+    cuts = tuple(int(c) for c in np.sort(rng.choice(np.arange(1, N), rng.integers(0, 30), replace=False)))
+    found = [lines_of(rows, c) for c in ((), cuts, tuple(range(1, N)))]
+    monkeypatch.setattr(
+        canest_lines, "worth_visiting", lambda past, t, f, e, b: np.arange(float(past), len(f))
+    )
+    every = lines_of(rows)
+    for one in found:
+        np.testing.assert_array_equal(one, every)
 
 
 @pytest.mark.parametrize("size", [1.0, 30.0, 1e6, 1e160, 1e300, np.inf, np.nan])
