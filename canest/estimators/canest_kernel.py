@@ -47,7 +47,6 @@ from canest.estimators.canest_doubt import (
     steady_hand,
     surprise,
     unload,
-    untold,
 )
 from canest.estimators.canest_filter import (
     correct,
@@ -59,7 +58,7 @@ from canest.estimators.canest_filter import (
 )
 from canest.estimators.canest_hearing import hears
 from canest.estimators.canest_noise import follow_swing, level, ring, surplus, tally, unknown_force
-from canest.estimators.canest_recall import compare, give_mass, refute, remember
+from canest.estimators.canest_recall import give_mass, refute, remember
 from canest.estimators.canest_roads import blend, drive_on, likelihood, weigh
 from canest.estimators.canest_senses import HEIGHT_WANDER, SEE_EVERY, climb, feel, retard
 from canest.estimators.canest_states import (
@@ -332,20 +331,17 @@ def run(
         row = out[k]
         mean = blend(X, PP, weight, memory, is_open, row)
         u_var = row[OUT_U_VAR]
+        give_mass(memory, row, mean, is_open, prior[U] * prior[U])
         if is_open:
             memory[COAST_VAR] = 0.0
-            share = untold(memory) * mean
-            compare(memory, mean, u_var + share * share, prior[U] * prior[U])
             last(memory, mean)
-        give_mass(memory, row, mean)
+        wind = weight[STRAIGHT] * X[STRAIGHT][WIND] + weight[CURVED] * X[CURVED][WIND]
         seen = seen_var = 0.0
         if coarse[k] > 0.0:
-            wind = weight[STRAIGHT] * X[STRAIGHT][WIND] + weight[CURVED] * X[CURVED][WIND]
             seen, seen_var = coarse_grade(
                 mean, u_var, wind, force[k], J, a, roll[k], drag[k], bend[k], memory[SPEED_VAR]
             )
         elif coasted:
-            wind = weight[STRAIGHT] * X[STRAIGHT][WIND] + weight[CURVED] * X[CURVED][WIND]
             seen, seen_var = rolling_grade(
                 memory, mean, u_var, wind, roll[k], drag[k], row[OUT_CURVATURE], wind_var
             )

@@ -1,9 +1,8 @@
 """Is it the load from before? After a long stop the vehicle may carry another, and mostly does not.
 
-The filter opens its load there and learns it anew, as if nothing were known. How much better the load from
-before explains the driving than any load would, follows from how much more the filter has come to believe in
-that one (Dickey 1971, Savage's ratio). What is given out is the likelier of the two, with the doubt that
-the other leaves.
+The filter opens its load there and learns it anew, as if nothing were known. What it has found since, with
+its doubt, is a measurement: how well the load from before foretold it, and how well any other would have, are
+the odds (Bayes' factor). What is given out is the likelier of the two, with the doubt that the other leaves.
 """
 
 from __future__ import annotations
@@ -53,14 +52,16 @@ def refute(memory: Container) -> None:
 def compare(memory: Container, u: float, u_var: float, any_var: float) -> None:
     """Compare the load from before with any other, and hold the likelier.
 
-    u, u_var: what is known of the inverse mass since the stop. any_var: its variance when nothing is known.
+    u, u_var: what has been found of the inverse mass since the stop. any_var: its variance when nothing is
+    known.
     """
     if memory[SAME_VAR] == 0.0:
         return
     apart, var = u - memory[SAME_U], memory[SAME_VAR]
     another = ANOTHER * memory[SAME_U]
     any_var = min(any_var, another * another)
-    both, either = u_var + var, any_var + var
+    both = u_var + var
+    either = both + any_var
     odds = math.sqrt(either / both) * math.exp(0.5 * apart * apart * (1.0 / either - 1.0 / both))
     # what both tell, if it is the same
     gain = var / both
@@ -75,12 +76,14 @@ def compare(memory: Container, u: float, u_var: float, any_var: float) -> None:
 
 
 @fast.kernel
-def give_mass(memory: Container, row: Container, mean: float) -> None:
+def give_mass(memory: Container, row: Container, mean: float, is_open: bool, any_var: float) -> None:
     """Put the inverse mass that is given out into an output row, with the variance of all that is in doubt.
 
-    mean: of what the filter alone knows; the row has the variance of that.
+    mean: of what the filter alone knows; the row has the variance of that. any_var: as in `compare`.
     """
     share = untold(memory)
+    u_var = row[OUT_U_VAR] + share * share * mean * mean
+    if is_open:
+        compare(memory, mean, u_var, any_var)
     row[OUT_U], row[OUT_UNTOLD] = memory[HELD_U], share
-    row[OUT_U_VAR] = memory[LEFT] * (row[OUT_U_VAR] + share * share * mean * mean)
-    memory[GIVEN_VAR] = row[OUT_U_VAR]
+    row[OUT_U_VAR] = memory[GIVEN_VAR] = memory[LEFT] * u_var

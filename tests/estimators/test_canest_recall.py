@@ -29,11 +29,10 @@ def compared(before, before_std, u, std):
     memory = memory_of(before, before_std)
     remember(memory)
     memory[at.HELD_U] = u  # as `blend` does
-    compare(memory, u, std**2, ANY**2)
     row = [0.0] * at.OUTPUTS
     row[at.OUT_U_VAR] = std**2
     memory[at.EFFORT] = 1e9  # all is told
-    give_mass(memory, row, u)
+    give_mass(memory, row, u, True, ANY**2)
     return row[at.OUT_U], np.sqrt(row[at.OUT_U_VAR])
 
 
@@ -45,10 +44,10 @@ def by_numbers(before, before_std, u, std):
         return np.exp(-0.5 * ((x - mean) / s) ** 2) / s
 
     same_std = np.hypot(before_std, LITTLE * before)
-    prior = normal(before, np.hypot(min(ANY, ANOTHER * before), same_std))
-    likelihood = normal(u, std) / prior  # the filter's posterior is its own prior times this
-    same = normal(before, same_std) * likelihood
-    return same.sum() / (prior * likelihood).sum(), (x * same).sum() / same.sum()
+    found = normal(u, std)  # since the stop, when nothing was known
+    another = normal(before, np.hypot(min(ANY, ANOTHER * before), same_std)) * found
+    same = normal(before, same_std) * found
+    return same.sum() / another.sum(), (x * same).sum() / same.sum()
 
 
 @pytest.mark.parametrize("std", [0.4e-6, 1e-6, 3e-6, 8e-6])
@@ -62,6 +61,15 @@ def test_the_likelier_one_is_given_out(std, apart):
     # the truth may be either: both lie within what is in doubt
     for mean, share in ((joint, odds / (1 + odds)), (before + apart, 1 / (1 + odds))):
         assert given_std**2 >= 0.9 * share * (mean - given) ** 2
+
+
+@pytest.mark.parametrize("std", [1e-7, 1e-5, 5e-4, 1e-2])
+@pytest.mark.parametrize("u", [1 / 60_000, 1 / 700, 1 / 2])
+def test_of_a_vehicle_of_any_weight_it_gives_a_number(u, std):
+    """Found far from the load before, with less known of it than of any load."""
+    given, given_std = compared(1 / 38_000, 3e-7, u, std)
+    assert min(u, 1 / 38_000) <= given <= max(u, 1 / 38_000)
+    assert 0.0 < given_std <= 2.0 * np.hypot(std, abs(u - 1 / 38_000))
 
 
 def test_where_nothing_is_remembered_nothing_is_compared():
