@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from canest.atomic import remove_abandoned, unlink_unfinished
 from canest.errors import CanestError, ConfigError, LogError, OutputError, UsageError
 from canest.job import Job, name_of
 
@@ -111,34 +113,47 @@ def _parallel(jobs: list[Job], config: Config, workers: int) -> Iterator[Outcome
                     unfinished.append(futures[future])
         except BaseException:  # interrupted: do not work off what is still waiting
             pool.shutdown(cancel_futures=True)
-            for job in jobs:
-                _clear(job)
+            _clear(jobs)
             raise
     for job in unfinished:
         with _pool(1) as pool:
             try:
                 yield pool.submit(_attempt, job, config).result()
             except BrokenProcessPool:
-                _clear(job)
+                _clear([job])
                 yield Outcome(job, error=f"{job.log}: the process that read it was killed (out of memory?)")
 
 
-def _clear(job: Job) -> None:
-    """Remove the half of a job's estimates that a process left which was killed over it."""
-    from canest.logs.writer import part_of
-
-    if job.output is not None:
-        part_of(job.output).unlink(missing_ok=True)
+def _clear(jobs: Iterable[Job]) -> None:
+    """Remove the half of their results that processes left which were killed over it."""
+    for folder in {path.parent for job in jobs for path in (job.output, job.report) if path is not None}:
+        remove_abandoned(folder)
 
 
 def _pool(workers: int) -> ProcessPoolExecutor:
     # forked from a clean server: a fork of this process would inherit its threads' locks
     context = get_context("forkserver")
     context.set_forkserver_preload(["canest.replay"])
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker)
+
+
+def _begin_worker() -> None:
     # Ctrl-C ends a worker at once, in whatever it waits for
-    return ProcessPoolExecutor(
-        workers, mp_context=context, initializer=signal.signal, initargs=(signal.SIGINT, signal.SIG_DFL)
-    )
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    threading.Thread(target=_end_with_parent, name="canest-parent", daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End this worker when the process that gives it work is gone, in whatever way that ended.
+
+    The kernel's own signal (PR_SET_PDEATHSIG) comes at the death of the server that forked the worker, and
+    that one waits for its workers. The pipe that is waited for here is closed by the death of the right one.
+    """
+    parent = parent_process()
+    assert parent is not None
+    parent.join()
+    unlink_unfinished()
+    os._exit(1)
 
 
 def _attempt(job: Job, config: Config) -> Outcome:

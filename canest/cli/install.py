@@ -21,7 +21,8 @@ Examples:
 @config_option(required=False)
 @click.option("--name", metavar="NAME", help="Name of the instance (default: the config's).")
 @click.option("--root", metavar="DIR", default="/", help="Install below this directory (for images).")
-def command(write: bool, config_name: str | None, name: str | None, root: str) -> None:
+@click.option("--force", is_flag=True, help="Overwrite a unit that was edited (configs are kept anyway).")
+def command(write: bool, config_name: str | None, name: str | None, root: str, force: bool) -> None:
     """Print the systemd unit, or install it together with a config."""
     from canest.live.install import databases_of, install, unit_text
 
@@ -36,7 +37,7 @@ def command(write: bool, config_name: str | None, name: str | None, root: str) -
         Pipeline(load(config_name))  # a config that is refused must not become a service
         path = find("configs", config_name)
         databases = databases_of(path)
-    done = install(path, name, Path(root), databases)
+    done = install(path, name, Path(root), databases, force=force)
     for written in done.written:
         print(f"written  {written}")
     for note in done.notes:

@@ -14,6 +14,9 @@ Examples:
 The simulator shares no equation with the estimator. NAME.yaml is the config that an engineer would know:
 what a scenario lists under `undeclared:` is in the drive and not in the config. For one of your own copy
 a file of canest/simulate/scenarios/; a mistake in it is told with its line and key.
+
+Files of an earlier simulation are overwritten; those that somebody edited since then are not, without
+--force. NAME.yaml begins with the checksums of all three.
 """
 
 
@@ -22,8 +25,11 @@ a file of canest/simulate/scenarios/; a mistake in it is told with its line and 
 @click.option("-o", "--output", metavar="DIR", help="Where NAME.log, NAME.truth.csv and NAME.yaml go.")
 @click.option("--seed", type=click.IntRange(0), metavar="N", help="Another drive of the same kind.")
 @click.option("--compress", is_flag=True, help="Write NAME.log.xz instead of NAME.log.")
+@click.option("--force", is_flag=True, help="Overwrite files that were edited, or made by something else.")
 @click.option("--list", "listing", is_flag=True, help="List the shipped scenarios.")
-def command(scenario: str | None, output: str | None, seed: int | None, compress: bool, listing: bool) -> int:
+def command(
+    scenario: str | None, output: str | None, seed: int | None, compress: bool, force: bool, listing: bool
+) -> int:
     """Make a log with known truth from a scenario (a file, or the name of a shipped one)."""
     if listing:
         from canest.simulate.reading import load_scenario, shipped_scenarios
@@ -43,7 +49,9 @@ def command(scenario: str | None, output: str | None, seed: int | None, compress
     files = drive_paths(name_of(scenario), output, compress)
     keep_apart([("the scenario", scenario_file(scenario))], [("-o", path) for path in files])
     with Share(f"simulating {scenario}") as share:
-        paths = simulate_to_directory(scenario, output, share.update, seed=seed, compress=compress)
+        paths = simulate_to_directory(
+            scenario, output, share.update, seed=seed, compress=compress, force=force
+        )
     for path in paths:
         print(f"written {path}")
     return 0

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from canest.errors import OutputError
+from canest.results import write_result
 
 if TYPE_CHECKING:
     from canest.replay import ReplayResult
@@ -25,10 +25,7 @@ def write_json(summary: dict[str, Any], path: str) -> None:
     if path == "-":
         sys.stdout.write(text)
         return
-    try:
-        Path(path).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot write: {error.strerror or error}", where=path) from None
+    write_result(path, text)
 
 
 def result_lines(result: ReplayResult, written: Sequence[Path]) -> list[str]:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from canest.config.schema import Config
 from canest.diagnose.outcome import Entry, document, empty_document, entries
@@ -15,6 +15,10 @@ from canest.diagnose.revise import revised_config, revised_text
 from canest.diagnose.run import Diagnosis
 from canest.errors import OutputError
 from canest.resources import find
+from canest.results import write_results
+
+if TYPE_CHECKING:
+    from canest.report.page import Page
 
 JSON_NAME, CONFIG_NAME, REPORT_NAME = "diagnosis.json", "revised.yaml", "report.html"
 
@@ -35,13 +39,13 @@ def write(diagnosis: Diagnosis, config_name: str, logs: Sequence[str], directory
     found = entries(diagnosis)
     _make(directory)
     config = revised_config(diagnosis)
-    paths = [
-        _json(directory, document(diagnosis, found, logs)),
-        _text(directory / CONFIG_NAME, revised_text(diagnosis, config, _original(config_name), config_name)),
-    ]
-    report = directory / REPORT_NAME
-    report_page(diagnosis, found, logs).write(report)
-    return Written(diagnosis.finding, [*paths, report], found)
+    paths = _together(
+        directory,
+        document(diagnosis, found, logs),
+        revised_text(diagnosis, config, _original(config_name), config_name),
+        report_page(diagnosis, found, logs),
+    )
+    return Written(diagnosis.finding, paths, found)
 
 
 def write_empty(
@@ -52,11 +56,13 @@ def write_empty(
 
     finding = f"Nothing can be said of the model: {error.what}, {error.found}; `canest check` tells why."
     _make(directory)
-    told = _json(directory, empty_document(finding, logs, config.vehicle.name, error.notes))
-    kept = _text(directory / CONFIG_NAME, f"# Nothing was added: {finding}\n" + _original(config_name))
-    report = directory / REPORT_NAME
-    Page(title=" · ".join(Path(log).name for log in logs), headline=finding).write(report)
-    return Written(finding, [told, kept, report])
+    paths = _together(
+        directory,
+        empty_document(finding, logs, config.vehicle.name, error.notes),
+        f"# Nothing was added: {finding}\n" + _original(config_name),
+        Page(title=" · ".join(Path(log).name for log in logs), headline=finding),
+    )
+    return Written(finding, paths)
 
 
 def _original(config_name: str) -> str:
@@ -70,15 +76,14 @@ def _make(directory: Path) -> None:
         raise OutputError(f"cannot make the directory: {error.strerror}", where=str(directory)) from None
 
 
-def _json(directory: Path, content: dict[str, Any]) -> Path:
-    return _text(
-        directory / JSON_NAME, json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    )
-
-
-def _text(path: Path, text: str) -> Path:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot write: {error.strerror or error}", where=str(path)) from None
-    return path
+def _together(directory: Path, content: dict[str, Any], config: str, page: Page) -> list[Path]:
+    """Write all three files, or none."""
+    report = directory / REPORT_NAME
+    text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    contents = {
+        directory / JSON_NAME: text.encode(),
+        directory / CONFIG_NAME: config.encode(),
+        report: page.render(str(report)).encode(),
+    }
+    write_results(contents)
+    return list(contents)

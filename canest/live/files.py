@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
+
+from canest.atomic import AtomicFile
 
 _QUEUED = 256  #: jobs waiting for a slow disk; more are refused and counted
 
@@ -16,27 +17,18 @@ _QUEUED = 256  #: jobs waiting for a slow disk; more are refused and counted
 def write_atomically(path: Path, content: bytes, *, durable: bool = True) -> None:
     """Replace a file: whoever reads it, or loses power meanwhile, has the old or the new content.
 
-    durable: also wait until it is on the disk (file and directory). Errors: OSError.
+    durable: also wait until it is on the disk (file and directory).
+    Errors: OSError, also where the name belongs to a directory, FIFO, socket or device.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.tmp")  # one name, so that a crash leaves no litter behind
-    try:
-        with naming(path), temporary.open("wb") as file:
-            file.write(content)
-            if durable:
-                file.flush()
-                os.fsync(file.fileno())
-        temporary.chmod(0o644)
-        temporary.replace(path)
-    except OSError:
-        temporary.unlink(missing_ok=True)
-        raise
-    if durable:
-        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    with naming(path):
+        file = AtomicFile(path, mode=0o644, durable=durable)
         try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+            file.file.write(content)
+        except BaseException:
+            file.discard()
+            raise
+        file.commit()
 
 
 @contextlib.contextmanager

@@ -12,6 +12,8 @@ from types import MappingProxyType
 
 from canest.config.load import parse_config
 from canest.errors import ConfigError, OutputError
+from canest.generated import refuse_edited, stamped
+from canest.live.files import write_atomically
 from canest.resources import find, is_file, shipped
 
 UNIT = "canest@.service"
@@ -78,11 +80,13 @@ def install(
     name: str | None,
     root: Path = Path("/"),
     databases: Mapping[str, Path] = MappingProxyType({}),
+    *,
+    force: bool = False,
 ) -> Installed:
     """Write the unit below ``root``, and the config as the instance ``name`` (default: the file's name).
 
-    databases: the DBC files that go along (`databases_of`). Files that exist are kept.
-    Errors: ConfigError, OutputError.
+    databases: the DBC files that go along (`databases_of`). Configs and DBC files that exist are kept;
+    a unit that somebody edited is refused, unless `force`. Errors: ConfigError, OutputError, UsageError.
     """
     done = Installed()
     executable = this_executable()
@@ -96,7 +100,10 @@ def install(
     if instance is not None and ("/" in instance or not instance.isprintable() or " " in instance):
         raise ConfigError("is no name for an instance", where="--name", found=instance, expected="e.g. truck")
     try:
-        _write(unit, unit_text(executable).encode(), done)
+        content = stamped(unit_text(executable).encode())
+        if not force:
+            refuse_edited(unit, content)
+        _write(unit, content, done)
         if config is not None:
             folder = root / "etc/canest"
             done.config = folder / f"{instance}.yaml"
@@ -123,7 +130,7 @@ def install(
 
 def _write(path: Path, content: bytes, done: Installed) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(content)
+    write_atomically(path, content)
     done.written.append(path)
 
 

@@ -1,17 +1,16 @@
 """Results as files, streamed: estimates as csv or parquet, frames as a candump log.
 
-A file appears under its name only when it is complete: it is written beside it as NAME.part first.
+A file appears under its name only when it is complete.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, suppress
 from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.gates import LABELS
 from canest.logs import ascii as text
 from canest.logs.lines import CLASSIC_BYTES
+from canest.results import open_result, output_errors
 from canest.vehicle.samples import STATUS_LABELS
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class EstimateWriter(ABC):
     """
 
     def __init__(self, path: Path) -> None:
-        self._out = _PartFile(path)
+        self._out = _Growing(path)
 
     @abstractmethod
     def write(self, estimates: Estimates) -> None:
@@ -175,7 +175,7 @@ class CandumpWriter:
     """A candump log (its log form); use as a context manager, as `EstimateWriter`."""
 
     def __init__(self, path: str | Path, channel: str = "can0") -> None:
-        self._out = _PartFile(Path(path))
+        self._out = _Growing(Path(path))
         self._channel = channel
 
     def write(self, frames: FrameBlock) -> None:
@@ -255,46 +255,26 @@ def _log_form(frames: FrameBlock, channel: str) -> bytes:
     )
 
 
-def part_of(path: Path) -> Path:
-    """Return the name of a file while it grows."""
-    return path.with_name(path.name + ".part")
-
-
-class _PartFile:
-    """NAME.part while it grows, NAME once complete."""
+class _Growing:
+    """A result while it grows. Errors: OutputError."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        # a device or a pipe (/dev/null, /dev/stdout) is written as it stands
-        special = path.exists() and not path.is_file()
-        self._part = path if special else part_of(path)
         with self.errors():
-            self.file: BinaryIO = self._part.open("wb")
+            self._result = open_result(path)
+        self.file = self._result.file
 
-    @contextmanager
-    def errors(self) -> Iterator[None]:
+    def errors(self) -> AbstractContextManager[None]:
         """Turn the system's complaints into one line."""
-        try:
-            yield
-        except OSError as error:
-            raise OutputError(f"cannot write: {error.strerror or error}", where=str(self._path)) from None
+        return output_errors(self._path)
 
     def write(self, data: bytes) -> None:
         with self.errors():
             self.file.write(data)
 
     def commit(self) -> None:
-        try:
-            with self.errors():
-                self.file.close()
-                if self._part != self._path:
-                    self._part.replace(self._path)
-        except OutputError:
-            self.discard()
-            raise
+        with self.errors():
+            self._result.commit()
 
     def discard(self) -> None:
-        with suppress(OSError):  # the disk is full: what cannot be flushed is being thrown away
-            self.file.close()
-        if self._part != self._path:
-            self._part.unlink(missing_ok=True)
+        self._result.discard()

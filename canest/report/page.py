@@ -10,6 +10,7 @@ from typing import Any
 
 from canest import __version__
 from canest.errors import OutputError, how_to_add
+from canest.results import write_result
 
 
 @dataclass(slots=True)
@@ -55,11 +56,7 @@ class Page:
 
     def write(self, path: str | Path) -> None:
         """Write the file. Errors: OutputError (cannot write, extra `report` not installed)."""
-        html = self.render(str(path))
-        try:
-            Path(path).write_text(html, encoding="utf-8")
-        except OSError as error:
-            raise OutputError(f"cannot write: {error.strerror or error}", where=str(path)) from None
+        write_result(path, self.render(str(path)))
 
     def render(self, where: str = "report") -> str:
         """Return the HTML. Errors: OutputError when the extra `report` is not installed."""

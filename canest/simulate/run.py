@@ -47,15 +47,16 @@ class SimulatedDrive:
     undeclared: list[dict[str, Any]]
     history: dict[str, FloatColumn]
 
-    def write(self, directory: str | Path, *, compress: bool = False) -> list[Path]:
+    def write(self, directory: str | Path, *, compress: bool = False, force: bool = False) -> list[Path]:
         """Write NAME.log (or NAME.log.xz), NAME.truth.csv and NAME.yaml; return their paths.
 
-        Errors: OutputError when the directory cannot be written.
+        force: also over files that somebody edited.
+        Errors: OutputError when the directory cannot be written, UsageError for such a file.
         """
         from canest.simulate.files import write_drive
 
         try:
-            return write_drive(self, Path(directory), compress)
+            return write_drive(self, Path(directory), compress, force)
         except OSError as error:
             raise OutputError(f"cannot be written ({error.strerror})", where=str(directory)) from error
 
@@ -179,6 +180,10 @@ def simulate_to_directory(
     *,
     seed: int | None = None,
     compress: bool = False,
+    force: bool = False,
 ) -> list[Path]:
-    """Simulate a scenario file or shipped name and write its log, truth and config; return their paths."""
-    return simulate(scenario, seed, progress).write(out_dir, compress=compress)
+    """Simulate a scenario file or shipped name and write its log, truth and config; return their paths.
+
+    compress, force, errors: see `SimulatedDrive.write`.
+    """
+    return simulate(scenario, seed, progress).write(out_dir, compress=compress, force=force)

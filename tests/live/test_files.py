@@ -54,7 +54,7 @@ def test_a_write_that_fails_leaves_the_old_content(tmp_path, monkeypatch):
     def full(_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("canest.live.files.os.fsync", full)
+    monkeypatch.setattr("canest.atomic.os.fsync", full)
     with pytest.raises(OSError, match="No space"):
         write_atomically(path, b"new")
     assert path.read_bytes() == b"old"
