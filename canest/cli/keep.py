@@ -7,6 +7,7 @@ from collections.abc import Hashable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from canest.atomic import require_regular
 from canest.errors import UsageError
 from canest.resources import find
 
@@ -37,6 +38,16 @@ def keep_apart(inputs: Iterable[Named], outputs: Iterable[Named]) -> None:
             what = f"would overwrite {taken[key]}"
             raise UsageError(what, where=name, found=str(path), expected="another name or directory")
         taken[key] = name
+
+
+def require_files(outputs: Iterable[Named]) -> None:
+    """Refuse names of what exists and is no file: a FIFO would wait for its reader. Errors: UsageError."""
+    for name, path in outputs:
+        try:
+            if path is not None:
+                require_regular(Path(path))
+        except OSError as error:
+            raise UsageError(f"{path} {error.strerror or error}", where=name) from None
 
 
 def _identity(path: Path) -> Hashable | None:

@@ -48,7 +48,7 @@ def command(
     if log_estimates is not None:
         changes.append(f"service.log_estimates={_quoted(log_estimates)}")
 
-    from canest.cli.keep import config_files, keep_apart
+    from canest.cli.keep import config_files, keep_apart, require_files
     from canest.live.daemon import Daemon
     from canest.live.memory import place
 
@@ -62,10 +62,9 @@ def command(
         ("service.log_estimates", service.log_estimates, "STATE_DIRECTORY"),
         ("service.metrics_file", service.metrics_file, "RUNTIME_DIRECTORY"),
     ]
-    keep_apart(
-        config_files(config_name, config),
-        [(key, place(name, folder)) for key, name, folder in written if name is not None],
-    )
+    files = [(key, place(name, folder)) for key, name, folder in written if name is not None]
+    keep_apart(config_files(config_name, config), files)
+    require_files(files)
     Daemon(config, config_name=config_name, reload=read_config).run()
 
 

@@ -9,12 +9,16 @@ from __future__ import annotations
 import contextlib
 import errno
 import gzip
+import os
 import re
+import stat
 import time
 from collections.abc import Callable, Sized
+from io import FileIO
 from pathlib import Path
-from typing import BinaryIO, Generic, TypeVar
+from typing import Generic, TypeVar
 
+from canest.atomic import not_regular, require_regular
 from canest.frames import FrameBlock
 from canest.live.files import Background, naming
 from canest.logs.writer import candump_text, estimates_csv
@@ -97,12 +101,12 @@ class TextLog(_Spool[Block]):
     ) -> None:
         super().__init__(kind, render, background)
         self._path, self._header = path, header
-        self._file: BinaryIO | None = None
+        self._file: FileIO | None = None
 
     def _write(self, text: bytes) -> None:
         if self._file is None:
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = self._path.open("ab", buffering=0)
+            self._file = _open_to_append(self._path)
             if self._header and self._file.tell() == 0:
                 text = self._header + text
         # an unbuffered write may be cut short by a full disk: take back what makes no whole line
@@ -126,6 +130,16 @@ class TextLog(_Spool[Block]):
         with contextlib.suppress(OSError):  # a device or pipe cannot; what is told is why the write failed
             self._file.truncate(begin)
             self._file.seek(begin)
+
+
+def _open_to_append(path: Path) -> FileIO:
+    """Open a growing file. Errors: OSError, also for what would keep the writing thread waiting."""
+    descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NONBLOCK, 0o666)
+    mode = os.fstat(descriptor).st_mode
+    if not (stat.S_ISREG(mode) or stat.S_ISCHR(mode)):  # a FIFO opened for both ends waits for nobody
+        os.close(descriptor)
+        raise not_regular(mode, path)
+    return FileIO(descriptor, "ab")
 
 
 class Ring(_Spool[FrameBlock]):
@@ -191,6 +205,7 @@ class Ring(_Spool[FrameBlock]):
         self._drop_oldest(stamp)
         self._path = self._folder / f"{stamp}-{self._channel}.log.gz"
         self._holds_frames = self._path.exists()  # of the same second
+        require_regular(self._path)
         self._file = gzip.open(self._path, "ab", compresslevel=1)  # noqa: SIM115 - lives for a quarter of an hour
 
     def _end(self) -> None:

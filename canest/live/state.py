@@ -9,9 +9,12 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
+import stat
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from canest.atomic import not_regular
 from canest.config.schema import Config
 from canest.live.files import write_atomically
 
@@ -78,8 +81,7 @@ def load(path: Path, config: Config, now_s: float) -> Restored:
     A file that must not be used is renamed to NAME.bad-REASON, and the message says why.
     """
     try:
-        with path.open("rb") as file:
-            content = file.read(_MAX_BYTES + 1)
+        content = _content(path)
     except FileNotFoundError:
         return Restored(None)
     except OSError as error:
@@ -95,11 +97,20 @@ def load(path: Path, config: Config, now_s: float) -> Restored:
     return Restored(None, f"{path}: {why}; not used, set aside as {aside.name}")
 
 
+def _content(path: Path) -> bytes:
+    """Return the beginning of a file. Errors: OSError, for a FIFO and the like without waiting for it."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    with open(descriptor, "rb") as file:  # noqa: PTH123 - of a descriptor
+        mode = os.fstat(descriptor).st_mode
+        if not stat.S_ISREG(mode):
+            raise not_regular(mode, path)
+        return file.read(_MAX_BYTES + 1)
+
+
 def peek(path: Path) -> Learned | None:
     """Return what a state file holds, for a person to see; None when it is not there or not whole."""
     try:
-        with path.open("rb") as file:
-            raw = dict(json.loads(file.read(_MAX_BYTES)))
+        raw = dict(json.loads(_content(path)))
         learned = Learned(**{k: v for k, v in raw.items() if k not in ("version", "valid")})
         _check_types(learned)
     except (OSError, ValueError, TypeError, OverflowError, RecursionError):
@@ -161,5 +172,8 @@ def _check_types(learned: Learned) -> None:
     if not isinstance(learned.standing, bool):
         raise TypeError("standing is not true or false")
     distance = learned.distance_km
-    if distance is not None and (isinstance(distance, bool) or not isinstance(distance, int | float)):
-        raise TypeError("distance_km is not a number")
+    if distance is not None:
+        if isinstance(distance, bool) or not isinstance(distance, int | float) or not math.isfinite(distance):
+            raise TypeError("distance_km is not a finite number")
+        if distance < 0:
+            raise ValueError("distance_km is negative")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import lzma
 import os
 import shutil
 from pathlib import Path
@@ -119,3 +120,14 @@ def test_notes_of_many_logs_are_shown(canest, log, tmp_path):
     (note,) = (line for line in done.out.splitlines() if line.startswith("note: "))
     assert note.startswith("note: cut.log.xz: ")
     assert "the log ends before it should" in note
+
+
+@pytest.mark.parametrize("name", ["est.csv.part", ".est.csv.tmp"])
+def test_a_log_that_is_named_like_half_a_result_is_kept(canest, tmp_path, name):
+    log = tmp_path / name
+    log.write_bytes(lzma.decompress(KENWORTH.read_bytes()))
+    before = log.read_bytes()
+    done = canest("replay", log, "-c", "kenworth", "-o", tmp_path / "est.csv")
+    assert done.code == 0
+    assert log.read_bytes() == before
+    assert len((tmp_path / "est.csv").read_text().splitlines()) > 1000

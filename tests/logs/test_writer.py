@@ -3,6 +3,11 @@ from __future__ import annotations
 import csv
 import itertools
 import lzma
+import os
+import socket
+import stat
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -201,3 +206,93 @@ def test_remote_frames_survive(tmp_path):
     parser = CandumpParser()
     text = b"(0000000001.000000) can0 18FEEE31#R8\n(0000000001.000000) can0 123#R0\n"
     assert candump_text(parser.parse(text)) == text
+
+
+@pytest.mark.parametrize("name", ["est.csv", "est.parquet"])
+def test_of_two_writers_of_one_name_the_later_fails_and_the_file_is_whole(tmp_path, name):
+    path = tmp_path / name
+    path.write_text("of yesterday")
+    message = f"{name}: cannot write: was written by another process meanwhile"
+    with pytest.raises(OutputError, match=message), open_writer(path) as late:
+        late.write(estimates(50, seed=1))
+        with open_writer(path) as early:
+            early.write(estimates(100, seed=2))
+        written = path.read_bytes()
+        late.write(estimates(5000, seed=1))
+    assert path.read_bytes() == written
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_file_that_was_removed_meanwhile_may_be_written(tmp_path):
+    path = tmp_path / "est.csv"
+    path.write_text("of yesterday")
+    with open_writer(path) as writer:
+        path.unlink()
+        writer.write(estimates(10))
+    assert path.read_text().startswith("t_s,")
+
+
+def test_a_link_is_replaced_and_what_it_leads_to_stays(tmp_path):
+    victim, link = tmp_path / "victim", tmp_path / "est.csv"
+    victim.write_text("precious")
+    link.symlink_to(victim)
+    with open_writer(link) as writer:
+        writer.write(estimates(10))
+    assert victim.read_text() == "precious" and not link.is_symlink()
+
+
+def test_names_that_temporaries_once_had_are_nobodys(tmp_path):
+    for name in ("est.csv.part", ".est.csv.tmp"):
+        (tmp_path / name).write_text("precious")
+    with open_writer(tmp_path / "est.csv") as writer:
+        writer.write(estimates(10))
+    assert {p.name: p.read_text()[:8] for p in tmp_path.iterdir() if p.name != "est.csv"} == {
+        "est.csv.part": "precious", ".est.csv.tmp": "precious",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(("umask", "mode"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o664)])
+def test_a_result_has_the_permissions_of_the_umask_once_it_is_complete(tmp_path, umask, mode):
+    before = os.umask(umask)
+    try:
+        with open_writer(tmp_path / "est.csv") as writer:
+            (growing,) = tmp_path.iterdir()
+            assert stat.S_IMODE(growing.stat().st_mode) == 0o600
+            writer.write(estimates(10))
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "est.csv").stat().st_mode) == mode
+
+
+def test_the_longest_name_of_a_file_is_written(tmp_path):
+    path = tmp_path / ("ä" * 125 + ".csv")
+    with open_writer(path) as writer:
+        writer.write(estimates(10))
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("kind", ["directory", "socket"])
+def test_what_is_no_file_is_refused_in_one_line(tmp_path, kind):
+    path = tmp_path / "est.csv"
+    with socket.socket(socket.AF_UNIX) as server:
+        if kind == "directory":
+            path.mkdir()
+        else:
+            server.bind(str(path))
+        with pytest.raises(OutputError, match=r"est\.csv: cannot write: "):
+            open_writer(path)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("redirection", [">", ">>", "| cat >"])
+def test_standard_output_is_written_as_it_stands(tmp_path, redirection):
+    code = (
+        "from canest.logs.writer import CandumpWriter; from canest.frames import FrameBlock\n"
+        "with CandumpWriter('/dev/stdout') as out: out.write(FrameBlock.from_frames([(0, 1, b'')]))"
+    )
+    path, link = tmp_path / "out", Path("/dev/stdout").readlink()
+    path.write_text("first\n")
+    subprocess.run(["sh", "-c", f'"$0" -c "$1" {redirection} "$2"', sys.executable, code, path], check=True)
+    kept = "first\n" if redirection == ">>" else ""
+    assert path.read_text() == kept + "(0000000000.000000) can0 001#\n"
+    assert Path("/dev/stdout").readlink() == link
