@@ -184,12 +184,13 @@ class Daemon:
         )
         self._latest = last, now_us
         self.node.take(last, now_us)
-        distance_km = self.node.watch.distance_km
+        distance_km = self.node.watch.odometer.confirmed_km
         self.memory.note(last.mass_kg, last.mass_std_kg, last.status, self._standing, distance_km)
         self.outputs.estimates(estimates, now_s)
 
     def _listen(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
         self._standing = bool(samples.stopped[-1])
+        self.node.watch.odometer.drive(samples.raw_speed_mps)
 
     def _survive(self, error: Exception) -> None:
         self.failures += 1

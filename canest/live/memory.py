@@ -96,7 +96,7 @@ class Memory:
     def note(
         self, mass_kg: float, mass_std_kg: float, status: int, standing: bool, distance_km: float | None
     ) -> None:
-        """Remember the newest estimate if it is one to be trusted; ``distance_km``: odometer, if known."""
+        """Remember the newest estimate if it is one to be trusted; ``distance_km``: confirmed odometer."""
         if (
             status == Status.VALID
             and math.isfinite(mass_kg)

@@ -100,11 +100,13 @@ def load(path: Path, config: Config, now_s: float) -> Restored:
 def _content(path: Path) -> bytes:
     """Return the beginning of a file. Errors: OSError, for a FIFO and the like without waiting for it."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-    with open(descriptor, "rb") as file:  # noqa: PTH123 - of a descriptor
+    try:
         mode = os.fstat(descriptor).st_mode
         if not stat.S_ISREG(mode):
             raise not_regular(mode, path)
-        return file.read(_MAX_BYTES + 1)
+        return os.read(descriptor, _MAX_BYTES + 1)
+    finally:
+        os.close(descriptor)
 
 
 def peek(path: Path) -> Learned | None:

@@ -9,6 +9,7 @@ from canest.decode import j1939
 from canest.frames import ERROR, EXTENDED, REMOTE, FrameBlock
 from canest.live.address_claim import CLAIM_PGN, REQUEST_PGN
 from canest.live.link import Filters
+from canest.live.odometer import Odometer
 
 CVW_PGN = 65136  #: Combination Vehicle Weight
 CVW_STEP_KG, CVW_LARGEST = 10.0, 0xFAFF  #: SPN 1760, bytes 3-4
@@ -60,10 +61,13 @@ class BusWatch:
         #: source address -> claims of it, and engine or retarder commands from it
         self.claimed: Counter[int] = Counter()
         self.torque_commands: Counter[int] = Counter()
-        #: total distance of the vehicle, by the first sender that tells it; None where nobody does
-        self.distance_km: float | None = None
-        self._odometer: tuple[int, int] | None = None
+        self.odometer = Odometer()
         self.counters: Counter[str] = Counter()
+
+    @property
+    def distance_km(self) -> float | None:
+        """Return the total distance of the vehicle, as reported; None where nobody sends one."""
+        return self.odometer.reported_km
 
     def filters(self) -> Filters:
         """Return the kernel filters for what is watched."""
@@ -123,12 +127,8 @@ class BusWatch:
     def _note_distance(self, pgn: int, source: int, word: int) -> None:
         first_bit, km = _ODOMETERS[pgn]
         raw = word >> first_bit & 0xFFFF_FFFF
-        if raw > _DISTANCE_LARGEST:
-            return
-        if self._odometer is None:
-            self._odometer = pgn, source
-        if self._odometer == (pgn, source):
-            self.distance_km = raw * km
+        if raw <= _DISTANCE_LARGEST:
+            self.odometer.take((pgn, source), raw * km)
 
     def _note_mass(self, source: int, raw: int, t_us: int, now_us: int) -> None:
         # some senders say 0 kg while they stand: no estimate, not a weight

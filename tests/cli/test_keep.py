@@ -107,6 +107,17 @@ def test_nor_what_the_daemon_runs_with(canest, tmp_path):
     assert config.read_text() == before
 
 
+@pytest.mark.parametrize("option", ["--record", "--log-estimates"])
+def test_the_daemon_does_not_start_to_write_into_what_is_no_file(canest, tmp_path, option):
+    config = shutil.copy(shipped("configs") / "vcan.yaml", tmp_path / "my.yaml")
+    fifo = tmp_path / "pipe"
+    os.mkfifo(fifo)
+    for path, kind in ((fifo, "FIFO"), (tmp_path, "directory"), ("/dev/null", "device")):
+        done = canest("run", "-c", config, option, path)
+        assert done.code == 2
+        assert f"{path} is a {kind}, expected a regular file" in done.err
+
+
 def test_devices_may_be_named_as_often_as_one_likes(canest, log):
     done = canest("replay", log, "-c", "kenworth", "-o", "/dev/null", "--json", "/dev/null")
     assert done.code == 0

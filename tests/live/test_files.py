@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import os
 import threading
 import time
 from pathlib import Path
@@ -281,3 +282,18 @@ def test_a_full_disk_leaves_no_empty_segments(tmp_path, background, monkeypatch)
     ring._end()
     (segment,) = tmp_path.iterdir()
     assert gzip.decompress(segment.read_bytes()) == b"(1.0) can0 18FEF100#00\n"
+
+
+@pytest.mark.parametrize("kind", ["FIFO", "directory"])
+def test_a_recording_into_what_is_no_file_fails_and_the_other_files_are_written(tmp_path, background, kind):
+    path = tmp_path / "rec.log"
+    if kind == "FIFO":
+        os.mkfifo(path)
+    else:
+        path.mkdir()
+    log = TextLog(path, candump_renderer("can0"), background, kind="record")
+    log.add(frames(10), 0.0)
+    background.submit("metrics", lambda: write_atomically(tmp_path / "canest.prom", b"x"))
+    assert background.flush(5)
+    assert str(path) in background.failures["record"]
+    assert background.counters["metrics_done"] == 1

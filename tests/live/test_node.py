@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 from canest.config import load_config
@@ -237,6 +238,44 @@ def test_the_odometer_is_read_from_the_first_sender_that_tells_it():
     low = b"\xff" * 4 + (8000).to_bytes(4, "little")
     other.observe(FrameBlock.from_frames([(0, j1939.pack(65248, 0x00), low)]), 0)
     assert other.distance_km == pytest.approx(1000.0)
+
+
+def odometer_of(senders, driven_km=2.0, speed_mps=20.0):
+    """Drive with odometers that each send km of the distance driven so far (km), once a second."""
+    watch = BusWatch(OWN_PGN)
+    for second in range(round(driven_km * 1000 / speed_mps)):
+        for source, count in senders.items():
+            raw = round(count(second * speed_mps / 1000) / 0.005)
+            payload = raw.to_bytes(4, "little") + b"\xff" * 4
+            watch.observe(FrameBlock.from_frames([(0, j1939.pack(65217, source), payload)]), 0)
+        watch.odometer.drive(np.full(50, speed_mps))
+    return watch.odometer
+
+
+def test_an_odometer_that_counts_what_is_driven_is_confirmed_whoever_sent_first():
+    noise = np.random.default_rng(1)
+    senders = {
+        0x00: lambda km: 5_000_000.0,  # stands still
+        0x01: lambda km: noise.uniform(0, 9_000_000),
+        0x02: lambda km: 18_968_163.0 + km,  # counts, and is beyond every vehicle
+        0x03: lambda km: 700_000.0 - km,
+        0x04: lambda km: 800_000.0 + 5 * km,
+        0x17: lambda km: 123_456.0 + 1.1 * km,  # the wheel radius of the config is wrong by a tenth
+    }
+    odometer = odometer_of(senders)
+    assert odometer.confirmed_km == odometer.reported_km == pytest.approx(123_458.2, abs=0.1)
+    del senders[0x17]
+    assert odometer_of(senders).confirmed_km is None
+
+
+def test_an_odometer_is_not_confirmed_before_the_vehicle_has_driven():
+    assert odometer_of({0x17: lambda km: 1000.0 + km}, driven_km=0.4).confirmed_km is None
+    assert odometer_of({0x17: lambda km: 1000.0 + km}, driven_km=0.6).confirmed_km is not None
+
+
+def test_an_odometer_that_leaps_is_confirmed_anew():
+    odometer = odometer_of({0x17: lambda km: 1000.0 + km + (5000 if km > 1.9 else 0)})
+    assert odometer.confirmed_km is None
 
 
 @pytest.mark.parametrize("mass_kg", [float("nan"), -1.0, 642_600.0])

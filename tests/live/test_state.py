@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import socket
 from dataclasses import asdict
 
 import pytest
@@ -86,6 +88,10 @@ def test_damaged_files_are_set_aside(tmp_path, reason, content):
         ("corrupt", {"standing": "no"}),
         ("corrupt", {"vehicle_key": 7}),
         ("corrupt", {"distance_km": "far"}),
+        ("corrupt", {"distance_km": math.nan}),
+        ("corrupt", {"distance_km": math.inf}),
+        ("corrupt", {"distance_km": -1.0}),
+        ("corrupt", {"distance_km": 10**400}),
         ("corrupt", {"something_else": 1}),
     ],
 )
@@ -163,3 +169,46 @@ def test_settings_that_do_not_touch_the_model_do_not_change_its_fingerprint():
     assert fingerprint(load_config("vcan", ["bus.channel=can7", "service.save_every_s=5"])) == fingerprint(
         CONFIG
     )
+
+
+@pytest.mark.parametrize("kind", ["FIFO", "directory", "socket"])
+def test_what_is_no_file_is_told_and_neither_waited_for_nor_replaced(tmp_path, kind):
+    path = tmp_path / "state.json"
+    with socket.socket(socket.AF_UNIX) as server:
+        if kind == "FIFO":
+            os.mkfifo(path)
+        elif kind == "directory":
+            path.mkdir()
+        else:
+            server.bind(str(path))
+        before = path.stat().st_ino
+        restored = load(path, CONFIG, NOW_S)
+        assert restored.learned is None and "cannot be read (" in restored.message
+        assert peek(path) is None
+        with pytest.raises(OSError, match=f"is a {kind}, expected a regular file"):
+            save(path, learned())
+        assert path.stat().st_ino == before
+    assert [p.name for p in tmp_path.iterdir()] == ["state.json"]
+
+
+def test_a_link_in_the_place_of_a_temporary_is_not_followed(tmp_path):
+    victim = tmp_path / "victim"
+    victim.write_text("precious")
+    (tmp_path / ".state.json.tmp").symlink_to(victim)
+    save(tmp_path / "state.json", learned())
+    assert victim.read_text() == "precious"
+
+
+def test_what_a_crash_left_of_a_save_is_removed_by_the_next_process_and_no_other_file(tmp_path):
+    litter = tmp_path / ".state.json.canest-0123456789abcdef.part"
+    own = [
+        tmp_path / ".state.json.part",
+        tmp_path / "canest-0123456789abcdef.part",
+        tmp_path / "state.json.bad-range",
+    ]
+    for path in (litter, *own):
+        path.write_text("half")
+    (tmp_path / ".link.canest-0123456789abcdef.part").symlink_to(own[0])
+    save(tmp_path / "state.json", learned())
+    assert not litter.exists()
+    assert len(list(tmp_path.iterdir())) == len(own) + 2 and all(path.read_text() == "half" for path in own)
