@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from canest.frames import EXTENDED, FrameBlock
+
+VDHR_ID = 0x18FEC1EE | EXTENDED  #: vehicle distance in high resolution
+ODOMETER_START_KM = 100_000.0
 DATA = Path(__file__).resolve().parent.parent / "data"
 
 
@@ -21,4 +26,10 @@ def drive():
     from canest.simulate.run import simulate
 
     scenario = load_scenario("demo")
-    return simulate(scenario.model_copy(update={"duration_s": 90.0})).frames
+    drive = simulate(scenario.model_copy(update={"duration_s": 90.0}))
+    frames = drive.frames
+    distance_m = np.interp(frames.t_us * 1e-6, drive.truth["t_s"], drive.truth["distance_m"])
+    counted = ((ODOMETER_START_KM + distance_m * 1e-3) / 0.005).astype(np.uint64)
+    odometer = frames.can_id == np.uint32(VDHR_ID)  # random bytes in the simulation
+    data = np.where(odometer, counted | np.uint64(0xFFFF_FFFF_0000_0000), frames.data)
+    return FrameBlock(frames.t_us, frames.can_id, frames.length, data)

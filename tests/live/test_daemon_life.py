@@ -6,13 +6,16 @@ import json
 import shutil
 import time
 
+import numpy as np
 import pytest
 
 from canest.errors import ConfigError
+from canest.frames import FrameBlock
 from canest.live.daemon import MOST_FAILURES_IN_A_ROW
 from canest.pipeline import Pipeline
 from canest.resources import shipped
 from canest.vehicle.samples import Status
+from tests.live.conftest import ODOMETER_START_KM, VDHR_ID
 from tests.live.rig import Rig, config, descriptors, resident_kb
 
 
@@ -77,12 +80,23 @@ def test_a_mass_learned_survives_a_restart_with_more_doubt(tmp_path, drive, monk
     saved = json.loads((tmp_path / "learned-vcan0.json").read_text())
     assert abs(saved["mass_kg"] - learned.mass_kg) < 100 and saved["valid"] is True
     assert saved["distance_km"] == rig.daemon.node.watch.distance_km is not None
+    assert 0.5 < saved["distance_km"] - ODOMETER_START_KM < 3.0
     with Rig(monkeypatch, settings, drive) as rig:
         assert "mass-restored" in rig.log.getvalue()
         rig.run(3)
         restored = rig.daemon.estimate(rig.now_us)
         assert abs(restored.mass_kg - learned.mass_kg) < 0.02 * learned.mass_kg
         assert restored.mass_std_kg > learned.mass_std_kg
+
+
+def test_the_distance_of_a_random_sender_is_not_stored(tmp_path, drive, monkeypatch):
+    noise = np.random.default_rng(1).integers(0, 2**64, len(drive), dtype=np.uint64)
+    data = np.where(drive.can_id == np.uint32(VDHR_ID), noise, drive.data)
+    frames = FrameBlock(drive.t_us, drive.can_id, drive.length, data)
+    with Rig(monkeypatch, config(tmp_path, "service.learn='on+save'"), frames) as rig:
+        rig.run(60)
+    saved = json.loads((tmp_path / "learned-vcan0.json").read_text())
+    assert saved["distance_km"] is None
 
 
 @pytest.mark.parametrize("learn", ["'off'", "'on'"])
