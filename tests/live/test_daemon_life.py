@@ -94,7 +94,7 @@ def test_the_distance_of_a_random_sender_is_not_stored(tmp_path, drive, monkeypa
     data = np.where(drive.can_id == np.uint32(VDHR_ID), noise, drive.data)
     frames = FrameBlock(drive.t_us, drive.can_id, drive.length, data)
     with Rig(monkeypatch, config(tmp_path, "service.learn='on+save'"), frames) as rig:
-        rig.run(60)
+        rig.run(80)
     saved = json.loads((tmp_path / "learned-vcan0.json").read_text())
     assert saved["distance_km"] is None
 
