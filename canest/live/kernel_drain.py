@@ -138,8 +138,8 @@ class KernelDrain:
         emptied = self.collect()
         count, self._used = self._used, 0
         if self._error is not None and not count:  # frames came before it, and were handed out first
-            # never from a local variable: the error refers to this frame, and in a cycle of the two our buffers
-            # live until the collector runs, which in a loop that allocates little is hardly ever
+            # never from a local variable: the error refers to this frame, and in a cycle of the two our
+            # buffers live until the collector runs, which in a loop that allocates little is hardly ever
             try:
                 raise self._error
             finally:
@@ -165,7 +165,7 @@ class KernelDrain:
 
 @cache
 def _recvmmsg() -> Any:
-    """Return the C function, one for all drains: every `ctypes.CDLL` makes a class that only the collector frees."""
+    """Return the C function, one for all: every `ctypes.CDLL` makes a class that only the collector frees."""
     function = ctypes.CDLL(None, use_errno=True).recvmmsg
     function.argtypes = [ctypes.c_int, ctypes.c_size_t, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p]
     function.restype = ctypes.c_int
