@@ -88,7 +88,7 @@ def daemon(
     from canest.live.daemon import Daemon
     from canest.live.journal import Journal
     from canest.live.kernel_drain import ask_for_stamps
-    from canest.live.link import Filters, Receiver, Transmitter
+    from canest.live.protocols import Filters, Receiver, Transmitter
     from canest.live.socketcan import SocketCanReceiver, SocketCanTransmitter, ask_for_room
 
     class UdpStandIn(SocketCanReceiver):

@@ -49,7 +49,7 @@ def play(
         raise LogError("holds decoded signals, no frames: it cannot be played onto a bus", where=log)
     import can
 
-    from canest.live.pythoncan import driver_of
+    from canest.live.drivers import driver_of
 
     try:
         out = can.Bus(interface=interface, channel=name)

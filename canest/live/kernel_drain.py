@@ -14,6 +14,7 @@ import socket
 import struct
 import time
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -137,8 +138,12 @@ class KernelDrain:
         emptied = self.collect()
         count, self._used = self._used, 0
         if self._error is not None and not count:  # frames came before it, and were handed out first
-            error, self._error = self._error, None
-            raise error
+            # never from a local variable: the error refers to this frame, and in a cycle of the two our
+            # buffers live until the collector runs, which in a loop that allocates little is hardly ever
+            try:
+                raise self._error
+            finally:
+                self._error = None
         if not count:
             return Drained(_NOTHING, before_us)
         drops = int(self._drops[count - 1]) if self._controllen[count - 1] > _STAMP_SPACE else None
@@ -158,7 +163,9 @@ class KernelDrain:
         return FrameBlock(t_us, can_id, length, data)
 
 
+@cache
 def _recvmmsg() -> Any:
+    """Return the C function, one for all: every `ctypes.CDLL` makes a class that only the collector frees."""
     function = ctypes.CDLL(None, use_errno=True).recvmmsg
     function.argtypes = [ctypes.c_int, ctypes.c_size_t, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p]
     function.restype = ctypes.c_int

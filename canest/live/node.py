@@ -9,15 +9,8 @@ from canest.frames import FrameBlock
 from canest.live.broadcast import Broadcaster
 from canest.live.citizen import Citizen
 from canest.live.estimate_frame import Estimate
-from canest.live.link import (
-    Filters,
-    Receiver,
-    Transmitter,
-    may_transmit,
-    open_link,
-    require_frames,
-    require_interface,
-)
+from canest.live.link import may_transmit, open_link, require_frames, require_interface
+from canest.live.protocols import Filters, Receiver, Transmitter
 from canest.live.watch import CVW_PGN, BusWatch
 
 _AWAKE_CLOCK: int = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)  #: only Linux has, and needs, it

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from canest.config.schema import Config
 from canest.decode.signal_map import databases_of
 from canest.live.doors import Doors
-from canest.live.link import Receiver
 from canest.live.node import Node, join
+from canest.live.protocols import Receiver
 from canest.pipeline import Listener, Pipeline
 
 #: sections of a config whose change means to leave the bus and join it anew

@@ -15,7 +15,7 @@ from collections import Counter
 from canest.errors import BusError
 from canest.frames import ERROR, FrameBlock
 from canest.live.kernel_drain import SLOTS, Drained, KernelDrain, ask_for_stamps
-from canest.live.link import Filters
+from canest.live.protocols import Filters
 from canest.vehicle.samples import STEP_US
 
 _NOTHING = FrameBlock.empty()
@@ -48,7 +48,7 @@ def ask_for_room(sock: socket.socket) -> None:
 
 
 class SocketCanReceiver:
-    """Receives from a SocketCAN interface; see `canest.live.link.Receiver`.
+    """Receives from a SocketCAN interface; see `canest.live.protocols.Receiver`.
 
     filters: (id, mask) pairs of what is wanted; the kernel drops everything else unseen.
     """
@@ -77,14 +77,14 @@ class SocketCanReceiver:
         return self._room * 1_000_000 // (2 * MOST_FRAMES_PER_S)
 
     def collect(self) -> bool:
-        """Empty the socket; see `canest.live.link.Receiver`."""
+        """Empty the socket; see `canest.live.protocols.Receiver`."""
         now_s = time.monotonic()
         if now_s >= self._look_at_s:
             self._look(now_s)
         return self._drain is None or self._drain.collect()
 
     def drain(self) -> Drained:
-        """Return what has arrived; see `canest.live.link.Receiver`."""
+        """Return what has arrived; see `canest.live.protocols.Receiver`."""
         now_s = time.monotonic()
         if now_s >= self._look_at_s:
             self._look(now_s)
@@ -225,7 +225,7 @@ class SocketCanTransmitter:
         self.counters: Counter[str] = Counter()
 
     def send(self, can_id: int, payload: bytes) -> bool:
-        """Send one frame if the interface takes it at once; see `canest.live.link.Transmitter`."""
+        """Send one frame if the interface takes it at once; see `canest.live.protocols.Transmitter`."""
         sock = self._receiver._socket  # two halves of one socket
         if sock is None:
             self.counters["dropped_interface_absent"] += 1

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from canest.decode import j1939
 from canest.frames import ERROR, EXTENDED, REMOTE, FrameBlock
 from canest.live.address_claim import CLAIM_PGN, REQUEST_PGN
-from canest.live.link import Filters
 from canest.live.odometer import Odometer
+from canest.live.protocols import Filters
 
 CVW_PGN = 65136  #: Combination Vehicle Weight
 CVW_STEP_KG, CVW_LARGEST = 10.0, 0xFAFF  #: SPN 1760, bytes 3-4

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import errno
+import gc
 import socket
 import time
+import weakref
 
 import pytest
 
@@ -114,3 +116,34 @@ def test_frames_that_came_before_a_socket_error_are_handed_out_before_it(loopbac
     with pytest.raises(OSError, match="down"):
         drain.drain()
     assert len(drain.drain().frames) == 0
+
+
+@pytest.fixture
+def no_collector():
+    """As in the daemon, whose loop allocates too little for the collector to run often."""
+    gc.collect()
+    gc.disable()
+    yield
+    gc.enable()
+
+
+@pytest.mark.usefixtures("no_collector")
+def test_the_buffers_of_a_drain_whose_socket_failed_are_freed_at_once(loopback):
+    drain = KernelDrain(loopback[0])
+    buffers = [weakref.ref(drain._frames), weakref.ref(drain._control), weakref.ref(drain._headers)]
+    drain._error = OSError(errno.ENODEV, "No such device")
+    try:
+        drain.drain()
+    except OSError as error:
+        assert error.errno == errno.ENODEV
+    del drain
+    assert [buffer() for buffer in buffers] == [None, None, None]
+
+
+@pytest.mark.usefixtures("no_collector")
+def test_a_drain_leaves_nothing_for_the_collector(loopback):
+    KernelDrain(loopback[0])  # what is made once
+    gc.collect()
+    for _ in range(10):
+        KernelDrain(loopback[0])
+    assert gc.collect() == 0
