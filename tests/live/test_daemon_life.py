@@ -51,7 +51,7 @@ def test_a_defect_is_survived_while_the_dbc_is_gone_and_a_reload_of_it_refused(t
         rig.run(3)
         rig.daemon._wants_reload = True
         rig.run(2)
-        assert rig.daemon.failures == 1 and rig.daemon.reloads == 0
+        assert rig.daemon.failures == 1 and rig.daemon.reloads.taken == 0
         refused = next(line for line in rig.log.getvalue().splitlines() if "reload-refused" in line)
         assert "own.dbc" in refused
         after = rig.daemon.estimate(rig.now_us)
@@ -120,7 +120,7 @@ def test_reload_takes_a_changed_config_over_and_keeps_the_learned_mass(tmp_path,
         before = rig.daemon.estimate(rig.now_us)
         rig.daemon._wants_reload = True
         rig.run(5)
-        assert rig.daemon.config is changed and rig.daemon.reloads == 1
+        assert rig.daemon.config is changed and rig.daemon.reloads.taken == 1
         assert len(rig.opened) == 1  # same bus: not closed, not deaf for a moment
         assert abs(rig.daemon.estimate(rig.now_us).mass_kg - before.mass_kg) < 0.03 * before.mass_kg
 
@@ -134,7 +134,7 @@ def test_reload_of_what_the_estimate_does_not_depend_on_leaves_it_alone(tmp_path
         assert before.status == Status.VALID
         rig.daemon._wants_reload = True
         rig.run(2)
-        assert rig.daemon.config is changed and rig.daemon.reloads == 1
+        assert rig.daemon.config is changed and rig.daemon.reloads.taken == 1
         assert rig.daemon.pipeline is pipeline
         assert rig.daemon.estimate(rig.now_us).status == Status.VALID
         assert "mass-restored" not in rig.log.getvalue()
@@ -161,13 +161,13 @@ def test_reload_takes_an_edited_dbc_over_and_refuses_a_broken_one(tmp_path, driv
         assert not edited(rig, text[: len(text) // 2].rsplit("BO_", 1)[0] + "BO_ nonsense")
         assert "reload-refused" in rig.log.getvalue()
         assert not edited(rig, text)  # the old one put back, or copied there again, changes nothing
-        assert rig.daemon.reloads == 1
+        assert rig.daemon.reloads.taken == 1
         assert edited(rig, text + "\n")
         assert len(rig.opened) == 2  # filters may have changed with it
         rig.daemon._wants_reload = True
         pipeline = rig.daemon.pipeline
         rig.run(2)
-        assert rig.daemon.pipeline is pipeline and rig.daemon.reloads == 3
+        assert rig.daemon.pipeline is pipeline and rig.daemon.reloads.taken == 3
 
 
 @pytest.mark.parametrize(
