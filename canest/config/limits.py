@@ -1,8 +1,8 @@
 """Refuses YAML that would take minutes, gigabytes or the C stack to load, before anything of it is built.
 
 libyaml's events come one at a time and need no recursion; what composes nodes of them recurses in C, and an
-alias or a merge key (``<<``) makes of a few hundred bytes as much as somebody likes. So the events are counted
-first. The shipped configs have some 250 values, six levels deep.
+alias or a merge key (``<<``) makes of a few hundred bytes as much as somebody likes. So the events are
+counted first. The shipped configs have up to 302 values, three levels deep.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ MOST_BYTES = 256 * 1024
 MOST_LEVELS = 32
 MOST_VALUES = 10_000  #: keys, values and list entries, those that aliases repeat counted each time
 MOST_ALIASES = 100
-#: of one key or value; Python writes no whole number of more than 4300 digits, and 3500 hexadecimal ones are fewer
+#: of one key or value; Python writes no whole number of more than 4300 digits, and 3500 hexadecimal ones
+#: are fewer
 MOST_CHARACTERS = 3500
 
 #: libyaml's safe loader where PyYAML was built with it (ten times faster), else the one in Python
@@ -27,7 +28,7 @@ LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a YAML file. Errors: ConfigError when it is too large, no UTF-8 or cannot be read."""
+    """Return the text of a YAML file. Errors: ConfigError when it is too large or cannot be read."""
     try:
         with path.open("rb") as file:
             content = file.read(MOST_BYTES + 1)
@@ -106,7 +107,8 @@ class _Count:
     def _alias(self, event: yaml.AliasEvent) -> None:
         self.aliases += 1
         if self.aliases > MOST_ALIASES:
-            raise ConfigError("too many aliases (*)", where=self._at(event), expected=f"at most {MOST_ALIASES}")
+            expected = f"at most {MOST_ALIASES}"
+            raise ConfigError("too many aliases (*)", where=self._at(event), expected=expected)
         holder = next((o for o in reversed(self.open) if o.anchor == event.anchor), None)
         # a list in itself is refused by whoever validates it; a mapping that merges itself doubles each time
         if holder is not None and (holder.is_mapping or self.open[-1].is_mapping):

@@ -33,7 +33,7 @@ _RANGE = re.compile(rb"(\d+)\s*-\s*(\d+)")
 
 
 def refuse_excess(content: bytes, where: str) -> None:
-    """Look through the content of a database file. Errors: ConfigError naming what is too large, and its line."""
+    """Look through the content of a database file. Errors: ConfigError naming what is too large."""
     if len(content) > MOST_FILE_BYTES:
         expected = f"at most {MOST_FILE_BYTES >> 20} MB"
         raise ConfigError("database too large", where=where, expected=expected)

@@ -232,13 +232,12 @@ class Daemon:
             self.journal.notice("counters", **flat(snapshot(self, now_us)))
         if self._wants_reload and not self.reloads.under_way:  # a signal meanwhile waits for its turn
             self._wants_reload = False
-            self._begin_reload(now_s)
+            if self.reloads.read is not None:
+                self._begin_reload(now_s)
 
     # -- beginning, reload, end ---------------------------------------------------------------------
 
     def _begin_reload(self, now_s: float) -> None:
-        if self.reloads.read is None:
-            return
         self.notifier.reloading()
         try:
             self.reloads.begin(self.config, self.pipeline, self._listen, now_s)
@@ -247,16 +246,17 @@ class Daemon:
 
     def _end_reload(self, now_s: float) -> None:
         """Take a changed config over once it is read; a broken one changes nothing."""
-        try:
-            prepared = self.reloads.outcome(now_s)
-            if prepared is not None:
-                self._renew(prepared)
-        except Exception as error:  # whatever is wrong with the new config, the old one stays in force
-            self._refuse_reload(error)
+        outcome = self.reloads.outcome(now_s)
+        if isinstance(outcome, Exception):
+            self._refuse_reload(outcome)
+        elif outcome is not None:
+            try:
+                self._renew(outcome)
+            except Exception as error:  # whatever is wrong with the new config, the old one stays in force
+                self._refuse_reload(error)
 
     def _refuse_reload(self, error: Exception) -> None:
-        self.reloads.refused += 1
-        self.reloads.refused_because = str(error) or type(error).__name__
+        self.reloads.note(str(error) or type(error).__name__)
         self.journal.error("reload-refused", error=self.reloads.refused_because)
         self.notifier.ready()
 
@@ -270,8 +270,7 @@ class Daemon:
             self._opened = self.receiver.opened
         self.outputs.close()
         self.outputs = Outputs(self.config, self.background)
-        self.reloads.taken += 1
-        self.reloads.refused_because = ""
+        self.reloads.note("")
         self.journal.notice("reloaded", config=self.config_name)
         self.notifier.ready()
 

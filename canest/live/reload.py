@@ -1,7 +1,7 @@
 """A changed config taken over while the daemon runs: all that it makes anew is built before any is let go.
 
-Whatever takes long (files, validation, databases, the pipeline) is done by a thread of its own, while the loop
-goes on; what touches the bus and the doors is done by the loop, in one go.
+Whatever takes long (files, validation, databases, the pipeline) is done by a thread of its own, while the
+loop goes on; what touches the bus and the doors is done by the loop, in one go.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ LONGEST_S = 120.0
 
 @dataclass(frozen=True)
 class Prepared:
-    """A config that was read, the sections in which it differs, and the pipeline it asks for (None: the old)."""
+    """A config that was read, the sections that have changed, the pipeline it asks for (None: the old)."""
 
     config: Config
     changed: frozenset[str]
@@ -91,16 +91,17 @@ class Reloads:
             try:
                 attempt.outcome = prepare(old, read, running, listener)
             except Exception as error:  # whatever is wrong with the new config
-                attempt.outcome = error
+                # its frames hold this attempt, and would keep it and the old pipeline for long
+                attempt.outcome = error.with_traceback(None)
 
         attempt.thread = threading.Thread(target=work, name="canest-reload", daemon=True)
         self._attempt = attempt
         attempt.thread.start()
 
-    def outcome(self, now_s: float) -> Prepared | None:
+    def outcome(self, now_s: float) -> Prepared | Exception | None:
         """Return what the attempt has come to, None while it goes on.
 
-        Errors: what is wrong with the config, of any type; TimeoutError when it took too long.
+        An exception, of any type, is what is wrong with the config; a TimeoutError that it took too long.
         """
         attempt = self._attempt
         if attempt is None or attempt.thread is None:
@@ -110,11 +111,15 @@ class Reloads:
                 return None
             self._given_up.append(attempt.thread)
         self._attempt = None
-        if isinstance(attempt.outcome, Exception):
-            raise attempt.outcome
-        if attempt.outcome is None:
-            raise TimeoutError(f"the config could not be read within {LONGEST_S:g} s")
-        return attempt.outcome
+        return attempt.outcome or TimeoutError(f"the config could not be read within {LONGEST_S:g} s")
+
+    def note(self, refused_because: str) -> None:
+        """Count an attempt: '' when it was taken."""
+        self.refused_because = refused_because
+        if refused_because:
+            self.refused += 1
+        else:
+            self.taken += 1
 
     def wait(self, timeout_s: float) -> None:
         """Wait for the thread of an attempt (not for the loop: tests)."""

@@ -9,11 +9,15 @@ import time
 import pytest
 
 from canest.errors import ConfigError
+from canest.live import metrics
 from canest.live.daemon import MOST_FAILURES_IN_A_ROW
+from canest.live.reload import LONGEST_S
+from canest.live.snapshot import snapshot
+from canest.live.status_view import rows
 from canest.pipeline import Pipeline
 from canest.resources import shipped
 from canest.vehicle.samples import Status
-from tests.live.rig import Rig, config, descriptors, resident_kb
+from tests.live.rig import Rig, config, descriptors, resident_kb, wait_for
 
 
 def test_a_defect_in_the_estimation_is_survived_with_the_learned_mass(tmp_path, drive, monkeypatch):
@@ -225,3 +229,90 @@ def test_a_quarter_of_an_hour_of_driving_leaves_nothing_behind(tmp_path, drive, 
         assert descriptors(ring) <= before[1]
         assert resident_kb() - before[0] < 2048
         assert rig.daemon.failures == 0
+
+
+def test_the_loop_goes_on_while_a_config_is_read_and_a_second_signal_waits_for_its_turn(
+    tmp_path, drive, monkeypatch
+):
+    import threading
+
+    settings = config(tmp_path)
+    changed = config(tmp_path, "service.save_every_s=77")
+    go_on, reading = threading.Event(), []
+
+    def slow():
+        reading.append(threading.current_thread())
+        go_on.wait(30)
+        return changed
+
+    with Rig(monkeypatch, settings, drive, reload=slow) as rig:
+        rig.waits_for_reload = False
+        rig.run(1)
+        rig.daemon._wants_reload = True
+        rig.run(10)
+        assert wait_for(lambda: len(reading) == 1) and reading[0] is not threading.current_thread()
+        frames = rig.daemon.pipeline.decoder.counters.frames
+        for _ in range(3):
+            rig.daemon._wants_reload = True
+            rig.run(5)
+        assert len(reading) == 1 and rig.daemon.config is settings
+        assert rig.daemon.pipeline.decoder.counters.frames > frames
+        go_on.set()
+        rig.waits_for_reload = True
+        rig.run(3)
+        assert rig.daemon.config is changed
+        assert rig.daemon.reloads.taken == 2 == len(reading)
+
+
+def test_a_config_that_cannot_be_read_in_time_is_refused_and_the_old_one_stays(tmp_path, drive, monkeypatch):
+    """Its file may lie on a disk that is gone."""
+    import threading
+
+    settings = config(tmp_path)
+    release = threading.Event()
+
+    def hangs():
+        release.wait(30)
+        return config(tmp_path, "service.save_every_s=77")
+
+    with Rig(monkeypatch, settings, drive, reload=hangs) as rig:
+        rig.waits_for_reload = False
+        rig.daemon._wants_reload = True
+        rig.run(LONGEST_S + 3)
+        assert rig.daemon.reloads.refused == 1
+        assert "could not be read within" in snapshot(rig.daemon, rig.now_us)["reload_refused_because"]
+        rig.daemon._wants_reload = True
+        rig.run(2)
+        assert "still being read" in snapshot(rig.daemon, rig.now_us)["reload_refused_because"]
+        release.set()
+        assert wait_for(lambda: not any(t.name == "canest-reload" for t in threading.enumerate()))
+        assert rig.daemon.config is settings
+        rig.daemon._wants_reload = True
+        rig.waits_for_reload = True
+        rig.run(2)
+        assert rig.daemon.reloads.taken == 1 and rig.daemon.config is not settings
+
+
+def test_a_refused_reload_counts_in_status_and_metrics_until_one_is_taken(tmp_path, drive, monkeypatch):
+    read = [ConfigError("unknown key", where="truck.yaml:3"), config(tmp_path)]
+
+    def reload():
+        following = read.pop(0)
+        if isinstance(following, Exception):
+            raise following
+        return following
+
+    with Rig(monkeypatch, config(tmp_path), drive, reload=reload) as rig:
+        rig.daemon._wants_reload = True
+        rig.run(2)
+        shown = snapshot(rig.daemon, rig.now_us)
+        assert shown["reloads"] == 0 and shown["reloads_refused"] == 1
+        assert shown["reload_refused_because"] == "truck.yaml:3: unknown key"
+        assert any("truck.yaml:3: unknown key" in line for _, line in rows(shown))
+        assert "canest_reloads_refused_total 1" in metrics.text(shown)
+        rig.daemon._wants_reload = True
+        rig.run(2)
+        shown = snapshot(rig.daemon, rig.now_us)
+        assert shown["reloads"] == 1 == shown["reloads_refused"] and not shown["reload_refused_because"]
+        assert not any("truck.yaml:3" in line for _, line in rows(shown))
+        assert "canest_reloads_total 1" in metrics.text(shown)
