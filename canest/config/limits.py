@@ -115,7 +115,7 @@ class _Count:
             raise ConfigError(
                 "alias to what holds it", where=self._at(event), found=f"*{event.anchor}", expected="a value"
             )
-        self._add(1 if holder is not None else self.sizes.get(event.anchor, 1), event)
+        self._add(1 if holder is not None else self.sizes.get(event.anchor or "", 1), event)
 
     def _add(self, values: int, event: yaml.Event) -> None:
         """Count values of the innermost collection; what is still open holds them all."""
@@ -137,4 +137,4 @@ class _Count:
             )
 
     def _at(self, event: yaml.Event) -> str:
-        return f"{self.where}:{event.start_mark.line + 1}"
+        return f"{self.where}:{event.start_mark.line + 1 if event.start_mark else 1}"

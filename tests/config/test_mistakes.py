@@ -403,7 +403,8 @@ def test_a_model_without_torque_or_speed_says_what_it_needs() -> None:
         (
             "name: rlsmf\n  options:\n    window_s: 2\n    forgeting: 0.9",
             "forgeting",
-            "estimator.options.forgeting: unknown option, found 'forgeting', expected an option, perhaps forgetting_mass",
+            "estimator.options.forgeting: unknown option, found 'forgeting', "
+            "expected an option, perhaps forgetting_mass",
         ),
         (
             "name: rlsmf\n  options: {forgetting_mass: 3}",
