@@ -14,10 +14,12 @@ The message form is always: where, what, what was found, what was expected.
 
 from __future__ import annotations
 
+from canest.installation import command_for
+
 
 def how_to_add(extra: str) -> str:
-    """Return how an optional part of canest is installed: from its folder, for no package index has it."""
-    return f"pip install '.[{extra}]' in the folder that canest was installed from"
+    """Return how an optional part of canest is installed, fitting how canest itself was."""
+    return command_for(extra)
 
 
 class CanestError(Exception):

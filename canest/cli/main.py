@@ -13,6 +13,7 @@ from typing import Any
 import click
 
 from canest import __version__
+from canest.cli.once import Group
 
 #: command -> (module below `canest.cli`, what it does); a module is imported when its command is called
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -25,6 +26,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "simulate": ("simulate", "Make a log with known truth from a scenario."),
     "status": ("status", "Show how a running daemon is doing."),
     "monitor": ("monitor", "Watch mass and grade live, from the broadcast alone."),
+    "config": ("config", "Print a shipped config, or the JSON Schema of configs."),
     "install-service": ("install", "Print or install the systemd unit."),
 }
 
@@ -33,7 +35,7 @@ OK, FAILED = 0, 1
 _OBJECTS_BETWEEN_COLLECTIONS = 50_000
 
 
-class _LazyGroup(click.Group):
+class _LazyGroup(Group):
     """Knows the commands' names and one-line texts without importing any of them."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:

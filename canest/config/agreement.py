@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canest.errors import ConfigError
+from canest.nearest import expected_name
 from canest.roles import ROLES
 
 if TYPE_CHECKING:
@@ -80,7 +81,8 @@ def _gear_known(config: Config, gear: int | None, i: int) -> None:
 def _roles_known(config: Config, used: dict[str, int]) -> None:
     for role in config.signals:
         if role not in ROLES and role not in used:
-            raise MisplacedError(f"unknown role, expected one of {', '.join(ROLES)}", "signals", role)
+            expected = expected_name(role, ROLES, "a role", "docs/config.md")
+            raise MisplacedError(f"unknown role, expected {expected}", "signals", role)
     for role, i in used.items():
         if role not in config.signals:
             raise MisplacedError(

@@ -10,13 +10,12 @@ import yaml
 from pydantic import ValidationError
 
 from canest.config.agreement import MisplacedError
+from canest.config.limits import LOADER, read_text, refuse_depth, refuse_excess
 from canest.config.origins import KeyPath, Origins, lines_of
 from canest.config.schema import Config
 from canest.errors import ConfigError
+from canest.nearest import expected_name
 from canest.resources import find, is_file
-
-#: libyaml's safe loader where PyYAML was built with it (ten times faster), else the one in Python
-_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def load_config(
@@ -28,11 +27,7 @@ def load_config(
     Errors: ConfigError naming file, line and key of the first mistake, and how many more there are.
     """
     path = find("configs", str(name))
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot be read ({error})", where=str(path)) from error
-    config = parse_config(text, str(path), overrides, options)
+    config = parse_config(read_text(path), str(path), overrides, options)
     local = _beside(path, config.dbc)
     return config if local == config.dbc else config.model_copy(update={"dbc": local})
 
@@ -51,8 +46,10 @@ def parse_config(
 ) -> Config:
     """Validate YAML text; ``where`` names it in errors, ``options`` as above. Errors: ConfigError."""
     try:
-        node = yaml.compose(text, Loader=_LOADER)
-        raw = yaml.load(text, Loader=_LOADER)
+        _refuse_list(text, where)
+        refuse_excess(text, where)
+        node = yaml.compose(text, Loader=LOADER)
+        raw = yaml.load(text, Loader=LOADER)
         lines = lines_of(node, where) if node is not None and isinstance(raw, dict) else {}
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
@@ -65,12 +62,7 @@ def parse_config(
     except RecursionError as error:
         raise ConfigError("nested too deeply", where=where, expected="sections of keys and values") from error
     if not isinstance(raw, dict):
-        raise ConfigError(
-            "holds no sections",
-            where=where,
-            found="nothing" if raw is None else type(raw).__name__,
-            expected="vehicle:, signals: and so on",
-        )
+        raise _no_sections("nothing" if raw is None else type(raw).__name__, where)
     changed = {key: (options or {}).get(key, "--set") for key in _apply_overrides(raw, overrides)}
     origins = Origins(where, lines, {tuple(key.split(".")): option for key, option in changed.items()})
     try:
@@ -81,6 +73,18 @@ def parse_config(
     return config
 
 
+def _refuse_list(text: str, where: str) -> None:
+    """Refuse a document that is a list, whatever is in it. Errors: ConfigError, yaml.YAMLError."""
+    first = next((e for e in yaml.parse(text, Loader=LOADER) if isinstance(e, yaml.NodeEvent)), None)
+    if isinstance(first, yaml.SequenceStartEvent):
+        raise _no_sections("list", where)
+
+
+def _no_sections(found: str, where: str) -> ConfigError:
+    expected = "vehicle:, signals: and so on"
+    return ConfigError("holds no sections", where=where, found=found, expected=expected)
+
+
 def _apply_overrides(raw: dict[str, Any], overrides: Iterable[str]) -> set[str]:
     changed = set()
     for override in overrides:
@@ -89,13 +93,15 @@ def _apply_overrides(raw: dict[str, Any], overrides: Iterable[str]) -> set[str]:
             raise ConfigError("malformed --set", found=override, expected="dotted.key=value")
         target = raw
         *parents, last = key.strip().split(".")
+        refuse_depth(len(parents) + 1, "--set")
         for part in parents:
             child = target.setdefault(part, {})
             if not isinstance(child, dict):
                 raise ConfigError(f"--set {key}: {part} is not a section")
             target = child
         try:
-            target[last] = yaml.load(value, Loader=_LOADER)
+            refuse_excess(value, f"--set {key}")
+            target[last] = yaml.load(value, Loader=LOADER)
         except (yaml.YAMLError, ValueError, RecursionError) as error:
             raise ConfigError(f"--set {key}: not a YAML value", found=value) from error
         changed.add(key.strip())
@@ -123,12 +129,19 @@ def _explain(error: ValidationError, origins: Origins) -> ConfigError:
     if first["type"] == "value_error":
         return ConfigError(f"{key}: {message}{_more(problems)}", where=origin)
     found = first.get("input")
-    shown = found if isinstance(found, str | int | float | bool) or found is None else type(found).__name__
+    shown = _short(found) if isinstance(found, str | int | float) or found is None else type(found).__name__
     return ConfigError(key, where=origin, found=shown, expected=_plain(message) + _more(problems))
 
 
+_LONGEST_SHOWN = 80
 #: pydantic's words -> words for somebody who writes YAML
 _WORDS = {"a valid ": "a ", "a integer": "a whole number", "a tuple": "a list", "a dictionary": "a section"}
+
+
+def _short(value: str | float | None) -> str | float | None:
+    """Return a value as it was written, a very long one cut: a message stays one line."""
+    text = str(value)
+    return value if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
 
 
 def _plain(message: str) -> str:
@@ -143,11 +156,12 @@ def _more(problems: list[Any]) -> str:
 
 
 def _known_keys(path: KeyPath) -> str:
-    """Return the keys that the section of ``path`` may have."""
+    """Return which key the section of ``path`` may have in its stead."""
     section: Any = Config
     for part in path[:-1]:
         fields = getattr(section, "model_fields", {})
         if part in fields:
             section = fields[part].annotation
             section = next((a for a in get_args(section) if hasattr(a, "model_fields")), section)
-    return "one of " + ", ".join(section.model_fields)
+    kind = f"a key of {path[-2]}:" if path[1:] else "a section"
+    return expected_name(path[-1], section.model_fields, kind, "canest config schema")

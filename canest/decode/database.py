@@ -14,6 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from canest.decode.database_limits import MOST_FILE_BYTES, refuse_excess
 from canest.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -37,11 +38,16 @@ def load(path: str | Path) -> Database:
         version = status.st_mtime_ns, status.st_size
         if before is not None and before[0] == version:
             return before[2]
-        content = file.read_bytes()
+        with file.open("rb") as opened:
+            content = opened.read(MOST_FILE_BYTES + 1)
     except OSError as error:
         raise _cannot_read(str(path), error) from error
     same = before is not None and before[1] == content
-    found = before[2] if before is not None and same else _parse(file, str(path))
+    if before is not None and same:
+        found = before[2]
+    else:
+        refuse_excess(content, str(path))
+        found = _parse(file, str(path))
     _parsed[file] = version, content, found
     return found
 

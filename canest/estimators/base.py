@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import Any, ClassVar
 
 from canest.errors import ConfigError
+from canest.nearest import expected_name
 from canest.vehicle.samples import EstimateBlock, ModelBlock, VehicleFacts
 
 #: estimator name -> module that defines it (imported only when used)
@@ -72,7 +73,7 @@ class Estimator(ABC):
 def require_known(name: str, where: str = "estimator.name") -> None:
     """Refuse a name that no estimator has. Errors: ConfigError."""
     if name not in REGISTRY:
-        expected = "one of " + ", ".join(REGISTRY)
+        expected = expected_name(name, REGISTRY, "an estimator")
         raise ConfigError("unknown estimator", where=where, found=name, expected=expected)
 
 

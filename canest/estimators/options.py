@@ -8,6 +8,7 @@ from typing import Any, ClassVar, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from canest.errors import ConfigError
+from canest.nearest import expected_name
 
 WHERE = "estimator.options"
 
@@ -50,8 +51,8 @@ def parse(model: type[O], options: Mapping[str, Any] | None) -> O:
         key = ".".join(str(part) for part in first["loc"])
         where = f"{WHERE}.{key}" if key else WHERE
         if first["type"] == "extra_forbidden":
-            known = ", ".join(name for name in model.model_fields)
-            raise ConfigError("unknown option", where=where, found=key, expected=f"one of {known}") from None
+            expected = expected_name(key, model.model_fields, "an option")
+            raise ConfigError("unknown option", where=where, found=key, expected=expected) from None
         found = first["input"] if key else None
         raise ConfigError(
             "wrong value", where=where, found=found, expected=_expectation(first["msg"])

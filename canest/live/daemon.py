@@ -31,7 +31,7 @@ from canest.live.node import join
 from canest.live.notify import Notifier
 from canest.live.outputs import Outputs
 from canest.live.rates import Rates
-from canest.live.reload import renew
+from canest.live.reload import Prepared, Reloads, renew
 from canest.live.schedule import Schedule
 from canest.live.snapshot import flat, one_line, snapshot
 from canest.pipeline import Estimates, Pipeline
@@ -63,14 +63,14 @@ class Daemon:
         journal: Journal | None = None,
         notifier: Notifier | None = None,
     ) -> None:
-        self.config, self.config_name, self._reload_config = config, config_name, reload
+        self.config, self.config_name, self.reloads = config, config_name, Reloads(reload)
         self.journal = journal or Journal()
         self.notifier = notifier or Notifier()
         self.pid = os.getpid()
         self.schedule, self.rates, self.paces = Schedule(), Rates(), Paces()
         self.started_us = time.monotonic_ns() // 1000
         self.background = Background()
-        self.late_frames = self.failures = self.reloads = 0
+        self.late_frames = self.failures = 0
         self._failures_in_a_row = 0
         self._stop = threading.Event()
         self._wants_reload = self._wants_snapshot = False
@@ -137,6 +137,8 @@ class Daemon:
         if now_s >= self._chores_at_s:
             self._chores_at_s = now_s + CHORES_S
             self._chores(now_us, now_s)
+        if self.reloads.under_way:
+            self._end_reload(now_s)
         self.rates.count(time.thread_time_ns())
 
     def _work(self, now_us: int, now_s: float) -> None:
@@ -229,23 +231,38 @@ class Daemon:
         if self._wants_snapshot:
             self._wants_snapshot = False
             self.journal.notice("counters", **flat(snapshot(self, now_us)))
-        if self._wants_reload:
+        if self._wants_reload and not self.reloads.under_way:  # a signal meanwhile waits for its turn
             self._wants_reload = False
-            self._reload(now_us)
+            if self.reloads.read is not None:
+                self._begin_reload(now_s)
 
     # -- beginning, reload, end ---------------------------------------------------------------------
 
-    def _reload(self, now_us: int) -> None:
-        """Take a changed config over without stopping; a broken one changes nothing."""
-        if self._reload_config is None:
-            return
+    def _begin_reload(self, now_s: float) -> None:
         self.notifier.reloading()
         try:
-            new = renew(self.config, self._reload_config, self.pipeline, self._listen, self.doors)
-        except Exception as error:  # whatever is wrong with the new config, the old one stays in force
-            self.journal.error("reload-refused", error=str(error) or type(error).__name__)
-            self.notifier.ready()
-            return
+            self.reloads.begin(self.config, self.pipeline, self._listen, now_s)
+        except Exception as error:  # no thread to be had, or one that hangs
+            self._refuse_reload(error)
+
+    def _end_reload(self, now_s: float) -> None:
+        """Take a changed config over once it is read; a broken one changes nothing."""
+        outcome = self.reloads.outcome(now_s)
+        if isinstance(outcome, Exception):
+            self._refuse_reload(outcome)
+        elif outcome is not None:
+            try:
+                self._renew(outcome)
+            except Exception as error:  # whatever is wrong with the new config, the old one stays in force
+                self._refuse_reload(error)
+
+    def _refuse_reload(self, error: Exception) -> None:
+        self.reloads.note(str(error) or type(error).__name__)
+        self.journal.error("reload-refused", error=self.reloads.refused_because)
+        self.notifier.ready()
+
+    def _renew(self, prepared: Prepared) -> None:
+        new = renew(prepared, self.pipeline, self.doors)
         self.memory = self.memory.handed_over(new.config, new.pipeline)
         self.config, self.pipeline = new.config, new.pipeline or self.pipeline
         if new.joined is not None:
@@ -254,7 +271,7 @@ class Daemon:
             self._opened = self.receiver.opened
         self.outputs.close()
         self.outputs = Outputs(self.config, self.background)
-        self.reloads += 1
+        self.reloads.note("")
         self.journal.notice("reloaded", config=self.config_name)
         self.notifier.ready()
 

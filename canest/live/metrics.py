@@ -37,6 +37,8 @@ METRICS: dict[str, tuple[str, str]] = {
     "canest_ticks_missed_total": ("counter", "Ticks that did not happen in time."),
     "canest_tick_cpu_seconds": ("gauge", "CPU time of a tick, mean of the last seconds."),
     "canest_failures_total": ("counter", "Errors inside the estimation that were survived."),
+    "canest_reloads_total": ("counter", "Configs that were read again and taken over."),
+    "canest_reloads_refused_total": ("counter", "Configs that were read again and refused."),
     "canest_uptime_seconds": ("gauge", "Time since the start."),
 }
 
@@ -91,6 +93,8 @@ def samples(snapshot: dict[str, Any]) -> Iterator[Sample]:
     yield "canest_ticks_missed_total", {}, ticks["missed"]
     yield "canest_tick_cpu_seconds", {}, ticks["cpu_us_mean"] * 1e-6
     yield "canest_failures_total", {}, snapshot["failures"]
+    yield "canest_reloads_total", {}, snapshot["reloads"]
+    yield "canest_reloads_refused_total", {}, snapshot["reloads_refused"]
     yield "canest_uptime_seconds", {}, snapshot["uptime_s"]
 
 

@@ -93,7 +93,9 @@ def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
             **{f"{k}_error": v for k, v in daemon.background.failures.copy().items()},  # a thread changes it
         },
         "failures": daemon.failures,
-        "reloads": daemon.reloads,
+        "reloads": daemon.reloads.taken,
+        "reloads_refused": daemon.reloads.refused,
+        "reload_refused_because": daemon.reloads.refused_because,
     }
     learned = daemon.memory.learned
     if learned is not None:

@@ -71,6 +71,9 @@ def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str
         lines.append(
             ("failures", f"{snapshot['failures']} errors inside the estimation were survived: see the log")
         )
+    if snapshot["reload_refused_because"]:
+        refused = f"refused, the one before is in force: {snapshot['reload_refused_because']}"
+        lines.append(("new config", refused))
     if verbose:
         lines += [(_words(sender), _counted(values)) for sender, values in snapshot["senders"].items()]
         for name in (

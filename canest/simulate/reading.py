@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
+from canest.config.limits import read_text, refuse_excess
 from canest.config.origins import KeyPath, lines_of
 from canest.errors import ConfigError
 from canest.simulate.scenario import Scenario
@@ -47,10 +48,11 @@ def load_scenario(source: Scenario | dict[str, Any] | str | Path) -> Scenario:
         return _validated(source, "scenario", {})
     path = scenario_file(source)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
+        refuse_excess(text, str(path))
         node = yaml.compose(text, Loader=yaml.SafeLoader)
         data = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, OSError) as error:
+    except (yaml.YAMLError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)
         place = f"{path}:{mark.line + 1}" if mark else str(path)
         raise ConfigError(f"not readable as YAML ({getattr(error, 'problem', error)})", where=place) from None

@@ -90,6 +90,7 @@ class Rig:
 
     def __init__(self, monkeypatch, config, frames=None, notifier=None, reload=None):
         self.time = Time()
+        self.waits_for_reload = True  #: else it runs beside us, in real time
         self.script = Script(FrameBlock.empty() if frames is None else frames, self.time)
         self.opened = []
 
@@ -115,6 +116,8 @@ class Rig:
         end_ns = self.time.now_ns + round(s * 50) * 20_000_000
         while self.time.now_ns < end_ns:
             self.daemon.beat()
+            if self.waits_for_reload:
+                self.daemon.reloads.wait(30)
         return self
 
     def run_out(self, extra_s=0.5):

@@ -11,12 +11,16 @@ import pytest
 
 from canest.errors import ConfigError
 from canest.frames import FrameBlock
+from canest.live import metrics
 from canest.live.daemon import MOST_FAILURES_IN_A_ROW
+from canest.live.reload import LONGEST_S
+from canest.live.snapshot import snapshot
+from canest.live.status_view import rows
 from canest.pipeline import Pipeline
 from canest.resources import shipped
 from canest.vehicle.samples import Status
 from tests.live.conftest import ODOMETER_START_KM, VDHR_ID
-from tests.live.rig import Rig, config, descriptors, resident_kb
+from tests.live.rig import Rig, config, descriptors, resident_kb, wait_for
 
 
 def test_a_defect_in_the_estimation_is_survived_with_the_learned_mass(tmp_path, drive, monkeypatch):
@@ -54,7 +58,7 @@ def test_a_defect_is_survived_while_the_dbc_is_gone_and_a_reload_of_it_refused(t
         rig.run(3)
         rig.daemon._wants_reload = True
         rig.run(2)
-        assert rig.daemon.failures == 1 and rig.daemon.reloads == 0
+        assert rig.daemon.failures == 1 and rig.daemon.reloads.taken == 0
         refused = next(line for line in rig.log.getvalue().splitlines() if "reload-refused" in line)
         assert "own.dbc" in refused
         after = rig.daemon.estimate(rig.now_us)
@@ -134,7 +138,7 @@ def test_reload_takes_a_changed_config_over_and_keeps_the_learned_mass(tmp_path,
         before = rig.daemon.estimate(rig.now_us)
         rig.daemon._wants_reload = True
         rig.run(5)
-        assert rig.daemon.config is changed and rig.daemon.reloads == 1
+        assert rig.daemon.config is changed and rig.daemon.reloads.taken == 1
         assert len(rig.opened) == 1  # same bus: not closed, not deaf for a moment
         assert abs(rig.daemon.estimate(rig.now_us).mass_kg - before.mass_kg) < 0.03 * before.mass_kg
 
@@ -148,7 +152,7 @@ def test_reload_of_what_the_estimate_does_not_depend_on_leaves_it_alone(tmp_path
         assert before.status == Status.VALID
         rig.daemon._wants_reload = True
         rig.run(2)
-        assert rig.daemon.config is changed and rig.daemon.reloads == 1
+        assert rig.daemon.config is changed and rig.daemon.reloads.taken == 1
         assert rig.daemon.pipeline is pipeline
         assert rig.daemon.estimate(rig.now_us).status == Status.VALID
         assert "mass-restored" not in rig.log.getvalue()
@@ -175,13 +179,13 @@ def test_reload_takes_an_edited_dbc_over_and_refuses_a_broken_one(tmp_path, driv
         assert not edited(rig, text[: len(text) // 2].rsplit("BO_", 1)[0] + "BO_ nonsense")
         assert "reload-refused" in rig.log.getvalue()
         assert not edited(rig, text)  # the old one put back, or copied there again, changes nothing
-        assert rig.daemon.reloads == 1
+        assert rig.daemon.reloads.taken == 1
         assert edited(rig, text + "\n")
         assert len(rig.opened) == 2  # filters may have changed with it
         rig.daemon._wants_reload = True
         pipeline = rig.daemon.pipeline
         rig.run(2)
-        assert rig.daemon.pipeline is pipeline and rig.daemon.reloads == 3
+        assert rig.daemon.pipeline is pipeline and rig.daemon.reloads.taken == 3
 
 
 @pytest.mark.parametrize(
@@ -239,3 +243,90 @@ def test_a_quarter_of_an_hour_of_driving_leaves_nothing_behind(tmp_path, drive, 
         assert descriptors(ring) <= before[1]
         assert resident_kb() - before[0] < 2048
         assert rig.daemon.failures == 0
+
+
+def test_the_loop_goes_on_while_a_config_is_read_and_a_second_signal_waits_for_its_turn(
+    tmp_path, drive, monkeypatch
+):
+    import threading
+
+    settings = config(tmp_path)
+    changed = config(tmp_path, "service.save_every_s=77")
+    go_on, reading = threading.Event(), []
+
+    def slow():
+        reading.append(threading.current_thread())
+        go_on.wait(30)
+        return changed
+
+    with Rig(monkeypatch, settings, drive, reload=slow) as rig:
+        rig.waits_for_reload = False
+        rig.run(1)
+        rig.daemon._wants_reload = True
+        rig.run(10)
+        assert wait_for(lambda: len(reading) == 1) and reading[0] is not threading.current_thread()
+        frames = rig.daemon.pipeline.decoder.counters.frames
+        for _ in range(3):
+            rig.daemon._wants_reload = True
+            rig.run(5)
+        assert len(reading) == 1 and rig.daemon.config is settings
+        assert rig.daemon.pipeline.decoder.counters.frames > frames
+        go_on.set()
+        rig.waits_for_reload = True
+        rig.run(3)
+        assert rig.daemon.config is changed
+        assert rig.daemon.reloads.taken == 2 == len(reading)
+
+
+def test_a_config_that_cannot_be_read_in_time_is_refused_and_the_old_one_stays(tmp_path, drive, monkeypatch):
+    """Its file may lie on a disk that is gone."""
+    import threading
+
+    settings = config(tmp_path)
+    release = threading.Event()
+
+    def hangs():
+        release.wait(30)
+        return config(tmp_path, "service.save_every_s=77")
+
+    with Rig(monkeypatch, settings, drive, reload=hangs) as rig:
+        rig.waits_for_reload = False
+        rig.daemon._wants_reload = True
+        rig.run(LONGEST_S + 3)
+        assert rig.daemon.reloads.refused == 1
+        assert "could not be read within" in snapshot(rig.daemon, rig.now_us)["reload_refused_because"]
+        rig.daemon._wants_reload = True
+        rig.run(2)
+        assert "still being read" in snapshot(rig.daemon, rig.now_us)["reload_refused_because"]
+        release.set()
+        assert wait_for(lambda: not any(t.name == "canest-reload" for t in threading.enumerate()))
+        assert rig.daemon.config is settings
+        rig.daemon._wants_reload = True
+        rig.waits_for_reload = True
+        rig.run(2)
+        assert rig.daemon.reloads.taken == 1 and rig.daemon.config is not settings
+
+
+def test_a_refused_reload_counts_in_status_and_metrics_until_one_is_taken(tmp_path, drive, monkeypatch):
+    read = [ConfigError("unknown key", where="truck.yaml:3"), config(tmp_path)]
+
+    def reload():
+        following = read.pop(0)
+        if isinstance(following, Exception):
+            raise following
+        return following
+
+    with Rig(monkeypatch, config(tmp_path), drive, reload=reload) as rig:
+        rig.daemon._wants_reload = True
+        rig.run(2)
+        shown = snapshot(rig.daemon, rig.now_us)
+        assert shown["reloads"] == 0 and shown["reloads_refused"] == 1
+        assert shown["reload_refused_because"] == "truck.yaml:3: unknown key"
+        assert any("truck.yaml:3: unknown key" in line for _, line in rows(shown))
+        assert "canest_reloads_refused_total 1" in metrics.text(shown)
+        rig.daemon._wants_reload = True
+        rig.run(2)
+        shown = snapshot(rig.daemon, rig.now_us)
+        assert shown["reloads"] == 1 == shown["reloads_refused"] and not shown["reload_refused_because"]
+        assert not any("truck.yaml:3" in line for _, line in rows(shown))
+        assert "canest_reloads_total 1" in metrics.text(shown)

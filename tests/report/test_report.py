@@ -13,6 +13,7 @@ import pytest
 
 from canest.compare import Comparison
 from canest.demo import DRIVE, TRUTH
+from canest.errors import how_to_add
 from canest.frames import FloatColumn
 from canest.gates import Gate
 from canest.pipeline import Estimates
@@ -255,7 +256,7 @@ def test_report_without_its_packages_is_one_line(tmp_path, canest_run, capsys, m
 
     monkeypatch.setitem(sys.modules, "jinja2", None)
     assert canest_run("replay", DRIVE, "-c", "class8", "--report", tmp_path / "r.html") == 1
-    assert "pip install '.[report]'" in capsys.readouterr().err
+    assert how_to_add("report") in capsys.readouterr().err
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ from types import NoneType
 from typing import Any, ClassVar, Literal, get_args, get_type_hints
 
 from canest.errors import ConfigError
+from canest.nearest import expected_name
 from canest.vehicle.columns import Columns
 
 Stage = Literal["sampling", "geometry", "crank", "driveline", "speed", "road", "load"]
@@ -78,16 +79,14 @@ def effect_from_config(entry: Mapping[str, Any], where: str = "effects") -> Effe
     name = values.pop("effect", None)
     cls = EFFECTS.get(str(name))
     if cls is None:
-        raise ConfigError(
-            "unknown effect", where=where, found=str(name), expected="one of " + ", ".join(EFFECTS)
-        )
+        expected = expected_name(str(name), EFFECTS, "an effect")
+        raise ConfigError("unknown effect", where=where, found=str(name), expected=expected)
     hints = _hints(cls.name)
     known = {f.name.removeprefix("on_"): f.name for f in fields(cls)}
     for key, value in values.items():
         if key not in known:
-            raise ConfigError(
-                f"{name}: unknown key {key}", where=where, expected="one of " + ", ".join(sorted(known))
-            )
+            expected = expected_name(str(key), sorted(known), f"a key of {name}")
+            raise ConfigError(f"{name}: unknown key {key}", where=where, expected=expected)
         _check(f"{name}.{key}", value, hints[known[key]], {**cls.parameters, **cls.settings}.get(key), where)
     for key in cls.required:
         if values.get(key) is None:

@@ -1,0 +1,24 @@
+"""What somebody who misspelt a name probably meant: a short answer, however many names there are."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+_MOST_LISTED = 12
+
+
+def expected_name(name: str, names: Iterable[str], kind: str = "one", see: str = "") -> str:
+    """Return what was expected instead of ``name``: the nearest names, else a short list of all.
+
+    kind: what is named, with its article ("a role"). see: what lists them all, where there are many.
+    """
+    known = list(names)
+    spelled = {n.lower(): n for n in reversed(known)}
+    near = [spelled[n] for n in difflib.get_close_matches(name.lower(), spelled, n=2, cutoff=0.6)]
+    if near:
+        return f"{kind}, perhaps {' or '.join(near)}"
+    listed = "one of " + ", ".join(known[:_MOST_LISTED])
+    if len(known) <= _MOST_LISTED:
+        return listed
+    return f"{listed} ... ({len(known)} in all{': ' + see if see else ''})"
