@@ -5,14 +5,16 @@ Neither is needed for the estimation: what cannot be opened at the start is told
 
 from __future__ import annotations
 
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 from canest.config.schema import Config
 from canest.errors import ConfigError
-from canest.live.files import Background
+from canest.live.files import Background, write_atomically
 from canest.live.journal import Journal
 from canest.live.metrics import MetricsServer
-from canest.live.status_socket import StatusServer, refuse_second, socket_path
+from canest.live.status_socket import StatusServer, published_path, refuse_second, socket_path
 
 
 class Doors:
@@ -65,10 +67,14 @@ class Doors:
     def _open_status(self, config: Config) -> None:
         path = socket_path(config)
         try:
-            following = StatusServer(path)
+            following = StatusServer(path, partial(self._publish, published_path(path)))
         except OSError as error:
             self._journal.warning("no-status-socket", path=path, error=error.strerror or error)
             return
         if self.status is not None:
             self.status.close(keep_name=self.status.path == path)
         self.status = following
+
+    def _publish(self, path: Path, answer: bytes) -> None:
+        write = partial(write_atomically, path, answer, durable=False)
+        self._background.submit("status", write, newest_only=True)
