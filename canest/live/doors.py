@@ -14,6 +14,7 @@ from canest.errors import ConfigError
 from canest.live.files import Background, write_atomically
 from canest.live.journal import Journal
 from canest.live.metrics import MetricsServer
+from canest.live.sandbox import explained
 from canest.live.status_socket import StatusServer, published_path, refuse_second, socket_path
 
 
@@ -34,7 +35,7 @@ class Doors:
             try:
                 self.metrics = MetricsServer(port, self.latest)
             except OSError as error:
-                journal.warning("no-metrics-port", port=port, error=error.strerror or error)
+                journal.warning("no-metrics-port", port=port, error=explained(error, "AF_INET"))
         self._open_status(config)
 
     def follow(self, config: Config) -> None:
@@ -52,7 +53,7 @@ class Doors:
             try:
                 self.metrics = None if port is None else MetricsServer(port, self.latest)
             except OSError as error:
-                what = f"cannot be opened ({error.strerror or error})"
+                what = f"cannot be opened ({explained(error, 'AF_INET')})"
                 raise ConfigError(what, where=config.at("service.metrics_port"), found=port) from error
             if old is not None:  # its thread takes half a second to end, which is not the loop's to wait for
                 self._background.submit("metrics_port", old.close)

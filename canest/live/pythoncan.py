@@ -17,6 +17,7 @@ from canest.errors import BusError, how_to_add
 from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.live.kernel_drain import Drained
 from canest.live.link import REOPEN_S, Filters
+from canest.live.sandbox import refused
 from canest.vehicle.samples import STEP_US
 
 # Where asammdf is installed, python-can imports it for its log formats: a second and 80 MB that a bus has no
@@ -158,7 +159,7 @@ class PythonCanReceiver:
         except (can.CanInterfaceNotImplementedError, ImportError):
             raise
         except Exception as error:  # drivers raise anything when a device is not there
-            self.reason = _words_of(error)
+            self.reason = "; ".join(filter(None, (_words_of(error), refused(self._config))))
             self.counters["open_failed"] += 1
             self._retry_at_s = time.monotonic() + REOPEN_S
             return
