@@ -21,8 +21,8 @@ FRESH_US = 400_000  #: an estimate older than this is no estimate of now
 
 _NONE_8 = 0xFF
 _AT_ONCE = -(1 << 62)
-_CVW_PRIORITY = 6
-_GRADE_STEP, _GRADE_OFFSET, _GRADE_LARGEST, _PCC1_PRIORITY = 0.00125, -0.16, 0xFA, 3  #: SPN 7432, byte 4
+_PRIORITY = {CVW_PGN: 6, PCC1_PGN: 3}
+_GRADE_STEP, _GRADE_OFFSET, _GRADE_LARGEST = 0.00125, -0.16, 0xFA  #: SPN 7432, byte 4
 _CVW_PERIOD_US, _PCC1_PERIOD_US = 1_000_000, 100_000
 
 
@@ -60,6 +60,13 @@ class Broadcaster:
             return Estimate()
         return self._estimate
 
+    def available(self, now_us: int, taken: Set[int] = frozenset()) -> frozenset[int]:
+        """Return the groups that can be sent now: without those ``taken``, or with nothing valid to send."""
+        estimate = self.current(now_us)
+        own = {self._config.pgn}
+        standard = {pgn for pgn in self._beats if _standard_payload(pgn, estimate) is not None}
+        return frozenset((own | standard) - taken)
+
     def frames(
         self, now_us: int, address: int, requested: Set[int], taken: Set[int] = frozenset()
     ) -> list[Frame]:
@@ -86,14 +93,18 @@ class Broadcaster:
             payload = encode(estimate, self._counter, can_id)
             self._counter = (self._counter + 1) % 16
             return can_id, payload
-        # others take what stands in a standard place for a fact: only what is trusted goes there
-        if estimate.status != Status.VALID:
-            return None
-        if pgn == CVW_PGN:
-            standard, priority = cvw_payload(estimate.mass_kg), _CVW_PRIORITY
-        else:
-            standard, priority = pcc1_payload(estimate.grade), _PCC1_PRIORITY
-        return None if standard is None else (j1939.pack(pgn, address, priority), standard)
+        standard = _standard_payload(pgn, estimate)
+        return None if standard is None else (j1939.pack(pgn, address, _PRIORITY[pgn]), standard)
+
+
+def _standard_payload(pgn: int, estimate: Estimate) -> bytes | None:
+    """Return what is sent in a group of the standard, None where nothing is."""
+    # others take what stands in a standard place for a fact: only what is trusted goes there
+    if estimate.status != Status.VALID:
+        return None
+    if pgn == CVW_PGN:
+        return cvw_payload(estimate.mass_kg)
+    return pcc1_payload(estimate.grade) if pgn == PCC1_PGN else None
 
 
 def cvw_payload(mass_kg: float) -> bytes | None:

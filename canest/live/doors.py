@@ -5,14 +5,17 @@ Neither is needed for the estimation: what cannot be opened at the start is told
 
 from __future__ import annotations
 
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 from canest.config.schema import Config
 from canest.errors import ConfigError
-from canest.live.files import Background
+from canest.live.files import Background, write_atomically
 from canest.live.journal import Journal
 from canest.live.metrics import MetricsServer
-from canest.live.status_socket import StatusServer, refuse_second, socket_path
+from canest.live.sandbox import explained
+from canest.live.status_socket import StatusServer, published_path, refuse_second, socket_path
 
 
 class Doors:
@@ -32,7 +35,7 @@ class Doors:
             try:
                 self.metrics = MetricsServer(port, self.latest)
             except OSError as error:
-                journal.warning("no-metrics-port", port=port, error=error.strerror or error)
+                journal.warning("no-metrics-port", port=port, error=explained(error, "AF_INET"))
         self._open_status(config)
 
     def follow(self, config: Config) -> None:
@@ -50,7 +53,7 @@ class Doors:
             try:
                 self.metrics = None if port is None else MetricsServer(port, self.latest)
             except OSError as error:
-                what = f"cannot be opened ({error.strerror or error})"
+                what = f"cannot be opened ({explained(error, 'AF_INET')})"
                 raise ConfigError(what, where=config.at("service.metrics_port"), found=port) from error
             if old is not None:  # its thread takes half a second to end, which is not the loop's to wait for
                 self._background.submit("metrics_port", old.close)
@@ -65,10 +68,14 @@ class Doors:
     def _open_status(self, config: Config) -> None:
         path = socket_path(config)
         try:
-            following = StatusServer(path)
+            following = StatusServer(path, partial(self._publish, published_path(path)))
         except OSError as error:
             self._journal.warning("no-status-socket", path=path, error=error.strerror or error)
             return
         if self.status is not None:
             self.status.close(keep_name=self.status.path == path)
         self.status = following
+
+    def _publish(self, path: Path, answer: bytes) -> None:
+        write = partial(write_atomically, path, answer, durable=False)
+        self._background.submit("status", write, newest_only=True)

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
+import stat
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
 from canest.config.load import parse_config
-from canest.errors import ConfigError, OutputError
+from canest.errors import CanestError, ConfigError, OutputError
 from canest.generated import refuse_edited, stamped
 from canest.live.files import write_atomically
+from canest.live.sandbox import DROP_IN, drop_in
+from canest.live.unit_syntax import assignment, require_folder, require_instance
 from canest.resources import find, is_file, shipped
 
 UNIT = "canest@.service"
 _PATH_LINE = "Environment=PATH="
+#: DynamicUser= runs the service as a user who owns none of its files
+_FILE_MODE, _FOLDER_MODE = 0o644, 0o755
 _HOMES = ("/home", "/root", "/run/user")
 
 
@@ -31,14 +37,18 @@ class Installed:
 
 
 def unit_text(executable: Path | None = None) -> str:
-    """Return the unit; its PATH begins with the directory of this canest, wherever that is installed."""
+    """Return the unit; its PATH begins with the directory of this canest, wherever that is installed.
+
+    Errors: OutputError where that directory cannot stand in a PATH.
+    """
     text = (shipped("systemd") / UNIT).read_text(encoding="utf-8")
-    folder = (executable or this_executable()).parent
+    folder = require_folder((executable or this_executable()).parent)
     lines = []
     for line in text.splitlines():
         if line.startswith(_PATH_LINE):
             folders = line.removeprefix(_PATH_LINE).split(":")
-            line = _PATH_LINE + ":".join([str(folder), *(f for f in folders if f != str(folder))])
+            path = ":".join([folder, *(f for f in folders if f != folder)])
+            line = f"Environment={assignment('PATH', path)}"
         lines.append(line)
     return "\n".join(lines) + "\n"
 
@@ -90,15 +100,17 @@ def install(
     """
     done = Installed()
     executable = this_executable()
-    if str(executable).startswith(_HOMES):
+    if any(executable.is_relative_to(home) for home in _HOMES):
         done.notes.append(
             f"canest is installed in {executable.parent}, which the unit's ProtectHome=yes hides: "
             "install it in /opt/canest (python3 -m venv /opt/canest && /opt/canest/bin/pip install CLONE)"
         )
     unit = root / "etc/systemd/system" / UNIT
-    instance = name or (config.stem if config is not None else None)
-    if instance is not None and ("/" in instance or not instance.isprintable() or " " in instance):
-        raise ConfigError("is no name for an instance", where="--name", found=instance, expected="e.g. truck")
+    instance = None
+    if name is not None:
+        instance = require_instance(name, "--name")
+    elif config is not None:
+        instance = require_instance(config.stem, str(config))
     try:
         content = stamped(unit_text(executable).encode())
         if not force:
@@ -115,6 +127,8 @@ def install(
                     )
                 else:
                     _write(folder / file, source.read_bytes(), done)
+            _allow_network(unit.with_name(f"canest@{instance}.service.d") / DROP_IN, done)
+            _note_unreadable([unit, done.config, *(folder / n for n in databases)], root, done)
     except OSError as error:
         raise OutputError(
             f"cannot be written ({error.strerror})", where=str(error.filename or unit), expected="root: sudo"
@@ -128,10 +142,38 @@ def install(
     return done
 
 
+def _allow_network(path: Path, done: Installed) -> None:
+    """Write the drop-in that the config in force needs, beside what else lies there."""
+    try:
+        config = parse_config(done.config.read_text(encoding="utf-8")) if done.config is not None else None
+        content = None if config is None else drop_in(config)
+    except (CanestError, UnicodeDecodeError):
+        return  # an older config that is refused: whoever installs is told so
+    there = path.read_text(encoding="utf-8", errors="replace") if path.exists() else None
+    if there is not None and there != content:
+        needed = "uses no network" if content is None else f"needs {', '.join(content.splitlines()[2:])}"
+        done.notes.append(f"{path} exists and was kept: the config {needed}")
+    elif content is not None and there is None:
+        _write(path, content.encode(), done)
+
+
 def _write(path: Path, content: bytes, done: Installed) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, content)
+    """Write a file that the service's own user can read, whatever the umask."""
+    for folder in reversed([f for f in path.parents if not f.exists()]):
+        folder.mkdir()
+        folder.chmod(_FOLDER_MODE)
+    write_atomically(path, content)  # mode 0644
     done.written.append(path)
+
+
+def _note_unreadable(files: Iterable[Path], root: Path, done: Installed) -> None:
+    """Note what was there before such that the service's own user cannot read it."""
+    folders = {f for file in files for f in file.parents if f.is_relative_to(root) and f != root}
+    for path in (*sorted(folders), *files):
+        needed = (_FOLDER_MODE if path.is_dir() else _FILE_MODE) & stat.S_IRWXO
+        if path.stat().st_mode & needed != needed:
+            change = "a+rx" if path.is_dir() else "a+r"
+            done.notes.append(f"the service cannot read {path}: chmod {change} {shlex.quote(str(path))}")
 
 
 def _reload_systemd(done: Installed) -> None:

@@ -1,42 +1,68 @@
-"""An HTTP server for one page that nobody can make hold much: few connections at once, none for long."""
+"""An HTTP server for one page whose clients cannot hold it up: few connections at once, none for long."""
 
 from __future__ import annotations
 
+import contextlib
+import socket
 import threading
+import time
 from socketserver import ThreadingMixIn
-from typing import Any
+from typing import Any, NamedTuple
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
-_CONNECTIONS = 8  #: at once; more are closed unanswered
-_PATIENCE_S = 2.0  #: with a client that says nothing, or does not read
+_CONNECTIONS = 8  #: at once; the oldest one is closed for a new one
+_DEADLINE_S = 2.0  #: of a connection as a whole, whatever arrives meanwhile
+_PACE_S = 0.005  #: between two connections: a flood of them must not take the interpreter from the estimation
 
 
 class _Handler(WSGIRequestHandler):
-    timeout = _PATIENCE_S
+    timeout = _DEADLINE_S
 
     def log_message(self, *_: object) -> None:
         """Say nothing: what a client does wrong is its own affair."""
 
 
-class _Server(ThreadingMixIn, WSGIServer):
-    daemon_threads = True
-    _places: threading.Semaphore
+class _Connection(NamedTuple):
+    request: socket.socket
+    thread: threading.Thread
+    opened_s: float
 
-    def server_activate(self) -> None:
-        self._places = threading.Semaphore(_CONNECTIONS)
-        super().server_activate()
+    def cut(self) -> None:
+        """End what is read from it and written to it; its thread then closes it."""
+        with contextlib.suppress(OSError):  # closed already
+            self.request.shutdown(socket.SHUT_RDWR)
+
+
+class _Server(ThreadingMixIn, WSGIServer):
+    """The connections are kept by the thread that accepts them alone, oldest first."""
+
+    request_queue_size = 128
+    _open: tuple[_Connection, ...] = ()
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        if self._places.acquire(blocking=False):
-            super().process_request(request, client_address)
-        else:
-            self.shutdown_request(request)
+        self.service_actions()
+        if len(self._open) >= _CONNECTIONS:
+            # a scrape takes milliseconds, so the oldest of many connections is the one that dawdles
+            self._open[0].cut()
+            self._open[0].thread.join(_DEADLINE_S)
+        thread = threading.Thread(
+            target=self.process_request_thread, args=(request, client_address), daemon=True
+        )
+        thread.start()
+        self._open = (*self._open, _Connection(request, thread, time.monotonic()))
+        time.sleep(_PACE_S)
 
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._places.release()
+    def service_actions(self) -> None:
+        """Close the connections whose time is over; called twice a second and with every new one."""
+        self._open = tuple(c for c in self._open if c.thread.is_alive())
+        for connection in self._open:
+            if time.monotonic() - connection.opened_s > _DEADLINE_S:
+                connection.cut()
+
+    def server_close(self) -> None:
+        super().server_close()
+        for connection in self._open:
+            connection.cut()
 
     def handle_error(self, *_: object) -> None:
         """Say nothing, as above."""

@@ -70,11 +70,13 @@ class Node:
             if not transmitter.send(can_id, payload):
                 citizen.claim.not_sent(now_us)
         address = citizen.address_to_speak_from(now_us)
-        if address is None:
-            return
         taken = {CVW_PGN} if self.watch.mass_is_sent_by_others(now_us) else set()
-        for can_id, payload in broadcaster.frames(now_us, address, citizen.requested, taken):
+        available = frozenset() if address is None else broadcaster.available(now_us, taken)
+        for can_id, payload in citizen.refusals(now_us, available):
             transmitter.send(can_id, payload)
+        if address is not None:
+            for can_id, payload in broadcaster.frames(now_us, address, citizen.requested, taken):
+                transmitter.send(can_id, payload)
         citizen.requested.clear()
 
     def silence(self, now_us: int) -> str:

@@ -19,6 +19,7 @@ from canest.live import drivers
 from canest.live.driver_thread import DriverThread, Job
 from canest.live.kernel_drain import Drained
 from canest.live.protocols import REOPEN_S, Filters
+from canest.live.sandbox import refused
 from canest.vehicle.samples import STEP_US
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ class _Opening:
         except drivers.MISSING as error:
             self.missing, self.reason = error.with_traceback(None), drivers.error_text(error)
         except Exception as error:  # drivers raise anything when a device is not there
-            self.reason = drivers.error_text(error)
+            self.reason = "; ".join(filter(None, (drivers.error_text(error), refused(self._config))))
 
 
 class PythonCanReceiver:

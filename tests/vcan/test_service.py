@@ -11,14 +11,18 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import rig
+
+import canest.live.install
 
 pytestmark = [pytest.mark.vcan, pytest.mark.guest]
 
 BUS = "vts"
 UNIT = "canest@guest.service"
+GROUP = "239.74.163.2"
 CONFIG = Path("/etc/canest/guest.yaml")
 STATE = Path("/var/lib/canest/guest")
 UNITS = Path("/etc/systemd/system")
@@ -213,6 +217,51 @@ def test_sigterm_ends_within_a_second_with_the_mass_saved(ears: rig.Ears) -> Non
     assert next(STATE.glob("learned-*.json")).stat().st_mtime >= begin_wall_s - 0.1
     rig.wait_until(lambda: show("ActiveState") == "inactive", 20.0, "systemd to note it", ASK_S)
     assert (show("Result"), show("ExecMainStatus")) == ("success", "0")
+
+
+def status_of_odd() -> dict[str, Any] | None:
+    path = Path(f"/run/canest/odd/status-udp_multicast-{GROUP}.sock")
+    try:
+        return rig.ask(path)["bus"]
+    except OSError:
+        return None
+
+
+def test_installed_from_any_folder_with_a_private_umask_it_reaches_the_network_its_config_names(
+    unit: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shipped_unit = UNITS / "canest@.service"
+    before = shipped_unit.read_text()
+    program = Path("/opt/my canest 50%i/bin/canest")
+    program.parent.mkdir(parents=True)
+    program.write_bytes(Path("/opt/canest/bin/canest").read_bytes())
+    for path in (program, program.parent, program.parents[1]):
+        path.chmod(0o755)
+    monkeypatch.setattr(canest.live.install, "this_executable", lambda: program)
+    config = tmp_path / "odd.yaml"
+    multicast = f"interface: udp_multicast, channel: {GROUP}"
+    config.write_text(config_text().replace(f"interface: socketcan, channel: {BUS}", multicast))
+    rig.ip("link", "set", "lo", "up")
+    rig.ip("route", "add", f"{GROUP}/32", "dev", "lo")
+    umask = os.umask(0o077)
+    try:
+        done = canest.live.install.install(config, None)
+        systemctl("start", "canest@odd.service", timeout_s=300)
+        first = subprocess.check_output(["systemctl", "show", "--property=Environment", "canest@odd.service"])
+        assert str(program.parent) in first.decode()
+        assert rig.wait_until(status_of_odd, 60.0, "its status", ASK_S)["state"] == "up"
+        (drop_in,) = (path for path in done.written if path.name == "network.conf")
+        drop_in.unlink()
+        systemctl("daemon-reload")
+        systemctl("restart", "canest@odd.service", timeout_s=300)
+        bus = rig.wait_until(status_of_odd, 60.0, "its status", ASK_S)
+        assert bus["state"] == "absent"
+        assert "RestrictAddressFamilies of the unit forbids AF_INET" in bus["reason"]
+    finally:
+        os.umask(umask)
+        subprocess.run(["systemctl", "stop", "canest@odd.service"], check=False, timeout=60)
+        shipped_unit.write_text(before)
+        systemctl("daemon-reload")
 
 
 @pytest.mark.parametrize("name", ["can0.network"])

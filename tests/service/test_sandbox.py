@@ -1,0 +1,73 @@
+"""What a service is told whose unit forbids the sockets that its config needs."""
+
+from __future__ import annotations
+
+import errno
+import io
+import socket
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from canest.config import load_config
+from canest.config.bus import Bus
+from canest.live.doors import Doors
+from canest.live.files import Background
+from canest.live.journal import Journal
+from canest.live.link import open_link
+
+MULTICAST = Bus(interface="udp_multicast", channel="239.74.163.2")
+FORBIDDEN = "RestrictAddressFamilies of the unit forbids AF_INET: canest install-service"
+
+
+@pytest.fixture
+def no_inet(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sockets of AF_INET fail as under the unit, in python-can and everywhere else."""
+    whole = socket.socket.__init__
+
+    def init(self: Any, family: int = -1, *rest: Any, **named: Any) -> None:
+        if family == socket.AF_INET:
+            raise OSError(errno.EAFNOSUPPORT, "Address family not supported by protocol")
+        whole(self, family, *rest, **named)
+
+    monkeypatch.setattr(socket.socket, "__init__", init)
+
+
+@pytest.mark.usefixtures("no_inet")
+@pytest.mark.parametrize(
+    ("under_systemd", "told"), [(True, FORBIDDEN), (False, "this system allows no AF_INET sockets")]
+)
+def test_a_forbidden_multicast_says_what_forbids_it(
+    monkeypatch: pytest.MonkeyPatch, under_systemd: bool, told: str
+) -> None:
+    if under_systemd:
+        monkeypatch.setenv("INVOCATION_ID", "0" * 32)
+    else:
+        monkeypatch.delenv("INVOCATION_ID", raising=False)
+    receiver, _ = open_link(MULTICAST, [(0, 0)], transmit=False)
+    assert receiver.state == "absent" and told in receiver.reason
+    receiver.close()
+
+
+@pytest.mark.usefixtures("no_inet")
+def test_a_forbidden_metrics_port_says_what_forbids_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("prometheus_client")
+    monkeypatch.setenv("INVOCATION_ID", "0" * 32)
+    changes = [f"service.state_dir={tmp_path}", "service.metrics_port=9464"]
+    log, background = io.StringIO(), Background()
+    doors = Doors(load_config("vcan", changes), Journal(log), background)
+    assert FORBIDDEN in log.getvalue()
+    doors.close()
+    background.close(1.0)
+
+
+def test_an_interface_that_is_merely_absent_is_not_blamed_on_the_unit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("INVOCATION_ID", "0" * 32)
+    receiver, _ = open_link(Bus(interface="udp_multicast", channel="10.0.0.1"), [(0, 0)], transmit=False)
+    assert receiver.state == "absent" and "RestrictAddressFamilies" not in receiver.reason
+    receiver.close()
