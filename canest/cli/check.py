@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 from click.core import ParameterSource
 
-from canest.cli.options import config_option, load, override_options
+from canest.cli.options import config_option, load, log_budget_option, override_options
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -48,6 +48,7 @@ COLUMNS = ("role", "need", "expected as", "verdict", "from", "rate Hz", "values"
 @click.option("--json", "json_path", metavar="PATH", help="Write the findings as JSON ('-': to stdout).")
 @click.option("--strict", is_flag=True, help="Exit with 1 when something stops the estimator.")
 @click.option("--channel", metavar="NAME", help="Use this interface of the log only.")
+@log_budget_option
 @override_options
 def command(
     log: str | None,

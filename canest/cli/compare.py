@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from canest.cli.options import config_option, load, override_options, truth_options
+from canest.cli.options import config_option, load, log_budget_option, override_options, truth_options
 
 if TYPE_CHECKING:
     from canest.compare import Comparison
@@ -38,6 +38,7 @@ _FILE_WIDTH = 160
 @click.option("--json", "json_path", metavar="PATH", help="Write the table as JSON ('-': to stdout).")
 @click.option("--report", metavar="HTML", help="Write an HTML report with all curves over the truth.")
 @click.option("--channel", metavar="NAME", help="Use this interface of the log only.")
+@log_budget_option
 @click.option("--compiled/--interpreted", default=None, help="Kernels by numba or not (default: by length).")
 def command(
     log: str,

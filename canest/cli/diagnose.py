@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from canest.cli.options import MASS, config_option, load, override_options
+from canest.cli.options import MASS, config_option, load, log_budget_option, override_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -59,6 +59,7 @@ SHOWN = 6
               "its segments join the logs, oldest first.")  # fmt: skip
 @click.option("-o", "--output", required=True, metavar="DIR", help="Directory for the three files.")
 @click.option("--channel", metavar="NAME", help="Use this interface of the logs only (can0, can1, ...).")
+@log_budget_option
 @override_options
 def command(
     logs: tuple[str, ...],
