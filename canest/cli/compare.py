@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from canest import terminal
 from canest.cli.options import config_option, load, log_budget_option, override_options, truth_options
 
 if TYPE_CHECKING:
@@ -113,13 +114,12 @@ def _known(only: str) -> list[str]:
 
 def _show(log: str, result: Comparison) -> None:
     from rich import box
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
     from canest.report.compare_page import COLUMNS, cells, ranked
 
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else _FILE_WIDTH)
+    console = terminal.console(highlight=False, width=None if sys.stdout.isatty() else _FILE_WIDTH)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=escape(log), title_justify="left")
     table.add_column("estimator", no_wrap=True)
     for _, title, _ in COLUMNS:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from canest import terminal
 from canest.cli.options import MASS, config_option, load, log_budget_option, override_options
 
 if TYPE_CHECKING:
@@ -182,13 +183,12 @@ def _truths(paths: Sequence[Path], truth: str | None) -> list[Path | None] | Non
 
 def _show(diagnosis: Diagnosis, found: Sequence[Entry]) -> None:
     """Print the finding, before and after, and the best candidates."""
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     from canest.diagnose.tell import entry_name, entry_value, score_rows
 
-    console = Console(highlight=False)
+    console = terminal.console(highlight=False)
     if not console.is_terminal:
         console.width = 140
     problem = diagnosis.problem

@@ -60,9 +60,7 @@ class _Budget(click.ParamType):  # type: ignore[type-arg,unused-ignore]
     name = "budget"
     _KEYS = {"time": "time_s", "unpacked": "unpacked", "memory": "memory_mb"}  # noqa: RUF012
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> LogBudget:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> LogBudget:
         """Return the budget; anything else is a usage error."""
         from canest.logs.budget import NO_BUDGET, LogBudget
 

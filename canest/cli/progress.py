@@ -8,6 +8,8 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+from canest import terminal
+
 if TYPE_CHECKING:
     from rich.progress import Progress
 
@@ -35,10 +37,9 @@ class _Shown:
 
         with self._lock:
             if self._progress is None:
-                from rich.console import Console
                 from rich.progress import Progress
 
-                self._progress = Progress(console=Console(stderr=True), transient=True)
+                self._progress = Progress(console=terminal.console(stderr=True), transient=True)
                 self._task = self._progress.add_task("", total=self._total)
                 self._progress.start()
             text = escape(self._text)
