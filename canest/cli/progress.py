@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from canest import terminal
+from canest.errors import printable
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -42,7 +43,7 @@ class _Shown:
                 self._progress = Progress(console=terminal.console(stderr=True), transient=True)
                 self._task = self._progress.add_task("", total=self._total)
                 self._progress.start()
-            text = escape(self._text)
+            text = escape(printable(self._text))
             self._progress.update(self._task, completed=self._done, total=self._total, description=text)
 
     def __enter__(self) -> Any:
