@@ -14,7 +14,18 @@ The message form is always: where, what, what was found, what was expected.
 
 from __future__ import annotations
 
+import re
+
 from canest.installation import command_for
+
+#: what steers a terminal or the order of its letters: control characters (but for tab and line feed), marks
+#: of direction and of no width
+_STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")
+
+
+def printable(text: str) -> str:
+    """Return text with whatever would steer a terminal as Python writes it."""
+    return _STEERING.sub(lambda match: ascii(match[0])[1:-1], text)
 
 
 def how_to_add(extra: str) -> str:
@@ -37,7 +48,7 @@ class CanestError(Exception):
             parts.append(f"found {found!r}" if isinstance(found, str) else f"found {found}")
         if expected:
             parts.append(f"expected {expected}")
-        super().__init__(", ".join(parts).replace("\n", " "))
+        super().__init__(printable(", ".join(parts).replace("\n", " ")))
 
 
 class UsageError(CanestError):

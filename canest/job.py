@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canest.errors import UsageError
+from canest.logs.budget import LogBudget, current_budget, log_budget
 from canest.logs.compression import ARCHIVE_SUFFIXES
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ class Job:
     mass_kg: float | None = None
     after_s: float = 60.0
     channel: str | None = None
+    budget: LogBudget = field(default_factory=current_budget)  #: it runs in another process, perhaps
 
     @property
     def name(self) -> str:
@@ -35,6 +37,10 @@ class Job:
 
     def run(self, config: Config, progress: Progress | None = None) -> ReplayResult:
         """Replay the log. Errors: CanestError."""
+        with log_budget(self.budget):
+            return self._run(config, progress)
+
+    def _run(self, config: Config, progress: Progress | None) -> ReplayResult:
         from canest.replay import replay
 
         recorder = None

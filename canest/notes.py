@@ -9,10 +9,12 @@ from canest.vehicle.samples import RATE_HZ
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from canest.grid.clock import Clock
     from canest.intake import Intake
     from canest.logs.base import LogReader
 
 _LINES_SHOWN = 3
+_ADDRESSES_SHOWN = 8
 
 
 def log_notes(reader: LogReader) -> list[str]:
@@ -35,6 +37,20 @@ def log_notes(reader: LogReader) -> list[str]:
     return notes
 
 
+def interleaved_clocks(clock: Clock) -> str:
+    """Return that stamps come from two clocks in turn, and what was left out; '' where they do not."""
+    others = clock.of_another_clock
+    if not others:
+        return ""
+    named = ", ".join(f"0x{address:02X}" for address in sorted(clock.other_addresses)[:_ADDRESSES_SHOWN])
+    more = len(clock.other_addresses) - _ADDRESSES_SHOWN
+    senders = (f" from {named}" + (f" and {more} more" if more > 0 else "")) if named else ""
+    return (
+        f"two clocks are interleaved: {others:,} of {clock.stamps:,} stamps{senders} lie far from those "
+        "around them and were left out; record with one clock, or take one interface"
+    )
+
+
 def stream_notes(intake: Intake, frozen: Mapping[str, int] | None = None) -> list[str]:
     """Return what could not be used of all that an intake was given, one sentence each.
 
@@ -46,6 +62,8 @@ def stream_notes(intake: Intake, frozen: Mapping[str, int] | None = None) -> lis
         notes.append(
             "time stamps: " + ", ".join(f"{n:,} {name.replace('_', ' ')}" for name, n in mended.items())
         )
+    if interleaved := interleaved_clocks(intake.clock):
+        notes.append(interleaved)
     lost = intake.decoder.counters.lost()
     if lost:
         notes.append("not decoded: " + ", ".join(f"{n:,} {what}" for what, n in lost.items()))

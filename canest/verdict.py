@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from canest.notes import interleaved_clocks
 from canest.roles import ROLES
 from canest.vehicle.driveline import CLUTCHES
 from canest.vehicle.model import LongitudinalModel
@@ -107,6 +108,8 @@ def why_no_time(clock: Clock) -> str:
     """Return that time stands still, runs backwards or is told by two clocks, '' where it passes."""
     set_back, stamps = clock.counters["clock_set_back"], clock.stamps
     backward = clock.counters["reordered"] + set_back
+    if interleaved := interleaved_clocks(clock):
+        return interleaved
     if 2 * backward > stamps:
         # small steps alone, never far back: no clock, but the time from each frame to the next
         differences = "" if set_back else " (candump -t d writes differences, -t a writes times)"

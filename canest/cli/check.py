@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import click
 from click.core import ParameterSource
 
-from canest.cli.options import config_option, load, override_options
+from canest import terminal
+from canest.cli.options import config_option, load, log_budget_option, override_options
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -48,6 +49,7 @@ COLUMNS = ("role", "need", "expected as", "verdict", "from", "rate Hz", "values"
 @click.option("--json", "json_path", metavar="PATH", help="Write the findings as JSON ('-': to stdout).")
 @click.option("--strict", is_flag=True, help="Exit with 1 when something stops the estimator.")
 @click.option("--channel", metavar="NAME", help="Use this interface of the log only.")
+@log_budget_option
 @override_options
 def command(
     log: str | None,
@@ -156,12 +158,11 @@ def _listen(config: Config, seconds: float) -> Iterator[FrameBlock]:
 
 def _show(report: Report, title: str) -> None:
     from rich import box
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
     from rich.text import Text
 
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else _FILE_WIDTH)
+    console = terminal.console(highlight=False, width=None if sys.stdout.isatty() else _FILE_WIDTH)
     console.print(title, soft_wrap=True, markup=False)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     columns = [c for c in COLUMNS if console.width >= _WIDE or c not in ("need", "error")]

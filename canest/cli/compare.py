@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from canest.cli.options import config_option, load, override_options, truth_options
+from canest import terminal
+from canest.cli.options import config_option, load, log_budget_option, override_options, truth_options
 
 if TYPE_CHECKING:
     from canest.compare import Comparison
@@ -38,6 +39,7 @@ _FILE_WIDTH = 160
 @click.option("--json", "json_path", metavar="PATH", help="Write the table as JSON ('-': to stdout).")
 @click.option("--report", metavar="HTML", help="Write an HTML report with all curves over the truth.")
 @click.option("--channel", metavar="NAME", help="Use this interface of the log only.")
+@log_budget_option
 @click.option("--compiled/--interpreted", default=None, help="Kernels by numba or not (default: by length).")
 def command(
     log: str,
@@ -112,13 +114,12 @@ def _known(only: str) -> list[str]:
 
 def _show(log: str, result: Comparison) -> None:
     from rich import box
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
     from canest.report.compare_page import COLUMNS, cells, ranked
 
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else _FILE_WIDTH)
+    console = terminal.console(highlight=False, width=None if sys.stdout.isatty() else _FILE_WIDTH)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=escape(log), title_justify="left")
     table.add_column("estimator", no_wrap=True)
     for _, title, _ in COLUMNS:

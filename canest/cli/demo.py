@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from canest import terminal
 from canest.cli.options import changes, override_options
 
 if TYPE_CHECKING:
@@ -74,10 +75,9 @@ def _print(session: Session) -> None:
 
 def _draw(session: Session) -> None:
     """Draw a live panel on a terminal."""
-    from rich.console import Console
     from rich.live import Live
 
-    console = Console()
+    console = terminal.console()
     view = _View(session.speed, session.config.estimator.name, console.width)
     with Live(console=console, auto_refresh=False) as live:
         for moment in session.play(1 / REFRESH_HZ):

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from canest.cli.options import MASS, config_option, load, override_options
+from canest import terminal
+from canest.cli.options import MASS, config_option, load, log_budget_option, override_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -59,6 +60,7 @@ SHOWN = 6
               "its segments join the logs, oldest first.")  # fmt: skip
 @click.option("-o", "--output", required=True, metavar="DIR", help="Directory for the three files.")
 @click.option("--channel", metavar="NAME", help="Use this interface of the logs only (can0, can1, ...).")
+@log_budget_option
 @override_options
 def command(
     logs: tuple[str, ...],
@@ -181,13 +183,12 @@ def _truths(paths: Sequence[Path], truth: str | None) -> list[Path | None] | Non
 
 def _show(diagnosis: Diagnosis, found: Sequence[Entry]) -> None:
     """Print the finding, before and after, and the best candidates."""
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     from canest.diagnose.tell import entry_name, entry_value, score_rows
 
-    console = Console(highlight=False)
+    console = terminal.console(highlight=False)
     if not console.is_terminal:
         console.width = 140
     problem = diagnosis.problem

@@ -152,7 +152,12 @@ def _tell(error: Exception, debug: bool) -> int:
 
 
 def _have_streams() -> None:
-    """Write to nothing where a stream is closed, and what an encoding lacks as '?': no work is lost by it."""
+    """Write to nothing where a stream is closed, and what an encoding lacks as '?': no work is lost by it.
+
+    What steers a terminal is shown instead: names of files, keys and logs hold anything.
+    """
+    from canest.terminal import EscapingStream
+
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
@@ -162,6 +167,7 @@ def _have_streams() -> None:
             stream.errors == "strict" or not stream.encoding.lower().startswith("utf")
         ):
             stream.reconfigure(errors="replace")
+        setattr(sys, name, EscapingStream(getattr(sys, name)))
 
 
 def _forget_stdout() -> None:

@@ -6,7 +6,9 @@ import time
 
 import click
 
+from canest import terminal
 from canest.cli.options import config_option, load
+from canest.errors import printable
 
 REFRESH_HZ = 5.0
 
@@ -29,7 +31,6 @@ def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: 
     """Watch mass and grade live, from the broadcast alone."""
     from contextlib import nullcontext
 
-    from rich.console import Console
     from rich.live import Live
 
     from canest.config.bus import Broadcast, Bus
@@ -56,9 +57,9 @@ def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: 
                 f"--pgn: found {pgn!r}, expected a proprietary-B group, e.g. 0xFF5A"
             ) from error
     receiver, _ = open_link(section, [j1939.kernel_filter(group)], transmit=False)
-    view = LiveView(group, f"canest on {section.interface}:{section.channel}")
+    view = LiveView(group, printable(f"canest on {section.interface}:{section.channel}"))
     end_s = time.monotonic() + seconds if seconds is not None else float("inf")
-    console = Console()
+    console = terminal.console()
     # a picture needs a terminal that can draw over it; a pipe or a dumb one gets a line a second
     draws = console.is_terminal and not console.is_dumb_terminal
     told_s = -float("inf")

@@ -10,6 +10,7 @@ import click
 
 if TYPE_CHECKING:
     from canest.config.schema import Config
+    from canest.logs.budget import LogBudget
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -51,6 +52,53 @@ def override_options(function: F) -> F:
     ):  # fmt: skip
         function = option(function)
     return function
+
+
+class _Budget(click.ParamType):  # type: ignore[type-arg,unused-ignore]
+    """time=SECONDS,unpacked=TIMES,memory=MB: some of them or all, or none for no limit."""
+
+    name = "budget"
+    _KEYS = {"time": "time_s", "unpacked": "unpacked", "memory": "memory_mb"}  # noqa: RUF012
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> LogBudget:
+        """Return the budget; anything else is a usage error."""
+        from canest.logs.budget import NO_BUDGET, LogBudget
+
+        if isinstance(value, LogBudget):
+            return value
+        if value == "none":
+            return NO_BUDGET
+        limits: dict[str, float] = {}
+        for part in value.split(","):
+            key, _, number = part.strip().partition("=")
+            if key not in self._KEYS:
+                self.fail(
+                    f"found {part.strip()!r}, expected time=SECONDS, unpacked=TIMES or memory=MB.", param, ctx
+                )
+            try:
+                limit = math.inf if number == "none" else float(number)
+            except ValueError:
+                limit = math.nan
+            if not limit > 0:
+                self.fail(f"{key}: found {number!r}, expected a number above 0 or none.", param, ctx)
+            limits[self._KEYS[key]] = limit
+        return LogBudget(**limits)
+
+
+def log_budget_option(function: F) -> F:
+    """Add the option that says what reading one log may cost, for every log that the command opens."""
+
+    def enter(ctx: click.Context, param: click.Parameter, value: LogBudget | None) -> None:
+        if value is not None:
+            from canest.logs.budget import log_budget
+
+            ctx.with_resource(log_budget(value))
+
+    return click.option(
+        "--log-budget", type=_Budget(), expose_value=False, callback=enter, metavar="LIMITS",
+        help="What reading one log may cost: time=SECONDS of computing (default 60, and 60 more per 100 MB), "
+             "unpacked=TIMES its size (200), memory=MB (2000); or none.",
+    )(function)  # fmt: skip
 
 
 def truth_options(function: F) -> F:

@@ -8,6 +8,9 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+from canest import terminal
+from canest.errors import printable
+
 if TYPE_CHECKING:
     from rich.progress import Progress
 
@@ -35,13 +38,12 @@ class _Shown:
 
         with self._lock:
             if self._progress is None:
-                from rich.console import Console
                 from rich.progress import Progress
 
-                self._progress = Progress(console=Console(stderr=True), transient=True)
+                self._progress = Progress(console=terminal.console(stderr=True), transient=True)
                 self._task = self._progress.add_task("", total=self._total)
                 self._progress.start()
-            text = escape(self._text)
+            text = escape(printable(self._text))
             self._progress.update(self._task, completed=self._done, total=self._total, description=text)
 
     def __enter__(self) -> Any:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from canest.cli.options import config_option, load, override_options, truth_options
+from canest.cli.options import config_option, load, log_budget_option, override_options, truth_options
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -44,6 +44,7 @@ _TABLE_ENDINGS = (".csv", ".parquet", ".txt", "")
 @truth_options
 @override_options
 @click.option("--channel", metavar="NAME", help="Use this interface of the log only (can0, can1, ...).")
+@log_budget_option
 @click.option(
     "--to",
     "bus",

@@ -2,7 +2,8 @@
 
 Nothing here looks at a wall clock. A stamp that goes back a little (two channels interleaved, a
 reordered pair) is clamped and counted; one that goes back further, or a silence longer than the grid
-holds, starts a new stretch of time.
+holds, starts a new stretch of time. Where that happens again and again two clocks are interleaved: one is
+then followed, and frames of the other are left out, since stretches of a frame each teach nothing.
 """
 
 from __future__ import annotations
@@ -12,7 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from canest.frames import FrameBlock
+from canest.frames import EXTENDED, BoolColumn, FrameBlock
+
+#: a clock that was set back more often than this is two clocks
+_INTERLEAVED_AFTER = 200
+#: so many frames of the other one in a row, and it is followed
+_OTHER_IN_A_ROW = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +41,9 @@ class Clock:
         self.last_us: int | None = None
         self.stamps = 0  #: seen so far
         self.counters = {"reordered": 0, "gaps": 0, "clock_set_back": 0}
+        self.of_another_clock = 0  #: frames left out
+        self.other_addresses: set[int] = set()  #: who sent the frames of another clock, where that is told
+        self._others = 0  #: of them since the last frame of the one that is followed
 
     def split(self, frames: FrameBlock) -> Iterator[Stretch]:
         """Yield the stretches of a block (in order)."""
@@ -50,19 +59,23 @@ class Clock:
         if min(step, steps.min(initial=0)) < 0 or max(step, steps.max(initial=0)) > self.hold_us:
             yield from self._split_slowly(frames)
             return
-        self.last_us = int(t_us[-1])
+        self.last_us, self._others = int(t_us[-1]), 0
         yield Stretch(frames, "gap" if first else "")
 
     def _split_slowly(self, frames: FrameBlock) -> Iterator[Stretch]:
         """Walk a block that holds a jump: frame by frame, since every clamp moves the reference."""
-        t_us = frames.t_us.copy()
+        t_us, kept = frames.t_us.copy(), np.ones(len(frames), np.bool_)
         begin, jump, before = 0, "gap" if self.last_us is None else "", None
         last = int(t_us[0]) if self.last_us is None else self.last_us
         for i, stamp in enumerate(frames.t_us.tolist()):
             step = stamp - last
             if step < -self._max_backward_us or step > self.hold_us:
-                if i > begin:
-                    yield Stretch(self._part(frames, t_us, begin, i), jump, before)
+                self._others += 1
+                if self.counters["clock_set_back"] >= _INTERLEAVED_AFTER and self._others <= _OTHER_IN_A_ROW:
+                    kept[i] = False
+                    continue
+                if kept[begin:i].any():
+                    yield Stretch(self._part(frames, t_us, kept, slice(begin, i)), jump, before)
                 begin, jump, before = i, "back" if step < 0 else "gap", last
                 self.counters["clock_set_back" if step < 0 else "gaps"] += 1
                 last = stamp
@@ -71,10 +84,19 @@ class Clock:
                 t_us[i] = last
             else:
                 last = stamp
+            self._others = 0
         self.last_us = last
-        yield Stretch(self._part(frames, t_us, begin, len(t_us)), jump, before)
+        self._count_others(frames, ~kept)
+        if kept[begin:].any():
+            yield Stretch(self._part(frames, t_us, kept, slice(begin, None)), jump, before)
+
+    def _count_others(self, frames: FrameBlock, others: BoolColumn) -> None:
+        self.of_another_clock += int(others.sum())
+        can_id = frames.can_id[others]
+        extended = can_id[(can_id & np.uint32(EXTENDED)) != 0]
+        self.other_addresses.update(np.unique(extended & np.uint32(0xFF)).tolist())
 
     @staticmethod
-    def _part(frames: FrameBlock, t_us: np.ndarray, begin: int, end: int) -> FrameBlock:
-        cut = slice(begin, end)
-        return FrameBlock(t_us[cut], frames.can_id[cut], frames.length[cut], frames.data[cut])
+    def _part(frames: FrameBlock, t_us: np.ndarray, kept: BoolColumn, cut: slice) -> FrameBlock:
+        part = FrameBlock(t_us[cut], frames.can_id[cut], frames.length[cut], frames.data[cut])
+        return part if kept[cut].all() else part[np.flatnonzero(kept[cut])]

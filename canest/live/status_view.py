@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+from canest import terminal
+
 _COLOURS = {"valid": "green", "converging": "yellow"}
 _QUIET = frozenset({"late_frames", "opened"})
 
 
 def show(snapshot: dict[str, Any], verbose: bool = False) -> None:
     """Print one snapshot."""
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
-    console = Console(highlight=False)
+    console = terminal.console(highlight=False)
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim")
     table.add_column()

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from types import TracebackType
 
 import numpy as np
@@ -112,7 +113,7 @@ class LogReader(ABC):
     def __iter__(self) -> Iterator[FrameBlock | TableBlock]:
         _keep_heap()
         with self._source:
-            yield from self._blocks()
+            yield from self._metered()
             self.truncated_reason = self.truncated_reason or self._source.damage
         if not self.frames and self.skipped_lines:
             number, text, reason = self.skipped[0]
@@ -129,6 +130,16 @@ class LogReader(ABC):
                 expected=f"one of {self.channels_text()}",
             )
 
+    def _metered(self) -> Iterator[FrameBlock | TableBlock]:
+        """Yield the blocks; what is done with them in between costs the log nothing."""
+        with contextlib.closing(self._blocks()) as blocks:
+            while True:
+                with self._source.meter:
+                    block = next(blocks, None)
+                if block is None:
+                    return
+                yield block
+
     def close(self) -> None:
         """Close the file (iterating to the end does)."""
         self._source.close()
@@ -142,7 +153,7 @@ class LogReader(ABC):
         self.close()
 
     @abstractmethod
-    def _blocks(self) -> Iterator[FrameBlock | TableBlock]: ...
+    def _blocks(self) -> Generator[FrameBlock | TableBlock]: ...
 
 
 class CandumpReader(LogReader):
@@ -176,7 +187,7 @@ class CandumpReader(LogReader):
         """Frames per interface so far."""
         return self._parser.channels
 
-    def _blocks(self) -> Iterator[FrameBlock]:
+    def _blocks(self) -> Generator[FrameBlock]:
         blocks: list[FrameBlock] = []
         held = 0
         for block in self._parsed():

@@ -16,6 +16,7 @@ from types import TracebackType
 from typing import Any, BinaryIO
 
 from canest.errors import LogError
+from canest.logs.budget import Meter, stored_bytes
 
 #: how archives of one log are named
 ARCHIVE_SUFFIXES = (".gz", ".xz", ".zst", ".bz2")
@@ -45,9 +46,9 @@ class Source:
     """A log file opened for reading; use as a context manager.
 
     bytes_done, bytes_total: of the file as stored (for a progress bar); total is 0 for a pipe.
-    damage: '' or why the archive ended before its end.
+    damage: '' or why the archive ended before its end. meter: what reading it costs.
 
-    Errors: LogError when the file cannot be opened or read.
+    Errors: LogError when the file cannot be opened or read, or costs more than its budget.
     """
 
     def __init__(self, path: Path) -> None:
@@ -59,6 +60,8 @@ class Source:
             self.bytes_total = path.stat().st_size
         except OSError as error:
             raise LogError(f"cannot open: {error.strerror or error}", where=str(path)) from None
+        self.is_file = path.is_file()
+        self.meter = Meter(path, stored_bytes(self._file) if self.is_file else 0)
         head = self._raw(_MAGIC_BYTES)
         self._head = head
         self._make: Callable[[], Any] | None = None
@@ -74,7 +77,7 @@ class Source:
     @property
     def is_plain(self) -> bool:
         """Return whether the file itself holds the log, and may be read at any place: no archive, no pipe."""
-        return not self.archive and self.path.is_file()
+        return not self.archive and self.is_file
 
     def __enter__(self) -> Source:
         return self
@@ -114,10 +117,14 @@ class Source:
                     break
                 self._machine = self._start()
             try:
-                out += self._machine.decompress(piece, *self._limit)
+                unpacked = self._machine.decompress(piece, *self._limit)
+            except MemoryError:
+                raise
             except Exception as error:  # each library has its own, with no common root
                 self.damage = f"the {self.archive} archive is damaged ({error})".replace("\n", " ")
                 break
+            self.meter.unpack(len(unpacked))
+            out += unpacked
             if self._holds_back:
                 break
             piece = self._machine.unused_data if self._machine.eof else b""
@@ -136,4 +143,6 @@ class Source:
         except OSError as error:
             raise LogError(f"cannot read: {error.strerror or error}", where=str(self.path)) from None
         self.bytes_done += len(data)
+        if not self.is_file:  # a pipe's size is what has come through so far
+            self.meter.stored = self.bytes_done
         return data

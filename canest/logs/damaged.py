@@ -1,35 +1,115 @@
-"""Opens binary logs that are damaged or cut short: what they still hold, and no noise."""
+"""Opens binary logs that are damaged, cut short or made to harm: what they still hold, and no noise."""
 
 from __future__ import annotations
 
 import contextlib
 import io
+import itertools
+import logging
+import re
+import sqlite3
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from canest.errors import LogError
+
 _HEADER_BYTES = 100
+#: what python-can and asammdf make of a damaged file, asammdf with tracebacks
+_LOGGERS = ("can.io", "asammdf", "canmatrix")
+#: messages read at once, for hushing costs as much as reading one
+_MESSAGES = 256
+#: header of a BLF object: signature, header size and version, then a size of 0, which python-can never passes
+_BLF_EMPTY = re.compile(rb"LOBJ.{4}\0{4}", re.DOTALL)
+#: the longest text or blob of a row, where a frame needs 64 bytes
+_CELL_BYTES_MAX = 1 << 20
 
 
 @contextlib.contextmanager
 def hushed() -> Iterator[None]:
-    """Keep asammdf quiet: what it prints, and the destructor of what it could not construct.
+    """Keep the libraries quiet: what they print and log, and the destructor of what could not be constructed.
 
-    Only for opening: meanwhile nobody else's output is heard either.
+    Only for short steps: meanwhile nobody else's output to stdout is heard either.
     """
+    loggers = [logging.getLogger(name) for name in _LOGGERS]
+    enabled = [logger for logger in loggers if not logger.disabled]
     before, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    for logger in enabled:
+        logger.disabled = True
     try:
         with contextlib.redirect_stdout(io.StringIO()):
             yield
     finally:
         sys.unraisablehook = before
+        for logger in enabled:
+            logger.disabled = False
 
 
-def sqlite_reader(path: str) -> Any:
+def hushed_messages(reader: Iterable[Any]) -> Iterator[Any]:
+    """Yield what a reader of python-can yields, before whatever it raises."""
+    with hushed():
+        messages = iter(reader)
+    while True:
+        held: list[Any] = []
+        damage: Exception | None = None
+        with hushed():
+            try:
+                held.extend(itertools.islice(messages, _MESSAGES))
+            except Exception as error:  # whatever a damaged file makes of it
+                damage = error
+        yield from held
+        if damage is not None:
+            raise damage
+        if not held:
+            return
+
+
+def blf_reader(file: Any) -> Any:
+    """Return python-can's reader of a BLF file, which ends at an object of size 0 as at other damage."""
+    import can
+    from can.io.blf import BLFParseError
+
+    class Reader(can.BLFReader):
+        def _parse_data(self, data: bytes) -> Iterator[can.Message]:
+            empty = _BLF_EMPTY.search(data)
+            if empty is None:
+                return super()._parse_data(data)
+            return self._parse_until(data[: empty.start()])
+
+        def _parse_until(self, data: bytes) -> Iterator[can.Message]:
+            yield from super()._parse_data(data)
+            raise BLFParseError("an object of size 0")
+
+    clipped: Any = _Clipped(file)
+    return Reader(clipped)
+
+
+class _Clipped:
+    """A file that is never asked for more than it has: what a damaged size announces costs no memory."""
+
+    def __init__(self, file: Any) -> None:
+        self._file, self._size = file, file.seek(0, io.SEEK_END)
+        file.seek(0)
+
+    def read(self, size: int = -1) -> bytes:
+        data: bytes = self._file.read(min(size, self._size))
+        return data
+
+    def write(self, _: object) -> int:
+        """Take nothing; python-can takes for a file whatever has this."""
+        return 0
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def sqlite_reader(path: str, log: Path) -> Any:
     """Return python-can's reader of a database; of one that is cut short, for what its whole pages hold.
 
-    `file_size` of the reader is what the header announces (SQLite's file format, 1.3.2 and 1.3.7).
+    log: what a message names. `file_size` of the reader is what the header announces (SQLite's file format,
+    1.3.2 and 1.3.7).
+    Errors: LogError where `messages` is no table but a query, which need not have an end.
     """
     import can
 
@@ -41,10 +121,41 @@ def sqlite_reader(path: str) -> Any:
     page = 65536 if page == 1 else page
     announced = page * int.from_bytes(header[28:32], "big")
     whole = size >= announced
-    reader: Any = can.SqliteReader(path if whole else ":memory:")
-    if not whole:
+    reader: Any = can.SqliteReader(":memory:")
+    if whole:
+        reader._conn.close()
+        reader._conn = sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True)
+        reader._cursor = reader._conn.cursor()
+    else:
         if pages := file.read_bytes()[: size - size % page]:
             reader._conn.deserialize(pages)
         reader._cursor.execute("PRAGMA writable_schema=ON")  # otherwise SQLite refuses all of it
+    reader._conn.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _CELL_BYTES_MAX)
+    reader._conn.set_progress_handler(_let_python_look, 100_000)
+    reader._cursor.execute("PRAGMA trusted_schema=OFF")
+    _refuse_query(reader, log)
     reader.file_size = announced
     return reader
+
+
+def _refuse_query(reader: Any, log: Path) -> None:
+    """Refuse a view or a virtual table. Errors: LogError."""
+    kinds = reader._cursor.execute(
+        "SELECT type, rootpage FROM sqlite_master "
+        "WHERE name = ? COLLATE NOCASE AND type IN ('table', 'view')",
+        (reader.table_name,),
+    ).fetchall()
+    for kind, root in kinds:
+        if kind == "view" or not root:
+            found = "a view" if kind == "view" else "a virtual table"
+            raise LogError(
+                f"`{reader.table_name}` is no plain table",
+                where=str(log),
+                found=found,
+                expected="a table of frames",
+            )
+
+
+def _let_python_look() -> int:
+    """Be called by SQLite every so many steps; Python takes signals between its own."""
+    return 0

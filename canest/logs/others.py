@@ -8,7 +8,8 @@ import logging
 import math
 import re
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.logs.base import LogReader
 from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
 from canest.logs.compression import Source
-from canest.logs.damaged import hushed, sqlite_reader
+from canest.logs.damaged import blf_reader, hushed, hushed_messages, sqlite_reader
 from canest.logs.lines import CLASSIC_BYTES
 from canest.logs.textlines import Lines, in_plain_words
 
@@ -84,7 +85,7 @@ class PythonCanReader(LogReader):
         """The first of them: (line or record number, text, reason)."""
         return self._skipped
 
-    def _blocks(self) -> Iterator[FrameBlock]:
+    def _blocks(self) -> Generator[FrameBlock]:
         held: list[tuple[int, int, int, int]] = []
         for message in self._messages():
             frame = self._frame(message)
@@ -106,22 +107,33 @@ class PythonCanReader(LogReader):
             return
         # these formats are read at any place: what is packed, or comes through a pipe, becomes a file first
         with tempfile.NamedTemporaryFile(suffix=self._suffix) as unpacked:
-            unpacked.write(self._head)
-            while piece := self._source.read(_TEXT_BYTES):
-                unpacked.write(piece)
-            unpacked.seek(0)
+            self._unpack(unpacked)
             yield from self._binary_messages(unpacked.file)  # asammdf knows no wrapper
+
+    def _unpack(self, file: Any) -> None:
+        try:
+            file.write(self._head)
+            while piece := self._source.read(_TEXT_BYTES):
+                file.write(piece)
+            file.seek(0)
+        except OSError as error:
+            raise LogError(
+                f"cannot be unpacked into {file.name}: {error.strerror or error}",
+                where=str(self.path),
+                expected="room for it (TMPDIR names another place)",
+            ) from None
 
     def _binary_messages(self, file: Any) -> Iterator[Any]:
         import can
 
-        make: Any = {".blf": can.BLFReader, ".mf4": can.MF4Reader, ".db": sqlite_reader}[self._suffix]
+        of_database = partial(sqlite_reader, log=self.path)
+        make: Any = {".blf": blf_reader, ".mf4": can.MF4Reader, ".db": of_database}[self._suffix]
         source = file.name if self._suffix == ".db" else file  # sqlite opens by name only
         damage, announced = "", 0
         with hushed():
             try:
                 reader = self._reader(make, source)
-            except LogError:
+            except (LogError, MemoryError):
                 raise
             except Exception as error:  # whatever a damaged file makes of python-can
                 damage = _reason(error)
@@ -130,8 +142,10 @@ class PythonCanReader(LogReader):
         if not damage:
             try:
                 announced = getattr(reader, "file_size", 0)
-                with _quiet(), reader:
-                    yield from reader
+                with reader:
+                    yield from hushed_messages(reader)
+            except MemoryError:
+                raise
             except Exception as error:  # as above
                 damage = _reason(error)
         if damage and not self._frames:
@@ -162,7 +176,7 @@ class PythonCanReader(LogReader):
                     for message in self._reader(kind, lines):
                         lines.claim()
                         yield message
-            except LogError:
+            except (LogError, MemoryError):
                 raise
             except Exception as error:  # as above
                 lines.claim()

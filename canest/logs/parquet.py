@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Collection, Iterator
+import tempfile
+from collections.abc import Collection, Generator, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ class ParquetReader(TableReader):
         super().__init__(source, time_column, wanted)
         self._head, self._block_rows = head, block_rows
 
-    def _blocks(self) -> Iterator[TableBlock]:
+    def _blocks(self) -> Generator[TableBlock]:
         try:
             import pyarrow as pa
             import pyarrow.parquet as pq
@@ -39,15 +40,19 @@ class ParquetReader(TableReader):
                 expected=f"the pyarrow package: {how_to_add('formats')}",
             ) from None
         try:
-            file = pq.ParquetFile(self.path if self._source.is_plain else self._unpacked())
-            self.columns = list(file.schema_arrow.names)
-            names = [self.columns[position] for position in self._choose()]
-            seen = 0
-            for batch in file.iter_batches(batch_size=self._block_rows, columns=names):
-                values = np.column_stack([self._cells(batch.column(name), name, seen) for name in names])
-                numbers = np.arange(seen + 1, seen + 1 + len(values))
-                seen += len(values)
-                yield self._block(names, values, numbers)
+            with self._stored() as stored:
+                file = pq.ParquetFile(stored)
+                self.columns = list(file.schema_arrow.names)
+                names = [self.columns[position] for position in self._choose()]
+                self._source.meter.refuse_memory(_largest_group_bytes(file.metadata, names))
+                seen = 0
+                for batch in file.iter_batches(batch_size=self._block_rows, columns=names):
+                    values = np.column_stack([self._cells(batch.column(name), name, seen) for name in names])
+                    numbers = np.arange(seen + 1, seen + 1 + len(values))
+                    seen += len(values)
+                    yield self._block(names, values, numbers)
+        except MemoryError:
+            raise
         except (pa.ArrowException, OSError) as error:
             if not self.frames:
                 raise LogError("no readable parquet file", where=str(self.path), found=str(error)) from None
@@ -68,13 +73,30 @@ class ParquetReader(TableReader):
                 self._note_text(name, seen + row + 1, str(cell))
         return numbers
 
-    def _unpacked(self) -> io.BytesIO:
-        whole = io.BytesIO()
-        whole.write(self._head)
-        while piece := self._source.read(_READ_BYTES):
-            whole.write(piece)
-        whole.seek(0)
-        return whole
+    @contextmanager
+    def _stored(self) -> Iterator[Any]:
+        """Yield a file that can be read at any place: of an archive or a pipe a copy."""
+        if self._source.is_plain:
+            yield self.path
+            return
+        with tempfile.TemporaryFile() as unpacked:
+            unpacked.write(self._head)
+            while piece := self._source.read(_READ_BYTES):
+                unpacked.write(piece)
+            unpacked.seek(0)
+            yield unpacked
+
+
+def _largest_group_bytes(metadata: Any, names: Collection[str]) -> int:
+    """Return what the columns of the largest row group take up, unpacked."""
+    largest = 0
+    for group in range(metadata.num_row_groups):
+        columns = [metadata.row_group(group).column(k) for k in range(metadata.num_columns)]
+        largest = max(
+            largest,
+            sum(c.total_uncompressed_size for c in columns if c.path_in_schema.split(".")[0] in names),
+        )
+    return largest
 
 
 def _floats(column: Any) -> NDArray[np.float64] | None:

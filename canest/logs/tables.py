@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Generator
 from datetime import UTC, datetime
 
 import numpy as np
@@ -135,7 +135,7 @@ class CsvReader(TableReader):
         self._head, self._block_rows = head, block_rows
         self._lines_seen = 0
 
-    def _blocks(self) -> Iterator[TableBlock]:
+    def _blocks(self) -> Generator[TableBlock]:
         pending: list[str] = []
         header: list[str] | None = None
         for line in text_lines(self._source, self._head, self._cut_off):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from canest.frames import FrameBlock
 from canest.grid.clock import Clock
@@ -10,8 +11,11 @@ from canest.grid.clock import Clock
 HOLD_US, BACK_US = 2_000_000, 500_000
 
 
+HOUR_US = 3_600_000_000
+
+
 def block(*stamps: int) -> FrameBlock:
-    return FrameBlock.from_frames([(t, i, bytes([i])) for i, t in enumerate(stamps)])
+    return FrameBlock.from_frames([(t, i, bytes([i % 256])) for i, t in enumerate(stamps)])
 
 
 def split(clock: Clock, *stamps: int) -> list[tuple[str, int | None, list[int]]]:
@@ -63,3 +67,49 @@ def test_a_clamped_stamp_does_not_move_the_reference() -> None:
     for stamp in (600_000, 550_000, 500_000):  # each within the limit of the newest, not of the one before
         assert split(clock, stamp) == [("", None, [1_000_000])]
     assert split(clock, 499_999) == [("back", 1_000_000, [499_999])]
+
+
+def interleaved(count: int, apart_us: int) -> list[int]:
+    return [1000 * (i // 2) + (apart_us if i % 2 else 0) for i in range(count)]
+
+
+@pytest.mark.parametrize("apart_us", [-HOUR_US, HOUR_US, 1_500_000])
+def test_of_two_interleaved_clocks_one_is_followed(apart_us: int) -> None:
+    clock = Clock(hold_us=2_000_000, max_backward_us=1_000_000)
+    stretches = list(clock.split(block(*interleaved(100_000, apart_us))))
+    assert clock.counters["clock_set_back"] == 200
+    assert clock.of_another_clock > 49_000
+    assert len(stretches) < 500
+    last = stretches[-1].frames.t_us
+    assert len(last) > 49_000
+    assert set(np.diff(last[2:]).tolist()) == {1000}
+
+
+def test_interleaved_clocks_are_cut_the_same_wherever_the_blocks_end() -> None:
+    stamps = interleaved(5000, HOUR_US)
+    whole, parts = (Clock(hold_us=2_000_000, max_backward_us=1_000_000) for _ in range(2))
+    at_once = [t for s in whole.split(block(*stamps)) for t in s.frames.t_us.tolist()]
+    piecewise: list[int] = []
+    for first in range(0, len(stamps), 7):
+        for stretch in parts.split(block(*stamps[first : first + 7])):
+            assert len(stretch.frames)
+            piecewise += stretch.frames.t_us.tolist()
+    assert at_once == piecewise
+    assert (whole.counters, whole.of_another_clock) == (parts.counters, parts.of_another_clock)
+
+
+def test_when_the_followed_clock_falls_silent_the_other_one_is_followed() -> None:
+    clock = Clock(hold_us=2_000_000, max_backward_us=1_000_000)
+    stamps = interleaved(5000, HOUR_US)
+    followed = [s.frames.t_us[-1] for s in clock.split(block(*stamps))][-1]
+    other = [int(followed) % HOUR_US + (0 if followed >= HOUR_US else HOUR_US) + 1000 * k for k in range(500)]
+    stretches = list(clock.split(block(*other)))
+    assert sum(len(s.frames) for s in stretches) >= 400
+    assert clock.last_us == other[-1]
+
+
+def test_a_few_hundred_clocks_set_back_lose_no_frame() -> None:
+    clock = Clock(hold_us=2_000_000, max_backward_us=1_000_000)
+    stamps = [5_000_000 * (i % 2) for i in range(400)]
+    assert sum(len(s.frames) for s in clock.split(block(*stamps))) == 400
+    assert clock.of_another_clock == 0

@@ -227,3 +227,16 @@ def test_an_export_of_time_differences_is_refused_by_name(tmp_path):
         LogError, match="'timestamps relative', expected an export with `timestamps absolute`"
     ):
         read_all(path)
+
+
+@MF4_ONLY
+def test_a_damaged_mf4_makes_no_noise(tmp_path, capfd):
+    path = write(tmp_path / "drive.mf4")
+    content = bytearray(path.read_bytes())
+    for at in range(300, len(content), 97):  # descriptions, names and links alike
+        content[at] ^= 0x55
+    path.write_bytes(content)
+    with contextlib.suppress(LogError):
+        list(open_log(path))
+    gc.collect()
+    assert capfd.readouterr() == ("", "")
