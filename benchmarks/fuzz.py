@@ -1,14 +1,15 @@
 """Fuzzes everything that reads what others wrote: logs, frames, transport, state file, config, requests.
 
-    python benchmarks/fuzz.py [--minutes 10] [--target NAME] [--engine NAME]     (make fuzz: all, ten minutes each)
+    python benchmarks/fuzz.py [--minutes 10] [--target NAME] [--engine NAME]
 
-Targets: one per parser (candump, screen, asc, blf, trc, csv, parquet, db, mf4, gzip, xz, dbc, config, state,
-bam, slcan, metrics, status), and those that mix them (logs, decoder, pipeline, node); or all. Engines: atheris
-(libFuzzer, guided by branches; `pip install -e '.[fuzz]'`), hypothesis (edits of the seeds, which it shrinks), lines
-(mutations guided by Python's own tracing); "both" gives each half of the time to atheris and hypothesis, or to
-lines where atheris is not installed. A finding is an exception other than CanestError, an input that takes over
-a second of CPU (20 under atheris, whose instrumented code is that much slower), an estimate nobody could believe,
-or memory that grows by over 300 MB. Its input is kept in --keep, by default `tests/fuzz/found`, which the tests
+`make fuzz` runs all of them, ten minutes each. Targets: one per parser (candump, screen, asc, blf, trc,
+csv, parquet, db, mf4, gzip, xz, dbc, config, state, bam, slcan, metrics, status), and those that mix them
+(logs, decoder, pipeline, node); or all. Engines: atheris (libFuzzer, guided by branches; `pip install -e
+'.[fuzz]'`), hypothesis (edits of the seeds, which it shrinks), lines (mutations guided by Python's own
+tracing); "both" gives each half of the time to atheris and hypothesis, or to lines where atheris is not
+installed. A finding is an exception other than CanestError, an input that takes over a second of CPU (20
+under atheris, whose instrumented code is that much slower), an estimate nobody could believe, or memory
+that grows by over 300 MB. Its input is kept in --keep, by default `tests/fuzz/found`, which the tests
 replay, and the exit code is 1.
 """
 
@@ -30,8 +31,8 @@ sys.path.insert(0, str(ROOT))
 
 #: code that reports every branch is some twenty times slower: what it may take instead of 1 s
 INSTRUMENTED_S = 20.0
-NAMES = ("candump", "screen", "asc", "blf", "trc", "csv", "parquet", "db", "mf4", "gzip", "xz", "dbc", "config",
-         "state", "bam", "slcan", "metrics", "status", "logs", "decoder", "pipeline", "node")  # fmt: skip
+NAMES = ("candump", "screen", "asc", "blf", "trc", "csv", "parquet", "db", "mf4", "gzip", "xz", "dbc",
+         "config", "state", "bam", "slcan", "metrics", "status", "logs", "decoder", "pipeline", "node")  # fmt: skip
 ENGINES = ("atheris", "hypothesis", "lines")
 
 
@@ -85,8 +86,8 @@ def one_after_another(names: list[str], engines: list[str], args: argparse.Names
     code = 0
     for name in names:
         for engine in engines:
-            command = [sys.executable, __file__, f"--minutes={minutes}", f"--target={name}", f"--engine={engine}",
-                       f"--keep={args.keep}", f"--seed={args.seed}"]  # fmt: skip
+            command = [sys.executable, __file__, f"--minutes={minutes}", f"--target={name}",
+                       f"--engine={engine}", f"--keep={args.keep}", f"--seed={args.seed}"]  # fmt: skip
             print(f"-- {name}, {engine}, {minutes:g} min", flush=True)
             # a process that libFuzzer cannot end (a hang outside Python) must not hold up the others
             try:
@@ -110,7 +111,9 @@ def main() -> int:
     if args.target == "all" or args.engine == "both":
         names = list(NAMES) if args.target == "all" else [args.target]
         guiding = "atheris" if importlib.util.find_spec("atheris") else "lines"
-        return one_after_another(names, [guiding, "hypothesis"] if args.engine == "both" else [args.engine], args)
+        return one_after_another(
+            names, [guiding, "hypothesis"] if args.engine == "both" else [args.engine], args
+        )
     args.keep.mkdir(parents=True, exist_ok=True)
     seconds = args.minutes * 60.0
     if args.engine == "atheris":

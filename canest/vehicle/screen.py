@@ -128,9 +128,7 @@ class Screen:
             kept[role] = t_us[~refused], values[~refused]
             self.refused[role] += int(np.count_nonzero(refused))
 
-    def _refused(
-        self, role: str, limit: Limit, t_us: IntColumn, values: FloatColumn
-    ) -> BoolColumn | None:
+    def _refused(self, role: str, limit: Limit, t_us: IntColumn, values: FloatColumn) -> BoolColumn | None:
         """Return which samples jump (n,), None when none does; "not available" never does."""
         if len(values) <= _FEW:
             jumps = self._walk(role, limit, t_us.tolist(), values.tolist())

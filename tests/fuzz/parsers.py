@@ -88,7 +88,10 @@ def run_status(data: bytes) -> None:
     """Whatever a client of the status socket sends, it and the next one are answered."""
     server = _status()
     for request in (data, b""):
-        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client, contextlib.suppress(BrokenPipeError):
+        with (
+            socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client,
+            contextlib.suppress(BrokenPipeError),
+        ):
             client.settimeout(_WAIT_S)
             client.connect(str(server.path))
             client.sendall(request[:4096])
@@ -121,13 +124,21 @@ def parser_targets() -> list[Target]:
         for i in [SUFFIXES.index(suffix)]
     ]
     words = [b"BO_ ", b"SG_ ", b"VAL_ ", b"@0+", b"@1-", b"|", b"BA_ ", b"BA_DEF_ ", b"m0", b"Vector__XXX"]
-    requests = [b"GET / HTTP/1.1\r\nHost: a\r\n\r\n", b"POST /metrics HTTP/1.0\r\nContent-Length: 5\r\n\r\nabcde"]
+    requests = [
+        b"GET / HTTP/1.1\r\nHost: a\r\n\r\n",
+        b"POST /metrics HTTP/1.0\r\nContent-Length: 5\r\n\r\nabcde",
+    ]
     lines = [b"T0CF0040080102030405060708\r", b"t1232AABB\rr1230\r", b"D18FEF1000801020304050607081122\r\x07"]
     return [
         *targets,
         Target("screen", partial(_run_format, 0), partial(_format_seeds, 0, True), [*_NUMBERS, *_TEXT]),
         Target("dbc", run_dbc, dbc_seeds, [*_NUMBERS, *words]),
-        Target("metrics", run_metrics, lambda: requests, [b"\r\n", b"HTTP/9.9", b"Content-Length: -1", *_YAML[:4]]),
+        Target(
+            "metrics",
+            run_metrics,
+            lambda: requests,
+            [b"\r\n", b"HTTP/9.9", b"Content-Length: -1", *_YAML[:4]],
+        ),
         Target("status", run_status, lambda: [b"GET / HTTP/1.0\r\n\r\n", b"{}"]),
         Target("slcan", run_slcan, lambda: lines, [b"\r", b"\x07", b"T", b"d", b"\xff"]),
     ]
