@@ -93,7 +93,8 @@ def test_the_maximum_of_the_type_is_refused_at_once(n):
 def test_tables_too(source, end):
     config = parse_config(
         "vehicle: {mass_min_kg: 7000, mass_max_kg: 40000, wheel_radius_m: 0.5, final_drive: 3.7, "
-        "gear_ratios: {1: 12.0, 2: 0.74}, drag_area_m2: 6, rolling_resistance: 0.006, reference_torque_Nm: 2100}\n"
+        "gear_ratios: {1: 12, 2: 0.74}, drag_area_m2: 6, rolling_resistance: 0.006, "
+        "reference_torque_Nm: 2100}\n"
         f"dbc: []\nsignals: {{{source}, vehicle_speed: {{column: v, unit: km/h}}}}\n"
     )
     (screen,) = torque_screens(config).values()
