@@ -2,13 +2,17 @@
 PYTHON ?= .venv/bin/python
 CMD ?= bash -c 'ip -details link show vcan0'
 
-.PHONY: demo test lint vcan guest
+MINUTES ?= 10
+
+.PHONY: demo test lint fuzz vcan guest
 demo:            # a bundled drive, live view, no hardware
 	$(PYTHON) -m canest demo
 test:            # all of it: tests, linters, types, the guest machine
 	$(PYTHON) -m pytest -n 3
 lint:
 	$(PYTHON) -m pytest tests/test_quality.py
+fuzz:            # nightly: every parser for MINUTES; what is found joins tests/fuzz/found (needs the extra fuzz)
+	nice $(PYTHON) benchmarks/fuzz.py --minutes $(MINUTES)
 vcan:            # what needs a real SocketCAN bus
 	$(PYTHON) -m pytest tests/vcan
 guest:           # any command beside a real vcan0: make guest CMD="candump -n 1 vcan0"

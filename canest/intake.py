@@ -15,6 +15,7 @@ from canest.roles import LASTING, ROLES
 from canest.vehicle.model import effects_of
 from canest.vehicle.screen import DOUBT_S, JUMP, MOTION_JUMP, Screen, limits_of
 from canest.vehicle.sources import motion_roles
+from canest.vehicle.torque_screen import torque_screens
 
 #: roles that the effect `torque_delay` finds late
 TORQUE_ROLES = ("engine_torque_pct", "engine_torque", "engine_friction_pct", "retarder_torque_pct")
@@ -28,7 +29,7 @@ class Intake:
     def __init__(self, config: Config) -> None:
         self.decoder = decoder_for(config)
         self.clock = Clock(hold_us(config), round(config.sampling.max_backward_s * 1e6))
-        self.screen = Screen(limits_of(config), motion_roles(config))
+        self.screen = Screen(limits_of(config), motion_roles(config), torque_screens(config))
         self.heard: set[str] = set()  #: roles that have had a value
 
     def frames(self, block: FrameBlock) -> Iterator[Feed]:

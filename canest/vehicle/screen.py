@@ -17,7 +17,8 @@ import numpy as np
 
 from canest.columns import shifted
 from canest.config.schema import Config
-from canest.frames import FloatColumn, IntColumn
+from canest.frames import BoolColumn, FloatColumn, IntColumn
+from canest.vehicle.torque_screen import TorqueScreen
 
 Samples = dict[str, tuple[IntColumn, FloatColumn]]
 
@@ -78,29 +79,39 @@ class Screen:
     """Carries the last believed sample of every limited role; counts what it refused, per role.
 
     limits: role -> Limit. motion: roles that the accelerometer is compared with, or the sensor itself.
+    torques: role -> `TorqueScreen`; what that refuses closes no gate, the torque before it holds.
     """
 
-    def __init__(self, limits: Mapping[str, Limit], motion: Collection[str] = ()) -> None:
-        self._limits, self._motion = limits, motion
+    def __init__(
+        self,
+        limits: Mapping[str, Limit],
+        motion: Collection[str] = (),
+        torques: Mapping[str, TorqueScreen] | None = None,
+    ) -> None:
+        self._limits, self._motion, self._torques = limits, motion, torques or {}
         self._believed: dict[str, tuple[int, float]] = {}
         self.refused: Counter[str] = Counter()
 
     def restart(self) -> None:
         """Forget the last samples: the clock was set back, their stamps mean nothing any more."""
         self._believed.clear()
+        for torque in self._torques.values():
+            torque.restart()
 
     def apply(self, samples: Mapping[str, tuple[IntColumn, FloatColumn]]) -> Samples:
         """Return the samples without the refused ones, and when those came as further roles (`JUMP`)."""
         kept = dict(samples)
         jumps: list[tuple[str, IntColumn]] = []
+        for role, torque in self._torques.items():
+            if role in kept:
+                self._keep(kept, role, torque.refused(*kept[role]))
         for role, limit in self._limits.items():
             if role in kept:
                 t_us, values = kept[role]
                 refused = self._refused(role, limit, t_us, values)
                 if refused is not None:
-                    kept[role] = t_us[~refused], values[~refused]
+                    self._keep(kept, role, refused)
                     jumps.append((role, t_us[refused]))
-                    self.refused[role] += int(np.count_nonzero(refused))
         for name, stamps in (
             (JUMP, [t for _, t in jumps]),
             (MOTION_JUMP, [t for role, t in jumps if role in self._motion]),
@@ -110,9 +121,14 @@ class Screen:
                 kept[name] = t_us, np.ones(len(t_us))
         return kept
 
-    def _refused(
-        self, role: str, limit: Limit, t_us: IntColumn, values: FloatColumn
-    ) -> np.ndarray[tuple[int], np.dtype[np.bool_]] | None:
+    def _keep(self, kept: Samples, role: str, refused: BoolColumn | None) -> None:
+        """Take the refused samples (n,) out of a role's, and count them; None: there are none."""
+        if refused is not None:
+            t_us, values = kept[role]
+            kept[role] = t_us[~refused], values[~refused]
+            self.refused[role] += int(np.count_nonzero(refused))
+
+    def _refused(self, role: str, limit: Limit, t_us: IntColumn, values: FloatColumn) -> BoolColumn | None:
         """Return which samples jump (n,), None when none does; "not available" never does."""
         if len(values) <= _FEW:
             jumps = self._walk(role, limit, t_us.tolist(), values.tolist())

@@ -95,6 +95,7 @@ def _candump(count: int) -> bytes:
     return path.read_bytes()
 
 
+@cache
 def log_seeds() -> list[bytes]:
     """Return a small log of every kind that can be written here."""
     import can
@@ -456,3 +457,11 @@ TARGETS = {
         Target("config", run_config, config_seeds, [*_NUMBERS, *_YAML]),
     )
 }
+
+
+@cache
+def all_targets() -> dict[str, Target]:
+    """Return these targets, and one for every single parser (`tests.fuzz.parsers`), by name."""
+    from .parsers import parser_targets
+
+    return {**TARGETS, **{t.name: t for t in parser_targets()}}

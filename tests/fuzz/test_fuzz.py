@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from .engine import fuzz, run_one
-from .targets import TARGETS
+from .shrinking import fuzz_by_hypothesis
+from .targets import TARGETS, all_targets
 
 FOUND = Path(__file__).parent / "found"
 SECONDS = 2.5
@@ -38,4 +39,18 @@ def test_seeds_do_get_through(name, monkeypatch):
 
 @pytest.mark.parametrize("path", sorted(FOUND.glob("*-*")), ids=lambda p: p.name)
 def test_what_once_did_harm_does_none(path):
-    run_one(TARGETS[path.name.split("-")[0]], path.read_bytes())
+    run_one(all_targets()[path.name.split("-")[0]], path.read_bytes())
+
+
+@pytest.mark.parametrize("name", sorted(all_targets().keys() - TARGETS.keys()))
+def test_hypothesis_finds_nothing_in_a_second_of_one_parser(name):
+    if name == "slcan":
+        pytest.importorskip("serial")
+    assert "nothing found" in fuzz_by_hypothesis(all_targets()[name], 1.0, first_seed=1)
+
+
+def test_the_command_offers_every_target():
+    from runpy import run_path
+
+    names = run_path(str(Path(__file__).parents[2] / "benchmarks" / "fuzz.py"))["NAMES"]
+    assert set(names) == all_targets().keys()
