@@ -11,6 +11,7 @@ import numpy as np
 from canest.errors import ConfigError
 from canest.frames import FloatColumn
 from canest.simulation.constants import ENGAGED, PERCENT, PLAN_S, RADPS, STANDING, TORQUE_TABLE_RPM
+from canest.simulation.driveline import driveline_in
 from canest.simulation.drivers import Pulses, plan
 from canest.simulation.effects import Drafting, Hidden
 from canest.simulation.parameters import (
@@ -30,7 +31,6 @@ from canest.simulation.roads import lay
 from canest.simulation.scenario import Scenario
 from canest.simulation.states import (
     Cargo,
-    Driveline,
     EngineState,
     GearboxState,
     Motion,
@@ -51,8 +51,6 @@ MOVING_MPS = 0.5  #: a drive that starts faster starts in gear (chosen)
 LONG_AGO_S = 10.0  #: the last shift before the drive (chosen)
 #: length of a stretch behind a vehicle or alone, over the mean length (chosen)
 DRAFTING_SPREAD = (0.4, 1.6)
-#: the first step replaces it
-NO_DRIVELINE = Driveline(-1, *[0.0] * 8)
 
 
 def vehicle_parameters(spec: Scenario, hidden: Hidden, contain: Container) -> VehicleParameters:
@@ -241,5 +239,5 @@ def initial_state(spec: Scenario, p: VehicleParameters, mass: float) -> State:
         GearboxState(ENGAGED if rolling else STANDING, gear, gear, 0.0, LONG_AGO_S),
         Cargo(mass, next_change=1),
         Pitch(0.0, 0.0),
-        NO_DRIVELINE,
+        driveline_in.interpreted(p, gear, mass),
     )

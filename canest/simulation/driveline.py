@@ -33,13 +33,11 @@ LOCKING_IDLE = 0.9  #: ... above this multiple of the idle speed
 
 
 @kernel
-def driveline_in(vehicle: VehicleParameters, old: Driveline, gear: int, mass: float) -> Driveline:
+def driveline_in(vehicle: VehicleParameters, gear: int, mass: float) -> Driveline:
     """Return the driveline in a gear with a mass (kg): twist of two inertias, and what shafts carry.
 
     k = K / i^2, J = (m r^2 + J_w) / i^2, d = 2 D sqrt(k J_e J / (J_e + J)).
     """
-    if gear == old.gear and mass == old.mass:
-        return old
     p = vehicle.driveline
     radius = p.wheel_radius
     engine = vehicle.engine.inertia
@@ -83,21 +81,16 @@ def integrate(
     """
     v, s, we, ww, win, theta, torque, tc, tw, crank = motion
     demand, friction, taken, ceiling, highest = torques
-    gain = vehicle.engine.gain
-    inertia_e = vehicle.engine.inertia
-    fuel = STEP_S / vehicle.engine.fuelling_s
-    slipping_from = LAUNCH_IDLE * vehicle.engine.idle
+    engine = vehicle.engine
+    gain = engine.gain
+    inertia_e = engine.inertia
+    fuel = STEP_S / engine.fuelling_s
+    slipping_from = LAUNCH_IDLE * engine.idle
     wind = vehicle.resistance.wind
     radius = vehicle.driveline.wheel_radius
-    ratio = driveline.ratio
-    efficiency = driveline.efficiency
-    kc = driveline.stiffness
-    cc = driveline.damping
-    inertia = driveline.inertia
-    slip_gain = driveline.slip_gain
-    fixed = resistance.fixed
-    drag = resistance.drag
-    brake_force = brake * driveline.mass * GRAVITY * FULL_BRAKE_G
+    _, mass, ratio, efficiency, _, kc, cc, inertia, slip_gain = driveline
+    fixed, drag, _ = resistance
+    brake_force = brake * mass * GRAVITY * FULL_BRAKE_G
     twisting = phase in CLOSED
     launching = phase == LAUNCH
     for _ in range(STEPS_PER_RECORD):
@@ -121,16 +114,16 @@ def integrate(
         win = ww * ratio
         if twisting:
             theta += (we - win) * STEP_S
-    if not vehicle.engine.electric and we < STALL_IDLE * vehicle.engine.idle:
-        we = STALL_IDLE * vehicle.engine.idle
+    if not engine.electric and we < STALL_IDLE * engine.idle:
+        we = STALL_IDLE * engine.idle
     return Motion(v, s, we, ww, win, theta, torque, tc, tw, crank)
 
 
 @kernel
-def clutch_locks(idle: float, phase: int, motion: Motion) -> bool:
+def clutch_locks(idle: float, motion: Motion) -> bool:
     """Return whether a launch is over. idle: of the engine (rad/s)."""
     slip = abs(motion.input_speed - motion.engine_speed)
-    return phase == LAUNCH and slip < LOCKING_RADPS and motion.input_speed > LOCKING_IDLE * idle
+    return slip < LOCKING_RADPS and motion.input_speed > LOCKING_IDLE * idle
 
 
 @kernel

@@ -6,7 +6,7 @@ from canest.fast import kernel
 from canest.simulation.constants import GRAVITY, RECORD_S
 from canest.simulation.engine import TINY_NM
 from canest.simulation.parameters import DriverParameters
-from canest.simulation.states import OperatingPoint, Pedals, Wish
+from canest.simulation.states import OperatingPoint, Pedals
 
 # All chosen.
 FULL_BRAKE_G = 0.6  #: deceleration at full braking, in standard gravities
@@ -26,19 +26,15 @@ BRAKE_OFF = 0.002  #: share of full braking that is none
 
 @kernel
 def accelerate(
-    p: DriverParameters, pedals: Pedals, point: OperatingPoint, mass: float, speed: float, wish: Wish,
-    resistance: float,
+    p: DriverParameters, pedals: Pedals, point: OperatingPoint, mass: float, speed: float, wanted: float,
+    throttle: float, resistance: float,
 ) -> tuple[Pedals, float]:  # fmt: skip
     """Return the pedals, the accelerator moved, and the force (N) to slow down with that the engine lacks.
 
-    mass: kg. speed: m/s. resistance: N.
+    mass: kg. speed, wanted: by the plan (m/s). throttle: of the plan, negative for none. resistance: N.
     """
-    expected = pedals.expected_resistance
+    accelerator, brake, braking, lifted, pushed, expected = pedals
     expected += (resistance - expected) * RECORD_S / EXPECTATION_S
-    wanted = wish.speed
-    throttle = wish.throttle
-    lifted = pedals.lifted
-    pushed = pedals.pushed
     missing = 0.0
     if throttle >= 0.0:
         # beyond the upper speed the rest of the pulse is dropped, below the lower one it is prolonged
@@ -62,13 +58,19 @@ def accelerate(
         if wanted < HALTING_MPS and speed < ROLLING_OUT_MPS:
             want = 0.0
     want = min(1.0, max(0.0, want))
-    pedal = pedals.accelerator + min(PRESS, max(RELEASE, want - pedals.accelerator))
-    return Pedals(pedal, pedals.brake, pedals.braking, lifted, pushed, expected), missing
+    pedal = accelerator + min(PRESS, max(RELEASE, want - accelerator))
+    return Pedals(pedal, brake, braking, lifted, pushed, expected), missing
 
 
 @kernel
 def slow_down(
-    p: DriverParameters, pedals: Pedals, mass: float, speed: float, wish: Wish, missing: float
+    p: DriverParameters,
+    pedals: Pedals,
+    mass: float,
+    speed: float,
+    wanted: float,
+    throttle: float,
+    missing: float,
 ) -> Pedals:
     """Return the pedals, the brake moved for the force (N) that is still missing.
 
@@ -80,9 +82,9 @@ def slow_down(
     if braking:
         braking = missing > 0.0
     else:
-        braking = missing > mass * BRAKES_BEYOND_MPS2 and wish.speed - speed < TOO_FAST_MPS
+        braking = missing > mass * BRAKES_BEYOND_MPS2 and wanted - speed < TOO_FAST_MPS
     want = 0.0
-    if wish.throttle < 0.0 and wish.speed < HALTING_MPS and speed < HOLD_BELOW_MPS:
+    if throttle < 0.0 and wanted < HALTING_MPS and speed < HOLD_BELOW_MPS:
         braking = True
         want = HOLDING_BRAKE
     elif braking:

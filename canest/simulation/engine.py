@@ -32,21 +32,6 @@ CUT_IN_SLOPE, CUT_IN_OFFSET = 2.0, 1.2
 
 
 @kernel
-def boost_after(p: EngineParameters, boost: float, torque: float, highest: float) -> float:
-    """Return the turbocharger's boost 5 ms later: it follows the load by a first-order lag."""
-    boost += (torque / (highest + TINY_NM) - boost) * RECORD_S / p.boost_s
-    return min(boost, 1.0)
-
-
-@kernel
-def full_torque_at(p: EngineParameters, row: int, x: float) -> float:
-    """Return the full torque (N m) at x rows into the table, ``row`` being x without its fraction."""
-    table = p.full_torque
-    last = len(table) - 1
-    return table[last] if row >= last else table[row] + (table[row + 1] - table[row]) * (x - row)
-
-
-@kernel
 def operating_point(
     vehicle: VehicleParameters, state: State, driveline: Driveline, resistance: Resistance
 ) -> tuple[OperatingPoint, float]:
@@ -55,16 +40,19 @@ def operating_point(
     driveline, resistance: with the present mass.
     """
     p = vehicle.engine
-    motion = state.motion
-    x = motion.engine_speed * ROWS_PER_RADPS
+    speed, _, engine_speed, _, _, _, torque, _, _, _ = state.motion
+    full = p.full_torque
+    last = len(full) - 1
+    x = engine_speed * ROWS_PER_RADPS
     row = max(int(x), 0)
-    highest = full_torque_at(p, row, x)
-    friction = p.friction_0 + p.friction_w * motion.engine_speed
-    # the unboosted part at once, the rest as the turbocharger spools up
-    boost = boost_after(p, state.engine.boost, motion.torque, highest)
+    highest = full[last] if row >= last else full[row] + (full[row + 1] - full[row]) * (x - row)
+    friction = p.friction_0 + p.friction_w * engine_speed
+    # the unboosted part at once, the rest as the turbocharger spools up: it follows the load by a lag
+    boost = state.engine.boost
+    boost += (torque / (highest + TINY_NM) - boost) * RECORD_S / p.boost_s
+    boost = min(boost, 1.0)
     available = highest * (p.unboosted + (1.0 - p.unboosted) * boost * OVERBOOST)
     available = min(available, highest)
-    speed = motion.speed
     pedal_up = p.regeneration * (1.0 if speed > REGENERATION_FADE_MPS else speed / REGENERATION_FADE_MPS)
     per_force = driveline.torque_per_force
     least = -(friction + pedal_up) / per_force if state.gearbox.phase in CLOSED else 0.0
@@ -86,28 +74,30 @@ def torque_demand(
 
     ramp_s: time in which a shift takes the torque away. released: share that it lets through. pedal: 0..1.
     """
-    friction = point.friction
-    if shift.phase == NEUTRAL and not p.electric:
-        demand = friction + p.inertia * (motion.input_speed - motion.engine_speed) / MATCHING_S
-        demand = min(MATCHING_SHARE * point.available, max(0.0, demand))
+    _, friction, highest, available, ceiling, pedal_up, _, _ = point
+    engine_speed = motion.engine_speed
+    phase = shift.phase
+    if phase == NEUTRAL and not p.electric:
+        demand = friction + p.inertia * (motion.input_speed - engine_speed) / MATCHING_S
+        demand = min(MATCHING_SHARE * available, max(0.0, demand))
         released = 0.0
-    elif shift.phase == STANDING and not p.electric:
+    elif phase == STANDING and not p.electric:
         demand = friction
     else:
-        demand = pedal * (point.highest + p.regeneration) - point.pedal_up
-        demand = min(demand, point.ceiling)
-        if shift.phase == RAMP_OUT:
+        demand = pedal * (highest + p.regeneration) - pedal_up
+        demand = min(demand, ceiling)
+        if phase == RAMP_OUT:
             released = max(0.0, 1.0 - shift.phase_s / ramp_s)
             demand = friction + (demand - friction) * released
         elif released < 1.0:
             released = min(1.0, released + RECORD_S / (ramp_s * RELEASE_RATIO))
             demand = friction + (demand - friction) * released
     if not p.electric:
-        floor = friction + IDLE_GAIN_1PS * p.inertia * (p.idle - motion.engine_speed)
-        if demand < floor and motion.engine_speed < p.idle * IDLE_REACH:
+        floor = friction + IDLE_GAIN_1PS * p.inertia * (p.idle - engine_speed)
+        if demand < floor and engine_speed < p.idle * IDLE_REACH:
             demand = floor
         demand = max(demand, 0.0)
-    return min(demand, point.available), released
+    return min(demand, available), released
 
 
 @kernel

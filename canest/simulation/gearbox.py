@@ -103,16 +103,16 @@ def shift(
 
     wanted: speed of the plan (m/s); the others as in `gear_for`.
     """
-    phase = state.phase
-    gear = state.gear
-    next_gear = state.next_gear
-    phase_s = state.phase_s + RECORD_S
-    since_shift_s = state.since_shift_s + RECORD_S
+    before, gear, next_gear, phase_s, since_shift_s = state
+    phase = before
+    phase_s += RECORD_S
+    since_shift_s += RECORD_S
+    shifts = p.fixed_gear < 0 and not p.electric and motion.speed > SHIFTS_ABOVE_MPS
     too_slow = not p.electric and motion.input_speed < DECLUTCH * p.idle
     if phase == ENGAGED:
         if too_slow:
             phase = STANDING
-        elif may_shift(p, since_shift_s, motion.speed, pedals.braking):
+        elif since_shift_s > BETWEEN_SHIFTS_S and shifts and not pedals.braking:
             next_gear = gear_for(p, gear, motion, point, pedals.accelerator, mass, resistance)
             if next_gear != gear:
                 phase = RAMP_OUT
@@ -139,16 +139,9 @@ def shift(
         rolling = motion.wheel_speed * p.ratios[gear] >= p.idle * LAUNCH_BELOW
         phase = NEUTRAL if rolling else LAUNCH
     # a launch that is given up goes on counting
-    if state.phase not in (phase, LAUNCH):
+    if before not in (phase, LAUNCH):
         phase_s = 0.0
     return GearboxState(phase, gear, next_gear, phase_s, since_shift_s)
-
-
-@kernel
-def may_shift(p: GearboxParameters, since_shift_s: float, speed: float, braking: bool) -> bool:
-    """Return whether the shift programme is asked."""
-    settled = since_shift_s > BETWEEN_SHIFTS_S and speed > SHIFTS_ABOVE_MPS
-    return settled and not braking and not p.electric and p.fixed_gear < 0
 
 
 @kernel

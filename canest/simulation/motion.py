@@ -24,6 +24,7 @@ from canest.simulation.constants import (
     GEAR,
     GRADE,
     INDICATED,
+    LAUNCH,
     LOAD_ON,
     MASS,
     PEDAL,
@@ -57,11 +58,8 @@ from canest.simulation.states import (
     Motion,
     OperatingPoint,
     Pedals,
-    Resistance,
     Retarders,
-    RoadPoint,
     State,
-    Wish,
 )
 
 SLIP_FROM_RADPS = 1.0  #: no clutch slip is reported of an engine slower than this (chosen)
@@ -78,105 +76,101 @@ def move(vehicle: VehicleParameters, course: Course, state: State, out: Any) -> 
 def step(vehicle: VehicleParameters, course: Course, state: State, k: int, out: Any) -> State:
     """Return the state 5 ms later, and write row k of `out`."""
     planned = k // RECORDS_PER_PLAN_STEP
-    wish = Wish(course.wanted_speed[planned], course.throttle[planned])
-    speed = state.motion.speed
+    wanted = course.wanted_speed[planned]
+    throttle = course.throttle[planned]
+    load_on = course.load_on[planned]
+    motion, engine, _, _, gearbox, cargo, pitch, driveline = state
+    before = gearbox.phase
+    speed = motion.speed
     # where the vehicle is, and what the engine can do there
-    road = road_at(course, state.motion.distance)
-    cargo = cargo_at(course, state.cargo, k * RECORD_S, speed)
+    grade, curvature = road_at(course, motion.distance)
+    cargo = cargo_at(course, cargo, k * RECORD_S, speed)
     mass = cargo.mass
     resistance = road_load(
-        vehicle.resistance, mass, speed, road, course.crr_extra[planned], course.drag_scale[planned]
-    )
-    driveline = driveline_in(vehicle, state.driveline, state.gearbox.gear, mass)
+        vehicle.resistance, mass, speed, grade, curvature, course.crr_extra[planned],
+        course.drag_scale[planned],
+    )  # fmt: skip
+    if mass != driveline.mass:
+        driveline = driveline_in(vehicle, gearbox.gear, mass)
     point, boost = operating_point(vehicle, state, driveline, resistance)
     # what driver and control units make of it
-    pedals, retarders = act(vehicle, state, point, resistance, mass, wish)
-    gearbox = shift(
-        vehicle.gearbox, state.gearbox, state.motion, point, pedals, mass, resistance.total, wish.speed
-    )
-    driveline = driveline_in(vehicle, driveline, gearbox.gear, mass)
-    motion = engaged_anew(state.motion, state.gearbox.phase, gearbox.phase, driveline.ratio)
+    pedals, retarders = act(vehicle, state, point, resistance.total, mass, wanted, throttle)
+    pedal = pedals.accelerator
+    gearbox = shift(vehicle.gearbox, gearbox, motion, point, pedals, mass, resistance.total, wanted)
+    phase = gearbox.phase
+    if phase != before:
+        driveline = driveline_in(vehicle, gearbox.gear, mass)
+        motion = engaged_anew(motion, before, phase, driveline.ratio)
     demand, released = torque_demand(
-        vehicle.engine, state.engine.released, vehicle.gearbox.ramp_s, gearbox, motion, point,
-        pedals.accelerator,
-    )  # fmt: skip
-    engine = EngineState(boost, demand, released)
+        vehicle.engine, engine.released, vehicle.gearbox.ramp_s, gearbox, motion, point, pedal
+    )
     # what comes of it
-    torques = crank_torques(vehicle, engine, point, retarders, course.load_on[planned], motion.engine_speed)
-    motion = integrate(vehicle, motion, driveline, gearbox.phase, torques, resistance, pedals.brake)
-    slip = clutch_slip(motion, gearbox.phase)
-    if clutch_locks(vehicle.engine.idle, gearbox.phase, motion):
+    taken = accessory_torque(vehicle.accessory, load_on, motion.engine_speed)
+    taken = taken + retarders.reported + retarders.unreported
+    torques = CrankTorques(demand, point.friction, taken, point.ceiling, point.highest)
+    motion = integrate(vehicle, motion, driveline, phase, torques, resistance, pedals.brake)
+    slip = 0.0 if phase in CLOSED else clutch_slip(motion)
+    if phase == LAUNCH and clutch_locks(vehicle.engine.idle, motion):
         gearbox = locked(gearbox)
         motion = wound_up(motion, driveline.stiffness)
     accel = (motion.speed - speed) / RECORD_S
-    pitch = pitch_after(vehicle.pitch, state.pitch, accel)
+    pitch = pitch_after(vehicle.pitch, pitch, accel)
+    engine = EngineState(boost, demand, released)
+    at = k * COLUMN_COUNT
+    out[at + ACCEL] = accel
+    out[at + CLUTCH_SLIP] = slip
+    out[at + LOAD_ON] = load_on
+    out[at + GRADE] = grade
+    out[at + CURVATURE] = curvature
     state = State(motion, engine, pedals, retarders, gearbox, cargo, pitch, driveline)
-    write_record(out, k * COLUMN_COUNT, state, road, accel, slip, course.load_on[planned])
+    write_state(out, at, state)
     return state
 
 
 @kernel
 def act(
-    vehicle: VehicleParameters, state: State, point: OperatingPoint, resistance: Resistance, mass: float,
-    wish: Wish,
+    vehicle: VehicleParameters, state: State, point: OperatingPoint, resistance: float, mass: float,
+    wanted: float, throttle: float,
 ) -> tuple[Pedals, Retarders]:  # fmt: skip
     """Return the pedals and the engine brakes: engine drag first, then the engine brake, then the brakes."""
-    motion = state.motion
+    driver = vehicle.driver
+    speed = state.motion.speed
+    engine_speed = state.motion.engine_speed
+    reported, unreported = state.retarders
     engaged = state.gearbox.phase == ENGAGED
-    pedals, missing = accelerate(
-        vehicle.driver, state.pedals, point, mass, motion.speed, wish, resistance.total
-    )
-    usable = vehicle.driver.uses_retarder and engaged and motion.engine_speed > USABLE_RADPS
-    reported, missing = reported_retarder(
-        vehicle.retarder, state.retarders.reported, missing, point.torque_per_force, usable
-    )
-    pedals = slow_down(vehicle.driver, pedals, mass, motion.speed, wish, missing)
-    usable = engaged and motion.engine_speed > UNREPORTED_RADPS
-    unreported = unreported_retarder(vehicle.retarder, state.retarders.unreported, pedals, usable)
-    return pedals, Retarders(reported, unreported)
+    pedals, missing = accelerate(driver, state.pedals, point, mass, speed, wanted, throttle, resistance)
+    usable = driver.uses_retarder and engaged and engine_speed > USABLE_RADPS
+    reported, missing = reported_retarder(vehicle.retarder, reported, missing, point.torque_per_force, usable)
+    pedals = slow_down(driver, pedals, mass, speed, wanted, throttle, missing)
+    usable = engaged and engine_speed > UNREPORTED_RADPS
+    return pedals, Retarders(reported, unreported_retarder(vehicle.retarder, unreported, pedals, usable))
 
 
 @kernel
-def crank_torques(
-    vehicle: VehicleParameters, engine: EngineState, point: OperatingPoint, retarders: Retarders,
-    load_on: float, speed: float,
-) -> CrankTorques:  # fmt: skip
-    """Return the torques at the crank for the next 5 ms. speed: of the engine (rad/s)."""
-    taken = accessory_torque(vehicle.accessory, load_on, speed) + retarders.reported + retarders.unreported
-    return CrankTorques(engine.demand, point.friction, taken, point.ceiling, point.highest)
-
-
-@kernel
-def clutch_slip(motion: Motion, phase: int) -> float:
-    """Return the slip that the gearbox reports, 0..1 of engine speed; 0 with the clutch closed."""
+def clutch_slip(motion: Motion) -> float:
+    """Return the slip of an open clutch that the gearbox reports, 0..1 of engine speed."""
     speed = motion.engine_speed
-    slip = (speed - motion.input_speed) / speed if speed > SLIP_FROM_RADPS and phase not in CLOSED else 0.0
+    slip = (speed - motion.input_speed) / speed if speed > SLIP_FROM_RADPS else 0.0
     return min(1.0, max(0.0, slip))
 
 
 @kernel
-def write_record(
-    out: Any, at: int, state: State, road: RoadPoint, accel: float, slip: float, load_on: float
-) -> None:
-    """Write a row of `COLUMNS` into ``out`` from ``at`` on."""
-    motion = state.motion
-    out[at + SPEED] = motion.speed
-    out[at + ACCEL] = accel
-    out[at + DISTANCE] = motion.distance
-    out[at + ENGINE_SPEED] = motion.engine_speed
-    out[at + WHEEL_SPEED] = motion.wheel_speed
-    out[at + INDICATED] = motion.torque
-    out[at + DEMAND] = state.engine.demand
-    out[at + WHEEL_TORQUE] = motion.wheel_torque
-    out[at + PEDAL] = state.pedals.accelerator
-    out[at + BRAKE] = state.pedals.brake
-    out[at + RETARDER] = state.retarders.reported
-    out[at + GEAR] = state.gearbox.gear
-    out[at + PHASE] = state.gearbox.phase
-    out[at + CLUTCH_SLIP] = slip
-    out[at + MASS] = state.cargo.mass
-    out[at + LOAD_ON] = load_on
-    out[at + PITCH] = state.pitch.angle
-    out[at + GRADE] = road.grade
-    out[at + CURVATURE] = road.curvature
-    out[at + CRANK_TORQUE] = motion.crank_torque
+def write_state(out: Any, at: int, state: State) -> None:
+    """Write what the state holds of a row of `COLUMNS` into ``out`` from ``at`` on."""
+    motion, engine, pedals, retarders, gearbox, cargo, pitch, _ = state
+    v, s, we, ww, _, _, torque, _, tw, crank = motion
+    out[at + SPEED] = v
+    out[at + DISTANCE] = s
+    out[at + ENGINE_SPEED] = we
+    out[at + WHEEL_SPEED] = ww
+    out[at + INDICATED] = torque
+    out[at + DEMAND] = engine.demand
+    out[at + WHEEL_TORQUE] = tw
+    out[at + PEDAL] = pedals.accelerator
+    out[at + BRAKE] = pedals.brake
+    out[at + RETARDER] = retarders.reported
+    out[at + GEAR] = gearbox.gear
+    out[at + PHASE] = gearbox.phase
+    out[at + MASS] = cargo.mass
+    out[at + PITCH] = pitch.angle
+    out[at + CRANK_TORQUE] = crank

@@ -97,20 +97,6 @@ class State(NamedTuple):
     driveline: Driveline
 
 
-class Wish(NamedTuple):
-    """What the plan wants now."""
-
-    speed: float  #: m/s
-    throttle: float  #: 0..1, negative for none
-
-
-class RoadPoint(NamedTuple):
-    """The road under the vehicle."""
-
-    grade: float  #: tan(beta)
-    curvature: float  #: 1/m, left positive
-
-
 class Resistance(NamedTuple):
     """Road load: the part that holds for 5 ms, the air's, and their sum."""
 
