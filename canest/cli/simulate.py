@@ -13,7 +13,7 @@ Examples:
 
 The simulator shares no equation with the estimator. NAME.yaml is the config that an engineer would know:
 what a scenario lists under `undeclared:` is in the drive and not in the config. For one of your own copy
-a file of canest/simulation/scenarios/; a mistake in it is told with its line and key.
+a file of canest/simulation/scenarios/; a mistake in it is reported with its line and key.
 """
 
 

@@ -11,7 +11,8 @@ from canest.simulation.scenario import Scenario
 from canest.simulation.vehicles import VehicleSpec
 
 #: range of masses that an owner would give, beyond those of the drive
-LIGHTER, HEAVIER = 0.6, 1.8
+LIGHTER, HEAVIER = 0.6, 1.8  # chosen
+ROOM_BELOW = 1.1  #: a range of masses that begins nearer than this below the lightest is replaced (chosen)
 
 
 def known_config(scenario: Scenario) -> dict[str, Any]:
@@ -28,7 +29,7 @@ def known_config(scenario: Scenario) -> dict[str, Any]:
     declared.update(_data_sheet(scenario.vehicle))
     declared["name"] = scenario.title or "simulated vehicle"
     masses = [change.mass_kg for change in scenario.mass_kg]
-    if not declared["mass_min_kg"] * 1.1 < min(masses) <= max(masses) < declared["mass_max_kg"]:
+    if not declared["mass_min_kg"] * ROOM_BELOW < min(masses) <= max(masses) < declared["mass_max_kg"]:
         declared["mass_min_kg"] = round(min(masses) * LIGHTER)
         declared["mass_max_kg"] = round(max(masses) * HEAVIER)
     return config

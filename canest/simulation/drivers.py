@@ -12,6 +12,13 @@ from canest.frames import FloatColumn
 from canest.simulation.constants import PLAN_S
 from canest.simulation.vehicles import Onward, Range, Stretch, Strict, same_length
 
+# All chosen.
+FIRST_START_S = (2.0, 5.0)  #: a stop-and-go driver starts between the two
+BEFORE_LONG_STOP_S = 15.0  #: shortest drive before a long stop
+FULL_SPEED_S = 10.0  #: a drive with less time before braking ...
+SHORT_DRIVE = 0.6  #: ... is made at this share of its speed
+NO_THROTTLE = -1.0  #: in a plan
+
 
 class _Driver(Strict):
     start_mps: float = Field(0.0, ge=0)
@@ -91,7 +98,7 @@ class Plan:
 def plan(driver: Driver, duration_s: float, rng: np.random.Generator) -> Plan:
     """Draw up what a driver wants over a whole drive."""
     t = np.arange(0.0, duration_s + 2 * PLAN_S, PLAN_S)
-    throttle = np.full_like(t, -1.0)
+    throttle = np.full_like(t, NO_THROTTLE)
     target = np.zeros_like(t)
     match driver:
         case Cruise():
@@ -119,25 +126,25 @@ def plan(driver: Driver, duration_s: float, rng: np.random.Generator) -> Plan:
             target = np.interp(t, driver.at_s, driver.speed_mps)
             if driver.throttle is not None:
                 index = np.clip(np.searchsorted(driver.at_s, t, "right") - 1, 0, len(driver.at_s) - 1)
-                steps = np.array([-1.0 if value is None else value for value in driver.throttle])
+                steps = np.array([NO_THROTTLE if value is None else value for value in driver.throttle])
                 throttle = steps[index]
     return Plan(target, throttle)
 
 
 def _stop_and_go(driver: StopAndGo, t: FloatColumn, rng: np.random.Generator) -> FloatColumn:
     target = np.zeros_like(t)
-    now = rng.uniform(2.0, 5.0)
+    now = rng.uniform(*FIRST_START_S)
     long_stops = sorted(driver.long_stops)
     while now < t[-1]:
         speed, drive, stand = (rng.uniform(*r) for r in (driver.speeds_mps, driver.drive_s, driver.stand_s))
         stop = now + drive
         if long_stops and stop + stand > long_stops[0][0]:
             at, stand = long_stops.pop(0)
-            stop = max(at, now + 15.0)
+            stop = max(at, now + BEFORE_LONG_STOP_S)
         slowing = stop - speed / driver.braking_mps2
         going = (t >= now) & (t < stop)
         target[going] = np.minimum(speed, np.maximum(0.0, (stop - t[going]) * driver.braking_mps2))
-        if slowing < now + 10.0:
-            target[going] = np.minimum(target[going], speed * 0.6)
+        if slowing < now + FULL_SPEED_S:
+            target[going] = np.minimum(target[going], speed * SHORT_DRIVE)
         now = stop + stand
     return target

@@ -134,7 +134,7 @@ class SwitchedLoad(Strict):
 
     @model_validator(mode="before")
     @classmethod
-    def _as_a_config_says_it(cls, given: Any) -> Any:
+    def _from_config_entry(cls, given: Any) -> Any:
         """Take an entry of a config's `effects:` too; its threshold lies between off and on, 0 and 100 %."""
         if not isinstance(given, dict) or "exponent" not in given:
             return given
@@ -239,12 +239,13 @@ class Hidden:
                 self.drafting = effect
 
 
-#: What every vehicle has and nobody declares; half-widths of uniform draws
+#: What every vehicle has and nobody declares; half-widths of uniform draws (chosen)
 SMALL_TORQUE = 0.02
 SMALL_WIND_MPS = 3.0
 SMALL_ROLLING = 0.15
 SMALL_DELAY_S = 0.04
 SMALL_SLIP_PER_MPS2 = 0.006
+LEAST_SLIP = 0.2  #: share of the highest
 OSCILLATING_DAMPING = 0.12
 
 
@@ -258,7 +259,8 @@ def small_errors(crr: float, rng: np.random.Generator) -> tuple[list[Any], float
         ),
         TorqueDelay(effect="torque_delay", delay_s=rng.uniform(0, SMALL_DELAY_S)),
         WheelSlip(
-            effect="wheel_slip", slip_per_mps2=rng.uniform(0.2 * SMALL_SLIP_PER_MPS2, SMALL_SLIP_PER_MPS2)
+            effect="wheel_slip",
+            slip_per_mps2=rng.uniform(LEAST_SLIP * SMALL_SLIP_PER_MPS2, SMALL_SLIP_PER_MPS2),
         ),
     ], OSCILLATING_DAMPING
 

@@ -1,4 +1,4 @@
-"""Reads scenarios, and says of every mistake where it stands, what it is and what was expected."""
+"""Scenario files: reading, and for each mistake its place, what is wrong and what was expected."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from canest.config.origins import KeyPath, lines_of
 from canest.errors import ConfigError
 from canest.simulation.scenario import Scenario
 
+LONGEST_SHOWN = 60  #: characters of a wrong value in a message (chosen)
 SCENARIOS = Path(__file__).resolve().parent / "scenarios"
 
 
@@ -67,7 +68,7 @@ def _validated(data: Any, where: str, lines: dict[KeyPath, int]) -> Scenario:
 
 
 def _explained(problems: list[Any], where: str, lines: dict[KeyPath, int]) -> ConfigError:
-    # a misspelt key is also a missing one: the misspelling says more
+    # a misspelt key is also a missing one: its spelling explains both
     first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
     at = first["loc"]
     name, message = ".".join(map(str, at)), first["msg"].removeprefix("Value error, ")
@@ -101,4 +102,4 @@ def _line(key: KeyPath, lines: dict[KeyPath, int]) -> int | None:
 
 def _short(value: object) -> object:
     text = repr(value)
-    return value if len(text) < 60 else text[:57] + "..."
+    return value if len(text) < LONGEST_SHOWN else text[: LONGEST_SHOWN - len("...")] + "..."

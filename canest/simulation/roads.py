@@ -13,6 +13,12 @@ from canest.simulation.vehicles import Onward, Range, Stretch, Strict, same_leng
 
 START_ELEVATION_M = 100.0
 SPACING_M = 1.0
+# All chosen.
+MEAN_HEIGHT_M = 60.0  #: a road this far above its mean height ...
+RETURN = 0.5  #: ... falls again with this share of its steepest grade
+SPIRAL_M = 40.0  #: transition curve into and out of a bend
+BEND_SHARE = 0.6  #: of a stretch of constant grade, at most
+BEND_RAD = (0.5, 1.5)  #: change of heading in a bend, between the two
 
 
 class Flat(Strict):
@@ -113,18 +119,17 @@ def _highway(
     climb = 0.0
     while at[-1] < length_m:
         # a road stays near its mean height: what climbed tends to fall again
-        wanted = rng.uniform(-1, 1) - np.tanh(climb / 60.0) * 0.5
+        wanted = rng.uniform(-1, 1) - np.tanh(climb / MEAN_HEIGHT_M) * RETURN
         value = float(np.clip(wanted, -1, 1)) * road.grade_max
         start, transition, stretch = at[-1], rng.uniform(*road.transition_m), rng.uniform(*road.stretch_m)
         at += [start + transition, start + transition + stretch]
         values += [value, value]
         climb += value * stretch
         radius = rng.uniform(*road.bend_radius_m) * rng.choice([-1.0, 1.0])
-        spiral = 40.0  # m, transition curve into and out of a bend
-        length = min(0.6 * stretch, abs(radius) * rng.uniform(0.5, 1.5))
-        bend_at += [start + transition, start + transition + spiral,
-                    start + transition + spiral + length,
-                    start + transition + 2 * spiral + length]  # fmt: skip
+        length = min(BEND_SHARE * stretch, abs(radius) * rng.uniform(*BEND_RAD))
+        bend_at += [start + transition, start + transition + SPIRAL_M,
+                    start + transition + SPIRAL_M + length,
+                    start + transition + 2 * SPIRAL_M + length]  # fmt: skip
         bends += [0.0, 1 / radius, 1 / radius, 0.0]
     grade = np.interp(s, at, values)
     curvature = np.interp(s, np.maximum.accumulate(bend_at), bends) if road.bends else np.zeros_like(s)

@@ -1,4 +1,4 @@
-"""What is on the bus: decodes to the truth, reads with python-can, loses and jitters as told."""
+"""What is on the bus: decodes to the truth, reads with python-can, lost and late frames as configured."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_frames_decode_to_the_truth_within_resolution(
     assert values[later] == pytest.approx(truth[later], abs=tolerance)
 
 
-def test_gear_and_shift_are_told_as_they_are(pulses: SimulatedDrive):
+def test_gear_and_shift_decode_to_the_truth(pulses: SimulatedDrive):
     t, gear = decoded(pulses, "j1939.dbc", 0x18F00503, "TransCurrentGear")
     index = np.searchsorted(pulses.history["t_s"], t) - 2
     same = pulses.history["gear"][np.maximum(index, 0)] + 1 == gear
@@ -158,7 +158,7 @@ def test_at_rest_on_a_slope_the_accelerometer_shows_gravity():
     assert accel.mean() == pytest.approx(9.80665 * np.sin(np.arctan(0.05)), abs=0.02)
 
 
-def test_gateway_tells_gear_and_speed_only_as_j1587(pulses: SimulatedDrive):
+def test_gateway_sends_gear_and_speed_only_as_j1587(pulses: SimulatedDrive):
     drive = simulate(
         {
             "duration_s": 20,

@@ -91,7 +91,7 @@ def test_bends_cost_force_by_the_square_of_lateral_acceleration():
     assert change_of_force({"effect": "cornering_drag", "coefficient_s2pm": 0.05}) == 0.0
 
 
-def test_the_unreported_retarder_brakes_while_the_pedal_is_up_and_nobody_says_so():
+def test_the_unreported_retarder_brakes_while_the_pedal_is_up_and_is_not_on_the_bus():
     effect = {"effect": "retarder_unreported", "torque_Nm": 300.0}
     found = change_of_force(effect, throttle=0.0)
     assert found == pytest.approx(-300 * RATIO / EFFICIENCY / RADIUS_M, rel=0.08)
@@ -101,7 +101,7 @@ def test_the_unreported_retarder_brakes_while_the_pedal_is_up_and_nobody_says_so
     assert np.all((erc1 >> np.uint64(8)) & np.uint64(0xFF) == 125)  # 0 %
 
 
-def test_smaller_tyres_turn_faster_than_the_ground_says_and_push_harder():
+def test_smaller_tyres_turn_faster_and_push_harder():
     drive = steady(effects=[{"effect": "wheel_radius", "factor": 0.97}])
     history = drive.history
     declared = history["wheel_radps"] * RADIUS_M
@@ -250,7 +250,7 @@ def test_small_errors_are_small_and_leave_the_road_alone():
         assert real.history["grade"][inside] == pytest.approx(known[inside], abs=2e-4)
 
 
-def test_a_switched_load_may_be_said_as_a_config_says_it():
+def test_a_switched_load_may_be_written_as_in_a_config():
     """What `canest diagnose` writes can be planted again."""
     simulated = TypeAdapter(Effect)
     written = EFFECTS["switched_load"](

@@ -37,7 +37,7 @@ def test_a_dozen_and_more_ship():
 
 
 @pytest.mark.parametrize(
-    ("change", "line", "said"),
+    ("change", "line", "message"),
     [
         (("kind: pulses", "kind: pulses, speed_mpss: 3"), 4, "speed_mpss"),
         (("crr: 0.007", "crr: 0.007, wheels: 3"), 2, "wheels"),
@@ -88,19 +88,19 @@ def test_a_dozen_and_more_ship():
     ],
 )
 def test_a_mistake_is_named_with_file_line_and_key(
-    tmp_path: Path, change: tuple[str, str], line: int, said: str
+    tmp_path: Path, change: tuple[str, str], line: int, message: str
 ):
     path = tmp_path / "mine.yaml"
     path.write_text(PLAIN.replace(*change))
     with pytest.raises(ConfigError) as caught:
         load_scenario(path)
     assert f"{path}:{line}: " in str(caught.value)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "said"),
+    ("key", "value", "message"),
     [
         ("seed", "-1", "seed, found -1, expected greater than or equal to 0"),
         ("vehicle", "{preset: class8, gear_ratios: []}", "vehicle.gear_ratios, found []"),
@@ -113,14 +113,14 @@ def test_a_mistake_is_named_with_file_line_and_key(
         ("road", "{kind: highway, stretch_m: [0, 0]}", "stretch_m: found [0, 0]"),
     ],
 )
-def test_numbers_that_make_no_drive_are_refused(tmp_path: Path, key: str, value: str, said: str):
+def test_numbers_that_make_no_drive_are_refused(tmp_path: Path, key: str, value: str, message: str):
     kept = [line for line in PLAIN.splitlines() if not line.startswith(f"{key}:")]
     path = tmp_path / "mine.yaml"
     path.write_text("\n".join([f"{key}: {value}", *kept]))
     with pytest.raises(ConfigError) as caught:
         load_scenario(path)
     assert f"{path}:1: " in str(caught.value)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize("text", ["", "[1, 2", "- a\n- b\n", "\x00"])
@@ -157,10 +157,10 @@ def test_a_name_with_a_dot_keeps_it(tmp_path: Path):
 def test_directory_gets_log_truth_and_config(tmp_path: Path):
     path = tmp_path / "mine.yaml"
     path.write_text(PLAIN)
-    told: list[float] = []
-    written = simulate_to_directory(path, tmp_path / "out", told.append, compress=True)
+    shares: list[float] = []
+    written = simulate_to_directory(path, tmp_path / "out", shares.append, compress=True)
     assert [p.name for p in written] == ["mine.log.xz", "mine.truth.csv", "mine.yaml"]
-    assert told[0] == 0.0 and told[-1] == 1.0 and told == sorted(told)
+    assert shares[0] == 0.0 and shares[-1] == 1.0 and shares == sorted(shares)
     assert parse_config(written[2].read_text()).vehicle.rolling_resistance == 0.007
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError) as caught:
