@@ -27,7 +27,7 @@ from canest.config.load import load_config
 from canest.estimators.base import create
 from canest.frames import FloatColumn
 from canest.pipeline import Pipeline, facts_of
-from canest.simulate.run import simulate
+from canest.simulation.run import simulate
 from canest.vehicle.samples import EstimateBlock, ModelBlock, Status, VehicleFacts
 
 STARTS_KG = (9000.0, 21000.0, 36000.0)

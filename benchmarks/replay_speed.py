@@ -48,7 +48,7 @@ def drive(path: str | None) -> FrameBlock:
     """Return the frames of one drive, simulated when none is given."""
     if path is not None:
         return FrameBlock.concatenate([b for b in open_log(path) if isinstance(b, FrameBlock)])
-    from canest.simulate import simulate
+    from canest.simulation import simulate
 
     return simulate("mixed-36t").frames
 

@@ -21,8 +21,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from canest.config import load_config
-from canest.simulate.reading import load_scenario
-from canest.simulate.run import simulate
+from canest.simulation.reading import load_scenario
+from canest.simulation.run import simulate
 from tests.live.rig import Rig, descriptors, resident_kb
 
 DRIVE_S, STOP_S = 600.0, 20.0

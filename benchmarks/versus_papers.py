@@ -22,7 +22,7 @@ from canest import fast
 from canest.compare import compare
 from canest.config.load import load_config
 from canest.logs.truth import read_truth
-from canest.simulate.run import simulate
+from canest.simulation.run import simulate
 
 WRONG_STARTS_KG = (9000.0, 36000.0)
 #: loads between the wrong starts, so that both are wrong

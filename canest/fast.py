@@ -98,6 +98,8 @@ class Kernel:
             value = scope.get(name)
             if isinstance(value, Kernel):
                 parts.append(value.content())
+            elif hasattr(value, "_fields"):  # a named tuple: what a compiled constructor depends on
+                parts.append(f"{name}={value._fields!r}")
             elif not callable(value) and not isinstance(value, ModuleType):
                 parts.append(f"{name}={value!r}")
         return "\n".join(parts)

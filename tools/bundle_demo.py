@@ -11,7 +11,7 @@ from canest.decode.signal_map import decoder_for
 from canest.frames import FrameBlock
 from canest.logs.reader import open_log
 from canest.logs.writer import candump_text
-from canest.simulate.run import simulate_to_directory
+from canest.simulation.run import simulate_to_directory
 
 TARGET = Path(__file__).resolve().parent.parent / "canest" / "demo"
 PRESET = 9 | lzma.PRESET_EXTREME

@@ -23,7 +23,7 @@ from canest.logs.truth import read_truth
 from canest.pipeline import facts_of
 from canest.resources import find
 from canest.scoring import Score
-from canest.simulate.run import SimulatedDrive, simulate
+from canest.simulation import SimulatedDrive, simulate
 from canest.vehicle.regression import Regression
 from canest.vehicle.samples import GRAVITY_MPS2, STEP_S, STEP_US, EstimateBlock, ModelBlock, VehicleFacts
 
@@ -69,7 +69,7 @@ def simulated(
     name: str, overrides: Iterable[str] = (), changes: dict[str, Any] | None = None, seed: int | None = None
 ) -> Drive:
     """Return a shipped scenario's drive through decoder, grid, model, filter and gates."""
-    path = Path(__file__).resolve().parents[2] / "canest" / "simulate" / "scenarios" / f"{name}.yaml"
+    path = Path(__file__).resolve().parents[2] / "canest" / "simulation" / "scenarios" / f"{name}.yaml"
     scenario = {**yaml.safe_load(path.read_text(encoding="utf-8")), **(changes or {})}
     drive = _simulate(name, yaml.safe_dump(scenario), seed)
     t_us = np.round(drive.truth["t_s"] * 1e6)

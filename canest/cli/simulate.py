@@ -13,7 +13,7 @@ Examples:
 
 The simulator shares no equation with the estimator. NAME.yaml is the config that an engineer would know:
 what a scenario lists under `undeclared:` is in the drive and not in the config. For one of your own copy
-a file of canest/simulate/scenarios/; a mistake in it is told with its line and key.
+a file of canest/simulation/scenarios/; a mistake in it is reported with its line and key.
 
 Files of an earlier simulation are overwritten; those that somebody edited since then are not, without
 --force. NAME.yaml begins with the checksums of all three.
@@ -32,7 +32,7 @@ def command(
 ) -> int:
     """Make a log with known truth from a scenario (a file, or the name of a shipped one)."""
     if listing:
-        from canest.simulate.reading import load_scenario, shipped_scenarios
+        from canest.simulation.reading import load_scenario, shipped_scenarios
 
         for name in shipped_scenarios():
             spec = load_scenario(name)
@@ -42,9 +42,9 @@ def command(
         raise click.UsageError("give a SCENARIO and -o DIR, or --list", click.get_current_context())
     from canest.cli.keep import keep_apart
     from canest.cli.progress import Share
-    from canest.simulate.files import drive_paths
-    from canest.simulate.reading import name_of, scenario_file
-    from canest.simulate.run import simulate_to_directory
+    from canest.simulation.files import drive_paths
+    from canest.simulation.reading import name_of, scenario_file
+    from canest.simulation.run import simulate_to_directory
 
     files = drive_paths(name_of(scenario), output, compress)
     keep_apart([("the scenario", scenario_file(scenario))], [("-o", path) for path in files])

@@ -11,7 +11,7 @@ from canest.check import Doctor
 from canest.config import load_config
 from canest.logs import open_log
 from canest.plausible import Plausibility
-from canest.simulate import simulate
+from canest.simulation import simulate
 
 SCENARIO = {
     "duration_s": 150,

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from canest.resources import shipped
-from canest.simulate.reading import SCENARIOS
+from canest.simulation.reading import SCENARIOS
 
 KENWORTH = Path(__file__).parents[1] / "data" / "kenworth" / "normal.log.xz"
 

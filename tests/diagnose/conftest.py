@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from canest.cli.main import run
-from canest.simulate import simulate
+from canest.simulation import simulate
 
 SCENARIO: dict[str, Any] = {
     "duration_s": 240,

@@ -16,7 +16,7 @@ from canest.diagnose.reference import (
     _smooth,
     reference_for,
 )
-from canest.simulate import simulate
+from canest.simulation import simulate
 from canest.vehicle.samples import GRAVITY_MPS2
 
 ALTITUDE_STD_M, WALK = 1.0, 0.0004

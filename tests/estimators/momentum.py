@@ -1,6 +1,6 @@
 """Model samples from a small truck of our own: loads, delays, slip, stops, an accelerometer, altitudes.
 
-Independent of the pipeline and of `canest.simulate`; signals are not filtered, so the relation is exact but
+Independent of the pipeline and of `canest.simulation`; signals are not filtered, so the relation is exact but
 for what is asked for here.
 """
 

@@ -1,4 +1,4 @@
-"""A small source of model samples with known truth, independent of the pipeline and of `canest.simulate`."""
+"""A small source of model samples with known truth, independent of pipeline and `canest.simulation`."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from canest.config import load_config
 from canest.errors import ConfigError
 from canest.estimators.base import REGISTRY
 from canest.logs.truth import Truth
-from canest.simulate.run import simulate
+from canest.simulation.run import simulate
 
 COLUMNS = {
     "mass_end_pct", "mass_rms_pct", "mass_max_pct", "grade_rms_deg", "to_5pct_s", "ns_per_sample", "note",

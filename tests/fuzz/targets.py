@@ -264,8 +264,8 @@ def frame_seeds() -> list[bytes]:
 @cache
 def _drive() -> FrameBlock:
     """Return the wanted frames of the first seconds of a simulated drive."""
-    from canest.simulate.reading import load_scenario
-    from canest.simulate.run import simulate
+    from canest.simulation.reading import load_scenario
+    from canest.simulation.run import simulate
 
     frames = simulate(load_scenario("demo").model_copy(update={"duration_s": 6.0})).frames
     return decoder_for(_config("class8")).select(frames)

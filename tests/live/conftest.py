@@ -22,8 +22,8 @@ def data():
 @pytest.fixture(scope="session")
 def drive():
     """A minute and a half of the demonstration drive: the mass is valid after half a minute."""
-    from canest.simulate.reading import load_scenario
-    from canest.simulate.run import simulate
+    from canest.simulation.reading import load_scenario
+    from canest.simulation.run import simulate
 
     scenario = load_scenario("demo")
     drive = simulate(scenario.model_copy(update={"duration_s": 90.0}))

@@ -16,8 +16,8 @@ from canest import fast
 from canest.config import load_config
 from canest.frames import FrameBlock
 from canest.pipeline import Pipeline
-from canest.simulate.reading import load_scenario
-from canest.simulate.run import simulate
+from canest.simulation.reading import load_scenario
+from canest.simulation.run import simulate
 from canest.vehicle.samples import RATE_HZ, Status
 
 DAY_S, WARM_S = 86_400, 600

@@ -11,8 +11,8 @@ from canest.config import load_config
 from canest.frames import FrameBlock
 from canest.logs.reader import open_log
 from canest.pipeline import Pipeline
-from canest.simulate.reading import load_scenario
-from canest.simulate.run import simulate
+from canest.simulation.reading import load_scenario
+from canest.simulation.run import simulate
 
 from .attacks import (
     FULL_LOAD_PER_S,

@@ -10,8 +10,8 @@ import pytest
 
 from canest.config.load import load_config, parse_config
 from canest.resources import shipped
-from canest.simulate.reading import load_scenario
-from canest.simulate.run import simulate
+from canest.simulation.reading import load_scenario
+from canest.simulation.run import simulate
 from canest.vehicle.samples import Status
 
 from .attacks import estimated

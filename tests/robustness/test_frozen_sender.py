@@ -9,8 +9,8 @@ import pytest
 
 from canest.config import load_config
 from canest.decode import j1939
-from canest.simulate.reading import load_scenario
-from canest.simulate.run import simulate
+from canest.simulation.reading import load_scenario
+from canest.simulation.run import simulate
 from canest.vehicle.samples import Status
 
 from .attacks import estimated

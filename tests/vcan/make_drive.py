@@ -13,7 +13,7 @@ from collections import Counter
 from pathlib import Path
 
 from canest.logs.writer import candump_text
-from canest.simulate import simulate
+from canest.simulation import simulate
 
 PERIOD_S = 20.0
 UP_S = 9.0

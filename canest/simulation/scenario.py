@@ -1,0 +1,80 @@
+"""What a scenario may say, checked key by key."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+from pydantic import Field, field_validator
+
+from canest.simulation.drivers import Driver
+from canest.simulation.effects import Effect
+from canest.simulation.roads import Flat, Road
+from canest.simulation.vehicles import Strict, VehicleSpec, vehicle_with
+
+
+class MassChange(Strict):
+    """Mass from the first standstill at or after `t_s`."""
+
+    t_s: float = Field(ge=0)
+    mass_kg: float = Field(gt=0)
+
+
+class Bus(Strict):
+    """How the bus behaves."""
+
+    start_s: int = 1_700_000_000
+    loss: float = Field(0.002, ge=0, lt=1)
+    jitter_s: float = Field(0.00045, ge=0)  #: mean delay of a frame
+    traffic: bool = True  #: frames that concern nobody
+    cab_controller: bool = True  #: random bytes in wanted groups, from source address 0x31
+    j1587_gateway: bool = False  #: gear and speed only as J1587 parameters
+
+
+class Sensors(Strict):
+    """What the sensors and controllers add; none of it is declared."""
+
+    torque_delay_s: float = Field(0.06, ge=0)
+    accelerometer_bias_mps2: float | None = None  #: None: drawn
+    accelerometer_noise_mps2: float = Field(0.06, ge=0)
+    shaft_noise_rpm: float = Field(0.4, ge=0)
+    wheel_noise_kmh: float = Field(0.02, ge=0)
+    altitude_noise_m: float = Field(1.0, ge=0)
+    yaw_noise_radps: float = Field(0.001, ge=0)
+
+
+class Scenario(Strict):
+    """A drive to simulate: vehicle, load, road, driver, bus, and what the config will not know."""
+
+    title: str = ""
+    seed: int = Field(0, ge=0)
+    duration_s: float = Field(gt=1, le=36_000)
+    vehicle: VehicleSpec
+    mass_kg: list[MassChange]
+    road: Road = Flat(kind="flat")
+    driver: Driver
+    bus: Bus = Field(default_factory=lambda: Bus.model_validate({}))
+    sensors: Sensors = Field(default_factory=lambda: Sensors.model_validate({}))
+    undeclared: tuple[Effect, ...] = ()
+    small_errors: bool = False
+
+    @field_validator("vehicle", mode="before")
+    @classmethod
+    def _preset(cls, value: Any) -> Any:
+        if isinstance(value, str):
+            return vehicle_with(value, {})
+        if isinstance(value, dict) and "preset" in value:
+            return vehicle_with(value["preset"], {k: v for k, v in value.items() if k != "preset"})
+        return value
+
+    @field_validator("mass_kg", mode="before")
+    @classmethod
+    def _one_mass(cls, value: Any) -> Any:
+        return [{"t_s": 0.0, "mass_kg": value}] if isinstance(value, int | float) else value
+
+    @field_validator("mass_kg")
+    @classmethod
+    def _starts(cls, value: list[MassChange]) -> list[MassChange]:
+        if not value or value[0].t_s != 0 or any(b.t_s <= a.t_s for a, b in pairwise(value)):
+            raise ValueError("a list of mass changes starts at t_s 0 and goes forward in time")
+        return value
