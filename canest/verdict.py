@@ -167,6 +167,8 @@ def _lacking_column(run: LogRun) -> str:
         column = run.table_map.roles[role][0]
         if column not in held:
             return f"{describe(run.config, role)} is not in the table, which has {', '.join(sorted(held))}"
+        if run.table_map.without_value.get(role, 0) >= run.reader.frames:
+            return f"{describe(run.config, role)} holds nothing that signals.{role}.map lists"
         if bad.get(column, 0) >= run.reader.frames:
             return f"{describe(run.config, role)} holds no number in any of {run.reader.frames:,} rows"
         return ""
