@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from canest.decode.signal_map import factor_and_offset
-from canest.decode.value_table import TextTable
+from canest.decode.value_table import Label, TextTable
 from canest.errors import LogError
 from canest.frames import FloatColumn, IntColumn
 from canest.logs.blocks import TableBlock
@@ -66,6 +66,15 @@ class TableMap:
     def text_columns(self) -> list[str]:
         """Those of them that are read as text, since a value table says what they mean."""
         return [self.roles[role][0] for role in self.values]
+
+    def labels(self, role: str) -> list[Label]:
+        """Return the cells of a column with a value table, commonest first, and what each counts as."""
+        found = sorted(self.seen.get(role, {}).items(), key=lambda item: -item[1])
+        numbers = ((cell, count, self.values[role].number(cell)) for cell, count in found)
+        return [
+            Label(str(cell), str(cell), count, None if np.isnan(number) else number)
+            for cell, count, number in numbers
+        ]
 
     def notes(self) -> list[str]:
         """Return which cells no value table lists, one sentence for each role."""

@@ -26,6 +26,11 @@ def decoder_for(config: Config) -> Decoder:
 
     Errors: ConfigError naming the key, what was found and what was expected.
     """
+    return Decoder(wants_of(config), databases_of(config))
+
+
+def wants_of(config: Config) -> dict[str, Want]:
+    """Return the DBC signals of a config, resolved. Errors: as `decoder_for`."""
     databases = databases_of(config)
     wants: dict[str, Want] = {}
     for role, source in config.signals.items():
@@ -57,7 +62,7 @@ def decoder_for(config: Config) -> Decoder:
             else None,
             texts=TextTable(source.map) if source.map and source.validity == "ascii" else None,
         )
-    return Decoder(wants, databases)
+    return wants
 
 
 def databases_of(config: Config) -> list[Database]:

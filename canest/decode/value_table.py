@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from canest.errors import ConfigError
@@ -19,6 +20,16 @@ if TYPE_CHECKING:
 _SWITCH = {"yes": "on", "true": "on", "no": "off", "false": "off"}
 #: labels that an error names
 _SHOWN = 8
+
+
+@dataclass(slots=True)
+class Label:
+    """One raw number of a signal (or text of a column), its label, how often it came, and what it counts as."""
+
+    raw: int | str
+    label: str
+    count: int
+    value: float | None
 
 
 def labels_of(signal: Signal) -> dict[int, str]:
