@@ -20,7 +20,7 @@ from canest.pipeline import Pipeline
 from canest.plausible import Plausibility
 from canest.plausible_switches import Switches
 from canest.plausible_torque import StuckTorque
-from canest.raw_values import RawValues
+from canest.raw_values import RawValues, text_hints
 from canest.roles import ROLES
 from canest.tables import TableMap, wrong_kind
 from canest.unheard import unheard
@@ -128,6 +128,9 @@ class Doctor:
         findings.sort(key=lambda finding: order[finding.need])
         span = self._span_us or (0, 0)
         hints = self._hints(findings)  # compares what has come last, and the reason to stop may be in it
+        if log is not None:
+            hints += text_hints(self.config, getattr(log, "texts", {}))
+        stops = ("" if log is None else wrong_kind(self.config, log)) or self._stops(model, findings)
         return Report(
             roles=findings,
             frames=self.frames,
@@ -136,8 +139,8 @@ class Doctor:
             updated=self.pipeline.updated,
             gates=self.pipeline.gate_counts,
             status=self._status,
-            stops=("" if log is None else wrong_kind(self.config, log)) or self._stops(model, findings),
-            hints=hints,
+            stops=stops,
+            hints=[hint for hint in hints if hint != stops],
             notes=([] if log is None else log_notes(log) + self._tables.notes())
             + stream_notes(self.pipeline.intake, self.pipeline.frozen),
         )

@@ -37,8 +37,8 @@ class Finding:
     """What the log or bus has of one role.
 
     need: "needed", "speed" (one of these is needed), "ratio" (one way to the gear ratio is) or "optional".
-    low, high: range of its values in the role's unit. labels: what the DBC or a table calls them. verdict: ok, no value, not found, elsewhere (another
-    address has it).
+    low, high: range of its values in the role's unit. labels: what the DBC or a table calls them.
+    verdict: ok, no value, not found, elsewhere (another address has it).
     """
 
     role: str

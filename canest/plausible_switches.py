@@ -131,10 +131,11 @@ class Switches:
             "pulls"
         )
         if self._on_s[role] >= _ALWAYS * self._known_s[role]:
-            return f"{found}, as it does all the time: a stuck or another signal? (signals.{role})"
+            return f"{found}, as it does all the time: stuck, inverted or another signal? (signals.{role})"
         if role == "brake_pedal":
             return f"{found}: does it rest above gates.brake.pedal_pct?"
-        return f"{found}: is it inverted? Then signals.{role} needs invert: true"
+        inverted = str(not self._config.signals[role].invert).lower()
+        return f"{found}: is it inverted? Then signals.{role} needs invert: {inverted}"
 
     def _never_open(self) -> list[str]:
         if not self._heard or self._opened or (self._stood_s < _STOOD_S and self._shifts < _SHIFTS):

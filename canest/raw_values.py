@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -134,8 +135,8 @@ class RawSignal:
         )
         told = (
             f"signals.{self.role}: {self._reserved:,} of {self._samples:,} samples hold a raw number that "
-            f"J1939 reserves ({shown}) and count as no value, but {self._signal.name} is no J1939 signal and they "
-            "come in turns with values"
+            f"J1939 reserves ({shown}) and count as no value, but {self._signal.name} is no J1939 "
+            "signal and they come in turns with values"
         )
         if len(good) == len(high):
             return f"{told}: if they are values, paste validity: full"
@@ -196,6 +197,20 @@ class RawValues:
     def hints(self) -> list[str]:
         """Return which lines of the signal map would read a signal better."""
         return [hint for signal in self._signals.values() for hint in signal.hints()]
+
+
+def text_hints(config: Config, texts: Mapping[str, Mapping[str, int]]) -> list[str]:
+    """Return a value table for each column that holds text and has none. texts: column -> text -> cells."""
+    told = []
+    for role, source in config.signals.items():
+        if source.column is None or source.map or source.column not in texts:
+            continue
+        found = sorted(texts[source.column].items(), key=lambda item: -item[1])
+        shown = ", ".join(f"{text!r} {count:,} times" for text, count in found[:4])
+        meant = {text: number for text, _ in found if (number := meaning(role, text)) is not None}
+        line = f"paste {map_line(meant)}" if meant else "it needs map: {TEXT: NUMBER, ...}"
+        told.append(f"signals.{role}: column {source.column} holds text ({shown}): {line}")
+    return told
 
 
 def _used(config: Config, role: str) -> CompiledSignal:

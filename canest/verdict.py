@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 #: a clock that is set back this often, and for this share of its stamps, is not one clock
 _FEW_JUMPS, _JUMPING_SHARE = 10, 0.01
-#: a config that fits leaves two thirds and more of what is driven open, real and simulated drives at least a quarter
+#: a config that fits leaves a quarter of what is driven open at least (measured, simulated and real drives)
 _OPEN_SHARE = 0.05
 #: no more frames than these fit into a tick, at 1 Mbit/s
 _MOST_IN_A_TICK = 200

@@ -24,7 +24,7 @@ _SHOWN = 8
 
 @dataclass(slots=True)
 class Label:
-    """One raw number of a signal (or text of a column), its label, how often it came, and what it counts as."""
+    """A raw number of a signal or text of a column: its label, how often it came, what it counts as."""
 
     raw: int | str
     label: str
