@@ -97,8 +97,8 @@ class RawSignal:
         self._last = int(raw[-1])
 
     def seen(self) -> list[Label]:
-        """Return the labelled numbers that came, commonest first; [] of a signal without labels."""
-        if not self.labels:
+        """Return the numbers that came, commonest first; [] where none of them has a label."""
+        if not any(self._number(raw) in self.labels for raw in self._counts):
             return []
         found = sorted(self._counts.items(), key=lambda item: -item[1])
         return [

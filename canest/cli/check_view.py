@@ -138,7 +138,7 @@ def _labels(finding: Finding, verbose: bool) -> str:
     shown = finding.labels if verbose else finding.labels[:_LABELS]
     parts = []
     for label in shown:
-        name = repr(label.label) if label.label == label.raw else f"{label.raw} {label.label!r}"
+        name = repr(label.label) if label.label == label.raw else f"{label.raw} {label.label}".strip()
         value = "no value" if label.value is None else f"{label.value:g}"
         parts.append(f"{name} is {value} ({label.count:,} times)")
     left = len(finding.labels) - len(shown)
