@@ -19,6 +19,8 @@ TORQUES = ("engine_torque_pct", "engine_torque", "wheel_torque")
 BRAKING = ("brake_switch", "brake_pedal", "parking_brake")
 #: signals are compared every 0.1 s, accelerations over 1 s
 _STEP_US, _HALF_US, _STEP_S = 100_000, 500_000, 0.1
+#: of one stretch at most so long is compared: stamps may leap, and a table may come in one block
+_LONGEST_US = 20_000_000_000
 #: a vehicle pulls that gets faster by more than this (m/s2) while its torque is above this share; without a
 #: torque, by more than on any slope that it may roll down
 _PULLS_MPS2, _PULLS_SHARE, _ROLLS_MPS2 = 0.3, 0.25, 1.0
@@ -65,7 +67,7 @@ class Switches:
         if speed is None:
             return
         first, last = int(stretch[speed][0].min()), int(stretch[speed][0].max())
-        stamps = np.arange(first, min(last, first + 600_000_000), _STEP_US, dtype=np.int64)
+        stamps = np.arange(first, min(last, first + _LONGEST_US), _STEP_US, dtype=np.int64)
         factor = self._config.vehicle.mps_per_shaft_rpm if speed == "output_shaft_speed" else 1.0
         mps = at(stamps, stretch[speed]) * factor
         if self._clutches:
