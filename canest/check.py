@@ -11,24 +11,26 @@ import numpy as np
 from canest.decode import j1939
 from canest.decode.database import find_signal, is_j1939
 from canest.decode.signal_map import SAYS_J1939, databases_of, decoder_for
-from canest.findings import Finding, Sender, complaint, judge
+from canest.findings import Finding, Sender, complaint, judge, senders_of
 from canest.frames import ERROR, EXTENDED, FloatColumn, FrameBlock, IntColumn
 from canest.intake import stale_limit_s
 from canest.logs.blocks import TableBlock
 from canest.notes import log_notes, stream_notes
 from canest.pipeline import Pipeline
 from canest.plausible import Plausibility
+from canest.plausible_switches import Switches
+from canest.plausible_torque import StuckTorque
+from canest.raw_values import RawValues, text_hints
 from canest.roles import ROLES
 from canest.tables import TableMap, wrong_kind
 from canest.unheard import unheard
 from canest.vehicle.model import LongitudinalModel
 from canest.vehicle.samples import STATUS_LABELS
-from canest.verdict import gate_shares, needed_roles, what_lacks, why_no_time
+from canest.verdict import gate_shares, needed_roles, what_lacks, why_hardly_open, why_no_time
 
 if TYPE_CHECKING:
     from canest.config import Config
     from canest.config.schema import Source
-    from canest.decode.counters import SenderCounters
     from canest.logs.base import LogReader
 
 Samples = dict[str, tuple[IntColumn, FloatColumn]]
@@ -52,9 +54,14 @@ class Report:
     hints: list[str]
     notes: list[str]
 
+    @property
+    def ready(self) -> bool:
+        """Return whether the estimator works with this config on this log or bus."""
+        return not self.stops
+
     def to_json(self) -> dict[str, Any]:
         """Return everything as JSON types."""
-        return asdict(self)
+        return {**asdict(self), "ready": self.ready}
 
 
 class Doctor:
@@ -77,6 +84,8 @@ class Doctor:
         self._span_us: tuple[int, int] | None = None
         self._status = STATUS_LABELS[0]
         self.plausibility = Plausibility(config)
+        self._comparisons = (self.plausibility, Switches(config), StuckTorque(config))
+        self._raw = RawValues(config)
 
     def push(self, block: FrameBlock | TableBlock) -> None:
         """Take the next block of a log or bus."""
@@ -92,7 +101,7 @@ class Doctor:
         else:
             samples = self._tables.samples(block)
             self._rows += len(block)
-            self._table_columns |= set(block.columns)
+            self._table_columns |= {*block.columns, *block.texts}
             estimates = self.pipeline.push_samples(samples, block.t_us)
         self._note(samples)
         if len(estimates):
@@ -118,6 +127,10 @@ class Doctor:
         order = {"needed": 0, "speed": 1, "ratio": 2, "optional": 3}
         findings.sort(key=lambda finding: order[finding.need])
         span = self._span_us or (0, 0)
+        hints = self._hints(findings)  # compares what has come last, and the reason to stop may be in it
+        if log is not None:
+            hints += text_hints(self.config, getattr(log, "texts", {}))
+        stops = ("" if log is None else wrong_kind(self.config, log)) or self._stops(model, findings)
         return Report(
             roles=findings,
             frames=self.frames,
@@ -126,9 +139,9 @@ class Doctor:
             updated=self.pipeline.updated,
             gates=self.pipeline.gate_counts,
             status=self._status,
-            stops=("" if log is None else wrong_kind(self.config, log)) or self._stops(model, findings),
-            hints=self._hints(findings),
-            notes=([] if log is None else log_notes(log))
+            stops=stops,
+            hints=[hint for hint in hints if hint != stops],
+            notes=([] if log is None else log_notes(log) + self._tables.notes())
             + stream_notes(self.pipeline.intake, self.pipeline.frozen),
         )
 
@@ -140,6 +153,7 @@ class Doctor:
         self._addresses.update(np.unique(identifiers & np.uint32(0xFF)).tolist())
         groups = np.unique(identifiers >> np.uint32(8) << np.uint32(8))
         self._pgns.update(map(j1939.pgn_of, groups.tolist()))
+        self._raw.push(block)
         heard = self._survey.push(block).samples
         self.plausibility.push({role: heard[role] for role in self._unasked if role in heard})
         return self._listening.push(block).samples
@@ -155,7 +169,8 @@ class Doctor:
                     max(high, float(valid.max())),
                     count + len(valid),
                 )
-        self.plausibility.push(samples)
+        for comparison in self._comparisons:
+            comparison.push(samples)
 
     def _finding(self, role: str, source: Source, need: str) -> Finding:
         known = ROLES.get(role)
@@ -169,10 +184,11 @@ class Doctor:
             from_table=source.column is not None,
         )
         if source.column is None:
-            finding.senders = self._senders(role)
+            finding.senders = senders_of(self._survey.counters, role)
         elif source.column in self._table_columns:
             bad = self._missing_cells.get(role, 0)
             finding.senders = [Sender(None, self._row_rate(), self._rows, self._rows - bad, bad, 0, 0)]
+        finding.labels = self._raw.labels(role) or self._tables.labels(role)
         low, high, count = self._ranges.get(role, (None, None, 0))
         finding.low, finding.high, finding.values = low, high, count
         # a mean rate over a silence tells nothing
@@ -191,27 +207,6 @@ class Doctor:
             and not is_j1939(message)
             and j1939.pgn_of(message.frame_id) in self._pgns
         )
-
-    def _senders(self, role: str) -> list[Sender]:
-        found: list[tuple[int | None, SenderCounters]] = [
-            (address, counters)
-            for (_, address), counters in self._survey.counters.senders.items()
-            if role in counters.roles and counters.frames
-        ]
-        return [
-            Sender(
-                address,
-                _rate_hz(counters, role),
-                counters.frames,
-                counters.roles[role].valid,
-                counters.roles[role].not_available,
-                counters.roles[role].error_value,
-                counters.wrong_length,
-                counters.unknown_mux,
-                counters.remote_frames,
-            )
-            for address, counters in sorted(found, key=lambda item: -1 if item[0] is None else item[0])
-        ]
 
     def _row_rate(self) -> float | None:
         span = self._span_us or (0, 0)
@@ -237,7 +232,7 @@ class Doctor:
                 return backward
             shares = gate_shares(self.pipeline.gate_counts, self.pipeline.samples)
             return f"every sample was refused by a gate: {shares}"
-        return ""
+        return self.plausibility.missing_table() or why_hardly_open(self.pipeline, self._status)
 
     def _hints(self, findings: list[Finding]) -> list[str]:
         hints = [f"signals.{f.role}: {f.hint}" for f in findings if f.hint]
@@ -259,7 +254,8 @@ class Doctor:
         if self.frames:
             hints += unheard(self.config, self.pipeline.intake.heard)
         doubts = self.pipeline.estimator.doubts()
-        return hints + self.plausibility.hints() + ([doubts] if doubts else [])
+        hints += self._raw.hints() + [h for comparison in self._comparisons for h in comparison.hints()]
+        return hints + ([doubts] if doubts else [])
 
 
 def _unasked_reference(config: Config) -> dict[str, Source]:
@@ -272,12 +268,3 @@ def _unasked_reference(config: Config) -> dict[str, Source]:
     known = {m.name: m for database in databases_of(config) for m in database.messages}.get("EC1")
     has = known is not None and is_j1939(known) and any(s.name == told.signal for s in known.signals)
     return {"reference_torque": told} if has else {}
-
-
-def _rate_hz(counters: SenderCounters, role: str) -> float | None:
-    """Return how often an address sends a role: less often than its frames, where they are multiplexed."""
-    first_us, last_us, seen = counters.first_us, counters.last_us, counters.roles[role]
-    samples = seen.valid + seen.not_available + seen.error_value
-    if first_us is None or last_us is None or last_us <= first_us or samples < 2:
-        return None
-    return (samples - 1) * 1e6 / (last_us - first_us)

@@ -149,7 +149,7 @@ def _samples(
         ticks_left = grid.ticks_until(intake.clock.last_us, inclusive=True)
         if ticks_left is not None:
             yield from both(ticks_left)
-    notes += log_notes(reader) + stream_notes(intake, plain.frozen)
+    notes += log_notes(reader) + tables.notes() + stream_notes(intake, plain.frozen)
 
 
 def _run(entry: _Entry, block: ModelBlock) -> None:

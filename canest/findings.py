@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from canest.config.schema import Source
+    from canest.decode.counters import Counters, SenderCounters
+    from canest.decode.value_table import Label
 
 OK, SILENT, ABSENT, ELSEWHERE = "ok", "no value", "not found", "elsewhere"
 #: a signal of which more than this share has no value deserves a word
@@ -35,8 +37,8 @@ class Finding:
     """What the log or bus has of one role.
 
     need: "needed", "speed" (one of these is needed), "ratio" (one way to the gear ratio is) or "optional".
-    low, high: range of its values in the role's unit. verdict: ok, no value, not found, elsewhere (another
-    address has it).
+    low, high: range of its values in the role's unit. labels: what the DBC or a table calls them.
+    verdict: ok, no value, not found, elsewhere (another address has it).
     """
 
     role: str
@@ -52,6 +54,39 @@ class Finding:
     values: int = 0
     verdict: str = ABSENT
     hint: str = ""
+    labels: list[Label] = field(default_factory=list)
+
+
+def senders_of(counters: Counters, role: str) -> list[Sender]:
+    """Return who sends a role, by address."""
+    found: list[tuple[int | None, SenderCounters]] = [
+        (address, sender)
+        for (_, address), sender in counters.senders.items()
+        if role in sender.roles and sender.frames
+    ]
+    return [
+        Sender(
+            address,
+            _rate_hz(sender, role),
+            sender.frames,
+            sender.roles[role].valid,
+            sender.roles[role].not_available,
+            sender.roles[role].error_value,
+            sender.wrong_length,
+            sender.unknown_mux,
+            sender.remote_frames,
+        )
+        for address, sender in sorted(found, key=lambda item: -1 if item[0] is None else item[0])
+    ]
+
+
+def _rate_hz(counters: SenderCounters, role: str) -> float | None:
+    """Return how often an address sends a role: less often than its frames, where they are multiplexed."""
+    first_us, last_us, seen = counters.first_us, counters.last_us, counters.roles[role]
+    samples = seen.valid + seen.not_available + seen.error_value
+    if first_us is None or last_us is None or last_us <= first_us or samples < 2:
+        return None
+    return (samples - 1) * 1e6 / (last_us - first_us)
 
 
 def judge(finding: Finding, source: Source, stale_s: float) -> tuple[str, str]:

@@ -18,6 +18,8 @@ _NEAR_BINS = 2
 _FEWEST = 500
 #: a table that fits accounts for most of them; one that does not for hardly more than chance
 _FITS, _FAILS = 0.6, 0.35
+#: of a table that is proposed: at most so many gears, each with at least this share of the steady samples
+_MOST_GEARS, _LEAST_SHARE = 20, 0.01
 #: tables are tried this much larger and smaller
 _MOST_TIMES = 1.6
 
@@ -29,14 +31,16 @@ class GearFit:
         self._table = np.log(np.array(sorted(gear_ratios.values()), np.float64))
         bins = int(np.log(_MOST / _LEAST) / _BIN)
         self._edges = np.log(_LEAST) + _BIN * np.arange(bins + 1)
-        self._counts = np.zeros(bins)
+        self._counts, self._sums = np.zeros(bins), np.zeros(bins)
 
     def push(self, engine_rpm: FloatColumn, shaft_rpm: FloatColumn, moving: BoolColumn) -> None:
         """Take simultaneous speeds (n,). moving: where they are fast enough to compare."""
         sound = moving & (engine_rpm > 0.0)
         ratio = np.log(np.where(sound, engine_rpm, 1.0) / np.where(sound, shaft_rpm, 1.0))
         steady = sound[1:] & sound[:-1] & (np.abs(np.diff(ratio)) < _STEADY)
-        self._counts += np.histogram(ratio[1:][steady], self._edges)[0]
+        found = ratio[1:][steady]
+        self._counts += np.histogram(found, self._edges)[0]
+        self._sums += np.histogram(found, self._edges, weights=found)[0]
 
     def _share(self, times: float) -> float:
         """Return which share of the steady samples a table so many times larger accounts for."""
@@ -62,12 +66,25 @@ class GearFit:
         group = helps[np.abs(np.log(helps / nearest)) < 2 * _NEAR_BINS * _BIN]
         return float(np.exp(np.log(group).mean())), self._commonest()
 
-    def _commonest(self, most: int = 3) -> list[float]:
+    def measured(self) -> dict[int, float]:
+        """Return the ratios that were driven by number, from the largest on; {} where too little was seen."""
+        if self._counts.sum() < _FEWEST:
+            return {}
+        ratios = sorted(self._commonest(most=_MOST_GEARS, least=_LEAST_SHARE), reverse=True)
+        return dict(enumerate(ratios, 1))
+
+    def _commonest(self, most: int = 3, least: float = 0.05) -> list[float]:
         counts, found = self._counts.copy(), []
         for _ in range(most):
             peak = int(counts.argmax())
-            if counts[peak] < 0.05 * self._counts.sum():
+            if counts[peak] < least * self._counts.sum():
                 break
-            found.append(float(np.exp(self._edges[peak] + 0.5 * _BIN)))
+            near = slice(max(0, peak - _NEAR_BINS), peak + _NEAR_BINS + 1)
+            found.append(float(np.exp(self._sums[near].sum() / self._counts[near].sum())))
             counts[max(0, peak - 5) : peak + 6] = 0.0
         return found
+
+
+def table_line(ratios: Mapping[int, float]) -> str:
+    """Return a gear table as it stands in a config."""
+    return "gear_ratios: {" + ", ".join(f"{n}: {ratio:.4g}" for n, ratio in sorted(ratios.items())) + "}"

@@ -82,7 +82,9 @@ def replay(
     summary = _summary(run, last)
     if score is not None:
         summary["errors"] = score.errors()
-    notes = log_notes(run.reader) + stream_notes(run.pipeline.intake, run.pipeline.frozen)
+    notes = (
+        log_notes(run.reader) + run.table_map.notes() + stream_notes(run.pipeline.intake, run.pipeline.frozen)
+    )
     if run.pipeline.updated:
         notes += unheard(config, run.pipeline.intake.heard)
     if doubts := run.pipeline.estimator.doubts():

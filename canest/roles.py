@@ -120,3 +120,10 @@ ROLES: dict[str, Role] = dict(
 LASTING = frozenset(name for name, role in ROLES.items() if role.stale_s == math.inf)
 #: roles that tell whether the service brake is on
 BRAKES = ("brake_switch", "brake_pedal")
+#: roles that are 0 or 1
+TWO_STATE = frozenset(
+    (
+        "shift_in_process", "driveline_engaged", "lockup_engaged", "clutch_switch",
+        "brake_switch", "parking_brake", "abs_active",
+    )
+)  # fmt: skip

@@ -5,16 +5,20 @@ And the opening of a log, table or frames, as a config wants it.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from canest.decode.signal_map import factor_and_offset
+from canest.decode.value_table import Label, TextTable
 from canest.errors import LogError
 from canest.frames import FloatColumn, IntColumn
 from canest.logs.blocks import TableBlock
+from canest.logs.candump import SHOWN_CHARS
 from canest.logs.reader import open_log
+from canest.logs.tables import TEXTS_KEPT, number_of
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -24,10 +28,15 @@ if TYPE_CHECKING:
 #: so many rows without one that follows another would take minutes, silence by silence, to no estimate and
 #: the reason that fewer get (`canest.verdict.why_no_time`)
 _MANY = 5000
+#: cells without a value that a note names
+_SHOWN = 6
 
 
 class TableMap:
     """Resolved columns of a config: role -> (column, factor, offset). log: the table, for messages.
+
+    values: role -> the value table of its column. seen: role -> cell of such a column (text or number) ->
+    how often, of the first `TEXTS_KEPT` that differ. without_value: role -> cells that it does not list.
 
     Errors: ConfigError for a unit that does not fit its role.
     """
@@ -36,17 +45,48 @@ class TableMap:
         self._where = f"{log}: column" if log else "column"
         self._time_column, self._hold_s = config.sampling.time_column, config.sampling.hold_s
         self.roles: dict[str, tuple[str, float, float]] = {}
+        self.values: dict[str, TextTable] = {}
+        self.seen: dict[str, dict[str | float, int]] = {}
+        self.without_value: dict[str, int] = {}
         for role, source in config.signals.items():
             if source.column is not None:
                 factor, offset = factor_and_offset(
                     role, source, source.unit or "", config.at(f"signals.{role}")
                 )
                 self.roles[role] = source.column, factor, offset
+                if source.map:
+                    self.values[role] = TextTable(source.map)
 
     @property
     def columns(self) -> list[str]:
         """The columns to read."""
         return [column for column, _, _ in self.roles.values()]
+
+    @property
+    def text_columns(self) -> list[str]:
+        """Those of them that are read as text, since a value table says what they mean."""
+        return [self.roles[role][0] for role in self.values]
+
+    def labels(self, role: str) -> list[Label]:
+        """Return the cells of a column with a value table, commonest first, and what each counts as."""
+        found = sorted(self.seen.get(role, {}).items(), key=lambda item: -item[1])
+        numbers = ((cell, count, self.values[role].number(cell)) for cell, count in found)
+        return [
+            Label(str(cell), str(cell), count, None if np.isnan(number) else number)
+            for cell, count, number in numbers
+        ]
+
+    def notes(self) -> list[str]:
+        """Return which cells no value table lists, one sentence for each role."""
+        told = []
+        for role, count in self.without_value.items():
+            unlisted = [cell for cell in self.seen[role] if np.isnan(self.values[role].number(cell))]
+            shown = ", ".join(map(_shown, unlisted[:_SHOWN])) + (", ..." if unlisted[_SHOWN:] else "")
+            told.append(
+                f"column {self.roles[role][0]}: {count:,} cells are not in signals.{role}.map and count as "
+                f"not available: {shown}"
+            )
+        return told
 
     def samples(self, block: TableBlock) -> dict[str, tuple[IntColumn, FloatColumn]]:
         """Return the samples of a block, per role; columns that the table lacks give none.
@@ -63,10 +103,38 @@ class TableMap:
             )
         found = {}
         for role, (column, factor, offset) in self.roles.items():
-            values = block.columns.get(column)
+            if role in self.values:
+                values = self._mapped(role, column, block)
+            elif column in block.texts:  # another role has a map for it
+                numbers = map(number_of, block.texts[column].tolist())
+                values = np.array([math.nan if n is None else n for n in numbers], np.float64)
+            else:
+                values = block.columns.get(column)
             if values is not None:
                 found[role] = block.t_us, values * factor + offset
         return found
+
+    def _mapped(self, role: str, column: str, block: TableBlock) -> FloatColumn | None:
+        """Return what the cells of a column mean (n,), NaN for those that the map does not list."""
+        cells = block.texts.get(column, block.columns.get(column))
+        if cells is None:
+            return None
+        unique, inverse, counts = np.unique(cells, return_inverse=True, return_counts=True)
+        numbers = np.array([self.values[role].number(cell) for cell in unique.tolist()], np.float64)
+        seen = self.seen.setdefault(role, {})
+        for cell, number, count in zip(unique.tolist(), numbers.tolist(), counts.tolist(), strict=True):
+            empty = not cell.strip() if isinstance(cell, str) else np.isnan(cell)
+            if empty:
+                continue
+            if cell in seen or len(seen) < TEXTS_KEPT:
+                seen[cell] = seen.get(cell, 0) + count
+            if np.isnan(number):
+                self.without_value[role] = self.without_value.get(role, 0) + count
+        return np.asarray(numbers[inverse.reshape(-1)], np.float64)
+
+
+def _shown(cell: str | float) -> str:
+    return repr(cell[:SHOWN_CHARS]) if isinstance(cell, str) else f"{cell:g}"
 
 
 def open_for(config: Config, log: str | Path, channel: str | None = None) -> LogReader:
@@ -83,8 +151,14 @@ def open_for(config: Config, log: str | Path, channel: str | None = None) -> Log
 
 def open_whatever(config: Config, log: str | Path, channel: str | None = None) -> LogReader:
     """Open a log of any kind, of a table the columns that a config maps. Errors: LogError."""
-    columns = TableMap(config).columns
-    return open_log(log, channel=channel, time_column=config.sampling.time_column, columns=columns)
+    table = TableMap(config)
+    return open_log(
+        log,
+        channel=channel,
+        time_column=config.sampling.time_column,
+        columns=table.columns,
+        as_text=table.text_columns,
+    )
 
 
 def wrong_kind(config: Config, log: LogReader) -> str:

@@ -137,6 +137,17 @@ def _signals() -> str:
         "`role: {message: EEC1, signal: EngSpeed, source: 0x00}` or `role: {column: v_kmh, unit: km/h}`.\n\n"
     )
     text += _table(["key", "default", "allowed", "meaning"], rows)
+    text += (
+        "\nA role's value is `physical value, converted into the role's unit, * scale + offset`; with\n"
+        "`invert` it is 1 minus that. The physical value is what the DBC makes of the raw number, or the\n"
+        "number in the cell.\n\n"
+        "`map: {Gang_1: 1, Gang_2: 2, R: -1, 15: 0}` stands in its place: a key is a label of the DBC\n"
+        "(`VAL_`), the text of a table's cell (`D3`, `N`; letter case does not count), or a raw number,\n"
+        "before the DBC's factor and offset; the number is the physical value. What a map does not list\n"
+        "holds no value, and the map decides alone what is valid (with `validity: ascii` its keys are the\n"
+        "characters). `canest check` shows the labels and texts that a log holds, and proposes a map.\n"
+        "For a gear, 0 is neutral, negative is reverse, 126 is park.\n"
+    )
     text += "\nValidity rules:\n\n" + _table(["rule", "accepts"], [[f"`{k}`", v] for k, v in RULES.items()])
     rows = [
         [

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 from click.core import ParameterSource
 
-from canest import terminal
 from canest.cli.options import config_option, load, log_budget_option, override_options
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rich.text import Text
-
     from canest.check import Report
     from canest.config import Config
-    from canest.findings import Finding
     from canest.frames import FrameBlock
 
 EPILOG = """\b
@@ -31,12 +26,6 @@ Examples:
 
 Nothing is ever sent. With --strict the exit code is 1 when something stops the estimator.
 """
-
-#: columns of a table that goes to a file or a pipe
-_FILE_WIDTH = 180
-#: narrower terminals do without the columns that say least
-_WIDE = 140
-COLUMNS = ("role", "need", "expected as", "verdict", "from", "rate Hz", "values", "n/a", "error", "range")
 
 
 @click.command(epilog=EPILOG)
@@ -50,6 +39,7 @@ COLUMNS = ("role", "need", "expected as", "verdict", "from", "rate Hz", "values"
 @click.option("--strict", is_flag=True, help="Exit with 1 when something stops the estimator.")
 @click.option("--channel", metavar="NAME", help="Use this interface of the log only.")
 @log_budget_option
+@click.option("-v", "--verbose", is_flag=True, help="Show every role, every sender and every label.")
 @override_options
 def command(
     log: str | None,
@@ -59,6 +49,7 @@ def command(
     json_path: str | None,
     strict: bool,
     channel: str | None,
+    verbose: bool,
     overrides: tuple[str, ...],
     estimator: str | None,
     initial_mass: float | None,
@@ -107,8 +98,10 @@ def command(
         write_json({"config": config_name, "verdict": "ok", **report.to_json()}, json_path)
     if json_path != "-":
         where = log or f"{config.bus.interface}:{config.bus.channel}"
-        _show(report, f"{_config_line(config_name, config)}\n{where}: {_heard(report)}")
-    return 1 if strict and report.stops else 0
+        from canest.cli.check_view import show
+
+        show(report, f"{_config_line(config_name, config)}\n{where}: {_heard(report)}", verbose)
+    return 1 if strict and not report.ready else 0
 
 
 def _config_line(name: str, config: Config) -> str:
@@ -154,78 +147,3 @@ def _listen(config: Config, seconds: float) -> Iterator[FrameBlock]:
             raise BusError(f"could not be opened in {seconds:g} s ({receiver.reason})", where=bus)
     finally:
         receiver.close()
-
-
-def _show(report: Report, title: str) -> None:
-    from rich import box
-    from rich.markup import escape
-    from rich.table import Table
-    from rich.text import Text
-
-    console = terminal.console(highlight=False, width=None if sys.stdout.isatty() else _FILE_WIDTH)
-    console.print(title, soft_wrap=True, markup=False)
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    columns = [c for c in COLUMNS if console.width >= _WIDE or c not in ("need", "error")]
-    for name in columns:
-        words = name in ("role", "need", "expected as", "verdict", "range")
-        table.add_column(
-            name,
-            justify="left" if words else "right",
-            no_wrap=name in ("role", "verdict"),
-            overflow="fold",
-        )
-    for finding in report.roles:
-        for row in _rows(finding):
-            # names are the user's: as text, since a bracket in one is no markup
-            table.add_row(*(Text.assemble(row.get(name, "")) for name in columns))
-    console.print(table)
-    if report.samples:
-        share = 100 * report.updated / report.samples
-        from canest.verdict import gate_shares
-
-        shares = gate_shares(report.gates, report.samples)
-        console.print(
-            f"{report.samples:,} samples at 50 Hz, {share:.0f} % open"
-            + (f"; closed: {shares}" if shares else "")
-        )
-    for note in report.notes:
-        console.print(f"[dim]note[/]  {escape(note)}", soft_wrap=True)
-    for hint in report.hints:
-        console.print(f"[yellow]hint[/]  {escape(hint)}", soft_wrap=True)
-    if report.stops:
-        console.print(f"[bold red]stops[/] {escape(report.stops)}", soft_wrap=True)
-    else:
-        console.print(
-            f"[bold green]ready[/] nothing stops the estimator (at the end: {report.status})", soft_wrap=True
-        )
-
-
-def _rows(finding: Finding) -> Iterator[dict[str, str | Text]]:
-    """Yield the rows of one role: as the config expects it, then whoever else sends it."""
-    from rich.text import Text
-
-    mild = finding.need in ("optional", "ratio")  # there may be another way to the ratio
-    colour = "green" if finding.verdict == "ok" else "yellow" if mild else "red"
-    expected = finding.expected + (f" @0x{finding.source:02X}" if finding.source is not None else "")
-    unit = f" {finding.unit}" if finding.unit else ""
-    head: dict[str, str | Text] = {
-        "role": finding.role,
-        "need": finding.need,
-        "expected as": expected,
-        "verdict": Text(finding.verdict, colour),
-        "range": "" if finding.low is None else f"{finding.low:.4g} .. {finding.high:.4g}{unit}",
-    }
-    # an 11-bit identifier has no address, nor has a column of a table
-    without_address = "table" if finding.from_table else "its id"
-    mine = [s for s in finding.senders if finding.source in (None, s.address)]
-    if not mine:
-        yield head | {"from": "-"}
-    for index, sender in enumerate([*mine, *(s for s in finding.senders if s not in mine)]):
-        first = bool(mine) and index == 0
-        yield (head if first else {"verdict": Text("also", "dim")}) | {
-            "from": f"0x{sender.address:02X}" if sender.address is not None else without_address,
-            "rate Hz": "" if sender.rate_hz is None else f"{sender.rate_hz:.1f}",
-            "values": f"{sender.valid:,}" if sender.valid else "",
-            "n/a": f"{sender.not_available:,}" if sender.not_available else "",
-            "error": f"{sender.error_value:,}" if sender.error_value else "",
-        }

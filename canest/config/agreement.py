@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from canest.errors import ConfigError
 from canest.nearest import expected_name
-from canest.roles import ROLES
+from canest.roles import ROLES, TWO_STATE
 
 if TYPE_CHECKING:
     from canest.config.schema import Config
@@ -25,6 +25,7 @@ def refuse_contradictions(config: Config) -> None:
     _start_possible(config)
     _estimator_known(config)
     _roles_known(config, _effects_possible(config))
+    _two_states_inverted(config)
 
 
 def _start_possible(config: Config) -> None:
@@ -89,4 +90,15 @@ def _roles_known(config: Config, used: dict[str, int]) -> None:
                 f"needs the signal {role}, found no such key in signals:, expected a source for it",
                 "effects",
                 i,
+            )
+
+
+def _two_states_inverted(config: Config) -> None:
+    for role, source in config.signals.items():
+        if source.invert and role in ROLES and role not in TWO_STATE:
+            raise MisplacedError(
+                f"{role} has more than two states, found true, expected no such key (scale: -1 turns a sign)",
+                "signals",
+                role,
+                "invert",
             )

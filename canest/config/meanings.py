@@ -98,6 +98,9 @@ SOURCE_MEANINGS: dict[str, str] = {
     "validity": "which raw values count; see below",
     "optional": "false: the stale gate closes when this role is missing",
     "scale": "factor on top of everything, e.g. -1 for a sensor mounted backwards",
+    "offset": "added after `scale`, in the role's unit (table below)",
+    "map": "label or raw number: number; see below",
+    "invert": "true: 0 is taken for 1 and 1 for 0; for roles of two states only",
 }
 
 

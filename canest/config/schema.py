@@ -20,6 +20,13 @@ from canest.roles import KNOWN_UNITS
 Validity = Literal["j1939", "full", "source_address", "gear", "ascii"]
 
 
+def _labels(entries: Any) -> Any:
+    """Return a value table with every key as text: YAML reads ``1`` as a number and ``on`` as true."""
+    if not isinstance(entries, dict):
+        return entries
+    return {_word_of_switch(key) if isinstance(key, bool) else str(key): n for key, n in entries.items()}
+
+
 class Source(Section):
     """Where one role comes from: a DBC signal, or a column of a decoded table."""
 
@@ -34,6 +41,10 @@ class Source(Section):
     validity: Validity = "j1939"
     optional: bool = True
     scale: Number = 1.0
+    offset: Number = 0.0
+    #: label of the DBC or text of the cell, or raw number -> number; what is not listed holds no value
+    map: Annotated[dict[str, Number], BeforeValidator(_labels)] | None = Field(None, min_length=1)
+    invert: bool = False
 
     @model_validator(mode="after")
     def _one_source(self) -> Source:

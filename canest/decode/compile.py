@@ -7,7 +7,7 @@ plus offset), so a column and a single frame give the same bits. cantools is the
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,8 @@ from canest.frames import BoolColumn, FloatColumn, IntColumn
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
+
+    from canest.decode.value_table import TextTable
 
 Words = NDArray[np.uint64]
 FRAME_BYTES = 8  #: payload that a `FrameBlock` carries
@@ -74,6 +76,8 @@ class CompiledSignal:
     """One signal of one message, with its validity rule and the conversion to its role's unit.
 
     ``scale`` and ``offset`` take raw to the role's unit: raw * scale + offset.
+    A value table stands in the place of the DBC's factor and offset: of raw bits (``values``), which then say
+    what is valid too, or of characters (``texts``, rule ``ascii``).
     ``needs`` is the number of payload bytes that must be there.
     """
 
@@ -86,6 +90,8 @@ class CompiledSignal:
         factor: float = 1.0,
         offset: float = 0.0,
         size: int = FRAME_BYTES,
+        values: Mapping[int, float] | None = None,
+        texts: TextTable | None = None,
     ) -> None:
         where = f"{message.name}.{signal.name}"
         self.name = signal.name
@@ -95,6 +101,12 @@ class CompiledSignal:
         self.text = validity == "ascii"
         self.scale = float(signal.scale) * factor
         self.offset = float(signal.offset) * factor + offset
+        self._table, self._texts = (dict(values) if values is not None else None), texts
+        if values is not None or texts is not None:
+            self.scale, self.offset = factor, offset
+        if self._table is not None:
+            self._raws = np.array(sorted(self._table), np.uint64)
+            self._numbers = np.array([self._table[raw] for raw in sorted(self._table)], np.float64)
         width = signal.length
         highest = highest_valid(width, validity, signal.spn, where)
         # indicator ranges are defined for unsigned integers alone
@@ -130,6 +142,9 @@ class CompiledSignal:
         if self.text:
             unique, inverse = np.unique(raw, return_inverse=True)
             values = np.array([self._gear(r) for r in unique.tolist()], np.float64)[inverse]
+        elif self._table is not None:
+            at = np.minimum(np.searchsorted(self._raws, raw), len(self._raws) - 1)
+            values = np.where(self._raws[at] == raw, self._numbers[at], _NAN)
         elif self.is_float:
             _, _, as_int, as_float = _FLOATS[self.field.width]
             with np.errstate(all="ignore"):  # a payload may be any float, signalling NaN included
@@ -141,7 +156,7 @@ class CompiledSignal:
             values = raw.astype(np.float64)
         if not self.is_float:
             values = values * self.scale + self.offset
-        if self.text or self.is_float:
+        if self.text or self.is_float or self._table is not None:
             bad: BoolColumn = ~np.isfinite(values)
         elif self.highest < self.field.mask:
             bad = raw > np.uint64(self.highest)
@@ -165,7 +180,11 @@ class CompiledSignal:
         value = self._gears.get(raw)
         if value is None:
             order = "big" if self.field.swapped else "little"
-            value = gear_of_text(raw.to_bytes(self.field.width // 8, order))  # type: ignore[arg-type]
+            text = raw.to_bytes(self.field.width // 8, order)  # type: ignore[arg-type]
+            if self._texts is not None:
+                value = self._texts.number(text.strip(b" \0").decode("latin-1"))
+            else:
+                value = gear_of_text(text)
             if len(self._gears) < 1024:  # two characters make few words; a broken sender makes many
                 self._gears[raw] = value
         return value
@@ -174,11 +193,14 @@ class CompiledSignal:
         """Return the decoder of one payload: its value, NaN when not valid, None when not in this frame."""
         field, scale, offset, highest = self.field, self.scale, self.offset, self.highest
         shift, mask, width = field.shift, field.mask, field.width
+        table = self._table
 
         def value(word: int) -> float:
             raw = field.one(word)
             if self.text:
                 return self._gear(raw) * scale + offset
+            if table is not None:
+                return table.get(raw, _NAN) * scale + offset
             if self.is_float:
                 as_int, as_float, *_ = _FLOATS[width]
                 number = struct.unpack(as_float, struct.pack(as_int, raw))[0] * scale + offset
@@ -193,7 +215,8 @@ class CompiledSignal:
             raw = (word >> shift) & mask
             return raw * scale + offset if raw <= highest else _NAN
 
-        decode = value if self.text or self.is_float or self.signed or field.swapped else plain
+        odd = self.text or self.is_float or self.signed or field.swapped or table is not None
+        decode = value if odd else plain
         if self.multiplexer is None:
             return decode
         selector, ids = self.multiplexer

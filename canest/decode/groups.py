@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal
 
     from canest.decode.senders import Sender
+    from canest.decode.value_table import TextTable
 
 MAX_GROUPS = 250  #: slots of one byte
 
@@ -29,6 +30,8 @@ class Want:
     validity: a rule of `canest.decode.validity.RULES`.
     factor, offset: from the DBC's unit to the role's, value_role = value_dbc * factor + offset.
     where: the place in the config, for messages.
+    values: raw bits -> what is taken for the DBC's physical value; None: the DBC's own factor and offset.
+    texts: the same for characters (rule ``ascii``); None: as gears are written.
     """
 
     role: str
@@ -39,6 +42,8 @@ class Want:
     factor: float = 1.0
     offset: float = 0.0
     where: str = ""
+    values: Mapping[int, float] | None = None
+    texts: TextTable | None = None
 
 
 @dataclass(slots=True)
@@ -116,6 +121,8 @@ def _compiled(message: Message, signal: Signal, want: Want, where: str, group: G
             validity=want.validity,
             factor=want.factor,
             offset=want.offset,
+            values=want.values,
+            texts=want.texts,
             size=max(FRAME_BYTES, message.length) if group.multi_packet else FRAME_BYTES,
         )
     except ConfigError as error:  # it knows the signal, but not where the config asks for it

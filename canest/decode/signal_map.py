@@ -8,6 +8,7 @@ from canest.config.schema import Config, Source
 from canest.decode.database import find_signal, is_j1939, load
 from canest.decode.decoder import Decoder
 from canest.decode.groups import Want
+from canest.decode.value_table import TextTable, raw_table
 from canest.errors import ConfigError
 from canest.resources import find
 from canest.roles import ROLES, UNITS, conversion
@@ -25,6 +26,11 @@ def decoder_for(config: Config) -> Decoder:
 
     Errors: ConfigError naming the key, what was found and what was expected.
     """
+    return Decoder(wants_of(config), databases_of(config))
+
+
+def wants_of(config: Config) -> dict[str, Want]:
+    """Return the DBC signals of a config, resolved. Errors: as `decoder_for`."""
     databases = databases_of(config)
     wants: dict[str, Want] = {}
     for role, source in config.signals.items():
@@ -51,8 +57,12 @@ def decoder_for(config: Config) -> Decoder:
             factor=factor,
             offset=offset,
             where=where,
+            values=raw_table(source.map, signal, config.at(f"signals.{role}.map"))
+            if source.map and source.validity != "ascii"
+            else None,
+            texts=TextTable(source.map) if source.map and source.validity == "ascii" else None,
         )
-    return Decoder(wants, databases)
+    return wants
 
 
 def databases_of(config: Config) -> list[Database]:
@@ -66,9 +76,10 @@ def databases_of(config: Config) -> list[Database]:
 
 
 def factor_and_offset(role: str, source: Source, unit: str, where: str = "") -> tuple[float, float]:
-    """Return how a source's numbers become the role's (config's ``scale`` included).
+    """Return how a source's numbers become the role's: ``scale``, ``offset`` and ``invert`` included.
 
-    Errors: ConfigError for a unit of another dimension.
+    The physical value is converted into the role's unit, then times scale plus offset, and a state that is
+    inverted is 1 minus that. Errors: ConfigError for a unit of another dimension.
     """
     converted = conversion(role, unit)
     if converted is None:
@@ -80,7 +91,10 @@ def factor_and_offset(role: str, source: Source, unit: str, where: str = "") -> 
             expected="one of " + ", ".join(u or "no unit" for u in UNITS[known]),
         )
     factor, offset = converted
-    return factor * source.scale, offset * source.scale
+    factor, offset = factor * source.scale, offset * source.scale
+    if source.offset:  # a sum with zero would take the sign from a zero
+        offset += source.offset
+    return (-factor, 1.0 - offset) if source.invert else (factor, offset)
 
 
 def resolution_of(config: Config) -> dict[str, float]:
@@ -120,9 +134,9 @@ def resolution_of(config: Config) -> dict[str, float]:
 
 
 def step_of(config: Config, role: str) -> float | None:
-    """Return the factor of a role's DBC signal in the role's unit, None for a table column."""
+    """Return the factor of a role's DBC signal in the role's unit, None for a column or a mapped signal."""
     source = config.signals.get(role)
-    if source is None or source.message is None or source.signal is None:
+    if source is None or source.map or source.message is None or source.signal is None:
         return None
     _, signal = find_signal(databases_of(config), source.message, source.signal)
     factor, _ = factor_and_offset(role, source, source.unit or signal.unit or "")

@@ -94,7 +94,7 @@ class Drive:
         if not feeds:
             what = "holds no frame that the config's signal map wants"
             raise NothingToDiagnoseError(what, where=str(path))
-        notes = log_notes(reader) + stream_notes(intake)
+        notes = log_notes(reader) + table.notes() + stream_notes(intake)
         return Drive(path, config, feeds, why_no_time(intake.clock), notes, channel)
 
     @staticmethod

@@ -24,9 +24,15 @@ class ParquetReader(TableReader):
     format = "parquet"
 
     def __init__(
-        self, source: Source, head: bytes, time_column: str, wanted: Collection[str] | None, block_rows: int
+        self,
+        source: Source,
+        head: bytes,
+        time_column: str,
+        wanted: Collection[str] | None,
+        block_rows: int,
+        as_text: Collection[str] = (),
     ) -> None:
-        super().__init__(source, time_column, wanted)
+        super().__init__(source, time_column, wanted, as_text)
         self._head, self._block_rows = head, block_rows
 
     def _blocks(self) -> Generator[TableBlock]:
@@ -47,10 +53,18 @@ class ParquetReader(TableReader):
                 self._source.meter.refuse_memory(_largest_group_bytes(file.metadata, names))
                 seen = 0
                 for batch in file.iter_batches(batch_size=self._block_rows, columns=names):
-                    values = np.column_stack([self._cells(batch.column(name), name, seen) for name in names])
+                    texts = self._texts_of(batch, names)
+                    values = np.column_stack(
+                        [
+                            np.full(len(batch), np.nan)
+                            if name in texts
+                            else self._cells(batch.column(name), name, seen)
+                            for name in names
+                        ]
+                    )
                     numbers = np.arange(seen + 1, seen + 1 + len(values))
                     seen += len(values)
-                    yield self._block(names, values, numbers)
+                    yield self._block(names, values, numbers, texts)
         except MemoryError:
             raise
         except (pa.ArrowException, OSError) as error:
@@ -72,6 +86,16 @@ class ParquetReader(TableReader):
             elif cell is not None and str(cell).strip():
                 self._note_text(name, seen + row + 1, str(cell))
         return numbers
+
+    def _texts_of(self, batch: Any, names: list[str]) -> dict[str, NDArray[np.str_]]:
+        """Return the cells of columns that are wanted as text and hold no numbers; '' for nothing."""
+        found = {}
+        for name in self._as_text.intersection(names[1:]):
+            column = batch.column(name)
+            if _floats(column) is None:
+                cells = ("" if cell is None else str(cell) for cell in column.to_pylist())
+                found[name] = np.array(list(cells), np.str_)
+        return found
 
     @contextmanager
     def _stored(self) -> Iterator[Any]:

@@ -29,6 +29,7 @@ def open_log(
     channel: str | None = None,
     time_column: str = "t_s",
     columns: Collection[str] | None = None,
+    as_text: Collection[str] = (),
     block_frames: int = BLOCK_FRAMES,
 ) -> LogReader:
     """Open a log for one pass over its blocks.
@@ -36,7 +37,7 @@ def open_log(
     wanted: identifiers uint32 (n,) with flags -> which frames to deliver; all are counted.
     channel: deliver this interface only; None for all.
     time_column: the column of a decoded table that holds the time, in seconds or as ISO 8601.
-    columns: the columns of a decoded table to deliver; None for all.
+    columns: the columns of a decoded table to deliver; None for all. as_text: those of them that hold text.
     block_frames: about how many frames or rows a block holds; memory does not depend on the log's length.
 
     Errors: LogError, one line, for what cannot be opened, is no log, or has no interfaces to choose from.
@@ -53,7 +54,7 @@ def open_log(
         from canest.logs.parquet import ParquetReader
 
         _refuse_channel(source, channel)
-        return ParquetReader(source, head, time_column, columns, block_frames)
+        return ParquetReader(source, head, time_column, columns, block_frames, as_text)
     if _looks_like_candump(text):
         return CandumpReader(source, text, CandumpParser(wanted, channel), block_frames)
     text_suffix = _text_format(text, suffix)
@@ -61,7 +62,7 @@ def open_log(
         from canest.logs.tables import CsvReader
 
         _refuse_channel(source, channel)
-        return CsvReader(source, text, time_column, columns, block_frames)
+        return CsvReader(source, text, time_column, columns, block_frames, as_text)
     if text_suffix:
         return _from_python_can(source, text, text_suffix, wanted, channel, block_frames)
     if not text or suffix in _CANDUMP_SUFFIXES:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Collection, Generator
+from collections.abc import Collection, Generator, Mapping
 from datetime import UTC, datetime
 
 import numpy as np
@@ -19,6 +19,8 @@ from canest.logs.splitting import text_lines
 
 #: where int64 microseconds end, with room to spare
 _SECONDS_MAX = 9e12
+#: different texts of a column that are counted
+TEXTS_KEPT = 64
 _SEPARATORS = (",", ";", "\t")
 _NO_TIME = "no time, neither in seconds nor as 2026-03-01T08:15:00.020Z"
 _TRUTH = {"false": 0.0, "true": 1.0}
@@ -29,18 +31,28 @@ class TableReader(LogReader):
 
     columns: names in the file. bad_cells: column -> cells without a number (blank, NaN, text, infinite).
     text_cells: column -> those of them that hold text; the line number and the text of the first.
+    texts: column -> text -> how many cells hold it, of the first texts that differ.
+    as_text: columns that are delivered as text, for their value tables.
     """
 
     kind = "table"
 
-    def __init__(self, source: Source, time_column: str, wanted: Collection[str] | None) -> None:
+    def __init__(
+        self,
+        source: Source,
+        time_column: str,
+        wanted: Collection[str] | None,
+        as_text: Collection[str] = (),
+    ) -> None:
         super().__init__(source)
+        self._as_text = frozenset(as_text)
         self._time_column, self._wanted = time_column, wanted
         self._rows = self._skipped_lines = 0
         self._skipped: list[tuple[int, str, str]] = []
         self.columns: list[str] = []
         self.bad_cells: dict[str, int] = {}
         self.text_cells: dict[str, tuple[int, int, str]] = {}
+        self.texts: dict[str, dict[str, int]] = {}
         self._text_times: dict[int, str] = {}  #: of the block that is being read
 
     @property
@@ -73,6 +85,9 @@ class TableReader(LogReader):
             return
         count, first, shown = self.text_cells.get(name, (0, number, text))
         self.text_cells[name] = count + 1, first, shown
+        texts = self.texts.setdefault(name, {})
+        if text in texts or len(texts) < TEXTS_KEPT:
+            texts[text] = texts.get(text, 0) + 1
 
     def _skip(self, number: int, text: str, reason: str) -> None:
         self._skipped_lines += 1
@@ -101,8 +116,17 @@ class TableReader(LogReader):
             )
         return [self.columns.index(name) for name in (self._time_column, *chosen)]
 
-    def _block(self, names: list[str], values: NDArray[np.float64], numbers: NDArray[np.int64]) -> TableBlock:
-        """Make a block of rows (n, columns), time first; ``numbers`` are their line numbers."""
+    def _block(
+        self,
+        names: list[str],
+        values: NDArray[np.float64],
+        numbers: NDArray[np.int64],
+        texts: Mapping[str, NDArray[np.str_]],
+    ) -> TableBlock:
+        """Make a block of rows (n, columns), time first; ``numbers`` are their line numbers.
+
+        texts: the cells (n,) of the columns that go as text, whatever stands for them in ``values``.
+        """
         timed = np.isfinite(values[:, 0]) & (np.abs(values[:, 0]) < _SECONDS_MAX)
         for row in np.flatnonzero(~timed).tolist():
             found = self._text_times.get(int(numbers[row]), values[row, 0])
@@ -110,9 +134,12 @@ class TableReader(LogReader):
         self._text_times.clear()
         if not timed.all():
             values = values[timed]
+            texts = {name: cells[timed] for name, cells in texts.items()}
         self._rows += len(values)
         columns = {}
         for index, name in enumerate(names[1:], 1):
+            if name in texts:
+                continue
             column = np.ascontiguousarray(values[:, index])
             bad = ~np.isfinite(column)
             count = int(bad.sum())
@@ -120,7 +147,7 @@ class TableReader(LogReader):
                 self.bad_cells[name] = self.bad_cells.get(name, 0) + count
                 column[bad] = np.nan
             columns[name] = column
-        return TableBlock(np.rint(values[:, 0] * 1e6).astype(np.int64), columns)
+        return TableBlock(np.rint(values[:, 0] * 1e6).astype(np.int64), columns, dict(texts))
 
 
 class CsvReader(TableReader):
@@ -129,9 +156,15 @@ class CsvReader(TableReader):
     format = "csv"
 
     def __init__(
-        self, source: Source, head: bytes, time_column: str, wanted: Collection[str] | None, block_rows: int
+        self,
+        source: Source,
+        head: bytes,
+        time_column: str,
+        wanted: Collection[str] | None,
+        block_rows: int,
+        as_text: Collection[str] = (),
     ) -> None:
-        super().__init__(source, time_column, wanted)
+        super().__init__(source, time_column, wanted, as_text)
         self._head, self._block_rows = head, block_rows
         self._lines_seen = 0
 
@@ -170,25 +203,42 @@ class CsvReader(TableReader):
         names = [self.columns[position] for position in chosen]
         if self._separator == ";":
             lines = [line.replace(",", ".") for line in lines]
-        values = self._parse_at_once(lines, chosen)
-        if values is not None:
-            return self._block(names, values, np.arange(first, first + len(lines)))
+        found = self._parse_at_once(lines, chosen, names)
+        if found is not None:
+            values, texts = found
+            return self._block(names, values, np.arange(first, first + len(lines)), texts)
         return self._block(names, *self._parse_cells(lines, chosen, names, first))
 
-    def _parse_at_once(self, lines: list[str], chosen: list[int]) -> NDArray[np.float64] | None:
+    def _parse_at_once(
+        self, lines: list[str], chosen: list[int], names: list[str]
+    ) -> tuple[NDArray[np.float64], dict[str, NDArray[np.str_]]] | None:
         width = len(self.columns) - 1
         if any(not line or line.count(self._separator) != width for line in lines):
             return None
+        numeric = [at for at, name in enumerate(names) if name not in self._as_text]
+        texts = [at for at, name in enumerate(names) if name in self._as_text]
+        if texts and any('"' in line for line in lines):
+            return None
+        values = np.full((len(lines), len(chosen)), math.nan)
         try:
-            return np.loadtxt(lines, delimiter=self._separator, usecols=chosen, ndmin=2, comments=None)
+            values[:, numeric] = np.loadtxt(
+                lines,
+                delimiter=self._separator,
+                usecols=[chosen[at] for at in numeric],
+                ndmin=2,
+                comments=None,
+            )
         except ValueError:
             return None
+        cells = [line.split(self._separator) for line in lines] if texts else []
+        return values, {names[at]: np.array([row[chosen[at]] for row in cells], np.str_) for at in texts}
 
     def _parse_cells(
         self, lines: list[str], chosen: list[int], names: list[str], first: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64], dict[str, NDArray[np.str_]]]:
         rows: list[list[float]] = []
         numbers: list[int] = []
+        texts: dict[str, list[str]] = {name: [] for name in names if name in self._as_text}
         for number, line in enumerate(lines, first):
             if not line.strip():
                 continue
@@ -202,11 +252,14 @@ class CsvReader(TableReader):
                 continue
             row = [seconds_of(cells[chosen[0]]), *(number_of(cells[position]) for position in chosen[1:])]
             for position, name, value in zip(chosen, names, row, strict=True):
-                if value is None and cells[position].strip():
+                if name in texts:
+                    texts[name].append(cells[position])
+                elif value is None and cells[position].strip():
                     self._note_text(name, number, cells[position])
             rows.append([math.nan if value is None else value for value in row])
             numbers.append(number)
-        return np.array(rows, np.float64).reshape(-1, len(chosen)), np.array(numbers, np.int64)
+        values = np.array(rows, np.float64).reshape(-1, len(chosen))
+        return values, np.array(numbers, np.int64), {n: np.array(t, np.str_) for n, t in texts.items()}
 
 
 def number_of(cell: str) -> float | None:

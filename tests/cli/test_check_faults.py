@@ -1,0 +1,255 @@
+"""The doctor on faults that a user makes: it is not ready, and the line to mend is in its words."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import numpy as np
+import pytest
+from canest.simulate import simulate
+
+from canest.check import Doctor
+from canest.cli import check_view
+from canest.config import load_config, parse_config
+from canest.frames import FrameBlock
+from canest.logs import open_log
+from canest.plausible_switches import Switches
+from canest.plausible_torque import StuckTorque
+
+SCENARIO = {
+    "duration_s": 120,
+    "vehicle": "class8",
+    "mass_kg": 21250,
+    "road": {"kind": "highway"},
+    "driver": {"kind": "pulses"},
+    "bus": {"traffic": False, "cab_controller": False},
+}
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    written = simulate(SCENARIO, 1).write(tmp_path_factory.mktemp("drive"))
+    return next(p for p in written if p.suffix == ".log")
+
+
+def report(drive, *overrides, without=()):
+    config = load_config(str(drive.with_suffix(".yaml")), list(overrides))
+    kept = {role: s for role, s in config.signals.items() if role not in without}
+    doctor = Doctor(config.model_copy(update={"signals": kept}))
+    with open_log(drive) as log:
+        for block in log:
+            doctor.push(block)
+    return doctor.report()
+
+
+def test_a_config_that_fits_is_ready(drive):
+    found = report(drive)
+    assert found.ready and not found.stops and not found.hints
+
+
+def test_an_inverted_driveline_is_not_ready_and_named(drive):
+    found = report(drive, "signals.driveline_engaged.invert=true")
+    assert not found.ready and "driveline" in found.stops
+    assert any("driveline_engaged says open" in h and h.endswith("invert: false") for h in found.hints)
+
+
+def test_hardly_any_open_sample_is_not_ready(canest, drive):
+    """A few samples come through before the first frame of the message: 24 of 14,999 were 'ready'."""
+    late = drive.read_text().splitlines(keepends=True)
+    gone = [line for i, line in enumerate(late) if "FEF1" not in line or i > len(late) // 40]
+    path = drive.with_name("late.log")
+    path.write_text("".join(gone))
+    done = canest(
+        "check", "-c", drive.with_suffix(".yaml"), path, "--strict", "--json", "-",
+        "--set", "signals.brake_switch.invert=true", "--set", "signals.brake_switch.stale_s=1",
+    )  # fmt: skip
+    found = json.loads(done.out)
+    assert done.code == 1 and found["ready"] is False
+    assert 0 < found["updated"] < 0.05 * found["samples"]
+    assert found["stops"].startswith("hardly any sample may be learned from, ")
+    assert any("brake_switch says on" in h for h in found["hints"])
+
+
+def test_a_missing_gear_table_is_measured(drive):
+    for without in (("gear_ratio",), ("gear_ratio", "gear")):
+        found = report(drive, "vehicle.gear_ratios={}", without=without)
+        assert found.stops.startswith("vehicle.gear_ratios is missing")
+        line = found.stops.split("gear_ratios: ")[1].split("}")[0] + "}"
+        table = parse_config_ratios(line)
+        assert {round(r, 2) for r in table.values()} >= {1.0, 0.74}
+        if "gear" not in without:
+            assert table[9] == pytest.approx(1.0, rel=0.01) and table[10] == pytest.approx(0.74, rel=0.01)
+
+
+def parse_config_ratios(line: str) -> dict[int, float]:
+    import yaml
+
+    return yaml.safe_load(line)
+
+
+def test_a_wrong_axle_names_both_suspects(drive):
+    (told,) = report(drive, "vehicle.final_drive=3.0").hints
+    assert "wheel_radius_m 0.402" in told and "or with final_drive 3.73" in told
+
+
+def seconds(n: int) -> np.ndarray:
+    return np.arange(n, dtype=np.int64) * 100_000
+
+
+def hints_of_switches(n=600, **values) -> list[str]:
+    config = load_config("class8")
+    switches = Switches(config)
+    t_us = seconds(n)
+    speed = 10 + 5 * np.sin(t_us / 5e6)
+    samples = {
+        "vehicle_speed": speed,
+        "engine_torque_pct": 50 + 45 * np.cos(t_us / 5e6),
+        **values,
+    }
+    for first in range(0, n, 100):
+        rows = slice(first, first + 100)
+        switches.push({r: (t_us[rows], np.broadcast_to(v, n)[rows] * 1.0) for r, v in samples.items()})
+    return switches.hints()
+
+
+def test_a_brake_that_is_always_on_is_named():
+    (told,) = hints_of_switches(brake_switch=1.0)
+    assert "brake_switch says on" in told and "all the time" in told
+    assert hints_of_switches(brake_switch=0.0) == []
+
+
+def test_a_clutch_that_never_opens_is_named():
+    standing = {"vehicle_speed": 0.0, "engine_speed": 600.0, "gear": 1.0, "driveline_engaged": 1.0}
+    (told,) = hints_of_switches(**standing)
+    assert "driveline_engaged never said that the clutch is open" in told
+    opens = np.ones(600)
+    opens[300:] = 0.0
+    assert hints_of_switches(**{**standing, "driveline_engaged": opens}) == []
+    assert hints_of_switches(**{**standing, "gear": 0.0}) == []
+
+
+@pytest.mark.parametrize(("number", "told"), [(0.0, "exactly zero"), (125.0, "exactly 125, the largest")])
+@pytest.mark.parametrize("cut", [3, 1000])
+def test_single_torques_of_a_fixed_number_are_named(number, told, cut):
+    t_us = np.arange(1000, dtype=np.int64) * 20_000
+    torque = 50 + 20 * np.sin(t_us / 1e6)
+    torque[50::100] = number
+    judge = StuckTorque(load_config("class8"))
+    for first in range(0, 1000, cut):
+        judge.push({"engine_torque_pct": (t_us[first : first + cut], torque[first : first + cut])})
+    (hint,) = judge.hints()
+    assert f"engine_torque_pct reads {told}" in hint and "in 10 single samples (1 %)" in hint
+
+
+def test_a_torque_that_passes_zero_is_no_fault():
+    t_us = np.arange(5000, dtype=np.int64) * 20_000
+    judge = StuckTorque(load_config("class8"))
+    judge.push({"engine_torque_pct": (t_us, np.round(30 * np.sin(t_us / 1e6)))})
+    assert judge.hints() == []
+
+
+DBC = """VERSION ""
+BU_: X
+BO_ 416 Gearbox: 8 X
+ SG_ Gear : 0|4@1+ (1,0) [0|15] "" X
+ SG_ Brake : 4|2@1+ (1,0) [0|3] "" X
+ SG_ Wheel : 16|16@1+ (0.01,0) [0|0] "km/h" X
+ SG_ Torque : 32|16@1+ (0.1,0) [0|0] "Nm" X
+VAL_ 416 Gear 1 "Gang_1" 2 "Gang_2" 3 "Gang_3" 4 "Neutral" 15 "SNA" ;
+VAL_ 416 Brake 0 "off" 1 "on" 2 "on, by the hill holder" 3 "SNA" ;
+"""
+CONFIG = """
+vehicle: {mass_min_kg: 1000, mass_max_kg: 2000, wheel_radius_m: 0.3, final_drive: 4, drag_area_m2: 0.7,
+  rolling_resistance: 0.01, gear_ratios: {1: 3.5, 2: 2.0, 3: 1.2}}
+"""
+
+
+def car(tmp_path, gear, brake, more=""):
+    """Return the report on a bus of 11-bit identifiers."""
+    (tmp_path / "car.dbc").write_text(DBC)
+    config = parse_config(
+        f"{CONFIG}\ndbc: [{tmp_path}/car.dbc]\nsignals:\n"
+        "  gear: {message: Gearbox, signal: Gear" + more + "}\n"
+        "  brake_switch: {message: Gearbox, signal: Brake}\n"
+        "  vehicle_speed: {message: Gearbox, signal: Wheel}\n"
+        "  engine_torque: {message: Gearbox, signal: Torque}\n"
+    )
+    n = len(gear)
+    words = np.array(gear, np.uint64) | np.array(brake, np.uint64) << np.uint64(4)
+    doctor = Doctor(config)
+    doctor.push(
+        FrameBlock(
+            np.arange(n, dtype=np.int64) * 20_000, np.full(n, 416, np.uint32), np.full(n, 8, np.uint8), words
+        )
+    )
+    return doctor.report()
+
+
+def role(found, name):
+    return next(finding for finding in found.roles if finding.role == name)
+
+
+def test_labels_of_the_dbc_are_shown_and_a_map_is_proposed(tmp_path):
+    found = car(tmp_path, [1, 2, 3, 4] * 100, [0] * 400)
+    labels = {label.raw: (label.label, label.value, label.count) for label in role(found, "gear").labels}
+    assert labels[3] == ("Gang_3", 3.0, 100) and labels[4] == ("Neutral", 4.0, 100)
+    (told,) = [h for h in found.hints if h.startswith("signals.gear")]
+    assert told.endswith("paste map: {Gang_1: 1, Gang_2: 2, Gang_3: 3, Neutral: 0}")
+    assert any(entry["labels"] for entry in found.to_json()["roles"])
+    pasted = car(
+        tmp_path, [1, 2, 3, 4] * 100, [0] * 400, ", map: {Gang_1: 1, Gang_2: 2, Gang_3: 3, Neutral: 0}"
+    )
+    assert not [h for h in pasted.hints if h.startswith("signals.gear")]
+    assert {label.raw: label.value for label in role(pasted, "gear").labels}[4] == 0.0
+
+
+def test_a_rule_is_proposed_where_reserved_numbers_are_values(tmp_path):
+    """Raw 2 of two bits is an error to J1939; a car's bus says something with it."""
+    found = car(tmp_path, [1] * 400, ([0] * 10 + [2] * 10) * 20)
+    (told,) = [h for h in found.hints if "signals.brake_switch" in h]
+    assert "200 of 400 samples" in told and "2 'on, by the hill holder'" in told
+    assert told.endswith("paste validity: full")
+    mixed = car(tmp_path, [1] * 400, ([0] * 10 + [2] * 9 + [3]) * 20)
+    assert any(h.endswith("paste map: {0: 0, 2: 2}") for h in mixed.hints)
+
+
+@pytest.mark.parametrize("brake", [[3] * 400, ([0] * 10 + [3] * 10) * 20, [0] * 398 + [2] * 2])
+def test_no_rule_is_proposed_for_what_is_no_value(tmp_path, brake):
+    assert not [h for h in car(tmp_path, [1] * 400, brake).hints if "validity" in h]
+
+
+def test_text_in_a_column_is_proposed_as_a_map(canest, tmp_path):
+    rows = "".join(f"{i / 10},{('D1', 'D2', 'N')[i % 3]},36\n" for i in range(90))
+    (tmp_path / "t.csv").write_text("t_s,gang,v\n" + rows)
+    config = tmp_path / "c.yaml"
+    signals = "dbc: []\nsignals:\n  vehicle_speed: {column: v, unit: km/h}\n  engine_torque: {column: v}\n"
+    signals += "  gear: {column: gang"
+    config.write_text(f"{CONFIG}{signals}}}\n")
+    found = json.loads(canest("check", "-c", config, tmp_path / "t.csv", "--json", "-").out)
+    assert any(h.endswith("paste map: {D1: 1, D2: 2, N: 0}") for h in found["hints"])
+    config.write_text(f"{CONFIG}{signals}, map: {{D1: 1, D2: 2, N: 0}}}}\n")
+    found = json.loads(canest("check", "-c", config, tmp_path / "t.csv", "--json", "-").out)
+    assert not any("holds text" in h for h in found["hints"] + found["notes"])
+    gear = next(r for r in found["roles"] if r["role"] == "gear")
+    assert gear["values"] == 90 and {x["label"]: x["value"] for x in gear["labels"]}["N"] == 0.0
+
+
+def test_at_eighty_columns_problems_come_first_and_roles_are_folded(drive, monkeypatch):
+    found = report(drive, "signals.driveline_engaged.invert=true")
+    lines = {}
+    for verbose in (False, True):
+        stream = io.StringIO()
+        stream.isatty = lambda: True
+        monkeypatch.setattr("sys.stdout", stream)
+        monkeypatch.setenv("COLUMNS", "80")
+        monkeypatch.setenv("TERM", "dumb")
+        check_view.show(found, "config: log", verbose)
+        lines[verbose] = stream.getvalue().splitlines()
+    short = lines[False]
+    assert max(map(len, short)) <= 80
+    assert short[1].startswith("stops") and any(line.startswith("hint") for line in short[2:6])
+    assert len(short) < 40 < len(lines[True])
+    assert any("also ok (-v shows them)" in line for line in short)
+    assert not any(line.startswith(" barometric_pressure") for line in short)
+    assert any(line.startswith(" barometric_pressure") for line in lines[True])
