@@ -13,9 +13,9 @@ from canest.cli.options import config_option, load, log_budget_option, override_
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from canest.check import Report
     from canest.config import Config
-    from canest.frames import FrameBlock
+    from canest.core.frames import FrameBlock
+    from canest.doctor.check import Report
 
 EPILOG = """\b
 Examples:
@@ -63,9 +63,9 @@ def command(
     if not live and context.get_parameter_source("seconds") is not ParameterSource.DEFAULT:
         raise click.UsageError("--seconds is how long to listen: give --live too", context)
     config = load(config_name, overrides, estimator, initial_mass)
-    from canest.check import Doctor
+    from canest.bus.link import require_interface
     from canest.cli.keep import config_files, keep_apart
-    from canest.live.link import require_interface
+    from canest.doctor.check import Doctor
 
     keep_apart([*config_files(config_name, config), ("the log", log)], [("--json", json_path)])
     require_interface(config.bus, config.at)
@@ -81,7 +81,7 @@ def command(
     reader = None
     if log is not None:
         from canest.cli.progress import Bar
-        from canest.tables import open_whatever
+        from canest.pipeline.tables import open_whatever
 
         reader = open_whatever(config, log, channel)
         with Bar(Path(log).name) as bar:
@@ -127,10 +127,10 @@ def _listen(config: Config, seconds: float) -> Iterator[FrameBlock]:
     """Yield what the bus carries; nothing is sent. Errors: ConfigError, BusError (never there)."""
     import time
 
+    from canest.bus.link import open_link, require_frames
     from canest.cli.progress import Share
-    from canest.errors import BusError
-    from canest.frames import EXTENDED
-    from canest.live.link import open_link, require_frames
+    from canest.core.errors import BusError
+    from canest.core.frames import EXTENDED
 
     require_frames(config)
     everything = [(0, 0), (EXTENDED, EXTENDED)]

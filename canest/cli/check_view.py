@@ -6,15 +6,15 @@ import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from canest.terminal import console as console_for
-from canest.verdict import gate_shares
+from canest.doctor.reasons import gate_shares
+from canest.system.terminal import console as console_for
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.text import Text
 
-    from canest.check import Report
-    from canest.findings import Finding
+    from canest.doctor.check import Report
+    from canest.doctor.signal_report import Finding
 
 #: columns of a table that goes to a file or a pipe
 _FILE_WIDTH = 180

@@ -23,9 +23,9 @@ def command() -> None:
 @click.argument("name", required=False)
 def show(name: str | None) -> None:
     """Print the shipped config NAME; without NAME, the names there are."""
-    from canest.errors import UsageError
-    from canest.nearest import expected_name
-    from canest.resources import shipped
+    from canest.core.errors import UsageError
+    from canest.core.nearest_name import expected_name
+    from canest.system.shipped_files import shipped
 
     files = {path.stem: path for path in shipped("configs").glob("*.yaml")}
     names = sorted(files)

@@ -7,9 +7,9 @@ from collections.abc import Hashable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canest.atomic import require_regular
-from canest.errors import UsageError
-from canest.resources import find
+from canest.core.errors import UsageError
+from canest.system.atomic_file import require_regular
+from canest.system.shipped_files import find
 
 if TYPE_CHECKING:
     from canest.config import Config

@@ -132,7 +132,7 @@ def run(arguments: list[str], debug: bool = False) -> int:
 
 
 def _tell(error: Exception, debug: bool) -> int:
-    from canest.errors import CanestError
+    from canest.core.errors import CanestError
 
     hint = "" if debug else " (--debug shows where)"
     if isinstance(error, CanestError):
@@ -156,7 +156,7 @@ def _have_streams() -> None:
 
     What steers a terminal is shown instead: names of files, keys and logs hold anything.
     """
-    from canest.terminal import EscapingStream
+    from canest.system.terminal import EscapingStream
 
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)

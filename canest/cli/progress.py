@@ -8,8 +8,8 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from canest import terminal
-from canest.errors import printable
+from canest.core.errors import printable
+from canest.system import terminal
 
 if TYPE_CHECKING:
     from rich.progress import Progress

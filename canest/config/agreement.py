@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canest.errors import ConfigError
-from canest.nearest import expected_name
-from canest.roles import ROLES, TWO_STATE
+from canest.core.errors import ConfigError
+from canest.core.nearest_name import expected_name
+from canest.core.roles import ROLES, TWO_STATE
 
 if TYPE_CHECKING:
     from canest.config.schema import Config

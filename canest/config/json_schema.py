@@ -8,8 +8,8 @@ from pydantic import BaseModel
 
 from canest.config.meanings import SOURCE_MEANINGS, meaning
 from canest.config.schema import Config, Source
+from canest.core.roles import ROLES
 from canest.estimators.base import REGISTRY
-from canest.roles import ROLES
 
 
 def json_schema() -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import Any
 
 import yaml
 
-from canest.errors import ConfigError
+from canest.core.errors import ConfigError
 
 MOST_BYTES = 256 * 1024
 MOST_LEVELS = 32

@@ -13,9 +13,9 @@ from canest.config.agreement import MisplacedError
 from canest.config.limits import LOADER, read_text, refuse_depth, refuse_excess
 from canest.config.origins import KeyPath, Origins, lines_of
 from canest.config.schema import Config
-from canest.errors import ConfigError
-from canest.nearest import expected_name
-from canest.resources import find, is_file
+from canest.core.errors import ConfigError
+from canest.core.nearest_name import expected_name
+from canest.system.shipped_files import find, is_file
 
 
 def load_config(

@@ -14,8 +14,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from canest.core.errors import ConfigError
 from canest.decode.database_limits import MOST_FILE_BYTES, refuse_excess
-from canest.errors import ConfigError
 
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 
-from canest.errors import ConfigError
+from canest.core.errors import ConfigError
 
 MOST_FILE_BYTES = 16 * 1024 * 1024  #: a whole J1939 database has 4 MB
 MOST_MESSAGE_BYTES = 4096  #: CAN XL has 2048, ISO-TP and J1939 transport up to 4095 and 1785

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from canest.errors import ConfigError
+from canest.core.errors import ConfigError
 
 if TYPE_CHECKING:
     from cantools.database.can import Signal

@@ -7,8 +7,8 @@ from typing import Any, ClassVar, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from canest.errors import ConfigError
-from canest.nearest import expected_name
+from canest.core.errors import ConfigError
+from canest.core.nearest_name import expected_name
 
 WHERE = "estimator.options"
 

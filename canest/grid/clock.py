@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from canest.frames import EXTENDED, BoolColumn, FrameBlock
+from canest.core.frames import EXTENDED, BoolColumn, FrameBlock
 
 #: a clock that was set back more often than this is two clocks
 _INTERLEAVED_AFTER = 200

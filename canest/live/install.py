@@ -12,13 +12,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
+from canest.bus.sandbox import DROP_IN, drop_in
 from canest.config.load import parse_config
-from canest.errors import CanestError, ConfigError, OutputError
-from canest.generated import refuse_edited, stamped
-from canest.live.files import write_atomically
-from canest.live.sandbox import DROP_IN, drop_in
+from canest.core.errors import CanestError, ConfigError, OutputError
 from canest.live.unit_syntax import assignment, require_folder, require_instance
-from canest.resources import find, is_file, shipped
+from canest.system.files import write_atomically
+from canest.system.generated_files import refuse_edited, stamped
+from canest.system.shipped_files import find, is_file, shipped
 
 UNIT = "canest@.service"
 _PATH_LINE = "Environment=PATH="

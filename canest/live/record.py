@@ -18,11 +18,11 @@ from io import FileIO
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from canest.atomic import not_regular, require_regular
-from canest.frames import FrameBlock
-from canest.live.files import Background, naming
+from canest.core.frames import FrameBlock
 from canest.logs.writer import candump_text, estimates_csv
-from canest.pipeline import Estimates
+from canest.pipeline.pipeline import Estimates
+from canest.system.atomic_file import not_regular, require_regular
+from canest.system.files import Background, naming
 
 Block = TypeVar("Block", bound=Sized)
 

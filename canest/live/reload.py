@@ -10,12 +10,12 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from canest.bus.protocols import Receiver
 from canest.config.schema import Config
-from canest.decode.signal_map import databases_of
-from canest.live.doors import Doors
-from canest.live.node import Node, join
-from canest.live.protocols import Receiver
-from canest.pipeline import Listener, Pipeline
+from canest.node.node import Node, join
+from canest.pipeline.pipeline import Listener, Pipeline
+from canest.pipeline.signal_map import databases_of
+from canest.telemetry.endpoints import Doors
 
 #: sections of a config whose change means to leave the bus and join it anew
 _MAKES_THE_BUS = ("bus", "broadcast", "signals", "dbc")

@@ -14,9 +14,9 @@ import stat
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from canest.atomic import not_regular
 from canest.config.schema import Config
-from canest.live.files import write_atomically
+from canest.system.atomic_file import not_regular
+from canest.system.files import write_atomically
 
 VERSION = 1  #: of the file; another one is never restored
 _MAX_BYTES = 65_536

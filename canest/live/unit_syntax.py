@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from canest.errors import ConfigError, OutputError
+from canest.core.errors import ConfigError, OutputError
 
 #: a part of what ``systemd-escape`` leaves as it is; RUNTIME_DIRECTORY is a list with colons, and the name of
 #: a socket in it has at most 107 bytes

@@ -21,7 +21,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
 
-from canest.errors import LogError
+from canest.core.errors import LogError
 
 TIME_S = 60.0  #: for any log
 TIME_S_PER_BYTE = 60.0 / 100e6

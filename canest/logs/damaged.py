@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from canest.errors import LogError
+from canest.core.errors import LogError
 
 _HEADER_BYTES = 100
 #: what python-can and asammdf make of a damaged file, asammdf with tracebacks

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from canest import __version__
-from canest.errors import OutputError, how_to_add
-from canest.results import write_result
+from canest.core.errors import OutputError, how_to_add
+from canest.system.result_files import write_result
 
 
 @dataclass(slots=True)

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from canest.errors import ConfigError
-from canest.frames import FloatColumn
+from canest.core.errors import ConfigError
+from canest.core.frames import FloatColumn
 from canest.simulation.constants import ENGAGED, PERCENT, PLAN_S, RADPS, STANDING, TORQUE_TABLE_RPM
 from canest.simulation.driveline import driveline_in
 from canest.simulation.drivers import Pulses, plan

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.frames import FloatColumn, FrameBlock
+from canest.core.frames import FloatColumn, FrameBlock
 from canest.simulation.constants import BRAKE_LIGHT, PERCENT
 from canest.simulation.effects import SwitchedLoad
 from canest.simulation.packing import (

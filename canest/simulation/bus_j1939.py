@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from canest.frames import FrameBlock
+from canest.core.frames import FrameBlock
 from canest.simulation.effects import SwitchedLoad
 from canest.simulation.j1587_gateway import gateway_schedule
 from canest.simulation.j1939_messages import Truck

@@ -6,9 +6,9 @@ from typing import Any
 
 import yaml
 
-from canest.resources import find
 from canest.simulation.scenario import Scenario
 from canest.simulation.vehicles import VehicleSpec
+from canest.system.shipped_files import find
 
 #: range of masses that an owner would give, beyond those of the drive
 LIGHTER, HEAVIER = 0.6, 1.8  # chosen

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from canest.errors import OutputError
-from canest.frames import FloatColumn, FrameBlock
+from canest.core.errors import OutputError
+from canest.core.frames import FloatColumn, FrameBlock
 from canest.simulation.files import write_drive
 
 

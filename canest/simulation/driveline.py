@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from canest.fast import kernel
+from canest.core.jit import kernel
 from canest.simulation.constants import (
     CLOSED,
     ENGAGED,

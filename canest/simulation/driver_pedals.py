@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from canest.fast import kernel
+from canest.core.jit import kernel
 from canest.simulation.constants import GRAVITY, RECORD_S
 from canest.simulation.engine import TINY_NM
 from canest.simulation.parameters import DriverParameters

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from canest.fast import kernel
+from canest.core.jit import kernel
 from canest.simulation.constants import CLOSED, NEUTRAL, RAMP_OUT, RECORD_S, RPM, STANDING, TORQUE_TABLE_RPM
 from canest.simulation.parameters import AccessoryParameters, EngineParameters, VehicleParameters
 from canest.simulation.states import (

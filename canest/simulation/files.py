@@ -8,10 +8,10 @@ from typing import Any
 
 import yaml
 
-from canest.frames import FloatColumn, FrameBlock
-from canest.generated import digest, refuse_edited, stamped
+from canest.core.frames import FloatColumn, FrameBlock
 from canest.logs.writer import candump_text
-from canest.results import write_results
+from canest.system.generated_files import digest, refuse_edited, stamped
+from canest.system.result_files import write_results
 
 _FORMATS = {"t_s": "%.3f", "distance_m": "%.2f", "speed_mps": "%.4f", "accel_mps2": "%.4f", "grade": "%.6f",
             "mass_kg": "%.1f", "elevation_m": "%.2f", "shift": "%d", "brake": "%d"}  # fmt: skip

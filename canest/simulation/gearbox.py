@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from canest.fast import kernel
+from canest.core.jit import kernel
 from canest.simulation.constants import ENGAGED, LAUNCH, NEUTRAL, RAMP_IN, RAMP_OUT, RECORD_S, STANDING
 from canest.simulation.engine import ROWS_PER_RADPS
 from canest.simulation.parameters import GearboxParameters

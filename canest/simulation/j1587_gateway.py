@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.frames import FloatColumn
+from canest.core.frames import FloatColumn
 from canest.simulation.constants import BRAKE_LIGHT, STANDING
 from canest.simulation.packing import Cyclic, Field, Scale, flag, payload
 from canest.simulation.sensors import Signals

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.frames import FloatColumn
+from canest.core.frames import FloatColumn
 from canest.simulation.constants import BRAKE_LIGHT, KMH, PERCENT, RPM
 from canest.simulation.effects import SwitchedLoad
 from canest.simulation.packing import Field, Scale, flag, payload

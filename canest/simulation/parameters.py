@@ -1,7 +1,7 @@
 """The true vehicle and its course, as the kernels take them: one named tuple for each part, in SI units.
 
 Each kernel is given the parts that it needs. A table is a list when the kernels are interpreted and an array
-when they are compiled (see `canest.fast`).
+when they are compiled (see `canest.core.jit`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from canest.fast import kernel
+from canest.core.jit import kernel
 from canest.simulation.constants import RECORD_S
 from canest.simulation.parameters import PitchParameters
 from canest.simulation.states import Pitch

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from canest.config.limits import read_text, refuse_excess
 from canest.config.origins import KeyPath, lines_of
-from canest.errors import ConfigError
+from canest.core.errors import ConfigError
 from canest.simulation.scenario import Scenario
 
 LONGEST_SHOWN = 60  #: characters of a wrong value in a message (chosen)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from canest.fast import kernel
+from canest.core.jit import kernel
 from canest.simulation.constants import GRAVITY
 from canest.simulation.parameters import Course, ResistanceParameters
 from canest.simulation.states import Cargo, Resistance

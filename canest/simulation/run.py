@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from canest import fast
-from canest.errors import ConfigError
-from canest.frames import FloatColumn
+from canest.core import jit
+from canest.core.errors import ConfigError
+from canest.core.frames import FloatColumn
 from canest.simulation.build import course_of, initial_state, vehicle_parameters
 from canest.simulation.bus_car import car_frames
 from canest.simulation.bus_j1939 import j1939_frames
@@ -95,13 +95,13 @@ def _undeclared(spec: Scenario, rng: np.random.Generator) -> tuple[list[Any], fl
 def _moved(spec: Scenario, hidden: Hidden, rng: dict[str, np.random.Generator]) -> FloatColumn:
     """Return the records of the motion, flat. Errors: ConfigError."""
     # interpreted, a list is indexed three times faster than an array
-    contain: Any = np.asarray if fast.enabled() else np.ndarray.tolist
+    contain: Any = np.asarray if jit.enabled() else np.ndarray.tolist
     course = course_of(spec, hidden, rng, contain)
     vehicle = vehicle_parameters(spec, hidden, contain)
     start = initial_state(spec, vehicle, float(course.masses[0]))
     out = np.zeros(round(spec.duration_s / RECORD_S) * COLUMN_COUNT)
     # for the same reason the buffer is filled through a view
-    move(vehicle, course, start, out if fast.enabled() else memoryview(out.data))
+    move(vehicle, course, start, out if jit.enabled() else memoryview(out.data))
     if not np.isfinite(out).all():
         raise ConfigError("the motion became unstable", where="vehicle", expected="plausible constants")
     return out

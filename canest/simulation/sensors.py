@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.frames import FloatColumn
+from canest.core.frames import FloatColumn
 from canest.simulation.constants import (
     COLUMNS,
     GRAVITY,

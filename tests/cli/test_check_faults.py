@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from canest.simulate import simulate
 
-from canest.check import Doctor
 from canest.cli import check_view
 from canest.config import load_config, parse_config
-from canest.frames import FrameBlock
+from canest.core.frames import FrameBlock
+from canest.doctor.check import Doctor
+from canest.doctor.switches import Switches
+from canest.doctor.torque_samples import StuckTorque
 from canest.logs import open_log
-from canest.plausible_switches import Switches
-from canest.plausible_torque import StuckTorque
 
 SCENARIO = {
     "duration_s": 120,

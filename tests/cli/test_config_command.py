@@ -11,8 +11,8 @@ import pytest
 import yaml
 
 from canest.cli.main import COMMANDS
-from canest.installation import command
-from canest.resources import shipped
+from canest.system.installation import command
+from canest.system.shipped_files import shipped
 
 
 def test_a_shipped_config_is_printed_as_it_is(canest):

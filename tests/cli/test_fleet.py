@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
+from canest.batch.job import Job, name_of, truth_beside
+from canest.batch.pool import pooled, run_jobs, unique_names
 from canest.cli.summary import many_lines, short_names
 from canest.config import load_config
-from canest.errors import UsageError
-from canest.fleet import pooled, run_jobs, unique_names
-from canest.job import Job, name_of, truth_beside
-from canest.results import open_result
+from canest.core.errors import UsageError
+from canest.system.result_files import open_result
 
 DATA = Path(__file__).parents[1] / "data"
 KENWORTH = DATA / "kenworth" / "normal.log.xz"

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from canest.errors import LogError, printable
+from canest.core.errors import LogError, printable
 
 STEERING = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202e"
 

@@ -11,8 +11,8 @@ import pytest
 
 from canest.config import load_config, parse_config
 from canest.config.limits import MOST_BYTES, MOST_LEVELS, MOST_VALUES
-from canest.errors import ConfigError
-from canest.resources import shipped
+from canest.core.errors import ConfigError
+from canest.system.shipped_files import shipped
 
 TRUCK = (shipped("configs") / "class8.yaml").read_text()
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from canest.config import parse_config
-from canest.decode.signal_map import decoder_for
-from canest.errors import ConfigError
-from canest.frames import FrameBlock
-from canest.tables import TableMap, open_for
+from canest.core.errors import ConfigError
+from canest.core.frames import FrameBlock
+from canest.pipeline.signal_map import decoder_for
+from canest.pipeline.tables import TableMap, open_for
 
 DBC = """VERSION ""
 BU_: X
@@ -194,7 +194,7 @@ def test_gear_text_of_a_parquet_file(config, tmp_path):
 
 
 def test_a_log_without_a_listed_text_says_so(config, tmp_path):
-    from canest.replay import replay
+    from canest.offline.replay import replay
 
     (tmp_path / "t.csv").write_text("t_s,gear,v,M\n" + "".join(f"{i / 10},Fahrt,36,50\n" for i in range(50)))
     some = config(TABLE + "  engine_torque: {column: M}\n")

@@ -7,13 +7,13 @@ import socket
 from functools import cache, partial
 from typing import Any
 
+from canest.bus.pythoncan import PythonCanReceiver
 from canest.config.bus import Bus
+from canest.core.errors import CanestError
 from canest.decode import database
-from canest.errors import CanestError
-from canest.live.metrics_http import HttpServer
-from canest.live.pythoncan import PythonCanReceiver
-from canest.live.status_socket import StatusServer
-from canest.resources import find
+from canest.system.shipped_files import find
+from canest.telemetry.metrics_http import HttpServer
+from canest.telemetry.status_socket import StatusServer
 
 from .targets import _NUMBERS, _TEXT, _YAML, SUFFIXES, Target, log_seeds, run_logs, scratch
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from canest.frames import EXTENDED, FrameBlock
+from canest.core.frames import EXTENDED, FrameBlock
 
 VDHR_ID = 0x18FEC1EE | EXTENDED  #: vehicle distance in high resolution
 ODOMETER_START_KM = 100_000.0

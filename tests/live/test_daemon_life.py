@@ -9,16 +9,16 @@ import time
 import numpy as np
 import pytest
 
-from canest.errors import ConfigError
-from canest.frames import FrameBlock
-from canest.live import metrics
+from canest.core.errors import ConfigError
+from canest.core.frames import FrameBlock
+from canest.core.samples import Status
 from canest.live.daemon import MOST_FAILURES_IN_A_ROW
 from canest.live.reload import LONGEST_S
-from canest.live.snapshot import snapshot
-from canest.live.status_view import rows
-from canest.pipeline import Pipeline
-from canest.resources import shipped
-from canest.vehicle.samples import Status
+from canest.pipeline.pipeline import Pipeline
+from canest.system.shipped_files import shipped
+from canest.telemetry import metrics
+from canest.telemetry.snapshot import snapshot
+from canest.telemetry.status_view import rows
 from tests.live.conftest import ODOMETER_START_KM, VDHR_ID
 from tests.live.rig import Rig, config, descriptors, resident_kb, wait_for
 

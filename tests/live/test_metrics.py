@@ -10,7 +10,7 @@ import urllib.request
 
 import pytest
 
-from canest.live.metrics import MetricsServer
+from canest.telemetry.metrics import MetricsServer
 from tests.live.rig import free_port, wait_for
 
 REQUEST = b"GET /metrics HTTP/1.1\r\n" + b"X-Filler: 0123456789\r\n" * 90

@@ -7,8 +7,8 @@ import time
 
 import pytest
 
+from canest.bus.link import open_link
 from canest.config.bus import Bus
-from canest.live.link import open_link
 from tests.live.wire import ID, settle
 
 msgpack = pytest.importorskip("msgpack")

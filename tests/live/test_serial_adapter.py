@@ -10,8 +10,8 @@ import tty
 
 import pytest
 
+from canest.bus.link import open_link
 from canest.config.bus import Bus
-from canest.live.link import open_link
 from tests.live.wire import ID, settle
 
 pytest.importorskip("serial")

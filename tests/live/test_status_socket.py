@@ -12,10 +12,10 @@ import time
 
 import pytest
 
-from canest.live.doors import Doors
-from canest.live.files import Background
-from canest.live.journal import Journal
-from canest.live.status_socket import StatusServer, ask, published_path
+from canest.system.files import Background
+from canest.system.journal import Journal
+from canest.telemetry.endpoints import Doors
+from canest.telemetry.status_socket import StatusServer, ask, published_path
 from tests.live.rig import config, wait_for
 
 

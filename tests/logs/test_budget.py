@@ -16,7 +16,7 @@ import zlib
 import numpy as np
 import pytest
 
-from canest.errors import LogError
+from canest.core.errors import LogError
 from canest.logs import budget, open_log
 from canest.logs.budget import LogBudget, log_budget
 from logs.helpers_logs import log_form, read_all

@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from canest.config import load_config, parse_config
+from canest.core.frames import FrameBlock
 from canest.demo import DRIVE
-from canest.frames import FrameBlock
 from canest.logs.reader import open_log
-from canest.pipeline import Pipeline
-from canest.vehicle import torque_screen as module
-from canest.vehicle.torque_screen import TorqueScreen, torque_screens
+from canest.pipeline.pipeline import Pipeline
+from canest.vehicle import torque_dropout as module
+from canest.vehicle.torque_dropout import TorqueScreen, torque_screens
 
 EEC1_US = 20_000
 PROVE = [60.0, 0.0, 60.0, 0.0]  # two dropouts

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
+from canest.bus.sandbox import drop_in
 from canest.cli.main import run
 from canest.config import load_config
-from canest.errors import CanestError
+from canest.core.errors import CanestError
 from canest.live.install import install, unit_text
-from canest.live.sandbox import drop_in
-from canest.resources import shipped
+from canest.system.shipped_files import shipped
 
 ROOT = Path(__file__).parents[2]
 VCAN = ROOT / "configs" / "vcan.yaml"

@@ -10,12 +10,12 @@ from typing import Any
 
 import pytest
 
+from canest.bus.link import open_link
 from canest.config import load_config
 from canest.config.bus import Bus
-from canest.live.doors import Doors
-from canest.live.files import Background
-from canest.live.journal import Journal
-from canest.live.link import open_link
+from canest.system.files import Background
+from canest.system.journal import Journal
+from canest.telemetry.endpoints import Doors
 
 MULTICAST = Bus(interface="udp_multicast", channel="239.74.163.2")
 FORBIDDEN = "RestrictAddressFamilies of the unit forbids AF_INET: canest install-service"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from canest.config import parse_config
-from canest.pipeline import Pipeline
+from canest.pipeline.pipeline import Pipeline
 from canest.simulation import SimulatedDrive, simulate
 from canest.simulation.files import config_text
 

@@ -12,7 +12,7 @@ from typing import IO
 
 import pytest
 
-from canest.live.socketcan import SocketCanReceiver
+from canest.bus.socketcan import SocketCanReceiver
 
 pytestmark = [pytest.mark.vcan, pytest.mark.slow]
 BUS = "vflap0"

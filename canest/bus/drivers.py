@@ -1,0 +1,151 @@
+"""What python-can's drivers have of their own: how they are opened, what their errors and messages mean."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import select
+import socket
+import sys
+from typing import Any
+
+from canest.config.bus import Bus
+from canest.core.errors import how_to_add
+from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE
+
+# Where asammdf is installed, python-can imports it for its log formats: a second and 80 MB that a bus has no
+# need of. Hidden while python-can is imported for the first time, it is not found, which python-can accepts.
+_HIDDEN = "can" not in sys.modules and "asammdf" not in sys.modules
+if _HIDDEN:
+    sys.modules["asammdf"] = None  # type: ignore[assignment]
+try:
+    import can
+finally:
+    if _HIDDEN:
+        del sys.modules["asammdf"]
+
+# A bus whose constructor has failed is complained of by its destructor, at every attempt to open it. The
+# exception of the constructor says more, and is told once.
+logging.getLogger("can.bus").addFilter(lambda record: "not properly shut down" not in record.msg)
+
+#: what says that an interface, or its driver, is not installed
+MISSING = (can.CanInterfaceNotImplementedError, ImportError)
+INTERFACES = can.VALID_INTERFACES  #: names, those of installed plugins too
+#: interfaces that hand our own frames back to us although asked not to (python-can 4.6)
+ECHOING = frozenset({"udp_multicast"})
+#: interfaces whose `recv` returns None for input that is no frame (an adapter's answer, a byte of noise), too
+_SKIPPING = frozenset({"slcan", "serial", "udp_multicast"})
+#: extras of ours that bring what an interface of python-can needs
+_EXTRAS = {"udp_multicast": "multicast", "slcan": "serial", "serial": "serial", "robotell": "serial"}
+#: `serial` waits this long (s) for each byte, by default 0.1: no loop has that time
+_OPTIONS: dict[str, dict[str, Any]] = {"serial": {"timeout": 0.01}}
+#: 0, where not named. pyserial, which slcan hands it to, takes 0 for "try for ever" once its buffer is full
+_SEND_TIMEOUT_S = {"slcan": 0.05}
+_LONGEST_LINE = 256  #: bytes of an slcan line, more than CAN FD's 64 bytes take
+
+_IP_MULTICAST_ALL, _IPV6_MULTICAST_ALL = 49, 29  # linux/in.h, linux/in6.h
+
+
+def driver_of(interface: str) -> str:
+    """Return what an interface lacks that cannot be used, and how that is installed where an extra has it."""
+    extra = _EXTRAS.get(interface)
+    return "its driver" + (f": {how_to_add(extra)}" if extra else "")
+
+
+def open_bus(config: Bus) -> can.BusABC:
+    """Open an interface; may take seconds. Errors: whatever its driver raises."""
+    options = _OPTIONS.get(config.interface, {}) | config.options
+    if config.bitrate is not None:
+        options.setdefault("bitrate", config.bitrate)
+    bus = can.Bus(interface=config.interface, channel=config.channel, **options)
+    if config.interface == "udp_multicast":
+        _keep_other_groups_out(bus)
+    return bus
+
+
+def send_timeout_s(interface: str) -> float:
+    """Return how long a driver may try to send a frame."""
+    return _SEND_TIMEOUT_S.get(interface, 0.0)
+
+
+def more_waits(interface: str, bus: can.BusABC) -> bool:
+    """Return whether input waits although `recv` returned None (what it returned None for was no frame)."""
+    return interface in _SKIPPING and bool(select.select([bus.fileno()], [], [], 0)[0])
+
+
+def forget_damaged(bus: can.BusABC) -> None:
+    """Drop the line that a driver could not read, where it would try that again with every further byte.
+
+    python-can 4.6 keeps an slcan line that is no ASCII, and any that never ends.
+    """
+    line = getattr(bus, "_buffer", None)
+    if isinstance(line, bytearray):
+        line.clear()
+
+
+def has_endless_line(bus: can.BusABC) -> bool:
+    """Return whether a driver collects a line that is longer than any frame."""
+    line = getattr(bus, "_buffer", None)
+    return isinstance(line, bytearray) and len(line) > _LONGEST_LINE
+
+
+def is_gone(error: BaseException) -> bool:
+    """Return whether an error is the system's word that the device has failed, not one about what it sent."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, OSError) and not isinstance(
+            cause, BlockingIOError | InterruptedError | TimeoutError
+        ):
+            return True
+        cause = cause.__cause__
+    return False
+
+
+def is_own_error(error: BaseException) -> bool:
+    """Return whether a driver itself says that reading failed; others come of bad input."""
+    return isinstance(error, can.CanError) and error.__cause__ is None
+
+
+def error_text(error: BaseException) -> str:
+    """Return an error in one line, in the words of the system or the driver."""
+    text = (error.strerror if isinstance(error, OSError) else "") or str(error)
+    # what is neither of the system nor of python-can is a driver that stumbles: its kind tells half of it
+    kind = "" if text and isinstance(error, OSError | can.CanError) else type(error).__name__
+    return ": ".join(part for part in (kind, " ".join(text.split())) if part)
+
+
+def is_whole(message: can.Message) -> bool:
+    """Return whether a message can have been on a bus: its identifier fits, and no data are missing."""
+    if message.is_error_frame:
+        return True  # drivers put words of their own into these
+    largest = ID_MASK if message.is_extended_id else 0x7FF
+    length = 0 if message.is_remote_frame else message.dlc if message.is_fd else min(message.dlc, 8)
+    return 0 <= message.arbitration_id <= largest and length <= len(message.data)
+
+
+def frame_of(message: can.Message) -> tuple[int, int, bytes]:
+    """Return (stamp in microseconds, identifier with flags, payload) of a message."""
+    can_id = message.arbitration_id & ID_MASK
+    if message.is_extended_id:
+        can_id |= EXTENDED
+    if message.is_remote_frame:
+        can_id |= REMOTE
+    if message.is_error_frame:
+        can_id = can_id & ~EXTENDED | ERROR
+    payload = b"" if message.is_remote_frame else bytes(message.data)
+    return round(message.timestamp * 1e6), can_id, payload
+
+
+def message_of(can_id: int, payload: bytes) -> can.Message:
+    """Return a frame as python-can sends it."""
+    return can.Message(arbitration_id=can_id & ID_MASK, is_extended_id=bool(can_id & EXTENDED), data=payload)
+
+
+def _keep_other_groups_out(bus: can.BusABC) -> None:
+    """Receive our group only: by default Linux delivers every group that any program here has joined."""
+    with contextlib.suppress(OSError), socket.socket(fileno=os.dup(bus.fileno())) as sock:  # not on Linux
+        if sock.family == socket.AF_INET6:
+            sock.setsockopt(socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL, 0)
+        else:
+            sock.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)

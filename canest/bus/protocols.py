@@ -1,0 +1,50 @@
+"""What every bus has in common: its two halves, and what is asked of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Protocol
+
+from canest.bus.kernel_drain import Drained
+
+Filters = Sequence[tuple[int, int]]  #: (id, mask) with flags, as in Linux' struct can_filter
+
+REOPEN_S = 0.5  #: longest wait between attempts to open an interface that is not there
+
+
+class Receiver(Protocol):
+    """The receiving half of a bus. It has no way to send: a listen-only daemon holds nothing else.
+
+    state: "up", "down", "absent", "error-passive" or "bus-off".
+    reason: why it is absent, as the system or the driver says it; '' when nobody said, or it is there.
+    opened: how often the interface has been opened (a change means: another bus may be behind it).
+    counters: what happened, by name.
+    """
+
+    state: str
+    reason: str
+    opened: int
+    counters: Counter[str]
+
+    @property
+    def rest_us(self) -> int:
+        """How long it may be left alone, in microseconds: a beat where nobody knows how much it can hold."""
+
+    def collect(self) -> bool:
+        """Take what has arrived out of the interface's own small buffer; False: `drain` has to follow now."""
+
+    def drain(self) -> Drained:
+        """Return what has arrived. Never blocks, never raises: an interface that is gone is reopened."""
+
+    def close(self) -> None:
+        """Let the interface go."""
+
+
+class Transmitter(Protocol):
+    """The sending half of a bus."""
+
+    counters: Counter[str]
+
+    def send(self, can_id: int, payload: bytes) -> bool:
+        """Send one frame if the interface takes it at once; False when it was dropped (and counted)."""

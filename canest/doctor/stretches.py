@@ -1,0 +1,67 @@
+"""Gathers samples of some roles into stretches that are long enough to compare them with each other."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from canest.core.frames import FloatColumn, IntColumn
+
+Samples = dict[str, tuple[IntColumn, FloatColumn]]
+
+#: signals are compared over stretches of at least this, however small the blocks they come in
+STRETCH_US = 5_000_000
+#: or over so many samples: stamps may stand still, or be those of many senders
+MOST_WAITING = 50_000
+
+
+class Stretches:
+    """Keeps the samples of ``roles`` until a stretch is full; memory does not grow with the log."""
+
+    def __init__(self, roles: Collection[str]) -> None:
+        self._roles = tuple(roles)
+        self._waiting: dict[str, list[tuple[IntColumn, FloatColumn]]] = {}
+        self._waiting_samples = 0
+        self._since_us: int | None = None
+
+    def push(self, samples: Samples) -> Samples | None:
+        """Take the samples of a block; return a stretch when one is full."""
+        latest_us = None
+        for role in self._roles:
+            if role in samples and len(samples[role][0]):
+                self._waiting.setdefault(role, []).append(samples[role])
+                self._waiting_samples += len(samples[role][0])
+                latest_us = max(latest_us or 0, int(samples[role][0][-1]))
+        if latest_us is None:
+            return None
+        if self._since_us is None:
+            self._since_us = latest_us
+        full = abs(latest_us - self._since_us) >= STRETCH_US or self._waiting_samples > MOST_WAITING
+        return self.rest() if full else None
+
+    def rest(self) -> Samples:
+        """Return what has come since the last stretch, and begin another."""
+        self._since_us, self._waiting_samples = None, 0
+        stretch = {
+            role: (np.concatenate([t for t, _ in parts]), np.concatenate([v for _, v in parts]))
+            for role, parts in self._waiting.items()
+        }
+        self._waiting.clear()
+        return stretch
+
+
+def at(stamps: IntColumn, samples: tuple[IntColumn, FloatColumn]) -> FloatColumn:
+    """Return a signal at other stamps (n,), NaN before its first sample and after its last."""
+    known = np.isfinite(samples[1])
+    if not known.any():
+        return np.full(len(stamps), np.nan)
+    return np.asarray(
+        np.interp(stamps, samples[0][known], samples[1][known], left=np.nan, right=np.nan), np.float64
+    )
+
+
+def held(stamps: IntColumn, samples: tuple[IntColumn, FloatColumn]) -> FloatColumn:
+    """Return a state at other stamps (n,): that of the last sample before, NaN where there is none."""
+    index = np.searchsorted(samples[0], stamps, side="right") - 1
+    return np.where(index >= 0, samples[1][np.maximum(index, 0)], np.nan)

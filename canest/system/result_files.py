@@ -1,0 +1,93 @@
+"""What a user named for a result: a file that appears when it is complete, or a pipe or device."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO, Protocol
+
+from canest.core.errors import OutputError
+from canest.system.atomic_file import AtomicFile
+
+_LINKS_FOLLOWED = 8
+
+
+class ResultFile(Protocol):
+    """What results are written into: a file that appears when it is complete, or a stream."""
+
+    file: BinaryIO
+
+    def commit(self) -> None:
+        """Complete it. Errors: OSError, after which nothing is left."""
+
+    def discard(self) -> None:
+        """Let go of it, and of what was written."""
+
+
+class Stream:
+    """A pipe or device (/dev/stdout, /dev/null), written as it stands. Errors: OSError."""
+
+    def __init__(self, path: Path) -> None:
+        # appended to: /dev/stdout may lead to a file, whose content before us is not ours
+        self.file: BinaryIO = os.fdopen(os.open(path, os.O_WRONLY | os.O_APPEND), "wb")
+
+    def commit(self) -> None:
+        """Bring the rest to the reader."""
+        self.file.close()
+
+    def discard(self) -> None:
+        """Stop writing."""
+        with suppress(OSError):
+            self.file.close()
+
+
+def open_result(path: Path) -> ResultFile:
+    """Open what a user named for a result: a file, or a pipe or device. Errors: OSError."""
+    special = path.exists() and not (path.is_file() or path.is_dir())
+    return Stream(path) if special or _is_open_already(path) else AtomicFile(path)
+
+
+def write_results(contents: dict[Path, bytes]) -> None:
+    """Write files of which all appear, or (disk full, no permission) none. Errors: OutputError."""
+    results: dict[Path, ResultFile] = {}
+    try:
+        for path, content in contents.items():
+            with output_errors(path):
+                results[path] = open_result(path)
+                results[path].file.write(content)
+                results[path].file.flush()
+        for path, result in results.items():
+            with output_errors(path):
+                result.commit()
+    except BaseException:
+        for result in results.values():
+            result.discard()
+        raise
+
+
+def write_result(path: str | Path, content: str | bytes) -> None:
+    """Write one file (text as UTF-8). Errors: OutputError."""
+    write_results({Path(path): content.encode() if isinstance(content, str) else content})
+
+
+@contextmanager
+def output_errors(path: str | Path) -> Iterator[None]:
+    """Turn the system's complaints about a result into one line. Errors: OutputError."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"cannot write: {error.strerror or error}", where=str(path)) from None
+
+
+def _is_open_already(path: Path) -> bool:
+    """Return whether a name leads to a descriptor of a process: /dev/stdout, /dev/fd/3, whatever it is."""
+    here = path
+    for _ in range(_LINKS_FOLLOWED):
+        if here.parent.resolve().is_relative_to("/proc"):
+            return True
+        if not here.is_symlink():
+            return False
+        here = here.parent / here.readlink()
+    return False

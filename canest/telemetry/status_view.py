@@ -1,0 +1,134 @@
+"""Shows a daemon's snapshot in a terminal: first what matters, then what explains it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from canest.system import terminal
+
+_COLOURS = {"valid": "green", "converging": "yellow"}
+_QUIET = frozenset({"late_frames", "opened"})
+
+
+def show(snapshot: dict[str, Any], verbose: bool = False) -> None:
+    """Print one snapshot."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    console = terminal.console(highlight=False)
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="dim")
+    table.add_column()
+    for name, value in rows(snapshot, verbose):
+        table.add_row(name, escape(value))
+    colour = _COLOURS.get(snapshot["estimate"]["status"], "red")
+    console.print(
+        f"[bold]{escape(snapshot['vehicle'])}[/bold] on {escape(snapshot['bus']['channel'])}: "
+        f"[{colour}]{snapshot['estimate']['status']}[/{colour}]"
+    )
+    console.print(table)
+
+
+def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str]]:
+    """Return (what, how it is) lines."""
+    estimate, bus, node, ticks = (snapshot[k] for k in ("estimate", "bus", "broadcast", "ticks"))
+    lines = [("estimate", _estimate(estimate))]
+    if snapshot["why_not_valid"]:
+        lines.append(("why not valid", snapshot["why_not_valid"]))
+    lines += [("unheard", sentence) for sentence in snapshot.get("unheard", ())]
+    if estimate["gate"]:
+        lines.append(("gate now", estimate["gate"]))
+    samples = max(snapshot["samples"], 1)
+    shares = sorted(snapshot["gates"].items(), key=lambda item: -item[1])
+    closed = ", ".join(f"{name} {100 * n / samples:.0f} %" for name, n in shares)
+    learned = f"learned from {100 * snapshot['updated'] / samples:.0f} % of {snapshot['samples']:,} samples"
+    lines.append(("gates", f"{learned}; {closed}" if closed else learned))
+    lines.append(
+        ("bus", f"{bus['interface']}:{bus['channel']} {bus['state']}, {bus['frames_per_s']:.0f} frames/s")
+    )
+    troubles = {
+        k: v for k, v in bus.items() if isinstance(v, int) and v and k not in ("frames", "wanted", *_QUIET)
+    }
+    if troubles:
+        lines.append(("bus events", _counted(troubles)))
+    speaks = f"on, from address {node['address']:#04x}" if node["address"] is not None else "silent"
+    lines.append(("broadcast", f"silent: {node['silent_because']}" if node["silent_because"] else speaks))
+    if snapshot["masses_of_others_kg"]:
+        told = ", ".join(f"{kg:,.0f} kg from {a}" for a, kg in snapshot["masses_of_others_kg"].items())
+        lines.append(("mass by others", told))
+    if snapshot["other_senders"]:
+        lines.append(("unexpected", _counted(snapshot["other_senders"], 4)))
+    lines += _doubts(snapshot)
+    lines.append(
+        (
+            "ticks",
+            f"{ticks['count']:,}, {ticks['cpu_us_mean']:.0f} us each, {ticks['missed']:,} missed, "
+            f"{100 * ticks['within_half_ms']:.1f} % within 0.5 ms",
+        )
+    )
+    errors = {k: v for k, v in snapshot["files"].items() if isinstance(v, str)}
+    lines += [(_words(name), text) for name, text in errors.items()]
+    if snapshot["failures"]:
+        lines.append(
+            ("failures", f"{snapshot['failures']} errors inside the estimation were survived: see the log")
+        )
+    if snapshot["reload_refused_because"]:
+        refused = f"refused, the one before is in force: {snapshot['reload_refused_because']}"
+        lines.append(("new config", refused))
+    if verbose:
+        lines += [(_words(sender), _counted(values)) for sender, values in snapshot["senders"].items()]
+        for name in (
+            "clock",
+            "transport",
+            "implausible_jumps",
+            "files",
+            "broadcast",
+            "claims",
+            "torque_commands",
+        ):
+            lines.append((name, _counted({k: v for k, v in snapshot[name].items() if isinstance(v, int)})))
+    lines.append(("up", f"{snapshot['uptime_s'] / 3600:.1f} h, pid {snapshot['pid']}, {snapshot['config']}"))
+    return lines
+
+
+def _doubts(snapshot: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return what says that a sender may not be who it says it is."""
+    lines = []
+    for role, refused in snapshot["contested_signals"].items():
+        senders = _counted({f"from {address}": n for address, n in refused.items()}, 4)
+        text = f"{role} comes from several addresses; refused: {senders}. Name the right one (source:)"
+        lines.append(("contested", text))
+    if frozen := snapshot["frozen_signals"]:
+        seconds = _counted({f"{role}, seconds:": s for role, s in frozen.items()}, 4)
+        lines.append(("frozen", f"{seconds}. The vehicle changed its speed meanwhile; taken as silent"))
+    for sender, (usual_hz, now_hz) in snapshot["sends_faster"].items():
+        paces = f"{_words(sender)}: {now_hz:g} Hz, usually {usual_hz:g}"
+        lines.append(("doubtful", f"{paces}. Does somebody else send under this address?"))
+    past = {k: s for k, s in snapshot["sent_faster_s"].items() if k not in snapshot["sends_faster"]}
+    if past:
+        lines.append(("was doubtful", _counted({f"{sender}, seconds:": s for sender, s in past.items()}, 4)))
+    lost = snapshot["broadcast"].get("cannot_claim_heard", 0)
+    if lost:
+        claims = _counted(snapshot["claims"], 8)
+        heard = f"claims: {claims}" if claims else "no claim of an address was heard"
+        lines.append(("addresses lost", f"{lost} times an ECU had to give its own up; {heard}"))
+    return lines
+
+
+def _estimate(estimate: dict[str, Any]) -> str:
+    if estimate["mass_kg"] is None:
+        return "none"
+    mass = f"mass {estimate['mass_kg']:,.0f} kg +- {estimate['mass_std_kg'] or 0:,.0f}"
+    if estimate["grade"] is None:
+        return mass
+    return f"{mass}, grade {100 * estimate['grade']:+.2f} % +- {100 * (estimate['grade_std'] or 0):.2f}"
+
+
+def _words(key: str) -> str:
+    return key.replace("_", " ").replace("pgn ", "PGN ")
+
+
+def _counted(values: dict[str, Any], most: int = 50) -> str:
+    shown = [f"{_words(name)} {value}" for name, value in values.items() if value is not None]
+    more = f", and {len(shown) - most} more" if len(shown) > most else ""
+    return ", ".join(shown[:most]) + more
