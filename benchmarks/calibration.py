@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 from calibration_tables import page, table
 
-from canest import fast
 from canest.config.load import load_config
+from canest.core import jit
+from canest.core.frames import FloatColumn
+from canest.core.samples import EstimateBlock, ModelBlock, Status, VehicleFacts
 from canest.estimators.base import create
-from canest.frames import FloatColumn
-from canest.pipeline import Pipeline, facts_of
+from canest.pipeline.pipeline import Pipeline, facts_of
 from canest.simulate.run import simulate
-from canest.vehicle.samples import EstimateBlock, ModelBlock, Status, VehicleFacts
 
 STARTS_KG = (9000.0, 21000.0, 36000.0)
 FIRST_S, LATER_S = 60.0, 120.0
@@ -190,7 +190,7 @@ def draw(family: Family, seed: int) -> tuple[dict[str, Any], Drive]:
 
 def one_drive(job: tuple[Family, int]) -> list[dict[str, Any]]:
     """Simulate one drive and estimate it from every start, with and without accelerometer."""
-    fast.enable()
+    jit.enable()
     family, seed = job
     scenario, drive = draw(family, seed)
     rows = []

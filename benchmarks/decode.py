@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from canest.config import Config, load_config
+from canest.core.frames import FrameBlock
 from canest.decode import decoder
-from canest.decode.signal_map import decoder_for
-from canest.frames import FrameBlock
 from canest.logs import open_log
+from canest.pipeline.signal_map import decoder_for
 
 KENWORTH = Path(__file__).resolve().parent.parent / "tests" / "data" / "kenworth" / "normal.log.xz"
 

@@ -17,16 +17,16 @@ from pathlib import Path
 
 import numpy as np
 
-from canest import fast
 from canest.config import load_config
-from canest.diagnose.drive import Drive
-from canest.diagnose.gauss_newton import fit_on
-from canest.diagnose.outcome import Entry, entries, tells
-from canest.diagnose.problem import MIN_WINDOWS, Problem
-from canest.diagnose.reference import reference_for
-from canest.diagnose.revise import revised_config
-from canest.diagnose.run import Diagnosis, diagnose
-from canest.diagnose.tell import entry_name, entry_value, interval, score_rows
+from canest.core import jit
+from canest.diagnosis.data.drive import Drive
+from canest.diagnosis.data.problem import MIN_WINDOWS, Problem
+from canest.diagnosis.data.reference import reference_for
+from canest.diagnosis.outcome import Entry, entries, tells
+from canest.diagnosis.report.format import entry_name, entry_value, interval, score_rows
+from canest.diagnosis.report.revised_config import revised_config
+from canest.diagnosis.run import Diagnosis, diagnose
+from canest.diagnosis.search.gauss_newton import fit_on
 from canest.vehicle.effects import Effect
 from canest.vehicle.model import effects_of
 
@@ -243,7 +243,7 @@ def main() -> None:
     if len(paths) < 4:
         sys.exit(f"{options.folder}: found {len(paths)} tables, expected some trips")
     config = load_config(options.config)
-    fast.enable()
+    jit.enable()
     begin = time.monotonic()
     d = diagnose(paths[0::2], config, tell=lambda text, share: print(f"{share:4.0%} {text}", file=sys.stderr))
     wall_s = time.monotonic() - begin

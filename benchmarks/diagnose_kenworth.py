@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from canest.config import load_config
-from canest.diagnose.dependence import causes
-from canest.diagnose.outcome import tells
-from canest.diagnose.run import MIN_CHUNKS, Diagnosis, diagnose
-from canest.diagnose.tell import interval
-from canest.diagnose.windows import CHUNK_S
-from canest.replay import ReplayResult, replay
-from canest.vehicle.samples import GRAVITY_MPS2
+from canest.core.samples import GRAVITY_MPS2
+from canest.diagnosis.data.residual_windows import CHUNK_S
+from canest.diagnosis.outcome import tells
+from canest.diagnosis.report.format import interval
+from canest.diagnosis.run import MIN_CHUNKS, Diagnosis, diagnose
+from canest.diagnosis.search.dependence import causes
+from canest.offline.replay import ReplayResult, replay
 
 LOG = Path(__file__).resolve().parent.parent / "tests/data/kenworth/normal.log.xz"
 

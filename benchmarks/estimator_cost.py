@@ -19,13 +19,13 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from canest import fast
+from canest.core import jit
+from canest.core.samples import STEP_US, ModelBlock, VehicleFacts
 from canest.estimators.base import REGISTRY, create
-from canest.estimators.ekf_filter import ekf_steps
-from canest.estimators.multiple import MultipleForgetting
-from canest.estimators.rlsmf import forget_each
-from canest.estimators.rsvd import Rsvd
-from canest.vehicle.samples import STEP_US, ModelBlock, VehicleFacts
+from canest.estimators.papers.kidambi2014.ekf_filter import ekf_steps
+from canest.estimators.papers.rhode2013.multiple_forgetting import MultipleForgetting
+from canest.estimators.papers.rhode2013.rsvd import Rsvd
+from canest.estimators.papers.vahidi2005.rlsmf import forget_each
 
 FACTS = VehicleFacts(7_000.0, 40_000.0, has_accelerometer=True)
 #: rows at a time, as the estimators take them (they stay in the processor's cache)
@@ -95,7 +95,7 @@ def kernels(n: int) -> dict[str, Callable[[], object]]:
     """Return the recursions alone, on columns already in their containers."""
     block = samples(n)
     phi2 = np.full(n, -9.80665)
-    wrap = (lambda c: c) if fast.enabled() else (lambda c: c.tolist())
+    wrap = (lambda c: c) if jit.enabled() else (lambda c: c.tolist())
     y, phi1, second = wrap(block.accel_mps2), wrap(block.force_N), wrap(phi2)
     out = [wrap(np.zeros(n)) for _ in range(6)]
     rlsmf = wrap(np.array([4.5e-5, 0.006, 1e-7, 10.0, 1e-3]))
@@ -161,10 +161,10 @@ def main() -> int:
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter).parse_args()
     results: dict[str, list[float]] = {}
     for compiled in (True, False):
-        if compiled and not fast.available():
+        if compiled and not jit.available():
             print("numba is not installed: interpreted only")
             continue
-        fast.enable(compiled)
+        jit.enable(compiled)
         n = 100_000 if compiled else 10_000
         for name, action in kernels(n).items():
             results.setdefault(f"kernel  {name}", []).append(best(action, n))
@@ -176,7 +176,7 @@ def main() -> int:
             results.setdefault(f"update  {name}", []).append(
                 best(lambda m=method, p=part: m.update(p), count, 3)
             )
-    fast.enable(False)
+    jit.enable(False)
     missed = []
     print(f"{'ns per sample':<42}{'compiled':>10}{'interpreted':>13}   at most")
     for name, costs in results.items():

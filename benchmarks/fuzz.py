@@ -37,7 +37,7 @@ def guided(name: str, seconds: float, keep: Path) -> None:
     with atheris.instrument_imports(include=["canest"]):
         import canest.live.state
         import canest.logs.others
-        import canest.pipeline  # noqa: F401
+        import canest.pipeline.pipeline  # noqa: F401
     from tests.fuzz.engine import run_one
     from tests.fuzz.targets import TARGETS
 

@@ -83,13 +83,13 @@ def daemon(
     config_name: str, seconds: float, broadcast_hz: float | None, port_to: object, result_to: object
 ) -> None:
     """Run the daemon in this process and report what it cost."""
+    from canest.bus.kernel_drain import ask_for_stamps
+    from canest.bus.link import Filters, Receiver, Transmitter
+    from canest.bus.socketcan import SocketCanReceiver, SocketCanTransmitter, ask_for_room
     from canest.config import load_config
-    from canest.live import node
     from canest.live.daemon import Daemon
-    from canest.live.journal import Journal
-    from canest.live.kernel_drain import ask_for_stamps
-    from canest.live.link import Filters, Receiver, Transmitter
-    from canest.live.socketcan import SocketCanReceiver, SocketCanTransmitter, ask_for_room
+    from canest.node import node
+    from canest.system.journal import Journal
 
     class UdpStandIn(SocketCanReceiver):
         def _open_socket(self) -> socket.socket:
@@ -165,7 +165,7 @@ def daemon(
 
 def floor(seconds: float, port_to: object, result_to: object) -> None:
     """Only sleep and empty the socket, every 20 ms: what a loop costs here that does nothing."""
-    from canest.live.kernel_drain import KernelDrain, ask_for_stamps
+    from canest.bus.kernel_drain import KernelDrain, ask_for_stamps
     from canest.live.schedule import Schedule
 
     if has_socketcan():

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from canest.frames import FrameBlock
+from canest.core.frames import FrameBlock
 from canest.logs import open_log
 from canest.logs.writer import CandumpWriter
 
@@ -153,7 +153,7 @@ def main() -> None:
 
 def measure(one: FrameBlock, folder: Path, config: str, hours: tuple[float, float]) -> None:
     """Write the logs into ``folder``, run everything on them, print figures and ratios."""
-    from canest.resources import shipped
+    from canest.system.shipped_files import shipped
 
     durations_s = (SHORT_LOG_S, *(3600 * h for h in hours))
     logs = [folder / f"{duration_s:.0f}s.log" for duration_s in durations_s]

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from calibration import FAMILIES, Family, draw
 
-from canest import fast
-from canest.compare import compare
 from canest.config.load import load_config
+from canest.core import jit
 from canest.logs.truth import read_truth
+from canest.offline.compare import compare
 from canest.simulate.run import simulate
 
 WRONG_STARTS_KG = (9000.0, 36000.0)
@@ -32,7 +32,7 @@ OURS = "canest"
 
 def one_drive(job: tuple[Family, int]) -> list[dict[str, Any]]:
     """Simulate a drive, compare from each start; return rows of mass RMS (percent) by estimator."""
-    fast.enable()
+    jit.enable()
     family, seed = job
     scenario, _ = draw(family, seed)
     for change in scenario["mass_kg"]:

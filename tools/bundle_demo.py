@@ -7,10 +7,10 @@ import tempfile
 from pathlib import Path
 
 from canest.config import load_config
-from canest.decode.signal_map import decoder_for
-from canest.frames import FrameBlock
+from canest.core.frames import FrameBlock
 from canest.logs.reader import open_log
 from canest.logs.writer import candump_text
+from canest.pipeline.signal_map import decoder_for
 from canest.simulate.run import simulate_to_directory
 
 TARGET = Path(__file__).resolve().parent.parent / "canest" / "demo"

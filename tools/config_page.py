@@ -16,9 +16,9 @@ from pydantic_core import PydanticUndefined
 
 from canest.config.schema import Config, Source
 from canest.config.vehicle import Retarder
+from canest.core.roles import ROLES, UNITS
 from canest.decode.validity import RULES
 from canest.estimators.base import REGISTRY
-from canest.roles import ROLES, UNITS
 from canest.vehicle.effects import EFFECTS
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "config.md"

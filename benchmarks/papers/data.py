@@ -14,18 +14,18 @@ import yaml
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from canest.config import Config, parse_config
+from canest.core.frames import FrameBlock
+from canest.core.samples import GRAVITY_MPS2, STEP_S, STEP_US, EstimateBlock, ModelBlock, VehicleFacts
 from canest.estimators.base import Estimator, create
-from canest.frames import FrameBlock
 from canest.grid.grid import GridBlock
-from canest.intake import Intake, grid_for
 from canest.logs.reader import open_log
 from canest.logs.truth import read_truth
-from canest.pipeline import facts_of
-from canest.resources import find
-from canest.scoring import Score
+from canest.offline.scoring import Score
+from canest.pipeline.intake import Intake, grid_for
+from canest.pipeline.pipeline import facts_of
 from canest.simulate.run import SimulatedDrive, simulate
-from canest.vehicle.regression import Regression
-from canest.vehicle.samples import GRAVITY_MPS2, STEP_S, STEP_US, EstimateBlock, ModelBlock, VehicleFacts
+from canest.system.shipped_files import find
+from canest.vehicle.model_samples import Regression
 
 Column = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -11,12 +11,12 @@ import numpy as np
 from data import Drive, simulated
 from page import Page, axes
 
-from canest import fast
-from canest.estimators.multiple import MultipleForgetting
+from canest.core import jit
+from canest.estimators.papers.rhode2013.multiple_forgetting import MultipleForgetting
+from canest.estimators.papers.rhode2013.rsvd import Rsvd
+from canest.estimators.papers.rhode2013.tls_math import NoiseScale, correction, covariance
 from canest.estimators.regression import usable
-from canest.estimators.rsvd import Rsvd
-from canest.estimators.tls_math import NoiseScale, correction, covariance
-from canest.filters import order_and_cutoff
+from canest.vehicle.butterworth import order_and_cutoff
 
 #: eq. 8
 NOISE = np.array(
@@ -119,12 +119,12 @@ def _figure_2(page: Page, z: Array) -> None:
     page.figure(figure, "2013-figure-2", "Figure 2: recursive and batch coincide (dotted: batch)")
     costs = []
     for compiled in (True, False):
-        fast.enable(compiled)
+        jit.enable(compiled)
         rgtls(z[:50], np.eye(4), LAMBDA**2)
         begin = time.process_time()
         Rsvd(3, LAMBDA**2).add(z)
         costs.append((time.process_time() - begin) / ROWS)
-    fast.enable(True)
+    jit.enable(True)
     begin = time.process_time()
     batch_tls(z, LAMBDA, 60)
     every = (time.process_time() - begin) * 60

@@ -21,7 +21,7 @@ import vahidi2005
 from data import simulated  # noqa: F401 - puts the checkout on the path before canest is imported
 from page import Page
 
-from canest import fast
+from canest.core import jit
 
 PAPERS = {"2005": vahidi2005.write, "2013": rhode2013.write, "2014": kidambi2014.write}
 
@@ -34,7 +34,7 @@ def main() -> int:
     parser.add_argument("--drives", type=Path, help="folder of recorded drives")
     parser.add_argument("--only", choices=PAPERS, help="one paper only")
     arguments = parser.parse_args()
-    fast.enable()
+    jit.enable()
     page = Page(arguments.output, "The papers' experiments, run again with canest")
     page.text(
         "Every number below is measured by this program when it runs; the papers' own numbers stand beside "

@@ -9,7 +9,7 @@ import numpy as np
 from data import Drive, errors, estimate, from_equation, recorded, simulated
 from page import Page, axes
 
-from canest.estimators.identify import model_acceleration, road_load, rolling_radius
+from canest.estimators.papers.vahidi2005.identify import model_acceleration, road_load, rolling_radius
 
 TRUE_KG = 20_000.0
 SINGLE = {"constant": 0.8, "steps": 0.8, "ramp": 0.9, "sine": 0.9}

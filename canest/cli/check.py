@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
     from rich.text import Text
 
-    from canest.check import Report
     from canest.config import Config
-    from canest.findings import Finding
-    from canest.frames import FrameBlock
+    from canest.core.frames import FrameBlock
+    from canest.doctor.check import Report
+    from canest.doctor.signal_report import Finding
 
 EPILOG = """\b
 Examples:
@@ -70,9 +70,9 @@ def command(
     if not live and context.get_parameter_source("seconds") is not ParameterSource.DEFAULT:
         raise click.UsageError("--seconds is how long to listen: give --live too", context)
     config = load(config_name, overrides, estimator, initial_mass)
-    from canest.check import Doctor
+    from canest.bus.link import require_interface
     from canest.cli.keep import config_files, keep_apart
-    from canest.live.link import require_interface
+    from canest.doctor.check import Doctor
 
     keep_apart([*config_files(config_name, config), ("the log", log)], [("--json", json_path)])
     require_interface(config.bus, config.at)
@@ -88,7 +88,7 @@ def command(
     reader = None
     if log is not None:
         from canest.cli.progress import Bar
-        from canest.tables import open_whatever
+        from canest.pipeline.tables import open_whatever
 
         reader = open_whatever(config, log, channel)
         with Bar(Path(log).name) as bar:
@@ -132,10 +132,10 @@ def _listen(config: Config, seconds: float) -> Iterator[FrameBlock]:
     """Yield what the bus carries; nothing is sent. Errors: ConfigError, BusError (never there)."""
     import time
 
+    from canest.bus.link import open_link, require_frames
     from canest.cli.progress import Share
-    from canest.errors import BusError
-    from canest.frames import EXTENDED
-    from canest.live.link import open_link, require_frames
+    from canest.core.errors import BusError
+    from canest.core.frames import EXTENDED
 
     require_frames(config)
     everything = [(0, 0), (EXTENDED, EXTENDED)]
@@ -180,7 +180,7 @@ def _show(report: Report, title: str) -> None:
     console.print(table)
     if report.samples:
         share = 100 * report.updated / report.samples
-        from canest.verdict import gate_shares
+        from canest.doctor.reasons import gate_shares
 
         shares = gate_shares(report.gates, report.samples)
         console.print(

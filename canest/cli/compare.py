@@ -11,7 +11,7 @@ import click
 from canest.cli.options import config_option, load, override_options, truth_options
 
 if TYPE_CHECKING:
-    from canest.compare import Comparison
+    from canest.offline.compare import Comparison
 
 EPILOG = """\b
 Examples:
@@ -59,12 +59,12 @@ def command(
         raise click.UsageError("give the truth: --truth CSV, --truth auto or --mass KG")
     config = load(config_name, overrides, estimator, initial_mass)
     names = _known(only) if only is not None else None
+    from canest.batch.job import truth_file
     from canest.cli.keep import config_files, keep_apart
     from canest.cli.progress import Bar
     from canest.cli.summary import write_json
-    from canest.compare import compare
-    from canest.job import truth_file
     from canest.logs.truth import read_truth
+    from canest.offline.compare import compare
 
     if report is not None:
         from canest.report.page import require_packages

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from canest.demo.session import Moment, Session
-    from canest.pipeline import Estimates
-    from canest.scoring import Score
+    from canest.offline.scoring import Score
+    from canest.pipeline.pipeline import Estimates
 
 EPILOG = """\b
 Examples:
@@ -99,7 +99,7 @@ class _View:
         from rich.panel import Panel
         from rich.table import Table
 
-        from canest.live.view import sparkline
+        from canest.telemetry.broadcast_view import sparkline
 
         e = moment.estimate
         at = min(int(moment.event_s / moment.duration_s * self._points), self._points - 1)
@@ -179,12 +179,12 @@ def _grade(grade: float) -> str:
 
 
 def _status(moment: Moment) -> str:
-    from canest.vehicle.samples import STATUS_LABELS
+    from canest.core.samples import STATUS_LABELS
 
     return STATUS_LABELS.get(moment.estimate.status, "waiting")
 
 
 def _gate(moment: Moment) -> str:
-    from canest.gates import LABELS
+    from canest.core.gates import LABELS
 
     return LABELS.get(moment.estimate.gate, "")

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from canest.config import Config
-    from canest.diagnose.outcome import Entry
-    from canest.diagnose.run import Diagnosis
+    from canest.diagnosis.outcome import Entry
+    from canest.diagnosis.run import Diagnosis
 
 #: the kernels go over every drive so often, measured by what compiling them saves
 _PASSES = 40
@@ -85,7 +85,7 @@ def command(
         raise click.UsageError("one truth cannot fit several logs: use --truth auto", context)
     truths = _truths(paths, truth)
     from canest.cli.keep import config_files, keep_apart
-    from canest.diagnose.files import CONFIG_NAME, JSON_NAME, REPORT_NAME
+    from canest.diagnosis.report.files import CONFIG_NAME, JSON_NAME, REPORT_NAME
 
     keep_apart(
         config_files(config_name, config)
@@ -105,19 +105,19 @@ def _diagnose(
     channel: str | None,
     output: Path,
 ) -> int:
-    from canest import fast
     from canest.cli.progress import Share
-    from canest.diagnose.files import write, write_empty
-    from canest.diagnose.problem import TooLittleDrivingError
-    from canest.diagnose.run import diagnose
-    from canest.replay import compiling_pays
+    from canest.core import jit
+    from canest.diagnosis.data.problem import TooLittleDrivingError
+    from canest.diagnosis.report.files import write, write_empty
+    from canest.diagnosis.run import diagnose
+    from canest.offline.replay import compiling_pays
 
     class Stage(Share):
         def tell(self, text: str, share: float) -> None:
             self._text = text
             self.update(share)
 
-    fast.enable(compiling_pays(paths, _PASSES))
+    jit.enable(compiling_pays(paths, _PASSES))
     names = [str(p) for p in paths]
     try:
         with Stage("diagnose") as bar:
@@ -141,7 +141,7 @@ def _diagnose(
 
 def _notes(noted: Mapping[str, Sequence[str]]) -> list[str]:
     from canest.cli.summary import note_lines, short_names
-    from canest.diagnose.files import JSON_NAME
+    from canest.diagnosis.report.files import JSON_NAME
 
     return note_lines(list(zip(short_names(list(noted)), noted.values(), strict=True)), JSON_NAME)
 
@@ -155,7 +155,7 @@ def _failures(failed: Sequence[str]) -> int:
 
 def _segments(folder: Path) -> list[Path]:
     """Return the recording's segments in the order of their names, which begin with the time."""
-    from canest.errors import LogError
+    from canest.core.errors import LogError
 
     if not folder.is_dir():
         raise LogError("no such directory", where=str(folder), expected="what service.residual_dir names")
@@ -170,8 +170,8 @@ def _truths(paths: Sequence[Path], truth: str | None) -> list[Path | None] | Non
         return None
     if truth != "auto":
         return [Path(truth)]
-    from canest.errors import LogError
-    from canest.job import truth_beside
+    from canest.batch.job import truth_beside
+    from canest.core.errors import LogError
 
     found = [truth_beside(path) for path in paths]
     if not any(found):
@@ -185,7 +185,7 @@ def _show(diagnosis: Diagnosis, found: Sequence[Entry]) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from canest.diagnose.tell import entry_name, entry_value, score_rows
+    from canest.diagnosis.report.format import entry_name, entry_value, score_rows
 
     console = Console(highlight=False)
     if not console.is_terminal:

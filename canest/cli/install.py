@@ -30,8 +30,8 @@ def command(write: bool, config_name: str | None, name: str | None, root: str) -
         return
     path, databases = None, {}
     if config_name is not None:
-        from canest.pipeline import Pipeline
-        from canest.resources import find
+        from canest.pipeline.pipeline import Pipeline
+        from canest.system.shipped_files import find
 
         Pipeline(load(config_name))  # a config that is refused must not become a service
         path = find("configs", config_name)

@@ -7,8 +7,8 @@ from collections.abc import Hashable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canest.errors import UsageError
-from canest.resources import find
+from canest.core.errors import UsageError
+from canest.system.shipped_files import find
 
 if TYPE_CHECKING:
     from canest.config import Config

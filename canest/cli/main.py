@@ -130,7 +130,7 @@ def run(arguments: list[str], debug: bool = False) -> int:
 
 
 def _tell(error: Exception, debug: bool) -> int:
-    from canest.errors import CanestError
+    from canest.core.errors import CanestError
 
     hint = "" if debug else " (--debug shows where)"
     if isinstance(error, CanestError):

@@ -32,10 +32,10 @@ def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: 
     from rich.console import Console
     from rich.live import Live
 
+    from canest.bus.link import open_link, require_interface
     from canest.config.bus import Broadcast, Bus
     from canest.decode import j1939
-    from canest.live.link import open_link, require_interface
-    from canest.live.view import LiveView
+    from canest.telemetry.broadcast_view import LiveView
 
     config = load(config_name) if config_name is not None else None
     section = config.bus if config is not None else Bus()

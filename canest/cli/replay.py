@@ -12,8 +12,8 @@ import click
 from canest.cli.options import config_option, load, override_options, truth_options
 
 if TYPE_CHECKING:
+    from canest.batch.job import Job
     from canest.config import Config
-    from canest.job import Job
 
 EPILOG = """\b
 Examples:
@@ -89,7 +89,7 @@ def command(
     if config_name is None:
         raise click.UsageError("missing option -c CONFIG", click.get_current_context())
     config = load(config_name, overrides, estimator, initial_mass)
-    from canest.job import Job, truth_beside, truth_file
+    from canest.batch.job import Job, truth_beside, truth_file
 
     paths = [Path(log) for log in logs]
     if len(paths) == 1:
@@ -139,7 +139,7 @@ def _with_outputs(jobs: list[Job], output: str | None, report: str | None) -> li
 
     # one log into one file, the usual case, does without the processes that `fleet` brings
     if len(jobs) > 1 or (output is not None and (output.endswith("/") or Path(output).is_dir())):
-        from canest.fleet import with_outputs
+        from canest.batch.pool import with_outputs
 
         reports = Path(report) if report and len(jobs) > 1 else None
         jobs = with_outputs(jobs, Path(output) if output else None, reports)
@@ -186,9 +186,9 @@ def _one(job: Job, config: Config, json_path: str | None) -> int:
 
 
 def _many(jobs: list[Job], config: Config, json_path: str | None, workers: int | None) -> int:
+    from canest.batch.pool import pooled, run_jobs
     from canest.cli.progress import Count
     from canest.cli.summary import many_lines, write_json
-    from canest.fleet import pooled, run_jobs
 
     with Count("replay", len(jobs)) as count:
         outcomes = run_jobs(jobs, config, workers, lambda outcome: count.step(outcome.job.name))
@@ -211,8 +211,8 @@ def _play(
         raise click.UsageError("--speed needs a bus to play to: --to INTERFACE:CHANNEL", context)
     if speed is not None and not 0 < speed < float("inf"):
         raise click.UsageError(f"--speed must be above 0, found {speed:g}", context)
+    from canest.bus.playback import play
     from canest.cli.progress import Bar
-    from canest.play import play
 
     for log in logs:
         with Bar(f"playing {Path(log).name}") as shown:

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from canest.errors import OutputError
+from canest.core.errors import OutputError
 
 if TYPE_CHECKING:
-    from canest.replay import ReplayResult
+    from canest.offline.replay import ReplayResult
 
 _LABEL = 10
 #: logs whose notes are shown below a table of many
@@ -38,7 +38,7 @@ def result_lines(result: ReplayResult, written: Sequence[Path]) -> list[str]:
     _put(lines, "frames", f"{s['frames']:,} ({s['skipped_lines']:,} lines skipped) in {s['wall_s']:.2f} s")
     _put(lines, "samples", f"{s['samples']:,} at 50 Hz, {s['updated']:,} learned from{_share(s)}")
     if s["gates"]:
-        from canest.verdict import gate_shares
+        from canest.doctor.reasons import gate_shares
 
         _put(lines, "gates", gate_shares(s["gates"], s["samples"]))
     _put(lines, "mass", _mass(s))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canest.errors import ConfigError
-from canest.roles import ROLES
+from canest.core.errors import ConfigError
+from canest.core.roles import ROLES
 
 if TYPE_CHECKING:
     from canest.config.schema import Config

@@ -12,8 +12,8 @@ from pydantic import ValidationError
 from canest.config.agreement import MisplacedError
 from canest.config.origins import KeyPath, Origins, lines_of
 from canest.config.schema import Config
-from canest.errors import ConfigError
-from canest.resources import find, is_file
+from canest.core.errors import ConfigError
+from canest.system.shipped_files import find, is_file
 
 #: libyaml's safe loader where PyYAML was built with it (ten times faster), else the one in Python
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)

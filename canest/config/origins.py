@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import yaml
 
-from canest.errors import ConfigError
+from canest.core.errors import ConfigError
 
 KeyPath = tuple[str, ...]  #: ("vehicle", "gear_ratios", "3")
 

@@ -15,7 +15,7 @@ from canest.config.gates import Gates
 from canest.config.origins import Origins
 from canest.config.section import Number, Section, Whole, empty_section
 from canest.config.vehicle import Vehicle
-from canest.roles import KNOWN_UNITS
+from canest.core.roles import KNOWN_UNITS
 
 Validity = Literal["j1939", "full", "source_address", "gear", "ascii"]
 

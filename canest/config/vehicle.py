@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from canest.config.agreement import MisplacedError
 from canest.config.section import Number, Section, empty_section
-from canest.roles import RADPS_PER_RPM
+from canest.core.roles import RADPS_PER_RPM
 
 
 class Retarder(Section):

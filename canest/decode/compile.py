@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from canest.core.errors import ConfigError
+from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 from canest.decode.validity import first_not_available, gear_of_text, highest_valid
-from canest.errors import ConfigError
-from canest.frames import BoolColumn, FloatColumn, IntColumn
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from canest.frames import IntColumn
+from canest.core.frames import IntColumn
 
 #: a sender without a frame for longer is silent, or the clock was set
 LONGEST_US = 60_000_000

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from canest.errors import ConfigError
+from canest.core.errors import ConfigError
 
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal

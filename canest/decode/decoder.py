@@ -14,12 +14,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from canest.core.frames import (
+    ERROR,
+    EXTENDED,
+    ID_MASK,
+    REMOTE,
+    FloatColumn,
+    FrameBlock,
+    IntColumn,
+    RoleSamples,
+)
 from canest.decode import j1939
 from canest.decode.counters import Counters
 from canest.decode.groups import Group, Want, build_groups
 from canest.decode.senders import Columns, Found, Sender
 from canest.decode.transport import Transport
-from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FloatColumn, FrameBlock, IntColumn, RoleSamples
 
 if TYPE_CHECKING:
     from cantools.database.can import Database

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from canest.core.errors import ConfigError
+from canest.core.frames import EXTENDED
 from canest.decode.compile import FRAME_BYTES, CompiledSignal, Field, known_selectors
 from canest.decode.database import find_signal, is_j1939
 from canest.decode.j1939 import pgn_of
 from canest.decode.ownership import Owner
-from canest.errors import ConfigError
-from canest.frames import EXTENDED
 
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal

@@ -7,7 +7,7 @@ the parameter group (SAE J1939-21).
 
 from __future__ import annotations
 
-from canest.frames import EXTENDED, REMOTE
+from canest.core.frames import EXTENDED, REMOTE
 
 GLOBAL_ADDRESS = 0xFF  #: destination of a broadcast
 PGN_BITS = 18

@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from canest.core.frames import BoolColumn, FloatColumn, FrameBlock, IntColumn
 from canest.decode.compile import FRAME_BYTES
 from canest.decode.counters import SenderCounters, SignalCounters
 from canest.decode.groups import Group, WantedSignal
 from canest.decode.ownership import Owner
-from canest.frames import BoolColumn, FloatColumn, FrameBlock, IntColumn
 
 Found = dict[str, tuple[list[int], list[float]]]  #: role -> stamps, values
 _Step = tuple[WantedSignal, str, Callable[[int], float | None], SignalCounters, Owner | None]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 
-from canest.errors import ConfigError
+from canest.core.errors import ConfigError
 
 #: rule -> what it accepts, in the words of the documentation
 RULES: dict[str, str] = {

@@ -18,17 +18,17 @@ import numpy as np
 
 from canest.config import load_config
 from canest.config.bus import Bus
-from canest.decode.signal_map import decoder_for
+from canest.core.errors import CanestError, UsageError
+from canest.core.frames import EXTENDED, ID_MASK, FrameBlock
 from canest.demo import DRIVE, TRUTH
-from canest.errors import CanestError, UsageError
-from canest.frames import EXTENDED, ID_MASK, FrameBlock
 from canest.live.daemon import Daemon
-from canest.live.estimate_frame import NOT_AVAILABLE_STATUS, Estimate, decode
-from canest.live.journal import Journal
 from canest.logs.reader import open_log
 from canest.logs.truth import read_truth
-from canest.pipeline import Estimates
-from canest.scoring import Score
+from canest.node.estimate_frame import NOT_AVAILABLE_STATUS, Estimate, decode
+from canest.offline.scoring import Score
+from canest.pipeline.pipeline import Estimates
+from canest.pipeline.signal_map import decoder_for
+from canest.system.journal import Journal
 
 if TYPE_CHECKING:
     from canest.config import Config

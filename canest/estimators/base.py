@@ -7,26 +7,26 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import Any, ClassVar
 
-from canest.errors import ConfigError
-from canest.vehicle.samples import EstimateBlock, ModelBlock, VehicleFacts
+from canest.core.errors import ConfigError
+from canest.core.samples import EstimateBlock, ModelBlock, VehicleFacts
 
 #: estimator name -> module that defines it (imported only when used)
 REGISTRY: dict[str, str] = {
-    "batch-ls": "canest.estimators.batch",
-    "rls": "canest.estimators.rls",
-    "rls-vector": "canest.estimators.rls",
-    "rlsmf": "canest.estimators.rlsmf",
-    "rlsmf-n": "canest.estimators.rlsmf",
-    "resistance4": "canest.estimators.resistance4",
-    "tls": "canest.estimators.tls",
-    "gtls": "canest.estimators.tls",
-    "rtls": "canest.estimators.rtls",
-    "rgtls": "canest.estimators.rtls",
-    "ekf": "canest.estimators.ekf",
-    "ekf-select": "canest.estimators.ekf_select",
-    "dgo": "canest.estimators.dgo",
-    "pmg": "canest.estimators.pmg",
-    "canest": "canest.estimators.canest",
+    "batch-ls": "canest.estimators.papers.vahidi2005.batch",
+    "rls": "canest.estimators.papers.vahidi2005.rls",
+    "rls-vector": "canest.estimators.papers.vahidi2005.rls",
+    "rlsmf": "canest.estimators.papers.vahidi2005.rlsmf",
+    "rlsmf-n": "canest.estimators.papers.vahidi2005.rlsmf",
+    "resistance4": "canest.estimators.papers.rhode2013.resistance4",
+    "tls": "canest.estimators.papers.rhode2013.tls",
+    "gtls": "canest.estimators.papers.rhode2013.tls",
+    "rtls": "canest.estimators.papers.rhode2013.rtls",
+    "rgtls": "canest.estimators.papers.rhode2013.rtls",
+    "ekf": "canest.estimators.papers.kidambi2014.ekf",
+    "ekf-select": "canest.estimators.papers.kidambi2014.ekf_select",
+    "dgo": "canest.estimators.papers.kidambi2014.dgo",
+    "pmg": "canest.estimators.papers.kidambi2014.pmg",
+    "canest": "canest.estimators.canest_0_1.estimator",
 }
 
 

@@ -6,8 +6,8 @@ from abc import abstractmethod
 
 import numpy as np
 
+from canest.core.samples import EstimateBlock, ModelBlock
 from canest.estimators.base import Estimator
-from canest.vehicle.samples import EstimateBlock, ModelBlock
 
 CHUNK_SAMPLES = 4096
 

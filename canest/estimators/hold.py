@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from canest.frames import IntColumn
+from canest.core.frames import IntColumn
 
 
 def rows_until(at: IntColumn, n: int) -> IntColumn:

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from canest.errors import ConfigError
+from canest.core.errors import ConfigError
 
 WHERE = "estimator.options"
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from canest.frames import BoolColumn, FloatColumn, IntColumn
-from canest.vehicle.samples import GRAVITY_MPS2, RATE_HZ, STEP_S, ModelBlock
+from canest.core.frames import BoolColumn, FloatColumn, IntColumn
+from canest.core.samples import GRAVITY_MPS2, RATE_HZ, STEP_S, ModelBlock
 
 #: samples beyond these are no vehicle's and are never learned from (they also keep products finite)
 ACCEL_LIMIT_MPS2 = 50.0

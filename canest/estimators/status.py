@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.frames import BoolColumn, FloatColumn
-from canest.vehicle.samples import RATE_HZ, Status
+from canest.core.frames import BoolColumn, FloatColumn
+from canest.core.samples import RATE_HZ, Status
 
 #: valid once std/mass has stayed below this ...
 VALID_RATIO = 0.10

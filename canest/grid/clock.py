@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from canest.frames import FrameBlock
+from canest.core.frames import FrameBlock
 
 
 @dataclass(frozen=True, slots=True)

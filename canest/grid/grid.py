@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from canest.columns import constant
-from canest.frames import BoolColumn, FloatColumn, IntColumn
-from canest.vehicle.samples import STEP_US
+from canest.core.columns import constant
+from canest.core.frames import BoolColumn, FloatColumn, IntColumn
+from canest.core.samples import STEP_US
 
 _NEVER_US = -(1 << 62)
 FOREVER_US = 1 << 61  #: older than any sample can be

@@ -15,27 +15,27 @@ import time
 from collections.abc import Callable
 from types import FrameType
 
+from canest.bus.late_frames import in_time
 from canest.config.schema import Config
-from canest.errors import CanestError
-from canest.frames import FrameBlock
-from canest.live.broadcast import FRESH_US
-from canest.live.changes import Changes
-from canest.live.doors import Doors
-from canest.live.estimate_frame import Estimate
-from canest.live.files import Background
-from canest.live.impostors import Paces
-from canest.live.journal import Journal
-from canest.live.late import in_time
+from canest.core.errors import CanestError
+from canest.core.frames import FrameBlock
+from canest.core.samples import EstimateBlock, ModelBlock
 from canest.live.memory import Memory
-from canest.live.node import join
-from canest.live.notify import Notifier
 from canest.live.outputs import Outputs
-from canest.live.rates import Rates
 from canest.live.reload import renew
 from canest.live.schedule import Schedule
-from canest.live.snapshot import flat, one_line, snapshot
-from canest.pipeline import Estimates, Pipeline
-from canest.vehicle.samples import EstimateBlock, ModelBlock
+from canest.node.broadcast import FRESH_US
+from canest.node.estimate_frame import Estimate
+from canest.node.node import join
+from canest.pipeline.pipeline import Estimates, Pipeline
+from canest.system.files import Background
+from canest.system.journal import Journal
+from canest.system.systemd_notify import Notifier
+from canest.telemetry.endpoints import Doors
+from canest.telemetry.frame_rates import Rates
+from canest.telemetry.sender_rates import Paces
+from canest.telemetry.snapshot import flat, one_line, snapshot
+from canest.telemetry.state_changes import Changes
 
 CHORES_S = 1.0
 METRICS_S = 10.0

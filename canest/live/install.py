@@ -11,8 +11,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 from canest.config.load import parse_config
-from canest.errors import ConfigError, OutputError
-from canest.resources import find, is_file, shipped
+from canest.core.errors import ConfigError, OutputError
+from canest.system.shipped_files import find, is_file, shipped
 
 UNIT = "canest@.service"
 _PATH_LINE = "Environment=PATH="

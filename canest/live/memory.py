@@ -9,11 +9,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from canest.config.schema import Config
+from canest.core.samples import Status
 from canest.live import state
-from canest.live.files import Background
-from canest.live.journal import Journal
-from canest.pipeline import Pipeline
-from canest.vehicle.samples import Status
+from canest.pipeline.pipeline import Pipeline
+from canest.system.files import Background
+from canest.system.journal import Journal
 
 
 def state_dir(config: Config, environment: Mapping[str, str] = os.environ) -> Path:

@@ -15,10 +15,10 @@ from collections.abc import Callable, Sized
 from pathlib import Path
 from typing import BinaryIO, Generic, TypeVar
 
-from canest.frames import FrameBlock
-from canest.live.files import Background, naming
+from canest.core.frames import FrameBlock
 from canest.logs.writer import candump_text, estimates_csv
-from canest.pipeline import Estimates
+from canest.pipeline.pipeline import Estimates
+from canest.system.files import Background, naming
 
 Block = TypeVar("Block", bound=Sized)
 

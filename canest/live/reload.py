@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from canest.bus.link import Receiver
 from canest.config.schema import Config
-from canest.decode.signal_map import databases_of
-from canest.live.doors import Doors
-from canest.live.link import Receiver
-from canest.live.node import Node, join
-from canest.pipeline import Listener, Pipeline
+from canest.node.node import Node, join
+from canest.pipeline.pipeline import Listener, Pipeline
+from canest.pipeline.signal_map import databases_of
+from canest.telemetry.endpoints import Doors
 
 #: sections of a config whose change means to leave the bus and join it anew
 _MAKES_THE_BUS = ("bus", "broadcast", "signals", "dbc")

@@ -6,7 +6,7 @@ import time
 from bisect import bisect_left
 from collections.abc import Callable
 
-from canest.vehicle.samples import STEP_US
+from canest.core.samples import STEP_US
 
 STEP_NS = STEP_US * 1000
 #: bounds of the lateness histogram, milliseconds; the last bin takes the rest

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from canest.config.schema import Config
-from canest.live.files import write_atomically
+from canest.system.files import write_atomically
 
 VERSION = 1  #: of the file; another one is never restored
 _MAX_BYTES = 65_536

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.frames import BoolColumn, FloatColumn, IntColumn
+from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 
 Field = NDArray[np.uint8]
 

@@ -9,9 +9,9 @@ from types import TracebackType
 
 import numpy as np
 
-from canest.errors import LogError
-from canest.frames import FrameBlock
-from canest.logs.blocks import TableBlock
+from canest.core.errors import LogError
+from canest.core.frames import FrameBlock
+from canest.core.table_block import TableBlock
 from canest.logs.candump import LINE_CHARS_MAX, SHOWN_CHARS, CandumpParser
 from canest.logs.compression import Source
 

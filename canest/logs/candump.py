@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from canest import fast
-from canest.frames import BoolColumn, FrameBlock, IntColumn
+from canest.core import jit
+from canest.core.frames import BoolColumn, FrameBlock, IntColumn
 from canest.logs.layout import Layout, Rows
 from canest.logs.lines import Line, is_ignorable, parse_line
 
@@ -173,7 +173,7 @@ class CandumpParser:
 def _parse_rows(
     layout: Layout, chars: NDArray[np.uint8], starts: IntColumn, width: int
 ) -> tuple[FrameBlock, BoolColumn]:
-    if fast.enabled():
+    if jit.enabled():
         from canest.logs import compiled
 
         return compiled.parse(layout, chars, starts)

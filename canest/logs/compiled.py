@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.fast import kernel
-from canest.frames import BoolColumn, FrameBlock, IntColumn
+from canest.core.frames import BoolColumn, FrameBlock, IntColumn
+from canest.core.jit import kernel
 from canest.logs.layout import Layout
 from canest.logs.swar import ALL_BITS, ZERO_CHARS
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
 
-from canest.errors import LogError
+from canest.core.errors import LogError
 
 #: how archives of one log are named
 ARCHIVE_SUFFIXES = (".gz", ".xz", ".zst", ".bz2")

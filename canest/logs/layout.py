@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, BoolColumn, FrameBlock, IntColumn
+from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, BoolColumn, FrameBlock, IntColumn
 from canest.logs.lines import STANDARD_ID_MAX, Line
 from canest.logs.swar import ALL_BITS, ZERO_CHARS, Words, decimal, hex_bytes
 

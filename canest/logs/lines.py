@@ -16,7 +16,7 @@ import re
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE
+from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE
 
 CLASSIC_BYTES = 8
 FD_LENGTHS = frozenset((*range(9), 12, 16, 20, 24, 32, 48, 64))

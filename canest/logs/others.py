@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from canest.errors import LogError, how_to_add
-from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
+from canest.core.errors import LogError, how_to_add
+from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.logs.base import LogReader
 from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
 from canest.logs.compression import Source

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.errors import LogError, how_to_add
-from canest.logs.blocks import TableBlock
+from canest.core.errors import LogError, how_to_add
+from canest.core.table_block import TableBlock
 from canest.logs.compression import Source
 from canest.logs.tables import TableReader, number_of, seconds_of
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from pathlib import Path
 
-from canest.errors import LogError
+from canest.core.errors import LogError
 from canest.logs.base import BLOCK_FRAMES, CandumpReader, LogReader
 from canest.logs.candump import CandumpParser, Wanted
 from canest.logs.compression import ARCHIVE_SUFFIXES, Source

@@ -10,9 +10,9 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.errors import LogError
+from canest.core.errors import LogError
+from canest.core.table_block import TableBlock
 from canest.logs.base import LogReader
-from canest.logs.blocks import TableBlock
 from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN
 from canest.logs.compression import Source
 from canest.logs.splitting import text_lines

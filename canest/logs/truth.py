@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from canest.errors import CanestError, LogError
-from canest.frames import FloatColumn, IntColumn
-from canest.logs.blocks import TableBlock
+from canest.core.errors import CanestError, LogError
+from canest.core.frames import FloatColumn, IntColumn
+from canest.core.table_block import TableBlock
 from canest.logs.reader import open_log
 
 COLUMNS = ("grade", "mass_kg")

@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from canest.errors import OutputError, how_to_add
-from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
-from canest.gates import LABELS
+from canest.core.errors import OutputError, how_to_add
+from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
+from canest.core.gates import LABELS
+from canest.core.samples import STATUS_LABELS
 from canest.logs import ascii as text
 from canest.logs.lines import CLASSIC_BYTES
-from canest.vehicle.samples import STATUS_LABELS
 
 if TYPE_CHECKING:
-    from canest.pipeline import Estimates
+    from canest.pipeline.pipeline import Estimates
 
 HEADER = b"t_s,mass_kg,mass_std_kg,grade,grade_std,status,gate\n"
 MASS_DECIMALS = 1

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from canest.core.samples import STEP_US
 from canest.report import figure as look
 from canest.report.figure import Rows, numbers, with_gaps
 from canest.report.page import Card, Page, Section, Table
-from canest.vehicle.samples import STEP_US
 
 if TYPE_CHECKING:
-    from canest.compare import Comparison
+    from canest.offline.compare import Comparison
 
 #: points per curve; there are two curves per estimator
 POINTS_MAX = 5_000

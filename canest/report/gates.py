@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from canest.gates import LABELS
+from canest.core.gates import LABELS
 
 #: gate -> (colour, what it means to a reader)
 LOOKS: dict[str, tuple[str, str]] = {

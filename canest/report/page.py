@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from canest import __version__
-from canest.errors import OutputError, how_to_add
+from canest.core.errors import OutputError, how_to_add
 
 
 @dataclass(slots=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from canest.frames import FloatColumn
+from canest.core.frames import FloatColumn
 from canest.report.figure import FONT, GRID, INK, numbers
 
 _ROW_PX, _GAP_X, _GAP_Y_PX = 250, 0.075, 78

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from canest.frames import FloatColumn, IntColumn
-from canest.vehicle.samples import GRAVITY_MPS2, STEP_US, EstimateBlock, ModelBlock
+from canest.core.frames import FloatColumn, IntColumn
+from canest.core.samples import GRAVITY_MPS2, STEP_US, EstimateBlock, ModelBlock
 
 #: points per curve at most; then every other one goes. One hour at 5 Hz fits.
 POINTS_MAX = 20_000

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from canest.frames import FloatColumn, IntColumn
+from canest.core.frames import FloatColumn, IntColumn
+from canest.core.samples import RATE_HZ
 from canest.report import figure as look
 from canest.report.figure import Rows, numbers, with_gaps
 from canest.report.gates import OPEN_COLOUR, spans_of
@@ -17,13 +18,12 @@ from canest.report.gates import look as gate_look
 from canest.report.page import Card, Page, Section, Table
 from canest.report.recorder import Recorder, residual_N
 from canest.vehicle.model import LongitudinalModel
-from canest.vehicle.samples import RATE_HZ
-from canest.vehicle.sources import AT_WHEELS, torque_role
+from canest.vehicle.role_sources import AT_WHEELS, torque_role
 
 if TYPE_CHECKING:
     from canest.config import Config
-    from canest.replay import ReplayResult
-    from canest.scoring import Score
+    from canest.offline.replay import ReplayResult
+    from canest.offline.scoring import Score
 
 #: stamps after this are seconds since 1970, not since the start of a recording
 EPOCH_US = 10**15 // 2

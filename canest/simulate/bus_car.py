@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.frames import FloatColumn, FrameBlock
+from canest.core.frames import FloatColumn, FrameBlock
 from canest.simulate.effects import SwitchedLoad
 from canest.simulate.packing import Cyclic, Field, payload, scaled, send, signed
 from canest.simulate.scenario import Scenario

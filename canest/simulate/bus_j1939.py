@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.frames import FloatColumn, FrameBlock
+from canest.core.frames import FloatColumn, FrameBlock
 from canest.simulate.constants import STANDING
 from canest.simulate.effects import SwitchedLoad
 from canest.simulate.packing import Content, Cyclic, Field, constant, payload, scaled, send

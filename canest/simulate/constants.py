@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from canest.errors import ConfigError
+from canest.core.errors import ConfigError
 from canest.simulate.effects import Hidden
 from canest.simulate.scenario import Scenario
 

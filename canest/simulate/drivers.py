@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from canest.frames import FloatColumn
+from canest.core.frames import FloatColumn
 from canest.simulate.vehicles import Onward, Range, Stretch, Strict, same_length
 
 PLAN_S = 0.1  #: spacing of a plan

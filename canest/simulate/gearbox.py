@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from canest.fast import kernel
+from canest.core.jit import kernel
 
 
 @kernel

@@ -6,9 +6,9 @@ from typing import Any
 
 import yaml
 
-from canest.resources import find
 from canest.simulate.scenario import Scenario
 from canest.simulate.vehicles import VehicleSpec
+from canest.system.shipped_files import find
 
 #: range of masses that an owner would give, beyond those of the drive
 LIGHTER, HEAVIER = 0.6, 1.8

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from canest.fast import kernel
+from canest.core.jit import kernel
 from canest.simulate.constants import GRAVITY
 from canest.simulate.gearbox import gear_for, starting_gear
 from canest.simulate.pedals import accelerate, slow_down

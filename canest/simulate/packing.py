@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.frames import EXTENDED, FloatColumn, FrameBlock, IntColumn
+from canest.core.frames import EXTENDED, FloatColumn, FrameBlock, IntColumn
 from canest.simulate.scenario import Bus
 
 ALL_ONES = np.uint64(0xFFFF_FFFF_FFFF_FFFF)

@@ -9,7 +9,7 @@ import yaml
 from pydantic import ValidationError
 
 from canest.config.origins import KeyPath, lines_of
-from canest.errors import ConfigError
+from canest.core.errors import ConfigError
 from canest.simulate.scenario import Scenario
 
 SCENARIOS = Path(__file__).resolve().parent / "scenarios"

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from canest import fast
-from canest.errors import ConfigError, OutputError
-from canest.frames import FloatColumn, FrameBlock
+from canest.core import jit
+from canest.core.errors import ConfigError, OutputError
+from canest.core.frames import FloatColumn, FrameBlock
 from canest.simulate.bus_j1939 import j1939_frames
 from canest.simulate.constants import COLUMNS, RECORD_S, TORQUE_TABLE_RPM, true_constants
 from canest.simulate.drivers import PLAN_S, plan
@@ -145,7 +145,7 @@ def _drive(spec: Scenario, hidden: Hidden, rng: dict[str, np.random.Generator]) 
                intent.target_mps, intent.throttle, extra, drag_scale, load_on, times, masses]  # fmt: skip
     arrays = [np.asarray(column, np.float64) for column in columns]
     out = np.zeros(count * len(COLUMNS))
-    if fast.enabled():
+    if jit.enabled():
         move(constants, *arrays, out)
     else:
         # a list is indexed three times faster than an array; the buffer is filled through a view

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.frames import FloatColumn
+from canest.core.frames import FloatColumn
 from canest.simulate.constants import COLUMNS, GRAVITY, LAUNCH, NEUTRAL, RAMP_IN, RAMP_OUT, RECORD_S, STANDING
 from canest.simulate.effects import Hidden
 from canest.simulate.roads import START_ELEVATION_M

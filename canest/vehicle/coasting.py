@@ -11,12 +11,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.columns import constant
 from canest.config.schema import Config
-from canest.frames import BoolColumn
-from canest.gates import Gate
+from canest.core.columns import constant
+from canest.core.frames import BoolColumn
+from canest.core.gates import Gate
+from canest.core.roles import BRAKES
 from canest.grid.grid import GridBlock
-from canest.roles import BRAKES
 from canest.vehicle.model import RawModel
 
 #: gates that an open driveline closes by itself

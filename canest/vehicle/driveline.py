@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from canest.columns import constant
 from canest.config.vehicle import Vehicle
-from canest.frames import BoolColumn, FloatColumn
-from canest.vehicle.columns import Columns
+from canest.core.columns import constant
+from canest.core.frames import BoolColumn, FloatColumn
+from canest.vehicle.working_columns import Columns
 
 #: the engine's speed through the gear and the road's differ by a tyre's size and a message's delay
 _MISMATCH_SHARE, _MISMATCH_MPS = 0.15, 0.5

@@ -13,8 +13,8 @@ import math
 
 import numpy as np
 
-from canest.columns import shifted
-from canest.frames import FloatColumn
+from canest.core.columns import shifted
+from canest.core.frames import FloatColumn
 
 #: cycle of EEC3, ticks: friction stepped somewhere in it, on the average in its middle
 _CYCLE = 12

@@ -7,17 +7,17 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from canest import fast
-from canest.columns import constant, shifted
 from canest.config.schema import Config
-from canest.frames import BoolColumn, FloatColumn
-from canest.gates import Gate
+from canest.core import jit
+from canest.core.columns import constant, shifted
+from canest.core.frames import BoolColumn, FloatColumn
+from canest.core.gates import Gate
+from canest.core.samples import GRAVITY_MPS2, RATE_HZ, STEP_US
 from canest.grid.grid import GridBlock
 from canest.vehicle.coasting import PARTED_BY, Coasting
 from canest.vehicle.driveline import ROAD_SPEED_LATE_S, parted
 from canest.vehicle.model import LongitudinalModel, RawModel
-from canest.vehicle.samples import GRAVITY_MPS2, RATE_HZ, STEP_US
-from canest.vehicle.screen import JUMP, MAX_ACCEL_MPS2, SPEED_SLACK_MPS
+from canest.vehicle.range_rate_check import JUMP, MAX_ACCEL_MPS2, SPEED_SLACK_MPS
 
 #: two speeds of one vehicle may differ by slip and tyre size, besides `SPEED_SLACK_MPS`
 SPEED_MISMATCH_SHARE = 0.15
@@ -184,7 +184,7 @@ class Gating:
         return closed
 
 
-@fast.kernel
+@jit.kernel
 def _excitation_kernel(force, open_, n, decay, least, state, low):  # type: ignore[no-untyped-def]
     """Mark samples where the force hardly varies: exponentially windowed mean and variance."""
     mean, variance, weight = state[0], state[1], state[2]
@@ -211,7 +211,7 @@ class Excitation:
     def low(self, force_N: FloatColumn, open_: BoolColumn) -> BoolColumn:
         """Return where the open samples of the last window vary too little (n,)."""
         n = len(force_N)
-        compiled = fast.enabled()
+        compiled = jit.enabled()
         state = np.array(self._state) if compiled else self._state
         low = np.zeros(n, np.bool_) if compiled else [False] * n
         force = force_N if compiled else force_N.tolist()

@@ -17,20 +17,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from canest.columns import constant, shifted
 from canest.config.schema import Config
-from canest.decode.signal_map import step_of
-from canest.frames import BoolColumn, FloatColumn, IntColumn, Onward
+from canest.core.columns import constant, shifted
+from canest.core.frames import BoolColumn, FloatColumn, IntColumn, Onward
+from canest.core.roles import RADPS_PER_RPM
+from canest.core.samples import STEP_S
 from canest.grid.grid import GridBlock
-from canest.roles import RADPS_PER_RPM
-from canest.vehicle.columns import Columns
+from canest.pipeline.signal_map import step_of
 from canest.vehicle.driveline import Clutch, engines_speed
 from canest.vehicle.friction import EngineFriction
-from canest.vehicle.gearbox import Gearbox
-from canest.vehicle.samples import STEP_S
-from canest.vehicle.screen import MAX_SPEED_MPS
-from canest.vehicle.sources import AT_WHEELS, ratio_ways, speed_roles, torque_role
+from canest.vehicle.gear_ratio import Gearbox
+from canest.vehicle.range_rate_check import MAX_SPEED_MPS
+from canest.vehicle.role_sources import AT_WHEELS, ratio_ways, speed_roles, torque_role
 from canest.vehicle.speed_choice import SpeedChoice
+from canest.vehicle.working_columns import Columns
 
 if TYPE_CHECKING:
     from canest.vehicle.effects import Effect

@@ -11,10 +11,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from canest.columns import shifted
-from canest.frames import BoolColumn, FloatColumn, IntColumn
+from canest.core.columns import shifted
+from canest.core.frames import BoolColumn, FloatColumn, IntColumn
+from canest.core.samples import RATE_HZ, STEP_US
 from canest.grid.grid import GridBlock
-from canest.vehicle.samples import RATE_HZ, STEP_US
 
 #: a speed that was lost has to be there for so long before it is taken again, s
 BACK_S = 1.0

@@ -11,8 +11,8 @@ import pytest
 
 from canest.config import load_config
 from canest.demo import DRIVE
-from canest.resources import shipped
-from canest.unheard import unheard
+from canest.doctor.missing_signals import unheard
+from canest.system.shipped_files import shipped
 
 DATA = Path(__file__).parents[1] / "data"
 KENWORTH = DATA / "kenworth" / "normal.log.xz"

@@ -7,10 +7,10 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from canest.check import Doctor
 from canest.config import load_config
+from canest.doctor.check import Doctor
+from canest.doctor.consistency import Plausibility
 from canest.logs import open_log
-from canest.plausible import Plausibility
 from canest.simulate import simulate
 
 SCENARIO = {

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from canest.resources import shipped
+from canest.system.shipped_files import shipped
 
 DATA = Path(__file__).parents[1] / "data"
 KENWORTH = DATA / "kenworth" / "normal.log.xz"

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
+from canest.batch.job import Job, name_of, truth_beside
+from canest.batch.pool import pooled, run_jobs, unique_names
 from canest.cli.summary import many_lines, short_names
 from canest.config import load_config
-from canest.errors import UsageError
-from canest.fleet import pooled, run_jobs, unique_names
-from canest.job import Job, name_of, truth_beside
+from canest.core.errors import UsageError
 from canest.logs.writer import part_of
 
 DATA = Path(__file__).parents[1] / "data"

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from canest.resources import shipped
 from canest.simulate.reading import SCENARIOS
+from canest.system.shipped_files import shipped
 
 KENWORTH = Path(__file__).parents[1] / "data" / "kenworth" / "normal.log.xz"
 

@@ -12,7 +12,7 @@ from rich.console import Console
 from canest.cli import progress
 from canest.cli.demo import _View
 from canest.demo.session import Moment
-from canest.live.estimate_frame import Estimate
+from canest.node.estimate_frame import Estimate
 
 
 def drawn(renderable, width: int) -> str:

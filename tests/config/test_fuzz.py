@@ -7,9 +7,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from canest.config import parse_config
-from canest.errors import ConfigError
-from canest.pipeline import Pipeline
-from canest.resources import shipped
+from canest.core.errors import ConfigError
+from canest.pipeline.pipeline import Pipeline
+from canest.system.shipped_files import shipped
 
 TEXTS = [p.read_text() for p in sorted(shipped("configs").glob("*.yaml"))]
 TREES = [yaml.safe_load(text) for text in TEXTS]

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from canest.config import load_config, parse_config
-from canest.decode.signal_map import decoder_for
-from canest.errors import ConfigError
-from canest.pipeline import Pipeline
-from canest.resources import shipped
+from canest.core.errors import ConfigError
+from canest.pipeline.pipeline import Pipeline
+from canest.pipeline.signal_map import decoder_for
+from canest.system.shipped_files import shipped
 
 TRUCK = (shipped("configs") / "class8.yaml").read_text()
 

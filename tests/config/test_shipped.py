@@ -6,8 +6,8 @@ import pytest
 
 from canest.config import load_config
 from canest.config.schema import Config
-from canest.pipeline import Pipeline
-from canest.resources import shipped
+from canest.pipeline.pipeline import Pipeline
+from canest.system.shipped_files import shipped
 
 NAMES = sorted(p.stem for p in shipped("configs").glob("*.yaml"))
 

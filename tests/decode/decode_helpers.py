@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+from canest.core.frames import EXTENDED, FrameBlock
 from canest.decode import Decoder, Want
 from canest.decode.database import load
-from canest.frames import EXTENDED, FrameBlock
-from canest.resources import shipped
+from canest.system.shipped_files import shipped
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 SCREEN = re.compile(r"\((\d+)\.(\d{6})\)\s+\S+\s+([0-9A-F]+)\s+\[\d+\]\s*([0-9A-F ]*)")

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from decode_helpers import shipped_database
 
+from canest.core.errors import ConfigError
 from canest.decode.compile import CompiledSignal, known_selectors
 from canest.decode.validity import RULES, first_not_available, gear_of_text, highest_valid
-from canest.errors import ConfigError
 
 EVERY_SIGNAL = [
     (name, message.name, signal.name)

@@ -9,9 +9,9 @@ from decode_helpers import assert_same_samples, block_of_log, push_cut, shipped_
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from canest.core.frames import ERROR, EXTENDED, REMOTE, FrameBlock
 from canest.decode import Decoder
 from canest.decode import decoder as decoder_module
-from canest.frames import ERROR, EXTENDED, REMOTE, FrameBlock
 
 OWN = cantools.database.load_string(
     """VERSION ""

@@ -10,11 +10,11 @@ import pytest
 from decode_helpers import shipped_database, wants
 
 from canest.config import load_config
+from canest.core.errors import ConfigError
 from canest.decode import Decoder
 from canest.decode.database import find_signal, load
-from canest.decode.signal_map import resolution_of
-from canest.errors import ConfigError
-from canest.resources import shipped
+from canest.pipeline.signal_map import resolution_of
+from canest.system.shipped_files import shipped
 
 
 def test_loaded_once_per_process():
@@ -35,7 +35,7 @@ def test_a_file_that_was_edited_is_read_again(tmp_path):
 
 def test_loading_imports_no_bus_and_leaves_cantools_whole():
     code = (
-        "import sys; from canest.decode.database import load; from canest.resources import shipped; "
+        "import sys; from canest.decode.database import load; from canest.system.shipped_files import shipped; "
         "load(shipped('dbc') / 'canest.dbc'); assert 'can' not in sys.modules; "
         "import cantools.tester; cantools.tester.Tester"
     )

@@ -9,10 +9,10 @@ import cantools
 import pytest
 from decode_helpers import shipped_database
 
+from canest.core.gates import Gate
+from canest.core.samples import Status
 from canest.decode.j1939 import is_destination_specific, pgn_of
-from canest.gates import Gate
-from canest.resources import shipped
-from canest.vehicle.samples import Status
+from canest.system.shipped_files import shipped
 
 NAMES = ["j1939", "j1587_gateway", "canest"]
 

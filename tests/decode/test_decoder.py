@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from decode_helpers import decoder, shipped_database, wants
 
+from canest.core.errors import ConfigError
+from canest.core.frames import ERROR, EXTENDED, REMOTE, FrameBlock
 from canest.decode import Decoder
 from canest.decode import decoder as decoder_module
-from canest.errors import ConfigError
-from canest.frames import ERROR, EXTENDED, REMOTE, FrameBlock
 
 pytestmark = pytest.mark.usefixtures("both_paths")
 

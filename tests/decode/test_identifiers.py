@@ -7,8 +7,8 @@ import random
 import cantools.j1939
 from decode_helpers import decoder
 
+from canest.core.frames import EXTENDED, ID_MASK, REMOTE
 from canest.decode import j1939
-from canest.frames import EXTENDED, ID_MASK, REMOTE
 
 
 def test_group_source_and_destination_equal_cantools():

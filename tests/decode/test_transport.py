@@ -7,8 +7,8 @@ import random
 import pytest
 from decode_helpers import decoder
 
+from canest.core.frames import EXTENDED, FrameBlock
 from canest.decode.transport import MAX_SESSIONS, Transport
-from canest.frames import EXTENDED, FrameBlock
 
 pytestmark = pytest.mark.usefixtures("both_paths")
 

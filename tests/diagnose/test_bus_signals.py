@@ -7,12 +7,12 @@ import pytest
 
 from canest.config import parse_config
 from canest.config.schema import Source
-from canest.decode.signal_map import decoder_for
-from canest.diagnose.bus import Ranked, _signals, _windowed
-from canest.diagnose.drive import Run
-from canest.diagnose.run import _with_switches
-from canest.diagnose.windows import windows_of
-from canest.resources import shipped
+from canest.diagnosis.data.drive import Run
+from canest.diagnosis.data.residual_windows import windows_of
+from canest.diagnosis.run import _with_switches
+from canest.diagnosis.search.bus_signals import Ranked, _signals, _windowed
+from canest.pipeline.signal_map import decoder_for
+from canest.system.shipped_files import shipped
 
 OWN_DBC = """VERSION ""
 

@@ -8,8 +8,8 @@ import pytest
 from canest.cli.diagnose import _show
 from canest.cli.main import run
 from canest.config import load_config
-from canest.diagnose.candidates import Candidate
-from canest.diagnose.outcome import Entry
+from canest.diagnosis.outcome import Entry
+from canest.diagnosis.search.candidates import Candidate
 from canest.vehicle.effects import EFFECTS
 
 VERDICTS = {"explained", "partly", "unexplained", "nothing-to-explain"}

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from canest.diagnose.fit import FOLDS, chunk_sums, held_out, solve
+from canest.diagnosis.data.least_squares import FOLDS, chunk_sums, held_out, solve
 
 CHUNKS, LONG = 24, 15
 CHUNK = np.repeat(np.arange(CHUNKS), LONG)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from canest.config import load_config
-from canest.diagnose.drive import Drive
-from canest.diagnose.reference import (
+from canest.core.samples import GRAVITY_MPS2
+from canest.diagnosis.data.drive import Drive
+from canest.diagnosis.data.reference import (
     ACCELEROMETER_STD_MPS2,
     BIAS_STD_MPS2,
     PITCH_STD,
@@ -17,7 +18,6 @@ from canest.diagnose.reference import (
     reference_for,
 )
 from canest.simulate import simulate
-from canest.vehicle.samples import GRAVITY_MPS2
 
 ALTITUDE_STD_M, WALK = 1.0, 0.0004
 

@@ -9,10 +9,10 @@ import yaml
 from canest.config import load_config
 from canest.config.load import parse_config
 from canest.config.schema import Source
-from canest.diagnose.candidates import Candidate
-from canest.diagnose.choice import Chosen
-from canest.diagnose.revise import revised_config, revised_text
-from canest.resources import shipped
+from canest.diagnosis.report.revised_config import revised_config, revised_text
+from canest.diagnosis.search.candidates import Candidate
+from canest.diagnosis.search.choice import Chosen
+from canest.system.shipped_files import shipped
 
 WIND = Chosen(Candidate("headwind", "headwind", "wind_mps"), 6.47956, 0.0256, 0.93)
 GAIN = Chosen(Candidate("torque_gain", "torque_gain", "gain"), -0.08, 0.001, 0.5)

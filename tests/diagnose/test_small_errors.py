@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from canest.diagnose.fit import solve
-from canest.diagnose.small_errors import variance_beside
+from canest.diagnosis.data.least_squares import solve
+from canest.diagnosis.search.small_errors import variance_beside
 
 N, PER_CHUNK = 240, 8
 CHUNK = np.arange(N) // PER_CHUNK

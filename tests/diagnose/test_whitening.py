@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from canest.diagnose.drive import Run
-from canest.diagnose.problem import WINDOW_NOISE_MPS2, _innovations
-from canest.vehicle.samples import GRAVITY_MPS2
+from canest.core.samples import GRAVITY_MPS2
+from canest.diagnosis.data.drive import Run
+from canest.diagnosis.data.problem import WINDOW_NOISE_MPS2, _innovations
 
 MASS_KG, SPEED_MPS, SLOPE_STD, LENGTH_M = 20_000.0, 18.0, 0.01, 250.0
 

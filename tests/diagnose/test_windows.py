@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from canest.diagnose.drive import Run
-from canest.diagnose.windows import CHUNK_S, WINDOW_TICKS, windows_of
+from canest.diagnosis.data.drive import Run
+from canest.diagnosis.data.residual_windows import CHUNK_S, WINDOW_TICKS, windows_of
 
 RUNS = st.lists(st.tuples(st.integers(1, 170), st.booleans(), st.booleans()), min_size=1, max_size=12)
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from canest.gates import Gate
-from canest.vehicle.samples import GRAVITY_MPS2, STEP_S, STEP_US, ModelBlock, VehicleFacts
+from canest.core.gates import Gate
+from canest.core.samples import GRAVITY_MPS2, STEP_S, STEP_US, ModelBlock, VehicleFacts
 
 MU = 0.006
 ROTATING_KG = 700.0

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from canest.gates import Gate
-from canest.vehicle.samples import GRAVITY_MPS2, STEP_S, STEP_US, ModelBlock, VehicleFacts
+from canest.core.gates import Gate
+from canest.core.samples import GRAVITY_MPS2, STEP_S, STEP_US, ModelBlock, VehicleFacts
 
 MU = 0.006
 FACTS = VehicleFacts(mass_min_kg=7_000.0, mass_max_kg=40_000.0, rolling_resistance=MU, has_accelerometer=True)

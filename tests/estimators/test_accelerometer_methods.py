@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from canest.core.gates import Gate
+from canest.core.samples import Status
 from canest.estimators.base import create
-from canest.gates import Gate
-from canest.vehicle.samples import Status
 
 from .synthetic import FACTS, drive, with_columns
 
@@ -31,7 +31,7 @@ def test_pmg_grade_goes_on_while_the_driveline_gates_are_closed():
 
 def test_pmg_innovation_uses_the_mass_before_the_update():
     """2014, eq. 17 prints m_k on its own right-hand side: one step by hand with m_{k-1}."""
-    from canest.estimators.pmg import learn_mass
+    from canest.estimators.papers.kidambi2014.pmg import learn_mass
 
     state = [10_000.0, 4.0, 0.0, 0.0, 0.01, 4e4, 10.0, 1.0]
     mass, variance = [0.0], [0.0]

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from canest import fast
+from canest.core import jit
+from canest.core.gates import Gate
+from canest.core.samples import Status
 from canest.estimators.base import REGISTRY, create
-from canest.gates import Gate
-from canest.vehicle.samples import Status
 
 from .synthetic import FACTS, cut, drive, join, with_columns
 
@@ -41,11 +41,11 @@ WHOLE = {}
 def whole(name, options, compiled):
     key = (name, str(options), compiled)
     if key not in WHOLE:
-        fast.enable(compiled)
+        jit.enable(compiled)
         try:
             WHOLE[key] = join([create(name, FACTS, options).update(BLOCK)])
         finally:
-            fast.enable(False)
+            jit.enable(False)
     return WHOLE[key]
 
 
@@ -70,21 +70,21 @@ def test_live_sized_blocks_give_the_same_bits(name, options):
     same(join(parts), expected)
 
 
-@pytest.mark.skipif(not fast.available(), reason="numba is an extra")
+@pytest.mark.skipif(not jit.available(), reason="numba is an extra")
 @pytest.mark.parametrize(("name", "options"), CASES)
 def test_compiled_and_interpreted_give_the_same_bits(name, options):
     same(whole(name, options, True), whole(name, options, False))
 
 
-@pytest.mark.skipif(not fast.available(), reason="numba is an extra")
+@pytest.mark.skipif(not jit.available(), reason="numba is an extra")
 @pytest.mark.parametrize(("name", "options"), CASES)
 def test_compiled_any_cut_gives_the_same_bits(name, options):
-    fast.enable(True)
+    jit.enable(True)
     try:
         method = create(name, FACTS, options)
         parts = [method.update(part) for part in cut(BLOCK, [1, 199, 200, 201, 640, 999, 1300])]
     finally:
-        fast.enable(False)
+        jit.enable(False)
     same(join(parts), whole(name, options, False))
 
 

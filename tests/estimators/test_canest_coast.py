@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from canest import fast
-from canest.estimators import canest_lines
-from canest.estimators import canest_states as at
-from canest.estimators.canest import Canest
-from canest.estimators.canest_coast import (
+from canest.core import jit
+from canest.core.gates import Gate
+from canest.core.samples import GRAVITY_MPS2, Status
+from canest.estimators.canest_0_1 import lines
+from canest.estimators.canest_0_1 import states as at
+from canest.estimators.canest_0_1.coast import (
     DRAGS_MPS2,
     coasted_here,
     doubt_road,
@@ -20,10 +21,9 @@ from canest.estimators.canest_coast import (
     rolling_grade,
     shows,
 )
-from canest.estimators.canest_filter import OUTLIER
-from canest.estimators.canest_lines import COLUMNS, EARLY, MOST_MPS2, SETTLES, CoastLines
-from canest.gates import Gate
-from canest.vehicle.samples import GRAVITY_MPS2, Status
+from canest.estimators.canest_0_1.estimator import Canest
+from canest.estimators.canest_0_1.filter import OUTLIER
+from canest.estimators.canest_0_1.lines import COLUMNS, EARLY, MOST_MPS2, SETTLES, CoastLines
 
 from .momentum import flat, hills, pulses, trip
 from .synthetic import FACTS
@@ -155,15 +155,15 @@ def test_any_cut_gives_the_same_bits(spans):
         np.testing.assert_array_equal(lines_of(rows, cuts), whole)
 
 
-@pytest.mark.skipif(not fast.available(), reason="numba is an extra")
+@pytest.mark.skipif(not jit.available(), reason="numba is an extra")
 def test_compiled_gives_the_same_bits():
     rows = samples([(30, 60), (63, 100), (150, 230)])
     interpreted = lines_of(rows)
-    fast.enable(True)
+    jit.enable(True)
     try:
         np.testing.assert_array_equal(lines_of(rows, (40, 70)), interpreted)
     finally:
-        fast.enable(False)
+        jit.enable(False)
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -177,9 +177,7 @@ def test_samples_that_are_not_visited_would_change_nothing(seed, monkeypatch):
     rows[0, jump:] += rng.integers(-300, 300) * (rng.random() < 0.5)
     cuts = tuple(int(c) for c in np.sort(rng.choice(np.arange(1, N), rng.integers(0, 30), replace=False)))
     found = [lines_of(rows, c) for c in ((), cuts, tuple(range(1, N)))]
-    monkeypatch.setattr(
-        canest_lines, "worth_visiting", lambda past, t, f, e, b: np.arange(float(past), len(f))
-    )
+    monkeypatch.setattr(lines, "worth_visiting", lambda past, t, f, e, b: np.arange(float(past), len(f)))
     every = lines_of(rows)
     for one in found:
         np.testing.assert_array_equal(one, every)

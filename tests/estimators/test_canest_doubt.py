@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from canest.estimators import canest_states as k
 from canest.estimators.base import create
+from canest.estimators.canest_0_1 import states as k
 
 from .momentum import FACTS, trip
 

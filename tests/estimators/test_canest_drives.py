@@ -8,11 +8,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from canest.estimators import canest_states as k
+from canest.core.gates import Gate
+from canest.core.samples import EstimateBlock, Status
 from canest.estimators.base import create
-from canest.estimators.canest_output import mass_of
-from canest.gates import Gate
-from canest.vehicle.samples import EstimateBlock, Status
+from canest.estimators.canest_0_1 import states as k
+from canest.estimators.canest_0_1.output import mass_of
 
 from .momentum import FACTS, flat, hills, pulses, steady, trip
 

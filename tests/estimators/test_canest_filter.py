@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from canest import fast
-from canest.estimators import canest_kernel as k
-from canest.estimators import canest_states as at
-from canest.estimators.canest import Canest
-from canest.estimators.canest_axle import slip_seen
-from canest.estimators.canest_coarse import surer
-from canest.estimators.canest_doubt import HILL_EFFORT, HILL_M, ORDINARY, ROAD_S, begin_stretch, credit
-from canest.estimators.canest_filter import OUTLIER, correct, fade, travel
-from canest.estimators.canest_noise import (
+from canest.core import jit
+from canest.core.samples import GRAVITY_MPS2
+from canest.estimators.canest_0_1 import kernel as k
+from canest.estimators.canest_0_1 import states as at
+from canest.estimators.canest_0_1.axle import slip_seen
+from canest.estimators.canest_0_1.coarse import surer
+from canest.estimators.canest_0_1.doubt import HILL_EFFORT, HILL_M, ORDINARY, ROAD_S, begin_stretch, credit
+from canest.estimators.canest_0_1.estimator import Canest
+from canest.estimators.canest_0_1.filter import OUTLIER, correct, fade, travel
+from canest.estimators.canest_0_1.noise import (
     DOUBTED,
     FORCE_S,
     FORCE_SHARE,
@@ -30,7 +31,7 @@ from canest.estimators.canest_noise import (
     RINGS,
     SWING_MPN,
 )
-from canest.estimators.canest_roads import (
+from canest.estimators.canest_0_1.roads import (
     CURVE_M,
     CURVED_M,
     GUESS_M,
@@ -41,9 +42,8 @@ from canest.estimators.canest_roads import (
     mix,
     usual_curvature,
 )
-from canest.estimators.canest_senses import HEIGHT_STD_M, HEIGHT_WANDER
-from canest.estimators.canest_windows import COLUMNS, WINDOW_S
-from canest.vehicle.samples import GRAVITY_MPS2
+from canest.estimators.canest_0_1.senses import HEIGHT_STD_M, HEIGHT_WANDER
+from canest.estimators.canest_0_1.windows import COLUMNS, WINDOW_S
 
 from .synthetic import FACTS
 
@@ -176,7 +176,7 @@ def h(n=at.BASE_STATES, **levers):
 
 @pytest.mark.parametrize("compiled", [False, True])
 def test_momentum_balance_equals_two_dense_filters(compiled):
-    fast.enable(compiled)
+    jit.enable(compiled)
     try:
         n = 60
         swings = np.random.default_rng(2).normal(0, 9000, (2, n))
@@ -186,7 +186,7 @@ def test_momentum_balance_equals_two_dense_filters(compiled):
         weight = np.array(estimator._weight)
         out = estimator._filter(w)
     finally:
-        fast.enable(False)
+        jit.enable(False)
     prior = estimator._prior
     noise_var, calm = prior.noise_start[0] ** 2, w[AT["before_mps"], 0]
     stretch_m = bent_m = bent_1pm = steady_N = rings = 0.0

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from canest.estimators import canest_states as at
+from canest.core.samples import Status
 from canest.estimators.base import create
-from canest.estimators.canest_hearing import hears
-from canest.vehicle.samples import Status
+from canest.estimators.canest_0_1 import states as at
+from canest.estimators.canest_0_1.hearing import hears
 
 from .momentum import FACTS, trip
 

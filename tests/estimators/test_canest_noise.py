@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from canest.estimators import canest_states as at
-from canest.estimators.canest_noise import (
+from canest.estimators.canest_0_1 import states as at
+from canest.estimators.canest_0_1.noise import (
     LEAST_SWING_MPN,
     MOST_SWING_MPN,
     RINGS,

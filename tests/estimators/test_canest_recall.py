@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from canest.estimators import canest_states as at
-from canest.estimators.canest_recall import ANOTHER, LITTLE, compare, give_mass, refute, remember
-from canest.vehicle.samples import Status
+from canest.core.samples import Status
+from canest.estimators.canest_0_1 import states as at
+from canest.estimators.canest_0_1.recall import ANOTHER, LITTLE, compare, give_mass, refute, remember
 
 from .momentum import flat, hills, pulses, trip
 from .test_canest_drives import run

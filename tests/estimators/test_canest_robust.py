@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from canest import fast
+from canest.core import jit
+from canest.core.gates import Gate
+from canest.core.samples import EstimateBlock, ModelBlock
 from canest.estimators.base import create
-from canest.estimators.canest_windows import COLUMNS, SHIFT, TICKS, Windows
-from canest.gates import Gate
-from canest.vehicle.samples import EstimateBlock, ModelBlock
+from canest.estimators.canest_0_1.windows import COLUMNS, SHIFT, TICKS, Windows
 
 from .momentum import FACTS, trip
 
@@ -76,13 +76,13 @@ def test_an_accelerometer_first_heard_after_a_long_stop_gives_the_same_bits():
     assert_same(columns(parts), columns([create("canest", FACTS).update(block)]))
 
 
-@pytest.mark.skipif(not fast.available(), reason="numba is not installed")
+@pytest.mark.skipif(not jit.available(), reason="numba is not installed")
 def test_compiled_gives_the_same_bits():
-    fast.enable()
+    jit.enable()
     try:
         compiled = columns([create("canest", FACTS).update(rough())])
     finally:
-        fast.enable(False)
+        jit.enable(False)
     assert_same(compiled, whole())
 
 
@@ -133,7 +133,7 @@ def test_hours_without_excitation(standing):
     hour = 180_000
     block = rough()[np.resize(np.arange(1000, 1200), hour)]
     v = np.full(hour, 0.0 if standing else 22.0)
-    fast.enable()
+    jit.enable()
     try:
         estimator = create("canest", STATED)
         for i in range(6):
@@ -151,7 +151,7 @@ def test_hours_without_excitation(standing):
             )
             check(e)
     finally:
-        fast.enable(False)
+        jit.enable(False)
     for P in np.array(estimator._PP):
         assert (np.diag(P) >= 0).all()
         scale = np.sqrt(np.maximum(np.diag(P), 1e-300))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from canest.compare import _time_to, compare
 from canest.config import load_config
-from canest.errors import ConfigError
+from canest.core.errors import ConfigError
 from canest.estimators.base import REGISTRY
 from canest.logs.truth import Truth
+from canest.offline.compare import _time_to, compare
 from canest.simulate.run import simulate
 
 COLUMNS = {
@@ -66,7 +66,7 @@ def test_an_estimator_without_its_signal_says_so_instead_of_a_number(drive):
 
 
 def test_estimates_are_those_of_a_replay(drive, tmp_path):
-    from canest.replay import LogRun
+    from canest.offline.replay import LogRun
 
     log, _ = drive
     config = load_config("class8.yaml", ["estimator.name=rlsmf"])

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from canest import fast
+from canest.core import jit
 
 CALLED = """import math
 
@@ -47,7 +47,7 @@ def run(x):
 """
 
 
-@pytest.mark.skipif(not fast.available(), reason="numba is not installed")
+@pytest.mark.skipif(not jit.available(), reason="numba is not installed")
 def test_a_change_in_a_kernel_that_another_file_calls_is_seen(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     called, caller = tmp_path / "called_kernel.py", tmp_path / "calling_kernel.py"
@@ -63,7 +63,7 @@ def test_a_change_in_a_kernel_that_another_file_calls_is_seen(tmp_path, monkeypa
     assert found == [(3.0, 3.0), (31.0, 31.0), (61.0, 61.0), (9.0, 9.0)]
 
 
-@pytest.mark.skipif(not fast.available(), reason="numba is not installed")
+@pytest.mark.skipif(not jit.available(), reason="numba is not installed")
 def test_a_kernel_called_with_other_constants_is_not_compiled_again(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "indexed_kernel.py").write_text(INDEXED)
@@ -72,21 +72,21 @@ def test_a_kernel_called_with_other_constants_is_not_compiled_again(tmp_path, mo
     assert len(module.taken.compiled.signatures) == 1
 
 
-@pytest.mark.skipif(not fast.available(), reason="numba is not installed")
+@pytest.mark.skipif(not jit.available(), reason="numba is not installed")
 def test_where_nothing_compiled_can_be_kept_kernels_run_interpreted(monkeypatch):
     """As in an installation that its user may not write to, with a home that is none."""
     from numba.core import caching
 
-    was = fast.enabled()
+    was = jit.enabled()
     monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
     try:
-        assert not fast.enable()
+        assert not jit.enable()
     finally:
         monkeypatch.undo()
-        assert fast.enable(was) == was
+        assert jit.enable(was) == was
 
 
-@pytest.mark.skipif(not fast.available(), reason="numba is not installed")
+@pytest.mark.skipif(not jit.available(), reason="numba is not installed")
 def test_a_full_disk_costs_the_next_process_its_time_and_this_one_nothing(monkeypatch):
     from numba.core import caching
 
@@ -94,5 +94,5 @@ def test_a_full_disk_costs_the_next_process_its_time_and_this_one_nothing(monkey
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(caching.IndexDataCacheFile, "save", full)
-    twice = fast.kernel(lambda x: 2.0 * x)
+    twice = jit.kernel(lambda x: 2.0 * x)
     assert twice.compiled(4.0) == 8.0

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from canest.core.samples import STEP_S, Status
 from canest.estimators.base import create
-from canest.vehicle.samples import STEP_S, Status
 
 from .synthetic import FACTS, cut, drive, join, with_columns
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from canest.errors import CanestError
-from canest.estimators.identify import model_acceleration, road_load, rolling_radius
+from canest.core.errors import CanestError
+from canest.estimators.papers.vahidi2005.identify import model_acceleration, road_load, rolling_radius
 
 from .synthetic import drive, with_columns
 

@@ -8,10 +8,10 @@ import numpy as np
 import padasip as pa
 import pytest
 
-from canest import fast
+from canest.core import jit
+from canest.core.samples import Status
 from canest.estimators.base import create
-from canest.estimators.rls import matrix_rls
-from canest.vehicle.samples import Status
+from canest.estimators.papers.vahidi2005.rls import matrix_rls
 
 from .synthetic import FACTS, drive, with_columns
 
@@ -160,4 +160,4 @@ def test_wind_up_is_bounded_in_days_without_excitation():
     matrix_rls.interpreted(*lists, state, *[o.tolist() for o in out])
     assert np.isfinite(state).all()
     assert state[2] <= 1e-3
-    assert not fast.enabled()
+    assert not jit.enabled()

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from canest import fast
+from canest.core import jit
+from canest.core.samples import Status
 from canest.estimators.base import REGISTRY, create
-from canest.vehicle.samples import Status
 
 from .synthetic import FACTS, drive, with_columns
 
@@ -91,12 +91,12 @@ def test_zero_noise_and_masses_outside_the_bounds(name, options, mass, pulse):
     check(create(name, FACTS, options).update(drive(20.0, mass_kg=mass, pulse_s=pulse).block))
 
 
-@pytest.mark.skipif(not fast.available(), reason="numba is an extra")
+@pytest.mark.skipif(not jit.available(), reason="numba is an extra")
 @pytest.mark.parametrize(("name", "options"), VARIANTS)
 def test_hours_without_excitation(name, options):
     start = drive(30.0, noise_mps2=0.02).block
     still = constant(2000, 8_000.0, 0.0)
-    fast.enable(True)
+    jit.enable(True)
     try:
         method = create(name, FACTS, options)
         check(method.update(start))
@@ -105,4 +105,4 @@ def test_hours_without_excitation(name, options):
         check(r)
         check(method.update(drive(30.0, seed=2).block))
     finally:
-        fast.enable(False)
+        jit.enable(False)

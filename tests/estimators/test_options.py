@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from canest.errors import ConfigError
+from canest.core.errors import ConfigError
 from canest.estimators.base import REGISTRY, create
 
 from .synthetic import FACTS

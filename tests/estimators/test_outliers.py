@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from canest.estimators.base import create
-from canest.estimators.outliers import OutlierOptions, OutlierStage, RunningMoments, outliers
+from canest.estimators.papers.outliers import OutlierOptions, OutlierStage, RunningMoments, outliers
 
 from .synthetic import FACTS, drive, with_columns
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from canest.estimators.base import create
-from canest.estimators.multiple import MultipleForgetting
-from canest.estimators.rlsmf import forget_each
+from canest.estimators.papers.rhode2013.multiple_forgetting import MultipleForgetting
+from canest.estimators.papers.vahidi2005.rlsmf import forget_each
 
 from .synthetic import FACTS, drive
 

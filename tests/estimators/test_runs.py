@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from canest.estimators.autocorrelation import Runs
 from canest.estimators.base import create
-from canest.estimators.runs import Runs
 
 from .synthetic import FACTS, drive, with_columns
 

@@ -5,10 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from canest.errors import ConfigError
+from canest.core.errors import ConfigError
 from canest.estimators.base import create
-from canest.estimators.rsvd import Rsvd
-from canest.estimators.tls_math import NoiseScale, correction, covariance, solve, solve_generalized
+from canest.estimators.papers.rhode2013.rsvd import Rsvd
+from canest.estimators.papers.rhode2013.tls_math import (
+    NoiseScale,
+    correction,
+    covariance,
+    solve,
+    solve_generalized,
+)
 
 from .synthetic import FACTS, drive
 
@@ -173,7 +179,7 @@ def test_batch_tls_equals_svd_of_all_rows():
     d = drive(20.0, grade=0.01, noise_mps2=0.01, pulse_s=1.0)
     facts = replace(FACTS, initial_mass_kg=20_000.0)
     r = create("gtls", facts, {"p0": (1.0, 1e6)}).update(d.block)
-    from canest.estimators.tls import GeneralizedOptions, noise_covariance
+    from canest.estimators.papers.rhode2013.tls import GeneralizedOptions, noise_covariance
 
     phi2 = np.full(len(d.block), -9.80665 * np.sqrt(1 + 0.006**2))
     x, _ = solve_generalized(

@@ -25,19 +25,19 @@ from pathlib import Path
 import numpy as np
 
 from canest.config import Config, load_config
+from canest.core.errors import CanestError
+from canest.core.frames import EXTENDED, FrameBlock
+from canest.core.samples import Status
 from canest.decode import Decoder, j1939
-from canest.decode.signal_map import decoder_for
-from canest.errors import CanestError
-from canest.frames import EXTENDED, FrameBlock
 from canest.live import state
-from canest.live.node import Node
-from canest.live.watch import BusWatch
 from canest.logs.reader import open_log
 from canest.logs.truth import read_truth
 from canest.logs.writer import CandumpWriter
-from canest.pipeline import Estimates, Pipeline
-from canest.resources import find
-from canest.vehicle.samples import Status
+from canest.node.bus_monitor import BusWatch
+from canest.node.node import Node
+from canest.pipeline.pipeline import Estimates, Pipeline
+from canest.pipeline.signal_map import decoder_for
+from canest.system.shipped_files import find
 
 DATA = Path(__file__).parents[1] / "data"
 START_US = 1_700_000_000_000_000

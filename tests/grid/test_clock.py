@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from canest.frames import FrameBlock
+from canest.core.frames import FrameBlock
 from canest.grid.clock import Clock
 
 HOLD_US, BACK_US = 2_000_000, 500_000

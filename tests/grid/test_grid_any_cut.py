@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from canest.frames import FrameBlock
+from canest.core.frames import FrameBlock
 from canest.grid import grid as module
 from canest.grid.clock import Clock
 from canest.grid.grid import Channel, Feed, Grid

@@ -15,15 +15,15 @@ from pathlib import Path
 
 import numpy as np
 
+from canest.bus.kernel_drain import Drained
 from canest.config import load_config
-from canest.frames import FrameBlock
-from canest.live import node as node_module
+from canest.core.frames import FrameBlock
 from canest.live.daemon import Daemon
-from canest.live.journal import Journal
-from canest.live.kernel_drain import Drained
-from canest.live.notify import Notifier
 from canest.live.schedule import Schedule
 from canest.logs.reader import open_log
+from canest.node import node as node_module
+from canest.system.journal import Journal
+from canest.system.systemd_notify import Notifier
 
 GUARD_US = 2_000
 

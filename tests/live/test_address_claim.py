@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from canest.config.bus import Name
 from canest.decode import j1939
-from canest.live.address_claim import (
+from canest.node.address_claim import (
     BURST,
     CLAIM_PGN,
     NULL_ADDRESS,

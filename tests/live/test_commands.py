@@ -19,8 +19,8 @@ import pytest
 from canest.cli.main import run
 from canest.config import load_config
 from canest.live.install import install, unit_text
-from canest.live.status_socket import StatusServer, ask, socket_path
-from canest.resources import shipped
+from canest.system.shipped_files import shipped
+from canest.telemetry.status_socket import StatusServer, ask, socket_path
 from tests.live.rig import Rig, free_port, wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -167,7 +167,7 @@ def test_a_metrics_port_that_is_taken_at_the_start_is_told_and_done_without(tmp_
 def test_a_daemon_imports_neither_what_is_heavy_nor_what_cannot_run_hardened(tmp_path):
     code = (
         "import sys; from canest.config import load_config; from canest.live.daemon import Daemon;"
-        "from canest.live.pythoncan import PythonCanReceiver;"
+        "from canest.bus.pythoncan import PythonCanReceiver;"
         f"c = load_config('vcan', ['bus.interface=virtual', 'service.state_dir={tmp_path}']);"
         "Daemon(c)._end();"
         "print(*sorted({m.split('.')[0] for m in sys.modules}));"
@@ -211,14 +211,14 @@ def test_every_mistake_is_one_line_and_the_right_exit_code(capsys, arguments, co
 
 def test_status_shows_what_a_person_on_call_needs(tmp_path, drive, monkeypatch, capsys):
     settings = load_config("vcan", [f"service.state_dir={tmp_path}", "service.learn='off'"])
-    from canest.live.snapshot import flat, snapshot
+    from canest.telemetry.snapshot import flat, snapshot
 
     with Rig(monkeypatch, settings, drive) as rig:
         rig.run(45)
         content = snapshot(rig.daemon, rig.now_us)
     assert content["senders"]["pgn_61444_from_0x00"]["frames"] > 0
     assert all(re.fullmatch(r"[\w.]+", key) for key in flat(content))  # a line of key=value splits at spaces
-    monkeypatch.setattr("canest.live.status_socket.ask", lambda path: content)
+    monkeypatch.setattr("canest.telemetry.status_socket.ask", lambda path: content)
     assert run(["status", "--socket", "x"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     for part in (
@@ -305,7 +305,7 @@ def test_monitor_shows_the_broadcast(capsys):
     import can
 
     from canest.decode import j1939
-    from canest.live.estimate_frame import Estimate, encode
+    from canest.node.estimate_frame import Estimate, encode
 
     done = threading.Event()
 

@@ -8,14 +8,14 @@ import math
 import numpy as np
 import pytest
 
+from canest.bus.kernel_drain import Drained
+from canest.core.errors import ConfigError
+from canest.core.frames import EXTENDED, FrameBlock
+from canest.core.samples import Status
 from canest.decode import j1939
-from canest.errors import ConfigError
-from canest.frames import EXTENDED, FrameBlock
-from canest.live.address_claim import CLAIM_PGN
-from canest.live.estimate_frame import decode
-from canest.live.kernel_drain import Drained
 from canest.logs.reader import open_log
-from canest.vehicle.samples import Status
+from canest.node.address_claim import CLAIM_PGN
+from canest.node.estimate_frame import decode
 from tests.live.rig import Rig, config, wait_for
 
 OWN_PGN = 0xFF5A
@@ -124,8 +124,8 @@ def test_full_load_noise_and_wrong_senders_do_not_move_a_valid_estimate(tmp_path
 
 
 def test_the_real_attack_logs_are_survived_and_counted(tmp_path, data, monkeypatch):
-    from canest.live.snapshot import snapshot
-    from canest.live.status_view import rows as rows_of
+    from canest.telemetry.snapshot import snapshot
+    from canest.telemetry.status_view import rows as rows_of
 
     told = {}
     for name in ("tsc1", "address_claim"):
@@ -150,8 +150,8 @@ def test_the_real_attack_logs_are_survived_and_counted(tmp_path, data, monkeypat
 
 
 def test_a_bus_that_cannot_be_opened_says_why_once(tmp_path, monkeypatch):
-    from canest.live.snapshot import snapshot
-    from canest.live.status_view import rows as rows_of
+    from canest.telemetry.snapshot import snapshot
+    from canest.telemetry.status_view import rows as rows_of
 
     with Rig(monkeypatch, config(tmp_path)) as rig:
         rig.script.state, rig.script.reason = "absent", "No such device"
@@ -218,7 +218,7 @@ def test_metrics_and_snapshot_tell_the_same_and_are_well_formed(tmp_path, drive,
 
 
 def test_the_snapshot_is_whole_while_the_disk_recovers(tmp_path, monkeypatch):
-    from canest.live.snapshot import snapshot
+    from canest.telemetry.snapshot import snapshot
 
     class Failures(dict):
         def items(self):
@@ -233,7 +233,7 @@ def test_the_snapshot_is_whole_while_the_disk_recovers(tmp_path, monkeypatch):
 
 
 def test_the_snapshot_is_json_and_stays_small_under_noise(tmp_path, drive, monkeypatch):
-    from canest.live.snapshot import snapshot
+    from canest.telemetry.snapshot import snapshot
 
     rng = np.random.default_rng(1)
     n = 20_000
@@ -252,7 +252,7 @@ def test_the_snapshot_is_json_and_stays_small_under_noise(tmp_path, drive, monke
 
 
 def test_masses_of_other_ecus_stand_beside_ours(tmp_path, drive, monkeypatch):
-    from canest.live.snapshot import snapshot
+    from canest.telemetry.snapshot import snapshot
 
     cvw = [
         (

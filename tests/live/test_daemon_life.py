@@ -8,11 +8,11 @@ import time
 
 import pytest
 
-from canest.errors import ConfigError
+from canest.core.errors import ConfigError
+from canest.core.samples import Status
 from canest.live.daemon import MOST_FAILURES_IN_A_ROW
-from canest.pipeline import Pipeline
-from canest.resources import shipped
-from canest.vehicle.samples import Status
+from canest.pipeline.pipeline import Pipeline
+from canest.system.shipped_files import shipped
 from tests.live.rig import Rig, config, descriptors, resident_kb
 
 

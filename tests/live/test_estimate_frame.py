@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from canest.core.gates import Gate
 from canest.decode import j1939
-from canest.gates import Gate
-from canest.live.estimate_frame import Estimate, checksum, decode, encode
-from canest.resources import shipped
+from canest.node.estimate_frame import Estimate, checksum, decode, encode
+from canest.system.shipped_files import shipped
 
 CAN_ID = j1939.pack(0xFF5A, 0x9E)
 NAN = math.nan

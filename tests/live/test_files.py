@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from canest.frames import ERROR, EXTENDED, REMOTE, FrameBlock
-from canest.live.files import Background, write_atomically
+from canest.core.frames import ERROR, EXTENDED, REMOTE, FrameBlock
 from canest.live.record import Ring, TextLog, candump_renderer, render_estimates
 from canest.logs.reader import open_log
 from canest.logs.writer import HEADER
-from canest.pipeline import Estimates
+from canest.pipeline.pipeline import Estimates
+from canest.system.files import Background, write_atomically
 
 
 @pytest.fixture
@@ -54,7 +54,7 @@ def test_a_write_that_fails_leaves_the_old_content(tmp_path, monkeypatch):
     def full(_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("canest.live.files.os.fsync", full)
+    monkeypatch.setattr("canest.system.files.os.fsync", full)
     with pytest.raises(OSError, match="No space"):
         write_atomically(path, b"new")
     assert path.read_bytes() == b"old"

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from canest.config import load_config
+from canest.core.frames import FrameBlock
+from canest.core.samples import Status
 from canest.decode.counters import Counters, SenderCounters
-from canest.frames import FrameBlock
-from canest.live import metrics
-from canest.live.impostors import WINDOW_S, Paces
-from canest.live.snapshot import snapshot
-from canest.live.status_view import rows
-from canest.vehicle.samples import Status
+from canest.telemetry import metrics
+from canest.telemetry.sender_rates import WINDOW_S, Paces
+from canest.telemetry.snapshot import snapshot
+from canest.telemetry.status_view import rows
 from tests.live.rig import Rig
 
 EEC1 = 0x8CF00400

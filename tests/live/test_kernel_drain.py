@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from canest.live.kernel_drain import KernelDrain, ask_for_stamps
+from canest.bus.kernel_drain import KernelDrain, ask_for_stamps
 from tests.live.wire import ID, packed, settle
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from canest.bus.link import may_transmit, open_link
+from canest.bus.pythoncan import PythonCanReceiver
+from canest.bus.socketcan import SocketCanReceiver
 from canest.config.bus import Broadcast, Bus
-from canest.errors import BusError
-from canest.live.link import may_transmit, open_link
-from canest.live.pythoncan import PythonCanReceiver
-from canest.live.socketcan import SocketCanReceiver
+from canest.core.errors import BusError
 
 
 def test_a_receiver_has_no_way_to_send():

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from canest.frames import FrameBlock
-from canest.live.kernel_drain import Drained
-from canest.pipeline import Pipeline
+from canest.bus.kernel_drain import Drained
+from canest.core.frames import FrameBlock
+from canest.pipeline.pipeline import Pipeline
 from tests.live.rig import Rig, config, kenworth, rows
 
 
@@ -16,7 +16,7 @@ def test_what_the_daemon_said_live_is_what_replay_says_of_its_recording(tmp_path
     )
     with Rig(monkeypatch, settings, drive[:40_000]) as rig:
         rig.run_out()
-    from canest.replay import replay
+    from canest.offline.replay import replay
 
     replay(tmp_path / "seen.log", settings, output=tmp_path / "replayed.csv")
     live, replayed = rows(tmp_path / "est.csv"), rows(tmp_path / "replayed.csv")
@@ -36,7 +36,7 @@ def test_so_it_is_with_can_fd_frames_of_which_a_recording_holds_eight_bytes(tmp_
     with Rig(monkeypatch, settings, frames) as rig:
         rig.run_out()
         lost = rig.daemon.pipeline.decoder.counters.lost()
-    from canest.replay import replay
+    from canest.offline.replay import replay
 
     result = replay(tmp_path / "seen.log", settings, output=tmp_path / "replayed.csv")
     live, replayed = rows(tmp_path / "est.csv"), rows(tmp_path / "replayed.csv")
@@ -86,7 +86,7 @@ def test_frames_that_come_too_late_are_used_when_they_come_and_the_recording_sti
         rig.script.drain = late
         rig.run_out()
         assert rig.daemon.late_frames > 100
-    from canest.replay import replay
+    from canest.offline.replay import replay
 
     replay(tmp_path / "seen.log", settings, output=tmp_path / "replayed.csv")
     live, replayed = rows(tmp_path / "est.csv"), rows(tmp_path / "replayed.csv")

@@ -9,7 +9,7 @@ import urllib.request
 
 import pytest
 
-from canest.live.metrics import MetricsServer
+from canest.telemetry.metrics import MetricsServer
 from tests.live.rig import free_port, wait_for
 
 

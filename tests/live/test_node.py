@@ -9,16 +9,16 @@ import pytest
 
 from canest.config import load_config
 from canest.config.bus import Broadcast
+from canest.core.frames import FrameBlock
+from canest.core.samples import Status
 from canest.decode import j1939
-from canest.frames import FrameBlock
-from canest.live import node as node_module
-from canest.live.address_claim import CLAIM_PGN, REQUEST_PGN
-from canest.live.broadcast import PCC1_PGN, Broadcaster, cvw_payload, pcc1_payload
-from canest.live.citizen import LISTEN_US, QUIET_US
-from canest.live.estimate_frame import Estimate, decode
-from canest.live.node import Node
-from canest.live.watch import CVW_PGN, SENT_BY_OTHERS_US, BusWatch
-from canest.vehicle.samples import Status
+from canest.node import node as node_module
+from canest.node.address_claim import CLAIM_PGN, REQUEST_PGN
+from canest.node.broadcast import PCC1_PGN, Broadcaster, cvw_payload, pcc1_payload
+from canest.node.bus_monitor import CVW_PGN, SENT_BY_OTHERS_US, BusWatch
+from canest.node.estimate_frame import Estimate, decode
+from canest.node.network_management import LISTEN_US, QUIET_US
+from canest.node.node import Node
 
 GOOD = Estimate(20_000.0, 200.0, 0.02, 0.002, Status.VALID, 0)
 OWN_PGN = 0xFF5A

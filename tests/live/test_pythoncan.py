@@ -11,9 +11,9 @@ import time
 import can
 import pytest
 
+from canest.bus.link import open_link
 from canest.config.bus import Bus
 from canest.decode import j1939
-from canest.live.link import open_link
 from tests.live.wire import ID, settle
 
 

@@ -17,12 +17,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from canest.errors import UsageError
-from canest.live.journal import BURST, REFILL_S, Journal
-from canest.live.notify import Notifier
+from canest.core.errors import UsageError
 from canest.live.schedule import STEP_NS, Schedule
-from canest.live.status_socket import StatusServer, ask
-from canest.live.view import BLOCKS, LiveView, sparkline
+from canest.system.journal import BURST, REFILL_S, Journal
+from canest.system.systemd_notify import Notifier
+from canest.telemetry.broadcast_view import BLOCKS, LiveView, sparkline
+from canest.telemetry.status_socket import StatusServer, ask
 from tests.live.rig import Rig, config
 
 
@@ -216,7 +216,7 @@ def test_the_view_shows_estimates_and_counts_what_is_lost_or_damaged():
     from rich.console import Console
 
     from canest.decode import j1939
-    from canest.live.estimate_frame import Estimate, encode
+    from canest.node.estimate_frame import Estimate, encode
 
     can_id, view = j1939.pack(0xFF5A, 0x9E), LiveView(0xFF5A, "test")
     good = Estimate(21_346.0, 150.0, 0.031, 0.002, 2, 0)
@@ -238,8 +238,8 @@ def test_the_view_shows_estimates_and_counts_what_is_lost_or_damaged():
 def test_a_bracket_in_a_name_is_no_markup(tmp_path, monkeypatch, capsys):
     from rich.console import Console
 
-    from canest.live.snapshot import snapshot
-    from canest.live.status_view import show
+    from canest.telemetry.snapshot import snapshot
+    from canest.telemetry.status_view import show
 
     console = Console(file=io.StringIO(), width=110)
     console.print(LiveView(0xFF5A, "canest on virtual:[/]").render(0.0))

@@ -8,11 +8,11 @@ import time
 
 import pytest
 
-from canest.errors import BusError
-from canest.frames import ERROR
-from canest.live.kernel_drain import SLOTS, KernelDrain, ask_for_stamps
-from canest.live.socketcan import SocketCanReceiver, SocketCanTransmitter
-from canest.vehicle.samples import STEP_US
+from canest.bus.kernel_drain import SLOTS, KernelDrain, ask_for_stamps
+from canest.bus.socketcan import SocketCanReceiver, SocketCanTransmitter
+from canest.core.errors import BusError
+from canest.core.frames import ERROR
+from canest.core.samples import STEP_US
 from tests.live.wire import ID, packed, settle
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 import time
 
-from canest.frames import EXTENDED
+from canest.core.frames import EXTENDED
 
 ID = 0x18FEF100 | EXTENDED
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
-from canest.frames import ERROR, EXTENDED, FrameBlock
+from canest.core.frames import ERROR, EXTENDED, FrameBlock
 from canest.logs import LogReader, open_log
 from canest.logs.lines import Line, is_ignorable, parse_line
 

@@ -9,8 +9,8 @@ import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from canest.errors import LogError
-from canest.frames import FrameBlock
+from canest.core.errors import LogError
+from canest.core.frames import FrameBlock
 from canest.logs import open_log
 from canest.logs.compression import Source
 from logs.helpers_logs import DATA, assert_same, one_by_one, read_all

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from canest import fast
-from canest.errors import LogError
-from canest.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
+from canest.core import jit
+from canest.core.errors import LogError
+from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
+from canest.doctor.warnings import log_notes
 from canest.logs import open_log
 from canest.logs.candump import SKIPPED_SHOWN, CandumpParser
-from canest.notes import log_notes
 from logs.helpers_logs import DATA, FRAMES, assert_same, log_form, one_by_one, read_all, screen_form
 
 
@@ -327,11 +327,11 @@ def test_a_log_of_nothing_but_garbage_is_one_clear_error(tmp_path):
 
 @pytest.fixture(scope="module")
 def compiled():
-    if not fast.available():
+    if not jit.available():
         pytest.skip("numba is not installed (extra: fast)")
-    fast.enable()
+    jit.enable()
     yield
-    fast.enable(False)
+    jit.enable(False)
 
 
 @pytest.mark.usefixtures("compiled")
@@ -361,9 +361,9 @@ class TestCompiled:
     def test_compiled_equals_numpy_on_real_logs(self, name):
         path = DATA / f"{name}.log.xz"
         compiled_block, _ = read_all(path)
-        fast.enable(False)
+        jit.enable(False)
         block, _ = read_all(path)
-        fast.enable()
+        jit.enable()
         assert_same(compiled_block, block)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from canest.errors import LogError
+from canest.core.errors import LogError
 from canest.logs.reader import open_log
 
 

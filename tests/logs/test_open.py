@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from canest.errors import LogError
+from canest.core.errors import LogError
 from canest.logs import open_log
 
 

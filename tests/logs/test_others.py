@@ -12,8 +12,8 @@ import warnings
 import can
 import pytest
 
-from canest.errors import LogError
-from canest.frames import EXTENDED, REMOTE, FrameBlock
+from canest.core.errors import LogError
+from canest.core.frames import EXTENDED, REMOTE, FrameBlock
 from canest.logs import open_log
 from logs.helpers_logs import assert_same, read_all
 

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from canest.errors import LogError
+from canest.core.errors import LogError
+from canest.doctor.warnings import log_notes
 from canest.logs import LogReader, TableBlock, open_log
 from canest.logs.splitting import LINE_CHARS_MAX
 from canest.logs.truth import read_truth
-from canest.notes import log_notes
 
 
 def read(path: Path, **options) -> tuple[TableBlock, LogReader]:

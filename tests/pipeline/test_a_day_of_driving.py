@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from canest import fast
 from canest.config import load_config
-from canest.frames import FrameBlock
-from canest.pipeline import Pipeline
+from canest.core import jit
+from canest.core.frames import FrameBlock
+from canest.core.samples import RATE_HZ, Status
+from canest.pipeline.pipeline import Pipeline
 from canest.simulate.reading import load_scenario
 from canest.simulate.run import simulate
-from canest.vehicle.samples import RATE_HZ, Status
 
 DAY_S, WARM_S = 86_400, 600
 DRIVE_S, BREAK_S = 300, 20  #: a drive, then a silent bus, over and over
@@ -37,7 +37,7 @@ def descriptors() -> int:
 
 def drive_a_day() -> dict[str, float]:
     """Return what a day leaves behind, and how much of it was estimated."""
-    fast.enable()  # the same bits in a fraction of the time, where numba is installed
+    jit.enable()  # the same bits in a fraction of the time, where numba is installed
     config = load_config("class8")
     scenario = load_scenario("demo").model_copy(update={"duration_s": float(DRIVE_S)})
     drive = Pipeline(config).decoder.select(simulate(scenario).frames)

@@ -8,10 +8,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pipeline_helpers import Recorder, bundled, differences, everything, run
 
-from canest import fast
 from canest.config import load_config
-from canest.frames import FrameBlock
-from canest.pipeline import Pipeline
+from canest.core import jit
+from canest.core.frames import FrameBlock
+from canest.pipeline.pipeline import Pipeline
 
 #: config, log, and an index from which the first second has everything in it
 DRIVES = {"class8": "vcan/cycle.log.xz", "kenworth": "kenworth/normal.log.xz"}
@@ -111,15 +111,15 @@ def test_live_with_time_passing_between_frames(name: str, estimator: str, more: 
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not fast.available(), reason="needs numba")
+@pytest.mark.skipif(not jit.available(), reason="needs numba")
 @cases
 def test_compiled_kernels_give_the_same_bits(name: str, estimator: str, more: tuple[str, ...]) -> None:
     config = load_config(name, [f"estimator.name={estimator}", *more])
     frames = bundled(DRIVES[name])
     plain = run(config, frames)
-    fast.enable()
+    jit.enable()
     try:
         assert differences(plain, run(config, frames)) == []
         assert differences(plain, run(config, frames, range(3000, len(frames), 3000))) == []
     finally:
-        fast.enable(False)
+        jit.enable(False)

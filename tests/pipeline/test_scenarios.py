@@ -9,10 +9,10 @@ import pytest
 from pipeline_helpers import Value, bundled, bus
 
 from canest.config import load_config
-from canest.frames import FrameBlock
-from canest.gates import Gate
-from canest.pipeline import Estimates, Pipeline
-from canest.vehicle.samples import Status
+from canest.core.frames import FrameBlock
+from canest.core.gates import Gate
+from canest.core.samples import Status
+from canest.pipeline.pipeline import Estimates, Pipeline
 
 CONFIG = load_config("class8")
 FINAL_DRIVE, RADIUS_M = 3.73, 0.5

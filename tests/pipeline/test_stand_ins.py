@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from pipeline_helpers import bundled, differences, run
 
-from canest.compare import compare
 from canest.config import load_config
+from canest.core.frames import FrameBlock
+from canest.core.samples import Status
 from canest.decode import j1939
 from canest.demo import DRIVE
-from canest.frames import FrameBlock
 from canest.logs import open_log
-from canest.pipeline import Estimates, Pipeline
-from canest.vehicle.samples import Status
+from canest.offline.compare import compare
+from canest.pipeline.pipeline import Estimates, Pipeline
 
 TRUE_KG = 21_000.0  # of the demo's drive
 LATE_S = 90

@@ -15,8 +15,8 @@ import numpy as np
 
 from canest.config import load_config
 from canest.demo import DRIVE
-from canest.pipeline import Estimates
-from canest.replay import LogRun
+from canest.offline.replay import LogRun
+from canest.pipeline.pipeline import Estimates
 
 HERE = Path(__file__).resolve().parent
 FILE = HERE / "golden.json"

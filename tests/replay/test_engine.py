@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from canest.config import load_config, parse_config
+from canest.core.errors import LogError
 from canest.demo import DRIVE
-from canest.errors import LogError
 from canest.logs.truth import Truth
-from canest.pipeline import Estimates
-from canest.replay import compiling_pays, replay
-from canest.scoring import Score
+from canest.offline.replay import compiling_pays, replay
+from canest.offline.scoring import Score
+from canest.pipeline.pipeline import Estimates
 
 DATA = Path(__file__).parents[1] / "data"
 KENWORTH = DATA / "kenworth" / "normal.log.xz"
@@ -315,7 +315,7 @@ def test_reading_in_small_blocks_gives_the_same_file(tmp_path, monkeypatch):
     from canest.logs import base
 
     monkeypatch.setattr(base, "_TEXT_BYTES", 3000)
-    from canest import tables as module
+    from canest.pipeline import tables as module
 
     small = module.open_log
     monkeypatch.setattr(module, "open_log", lambda *a, **k: small(*a, **k, block_frames=100))
@@ -329,10 +329,10 @@ def test_compilation_is_for_long_logs_only(tmp_path):
         with path.open("wb") as file:
             file.truncate(size)
     assert not compiling_pays([short])
-    from canest import fast
+    from canest.core import jit
 
     for logs, passes in (([long], 1), ([short] * 5, 1), ([short], 5)):
-        assert compiling_pays(logs, passes) == fast.available()
+        assert compiling_pays(logs, passes) == jit.available()
 
 
 def test_listener_sees_every_sample():

@@ -11,10 +11,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from canest.config import load_config
+from canest.core.frames import FrameBlock
 from canest.demo import DRIVE
-from canest.frames import FrameBlock
 from canest.logs.reader import open_log
-from canest.pipeline import Estimates, Pipeline
+from canest.pipeline.pipeline import Estimates, Pipeline
 
 KENWORTH = Path(__file__).parents[1] / "data" / "kenworth" / "normal.log.xz"
 

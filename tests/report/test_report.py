@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from canest.compare import Comparison
+from canest.core.frames import FloatColumn
+from canest.core.gates import Gate
+from canest.core.samples import EstimateBlock, ModelBlock
 from canest.demo import DRIVE, TRUTH
-from canest.frames import FloatColumn
-from canest.gates import Gate
-from canest.pipeline import Estimates
+from canest.offline.compare import Comparison
+from canest.pipeline.pipeline import Estimates
 from canest.report.compare_page import COLUMNS, compare_page
 from canest.report.recorder import POINTS_MAX, Recorder, Whiteness, residual_N
-from canest.vehicle.samples import EstimateBlock, ModelBlock
 
 pytest.importorskip("jinja2")
 pytest.importorskip("plotly")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from canest.core.frames import EXTENDED, FrameBlock
+from canest.core.samples import Status
 from canest.decode import j1939
-from canest.frames import EXTENDED, FrameBlock
 from canest.logs.reader import open_log
-from canest.pipeline import Pipeline
-from canest.vehicle.samples import Status
+from canest.pipeline.pipeline import Pipeline
 
 #: full load of a 500 kbit/s bus, with frames that carry few bytes
 FULL_LOAD_PER_S = 8000

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from canest.config import load_config
-from canest.frames import FrameBlock
+from canest.core.frames import FrameBlock
 from canest.logs.reader import open_log
-from canest.pipeline import Pipeline
+from canest.pipeline.pipeline import Pipeline
 from canest.simulate.reading import load_scenario
 from canest.simulate.run import simulate
 

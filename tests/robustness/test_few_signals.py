@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from canest.config.load import load_config, parse_config
-from canest.resources import shipped
+from canest.core.samples import Status
 from canest.simulate.reading import load_scenario
 from canest.simulate.run import simulate
-from canest.vehicle.samples import Status
+from canest.system.shipped_files import shipped
 
 from .attacks import estimated
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from canest.config import load_config
+from canest.core.samples import Status
 from canest.decode import j1939
 from canest.simulate.reading import load_scenario
 from canest.simulate.run import simulate
-from canest.vehicle.samples import Status
 
 from .attacks import estimated
 

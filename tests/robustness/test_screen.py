@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from canest.vehicle import screen as module
-from canest.vehicle.screen import JUMP, MOTION_JUMP, Limit, Screen
+from canest.vehicle import range_rate_check as module
+from canest.vehicle.range_rate_check import JUMP, MOTION_JUMP, Limit, Screen
 
 
 def column(pairs):
@@ -107,8 +107,8 @@ def test_any_cut_refuses_the_same_samples(steps, cuts, few):
 @pytest.mark.parametrize("name", ["class8", "kenworth", "bmw-i3", "testcar"])
 def test_every_shipped_config_has_its_speeds_limited(name):
     from canest.config import load_config
-    from canest.vehicle.screen import limits_of
-    from canest.vehicle.sources import motion_roles
+    from canest.vehicle.range_rate_check import limits_of
+    from canest.vehicle.role_sources import motion_roles
 
     config = load_config(name)
     limited = limits_of(config)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from canest.config import parse_config
-from canest.pipeline import Pipeline
+from canest.pipeline.pipeline import Pipeline
 from canest.simulate import SimulatedDrive, simulate
 from canest.simulate.files import config_text
 

@@ -10,9 +10,9 @@ import cantools
 import numpy as np
 import pytest
 
-from canest.frames import FrameBlock
-from canest.resources import find
+from canest.core.frames import FrameBlock
 from canest.simulate import SimulatedDrive, simulate
+from canest.system.shipped_files import find
 
 from .conftest import steady
 

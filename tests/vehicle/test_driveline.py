@@ -10,13 +10,13 @@ import pytest
 from vehicle_helpers import FINAL_DRIVE, RADIUS_M, config, ticks
 
 from canest.config.schema import Config
-from canest.decode.signal_map import resolution_of
-from canest.errors import ConfigError
-from canest.gates import Gate
-from canest.vehicle.frozen import Frozen
+from canest.core.errors import ConfigError
+from canest.core.gates import Gate
+from canest.pipeline.signal_map import resolution_of
 from canest.vehicle.model import LongitudinalModel
-from canest.vehicle.regression import Regression
-from canest.vehicle.sources import motion_roles, speed_roles
+from canest.vehicle.model_samples import Regression
+from canest.vehicle.role_sources import motion_roles, speed_roles
+from canest.vehicle.stuck_sensor import Frozen
 
 RATIO = 4.0 * FINAL_DRIVE
 N = 100

@@ -20,11 +20,11 @@ from vehicle_helpers import (
     ticks,
 )
 
-from canest.errors import ConfigError
-from canest.intake import TORQUE_ROLES, grid_for
+from canest.core.errors import ConfigError
+from canest.core.samples import GRAVITY_MPS2
+from canest.pipeline.intake import TORQUE_ROLES, grid_for
 from canest.vehicle.effects import EFFECTS, effect_from_config
 from canest.vehicle.model import LongitudinalModel, RawModel
-from canest.vehicle.samples import GRAVITY_MPS2
 
 RATIO = 2.0 * FINAL_DRIVE
 V = np.array([10.0, 10.02])

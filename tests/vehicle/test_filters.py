@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from canest.errors import ConfigError
-from canest.filters import Filter, butterworth, delay_s, order_and_cutoff
+from canest.core.errors import ConfigError
+from canest.vehicle.butterworth import Filter, butterworth, delay_s, order_and_cutoff
 
 RATE_HZ = 50.0
 

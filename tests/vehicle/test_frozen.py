@@ -11,7 +11,7 @@ from vehicle_helpers import FINAL_DRIVE, RADIUS_M, config, ticks
 
 from canest.config.schema import Config
 from canest.grid.grid import GridBlock
-from canest.vehicle.frozen import Frozen
+from canest.vehicle.stuck_sensor import Frozen
 
 N = 1000
 T_S = np.arange(N) * 0.02

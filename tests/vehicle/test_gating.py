@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from vehicle_helpers import FINAL_DRIVE, RADIUS_M, config, ticks
 
-from canest.gates import Gate
-from canest.vehicle.regression import Regression
-from canest.vehicle.samples import ModelBlock
+from canest.core.gates import Gate
+from canest.core.samples import ModelBlock
+from canest.vehicle.model_samples import Regression
 
 V = 15.0
 SHAFT_RPM = V / RADIUS_M * FINAL_DRIVE * 30 / math.pi

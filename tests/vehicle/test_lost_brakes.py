@@ -10,8 +10,8 @@ import pytest
 from test_gating import Drive, names
 from vehicle_helpers import config, ticks
 
-from canest.vehicle.lost_brakes import LOST_S, LostBrakes
-from canest.vehicle.samples import RATE_HZ
+from canest.core.samples import RATE_HZ
+from canest.vehicle.brake_hold import LOST_S, LostBrakes
 
 ACTING = [
     ("brake_switch", 1.0),

@@ -22,9 +22,9 @@ from vehicle_helpers import (
     ticks,
 )
 
-from canest.gates import Gate
-from canest.vehicle.regression import Regression
-from canest.vehicle.samples import GRAVITY_MPS2, STEP_S
+from canest.core.gates import Gate
+from canest.core.samples import GRAVITY_MPS2, STEP_S
+from canest.vehicle.model_samples import Regression
 
 RATIO = 2.0 * FINAL_DRIVE
 ROLES = ("engine_torque", "vehicle_speed")

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from canest.config.schema import Config
+from canest.core.samples import STEP_US
 from canest.grid.grid import GridBlock
-from canest.vehicle.samples import STEP_US
 
 RADIUS_M, FINAL_DRIVE, EFFICIENCY = 0.5, 4.0, 0.9
 ENGINE_INERTIA, WHEEL_INERTIA = 3.0, 100.0

@@ -13,8 +13,8 @@ from functools import cache
 from types import NoneType
 from typing import Any, ClassVar, Literal, get_args, get_type_hints
 
-from canest.errors import ConfigError
-from canest.vehicle.columns import Columns
+from canest.core.errors import ConfigError
+from canest.vehicle.working_columns import Columns
 
 Stage = Literal["sampling", "geometry", "crank", "driveline", "speed", "road", "load"]
 

@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from canest.frames import BoolColumn
-from canest.roles import RADPS_PER_RPM
-from canest.vehicle.columns import Columns
+from canest.core.frames import BoolColumn
+from canest.core.roles import RADPS_PER_RPM
 from canest.vehicle.effects.base import Added, Effect, Parameter, Scaled, Stage, register
+from canest.vehicle.working_columns import Columns
 
 
 @register

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from canest.vehicle.columns import Columns
 from canest.vehicle.effects.base import Added, Effect, Parameter, Scaled, Stage, register
+from canest.vehicle.working_columns import Columns
 
 
 @register

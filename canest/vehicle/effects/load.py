@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from canest.frames import FloatColumn, IntColumn
+from canest.core.frames import FloatColumn, IntColumn
 from canest.vehicle.effects.base import Effect, Parameter, Stage, register
 
 

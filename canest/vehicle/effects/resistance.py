@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from canest.vehicle.columns import Columns
+from canest.core.samples import GRAVITY_MPS2
 from canest.vehicle.effects.base import Added, Effect, Parameter, register
-from canest.vehicle.samples import GRAVITY_MPS2
+from canest.vehicle.working_columns import Columns
 
 
 @register

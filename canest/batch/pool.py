@@ -1,0 +1,186 @@
+"""Thousands of logs: jobs run side by side on all cores; one bad log never stops the others."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from canest.batch.job import Job, name_of
+from canest.core.errors import CanestError, ConfigError, LogError, OutputError, UsageError
+
+if TYPE_CHECKING:
+    from canest.config import Config
+    from canest.offline.replay import ReplayResult
+    from canest.offline.scoring import Score
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What became of a job: a result, or the one line that says why there is none."""
+
+    job: Job
+    result: ReplayResult | None = None
+    error: str = ""
+
+
+def with_outputs(jobs: Sequence[Job], directory: Path | None, reports: Path | None) -> list[Job]:
+    """Return the jobs with NAME.csv and NAME.html in the directories, which are made.
+
+    Errors: OutputError; UsageError when two logs would write the same file.
+    """
+    for folder in (directory, reports):
+        if folder is not None:
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise OutputError(f"cannot make the directory: {error.strerror}", where=str(folder)) from None
+    names = unique_names([job.log for job in jobs]) if directory or reports else [job.name for job in jobs]
+    return [
+        replace(
+            job,
+            output=directory / f"{name}.csv" if directory else None,
+            report=reports / f"{name}.html" if reports else None,
+        )
+        for job, name in zip(jobs, names, strict=True)
+    ]
+
+
+def unique_names(logs: Sequence[Path]) -> list[str]:
+    """Return one name per log; logs of one name get their folder's name in front.
+
+    Errors: UsageError when that does not tell them apart.
+    """
+    plain = [name_of(log) for log in logs]
+    names = [
+        f"{log.resolve().parent.name}-{name}" if plain.count(name) > 1 else name
+        for log, name in zip(logs, plain, strict=True)
+    ] if len(set(plain)) < len(plain) else plain  # fmt: skip
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        alike = [str(log) for log, name in zip(logs, names, strict=True) if name == twice]
+        raise UsageError(
+            f"two logs would write the same file, {twice}.csv",
+            where="-o",
+            found=" and ".join(alike[:2]),
+            expected="different names",
+        )
+    return names
+
+
+def run_jobs(
+    jobs: Sequence[Job],
+    config: Config,
+    workers: int | None = None,
+    done: Callable[[Outcome], None] | None = None,
+) -> list[Outcome]:
+    """Run every job and return what became of each, in their order; `done` is told as each one ends.
+
+    Errors: ConfigError, which ends them all.
+    """
+    workers = min(workers or len(os.sched_getaffinity(0)), len(jobs))
+    outcomes: dict[Job, Outcome] = {}
+    for outcome in _serial(jobs, config) if workers <= 1 else _parallel(list(jobs), config, workers):
+        outcomes[outcome.job] = outcome
+        if done is not None:
+            done(outcome)
+    return [outcomes[job] for job in jobs]
+
+
+def _serial(jobs: Iterable[Job], config: Config) -> Iterator[Outcome]:
+    for job in jobs:
+        yield _attempt(job, config)
+
+
+def _parallel(jobs: list[Job], config: Config, workers: int) -> Iterator[Outcome]:
+    """Run in processes. Should one die (out of memory), the jobs it took along run again one by one."""
+    unfinished: list[Job] = []
+    with _pool(workers) as pool:
+        futures: dict[Future[Outcome], Job] = {pool.submit(_attempt, job, config): job for job in jobs}
+        try:
+            for future in as_completed(futures):
+                try:
+                    yield future.result()
+                except BrokenProcessPool:
+                    unfinished.append(futures[future])
+        except BaseException:  # interrupted: do not work off what is still waiting
+            pool.shutdown(cancel_futures=True)
+            for job in jobs:
+                _clear(job)
+            raise
+    for job in unfinished:
+        with _pool(1) as pool:
+            try:
+                yield pool.submit(_attempt, job, config).result()
+            except BrokenProcessPool:
+                _clear(job)
+                yield Outcome(job, error=f"{job.log}: the process that read it was killed (out of memory?)")
+
+
+def _clear(job: Job) -> None:
+    """Remove the half of a job's estimates that a process left which was killed over it."""
+    from canest.logs.writer import part_of
+
+    if job.output is not None:
+        part_of(job.output).unlink(missing_ok=True)
+
+
+def _pool(workers: int) -> ProcessPoolExecutor:
+    # forked from a clean server: a fork of this process would inherit its threads' locks
+    context = get_context("forkserver")
+    context.set_forkserver_preload(["canest.offline.replay"])
+    # Ctrl-C ends a worker at once, in whatever it waits for
+    return ProcessPoolExecutor(
+        workers, mp_context=context, initializer=signal.signal, initargs=(signal.SIGINT, signal.SIG_DFL)
+    )
+
+
+def _attempt(job: Job, config: Config) -> Outcome:
+    """Run a job; whatever goes wrong with this log stays with this log. Errors: ConfigError."""
+    try:
+        return Outcome(job, job.run(config))
+    except ConfigError:  # of no log in particular
+        raise
+    except CanestError as error:
+        text = str(error)
+        return Outcome(job, error=text if str(job.log) in text else f"{job.log}: {text}")
+    except Exception as error:
+        return Outcome(
+            job, error=str(LogError(f"unexpected {type(error).__name__}: {error}", where=str(job.log)))
+        )
+
+
+def pooled(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """Return the summary of many logs: sums, pooled errors, and each log's own summary under `logs`."""
+    from canest.offline.scoring import Score
+
+    results = [o.result for o in outcomes if o.result is not None]
+    summary: dict[str, Any] = {
+        key: sum(r.summary[key] for r in results) for key in ("frames", "skipped_lines", "samples", "updated")
+    }
+    gates: dict[str, int] = {}
+    for result in results:
+        for gate, count in result.summary["gates"].items():
+            gates[gate] = gates.get(gate, 0) + count
+    summary["gates"] = gates
+    summary["estimator"] = results[0].summary["estimator"] if results else None
+    summary["mass_kg"] = summary["mass_std_kg"] = None
+    summary["wall_s"] = round(sum(r.summary["wall_s"] for r in results), 4)
+    scores: list[Score] = [r.score for r in results if r.score is not None]
+    if scores:
+        total = Score(None, None, scores[0].after_s)
+        for score in scores:
+            total.merge(score)
+        summary["errors"] = total.errors()
+    summary["failed"] = sum(1 for o in outcomes if o.result is None)
+    summary["logs"] = [
+        {"log": str(o.job.log)} | ({"error": o.error} if o.result is None else o.result.summary)
+        for o in outcomes
+    ]
+    return summary

@@ -1,0 +1,1 @@
+"""CAN interfaces: SocketCAN by our own raw socket, all others through python-can."""

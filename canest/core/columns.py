@@ -1,0 +1,39 @@
+"""Columns that many stages need: of one value, and shifted by one sample."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TypeVar, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canest.core.frames import BoolColumn, FloatColumn
+
+T = TypeVar("T", bound=np.generic)
+
+#: live blocks are a few ticks long: their constants are made once; longer columns are rare and large
+_KEPT_LENGTH = 64
+
+
+@overload
+def constant(value: bool, n: int) -> BoolColumn: ...
+@overload
+def constant(value: float, n: int) -> FloatColumn: ...
+def constant(value: float, n: int) -> BoolColumn | FloatColumn:
+    """Return a column (n,) of one value; shared between callers: read it, never write into it."""
+    return _kept(value, n) if n <= _KEPT_LENGTH else _made(value, n)
+
+
+def _made(value: float, n: int) -> BoolColumn | FloatColumn:
+    return np.full(n, value, np.bool_ if isinstance(value, bool) else np.float64)
+
+
+_kept = lru_cache(maxsize=4096, typed=True)(_made)
+
+
+def shifted(column: NDArray[T], first: float) -> NDArray[T]:
+    """Return each sample's predecessor (n,); ``first`` is the first one's, kept from the last block."""
+    before = np.empty_like(column)
+    before[0], before[1:] = first, column[:-1]
+    return before

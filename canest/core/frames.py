@@ -1,0 +1,103 @@
+"""The one currency of the pipeline's left end: a block of CAN frames as numpy columns.
+
+A block may hold one frame or a million; every stage gives the same result however a stream is cut.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+EXTENDED = 0x8000_0000  #: flag in `can_id`: 29-bit identifier (as in Linux' struct can_frame)
+REMOTE = 0x4000_0000  #: flag in `can_id`: remote transmission request
+ERROR = 0x2000_0000  #: flag in `can_id`: error frame
+ID_MASK = 0x1FFF_FFFF  #: the 29 identifier bits
+
+IntColumn = NDArray[np.int64]
+FloatColumn = NDArray[np.float64]
+BoolColumn = NDArray[np.bool_]
+
+
+class Onward:
+    """Makes stamps that never go back, block by block: where the clock was set back, time goes on."""
+
+    def __init__(self) -> None:
+        self._last_us: int | None = None
+        self._ahead_us = 0  # of the clock
+
+    def __call__(self, t_us: IntColumn) -> IntColumn:
+        """Return the next stamps, int64 (n,), ahead of the clock by as much as it was set back so far."""
+        if not len(t_us):
+            return t_us
+        before = np.empty_like(t_us)
+        before[0], before[1:] = t_us[0] if self._last_us is None else self._last_us, t_us[:-1]
+        ahead = self._ahead_us + np.maximum(before - t_us, 0).cumsum()
+        self._last_us, self._ahead_us = int(t_us[-1]), int(ahead[-1])
+        return np.asarray(t_us + ahead)
+
+
+@dataclass(frozen=True, slots=True)
+class FrameBlock:
+    """Frames in order of arrival.
+
+    t_us: int64 (n,), event time in integer microseconds of the log's or the kernel's clock.
+    can_id: uint32 (n,), identifier with the `EXTENDED`, `REMOTE` and `ERROR` flags.
+    length: uint8 (n,), payload bytes as sent (0..8; up to 64 for CAN FD).
+    data: uint64 (n,), the first eight payload bytes, first byte least significant, unused bytes zero.
+    """
+
+    t_us: IntColumn
+    can_id: NDArray[np.uint32]
+    length: NDArray[np.uint8]
+    data: NDArray[np.uint64]
+
+    def __len__(self) -> int:
+        return len(self.t_us)
+
+    def __getitem__(self, index: slice | NDArray[np.bool_] | IntColumn) -> FrameBlock:
+        """Return the selected frames (a slice, a mask or an index array)."""
+        return FrameBlock(self.t_us[index], self.can_id[index], self.length[index], self.data[index])
+
+    @staticmethod
+    def empty() -> FrameBlock:
+        """Return a block without frames."""
+        return FrameBlock(
+            np.empty(0, np.int64), np.empty(0, np.uint32), np.empty(0, np.uint8), np.empty(0, np.uint64)
+        )
+
+    @staticmethod
+    def from_frames(frames: list[tuple[int, int, bytes]]) -> FrameBlock:
+        """Build a block from ``(t_us, can_id with flags, payload)`` tuples (tests, small sources)."""
+        return FrameBlock(
+            np.array([f[0] for f in frames], np.int64),
+            np.array([f[1] for f in frames], np.uint32),
+            np.array([len(f[2]) for f in frames], np.uint8),
+            np.array([int.from_bytes(f[2][:8], "little") for f in frames], np.uint64),
+        )
+
+    @staticmethod
+    def concatenate(blocks: list[FrameBlock]) -> FrameBlock:
+        """Join blocks in order."""
+        if not blocks:
+            return FrameBlock.empty()
+        return FrameBlock(
+            np.concatenate([b.t_us for b in blocks]),
+            np.concatenate([b.can_id for b in blocks]),
+            np.concatenate([b.length for b in blocks]),
+            np.concatenate([b.data for b in blocks]),
+        )
+
+
+@dataclass(slots=True)
+class RoleSamples:
+    """Decoded samples of one stretch of the stream, per role of the signal map.
+
+    samples: role -> (t_us int64 (n,), value float64 (n,)), in order of arrival; NaN where the sender
+    said "not available" or "error". Values are in the role's unit (see `canest.core.roles`).
+    end_us: stamp of the last frame of the stretch that the signal map wanted, None when there was none.
+    """
+
+    samples: dict[str, tuple[IntColumn, FloatColumn]]
+    end_us: int | None

@@ -1,0 +1,142 @@
+"""What the vehicle model hands to every estimator, and what every estimator hands back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canest.core.frames import BoolColumn, FloatColumn, IntColumn
+
+GRAVITY_MPS2 = 9.80665
+STEP_US = 20_000  #: one tick of the 50 Hz grid
+STEP_S = 0.02
+RATE_HZ = 50.0
+LOADING_S = 30.0  #: a vehicle that stands this long may have been loaded
+
+
+class Status(IntEnum):
+    """What an estimate may be used for (codes of `dbc/canest.dbc`)."""
+
+    UNESTIMATED = 0  #: no estimate yet; the numbers are NaN, or a start value nobody has confirmed
+    CONVERGING = 1  #: an estimate, not yet trusted
+    VALID = 2  #: trusted within its standard deviation
+
+
+STATUS_LABELS = {int(s): s.name.lower() for s in Status}
+
+
+@dataclass(frozen=True, slots=True)
+class ModelBlock:
+    """Consecutive 50 Hz samples of the longitudinal model, all columns of equal length n.
+
+    The model is  M (a + g sin(beta) + g mu cos(beta)) = F,  so that F / M and the grade part the data.
+    Every "filtered" column has passed the same Butterworth, so the relation stays exact for constant
+    M and beta (the regression is filtered, not only the signals).
+
+    t_us: int64, stamp of the tick (an integer multiple of 20 ms).
+    speed_mps: speed over ground along the road, filtered.
+    accel_mps2: its derivative over the last tick, (v[k] - v[k-1]) / dt, filtered.
+    force_N: F, all known forces along the road but gravity and rolling resistance: traction less
+        rotating inertia, aerodynamic drag, retarder and every effect of the config; mean over the last
+        tick, filtered. Uphill driving needs F > 0.
+    mu: rolling resistance coefficient (with effects), dimensionless, filtered.
+    traction_N: the part of F that comes from the reported engine torque, filtered.
+    aero_N: the part of F that is aerodynamic drag (positive against the motion), filtered.
+    force_per_torque_1pm: d(traction)/d(net crank torque) = ratio x efficiency / radius, unfiltered.
+    rotating_mass_kg: effective mass of wheels and engine inertia in this gear, unfiltered.
+    coasting_N: known forces on a vehicle that coasts with its driveline open (neither engine nor brakes reach
+        the road), rotating inertia not subtracted, unfiltered; NaN where it does not. There
+        `rotating_mass_kg` is that of the wheels alone.
+    undriven_mps: speed of an undriven axle, filtered; NaN without one.
+    accelerometer_mps2: longitudinal accelerometer, filtered; NaN without one. Not gated by the driveline.
+    slope: measured grade (slope sensor), ratio, as last sent; NaN without one.
+    altitude_m: altitude as last sent; NaN without.
+    yaw_rate_radps: NaN without.
+    raw_speed_mps, raw_force_N: as `speed_mps` and `force_N`, before the Butterworth; NaN where not known
+        (the filtered columns repeat themselves there).
+    raw_torque_Nm: net torque at the crank, or at the wheels where the vehicle measures it there, unfiltered;
+        NaN where not known.
+    gate: uint8 code of `canest.core.gates.Gate`; 0 where the estimator may learn.
+    restart: True on a sample whose predecessor was gated or missing (windows and differences start anew).
+    stopped: True while the vehicle stands, as far as its speed or its open clutch tells.
+    ax_ok: True where accelerometer and speed are usable together (not gated by the driveline).
+    """
+
+    t_us: IntColumn
+    speed_mps: FloatColumn
+    accel_mps2: FloatColumn
+    force_N: FloatColumn
+    mu: FloatColumn
+    traction_N: FloatColumn
+    aero_N: FloatColumn
+    force_per_torque_1pm: FloatColumn
+    rotating_mass_kg: FloatColumn
+    coasting_N: FloatColumn
+    undriven_mps: FloatColumn
+    accelerometer_mps2: FloatColumn
+    slope: FloatColumn
+    altitude_m: FloatColumn
+    yaw_rate_radps: FloatColumn
+    raw_speed_mps: FloatColumn
+    raw_force_N: FloatColumn
+    raw_torque_Nm: FloatColumn
+    gate: NDArray[np.uint8]
+    restart: BoolColumn
+    stopped: BoolColumn
+    ax_ok: BoolColumn
+
+    def __len__(self) -> int:
+        return len(self.t_us)
+
+    def __getitem__(self, index: slice | NDArray[np.bool_] | IntColumn) -> ModelBlock:
+        """Return the selected samples."""
+        return ModelBlock(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    @staticmethod
+    def concatenate(blocks: list[ModelBlock]) -> ModelBlock:
+        """Join blocks in order (at least one)."""
+        return ModelBlock(*(np.concatenate([getattr(b, f.name) for b in blocks]) for f in fields(ModelBlock)))
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateBlock:
+    """Estimates, one per sample of a `ModelBlock`; NaN where there is no number yet.
+
+    mass_kg, mass_std_kg: float64; grade, grade_std: float64, ratio tan(beta); status: uint8 `Status`.
+    """
+
+    mass_kg: FloatColumn
+    mass_std_kg: FloatColumn
+    grade: FloatColumn
+    grade_std: FloatColumn
+    status: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.mass_kg)
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleFacts:
+    """What an estimator may know of the vehicle beyond the samples (all from the config).
+
+    mass_min_kg, mass_max_kg: bounds of the gross mass, for projection and as the prior's range.
+    initial_mass_kg: start value given by the user, or None: choose by yourself.
+    rolling_resistance: coefficient of the config. pitch_rad_per_mps2: body pitch (squat) per m/s2.
+    speed_step_mps, torque_step_Nm, accelerometer_step_mps2: resolution of the signals in use.
+    filter_delay_s: how much later than the vehicle the filtered columns are.
+    """
+
+    mass_min_kg: float
+    mass_max_kg: float
+    initial_mass_kg: float | None = None
+    initial_grade: float | None = None
+    rolling_resistance: float = 0.006
+    pitch_rad_per_mps2: float | None = None
+    speed_step_mps: float = 0.002
+    torque_step_Nm: float = 20.0
+    accelerometer_step_mps2: float = 0.1
+    has_accelerometer: bool = False
+    filter_delay_s: float = 0.0

@@ -1,0 +1,1 @@
+"""What a diagnosis writes: JSON, revised config, HTML page, sentences."""

@@ -1,0 +1,84 @@
+"""Writes what a diagnosis found: diagnosis.json, revised.yaml, report.html."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from canest.config.schema import Config
+from canest.core.errors import OutputError
+from canest.diagnosis.data.problem import TooLittleDrivingError
+from canest.diagnosis.outcome import Entry, document, empty_document, entries
+from canest.diagnosis.report.revised_config import revised_config, revised_text
+from canest.diagnosis.run import Diagnosis
+from canest.system.shipped_files import find
+
+JSON_NAME, CONFIG_NAME, REPORT_NAME = "diagnosis.json", "revised.yaml", "report.html"
+
+
+@dataclass(frozen=True)
+class Written:
+    """What was written where; `found` as it stands in the JSON."""
+
+    finding: str
+    paths: list[Path]
+    found: list[Entry] = field(default_factory=list)
+
+
+def write(diagnosis: Diagnosis, config_name: str, logs: Sequence[str], directory: Path) -> Written:
+    """Write all three files. config_name: what the diagnosis was called with. Errors: OutputError."""
+    from canest.diagnosis.report.page import report_page
+
+    found = entries(diagnosis)
+    _make(directory)
+    config = revised_config(diagnosis)
+    paths = [
+        _json(directory, document(diagnosis, found, logs)),
+        _text(directory / CONFIG_NAME, revised_text(diagnosis, config, _original(config_name), config_name)),
+    ]
+    report = directory / REPORT_NAME
+    report_page(diagnosis, found, logs).write(report)
+    return Written(diagnosis.finding, [*paths, report], found)
+
+
+def write_empty(
+    error: TooLittleDrivingError, config: Config, config_name: str, logs: Sequence[str], directory: Path
+) -> Written:
+    """Write what is to be said of logs in which nothing could be measured: the config stays as it was."""
+    from canest.report.page import Page
+
+    finding = f"Nothing can be said of the model: {error.what}, {error.found}; `canest check` tells why."
+    _make(directory)
+    told = _json(directory, empty_document(finding, logs, config.vehicle.name, error.notes))
+    kept = _text(directory / CONFIG_NAME, f"# Nothing was added: {finding}\n" + _original(config_name))
+    report = directory / REPORT_NAME
+    Page(title=" · ".join(Path(log).name for log in logs), headline=finding).write(report)
+    return Written(finding, [told, kept, report])
+
+
+def _original(config_name: str) -> str:
+    return find("configs", config_name).read_text(encoding="utf-8")
+
+
+def _make(directory: Path) -> None:
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot make the directory: {error.strerror}", where=str(directory)) from None
+
+
+def _json(directory: Path, content: dict[str, Any]) -> Path:
+    return _text(
+        directory / JSON_NAME, json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    )
+
+
+def _text(path: Path, text: str) -> Path:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"cannot write: {error.strerror or error}", where=str(path)) from None
+    return path

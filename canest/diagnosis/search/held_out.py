@@ -1,0 +1,185 @@
+"""Before and after, on parts of the data that the parameters were not fitted on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from canest.core.frames import BoolColumn, FloatColumn, IntColumn, Onward
+from canest.diagnosis.data.problem import Problem
+from canest.diagnosis.data.residual_windows import CHUNK_S
+from canest.diagnosis.search.forward_selection import Search
+from canest.diagnosis.search.gauss_newton import fit_on
+from canest.pipeline.pipeline import Estimates
+from canest.vehicle.effects import Effect
+from canest.vehicle.effects.load import added_kg
+
+#: the estimator gets this long before its errors count, s
+SETTLE_S = 60.0
+BOOTSTRAPS = 400
+
+
+@dataclass(frozen=True)
+class Score:
+    """One row of the before-and-after table; None where there is nothing to compare with.
+
+    mass_kg: at the end (of several drives: their mean). mass_error_pct, mass_rms_pct, grade_rms_deg: mean
+    and RMS of the errors of all judged samples, positive where the estimate is too heavy.
+    """
+
+    residual_rms_N: float
+    residual_rms_N_std: float
+    mass_kg: float | None
+    mass_error_pct: float | None
+    mass_rms_pct: float | None
+    grade_rms_deg: float | None
+    #: 95 % confidence intervals by block bootstrap, by the names above
+    intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the contract's keys, and the intervals."""
+        return {
+            "residual_rms_N": round(self.residual_rms_N, 2),
+            "residual_rms_N_std": round(self.residual_rms_N_std, 2),
+            "mass_kg": _rounded(self.mass_kg, 1),
+            "mass_error_pct": _rounded(self.mass_error_pct, 3),
+            "mass_rms_pct": _rounded(self.mass_rms_pct, 3),
+            "grade_rms_deg": _rounded(self.grade_rms_deg, 4),
+            "interval_95": {k: [float(f"{x:.4g}") for x in v] for k, v in self.intervals.items()},
+        }
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None or not np.isfinite(value) else round(value, digits)
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Effects fitted on one half, the force that a free mass takes there, and the rows to judge them on."""
+
+    effects: list[Effect]
+    taken_N: FloatColumn
+    judged: BoolColumn
+
+
+def two_folds(problem: Problem, search: Search) -> list[Fold]:
+    """Fit the chosen effects on each half of the data (drives, or blocks of one drive)."""
+    unit = problem.drive if len(problem.parts) > 1 else problem.parts[0].windows.chunk
+    half = unit % 2 == 1
+    folds = []
+    for judged in (half, ~half):
+        effects, taken_N = fit_on(problem, search.base, search.chosen, ~judged)
+        folds.append(Fold(effects, taken_N, judged))
+    return folds
+
+
+def residual_score(
+    problem: Problem, folds: Sequence[Fold]
+) -> tuple[float, float, tuple[float, float], FloatColumn]:
+    """Return held-out residual RMS in N, its standard error, its 95 % interval, and the residual (n,)."""
+    left = np.empty(problem.rows)
+    for fold in folds:
+        residual = problem.residual_N(fold.effects) - fold.taken_N
+        left[fold.judged] = residual[fold.judged]
+    drawn, _ = _bootstrap(left, problem.chunk)
+    return float(np.sqrt((left**2).mean())), float(drawn.std()), _interval(drawn), left
+
+
+def _bootstrap(errors: FloatColumn, block: IntColumn) -> tuple[FloatColumn, FloatColumn]:
+    """Draw whole blocks anew, with replacement: RMS and mean of every draw, (BOOTSTRAPS,) each."""
+    number = np.unique(block, return_inverse=True)[1]
+    sums = np.stack([np.bincount(number, weights=w) for w in (np.ones(len(errors)), errors, errors**2)])
+    draws = np.random.default_rng(0).integers(0, sums.shape[1], (BOOTSTRAPS, sums.shape[1]))
+    count, total, square = sums[:, draws].sum(axis=2)
+    return np.sqrt(square / count), total / count
+
+
+def _interval(drawn: FloatColumn) -> tuple[float, float]:
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    return float(low), float(high)
+
+
+class _Errors:
+    """An estimator's errors on judged ticks, in blocks that count as independent.
+
+    An estimator keeps an error for minutes, so that a block is a drive, or a minute where there is one drive.
+    """
+
+    def __init__(self, blocks_of: str) -> None:
+        self._by_drive = blocks_of == "drives"
+        self._errors: list[FloatColumn] = []
+        self._blocks: list[IntColumn] = []
+
+    def add(self, error: FloatColumn, t_s: FloatColumn, counted: BoolColumn, drive: int) -> None:
+        counted = counted & np.isfinite(error)
+        minute = (
+            np.zeros(counted.sum(), np.int64) if self._by_drive else (t_s[counted] // 60.0).astype(np.int64)
+        )
+        self._errors.append(error[counted])
+        self._blocks.append(minute + 1_000_000 * drive)
+
+    def numbers(self, scale: float) -> tuple[dict[str, float | None], dict[str, tuple[float, float]]]:
+        """Return `rms` and `mean`, and their intervals; None and nothing without errors."""
+        errors = np.concatenate(self._errors) * scale if self._errors else np.empty(0)
+        if not len(errors):
+            return {"rms": None, "mean": None}, {}
+        rms, mean = _bootstrap(errors, np.concatenate(self._blocks))
+        told: dict[str, float | None] = {
+            "rms": float(np.sqrt((errors**2).mean())),
+            "mean": float(errors.mean()),
+        }
+        return told, {"rms": _interval(rms), "mean": _interval(mean)}
+
+
+def score(problem: Problem, folds: Sequence[Fold]) -> tuple[Score, FloatColumn, list[Estimates]]:
+    """Return one row of the table, the held-out residual per window, and estimates for the figures.
+
+    The estimates are one drive's each, made with the effects of the fold that judges it (of a single drive:
+    the first fold).
+    """
+    residual_N, std_N, interval_N, left = residual_score(problem, folds)
+    several = len(problem.parts) > 1
+    mass, grade = (_Errors("drives" if several else "minutes") for _ in range(2))
+    last: list[float] = []
+    shown: list[Estimates] = []
+    for i, part in enumerate(problem.parts):
+        for fold in folds:
+            if several and not fold.judged[problem.drive == i].any():
+                continue
+            e = part.drive.estimate(fold.effects)
+            if len(shown) == i:
+                shown.append(e)
+            passed_us = Onward()(e.t_us)
+            t = (passed_us - passed_us[0]) * 1e-6
+            counted = (t > SETTLE_S) & np.isfinite(e.mass_kg)
+            if not several and not fold.judged.all():
+                odd = (t // CHUNK_S).astype(np.int64) % 2 == 1
+                counted &= odd == bool(fold.judged[part.windows.chunk % 2 == 1].all())
+            if np.isfinite(e.mass_kg).any():
+                last.append(float(e.mass_kg[np.isfinite(e.mass_kg)][-1]))
+            reference = part.reference  # which is of what the ticks show, not of when they are
+            ticks_us = Onward()(part.run.samples.t_us) - round(part.run.behind_s * 1e6)
+            if reference.mass_kg is not None:
+                carried_kg = reference.mass_kg + added_kg(fold.effects, part.run.samples.t_us)
+                true = np.interp(passed_us, ticks_us, carried_kg)
+                mass.add(e.mass_kg / true - 1.0, t, counted, i)
+            if reference.grade is not None:
+                true = np.interp(passed_us, ticks_us, reference.grade)
+                grade.add(np.degrees(np.arctan(e.grade) - np.arctan(true)), t, counted, i)
+    (mass_pct, mass_95), (grade_deg, grade_95) = mass.numbers(100.0), grade.numbers(1.0)
+    intervals = {"residual_rms_N": interval_N}
+    for key, of, name in (
+        ("mass_error_pct", mass_95, "mean"),
+        ("mass_rms_pct", mass_95, "rms"),
+        ("grade_rms_deg", grade_95, "rms"),
+    ):
+        if name in of:
+            intervals[key] = of[name]
+    row = Score(
+        residual_N, std_N, float(np.mean(last)) if last else None,
+        mass_pct["mean"], mass_pct["rms"], grade_deg["rms"], intervals,
+    )  # fmt: skip
+    return row, left, shown

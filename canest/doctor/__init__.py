@@ -1,0 +1,1 @@
+"""Does this config fit this log or bus, and if not, which signal stops the estimator?"""

@@ -1,0 +1,73 @@
+"""Do engine and road turn as the gear table says, where nothing on the bus tells the gear?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from canest.core.frames import BoolColumn, FloatColumn
+
+#: ratios are counted in bins of 1 %, from and to
+_LEAST, _MOST, _BIN = 0.2, 40.0, 0.01
+#: a gear that is in changes its ratio by less from sample to sample; a clutch that slips by more
+_STEADY = 0.004
+#: a table entry accounts for ratios so near to it, bins on either side
+_NEAR_BINS = 2
+#: fewer steady samples tell nothing
+_FEWEST = 500
+#: a table that fits accounts for most of them; one that does not for hardly more than chance
+_FITS, _FAILS = 0.6, 0.35
+#: tables are tried this much larger and smaller
+_MOST_TIMES = 1.6
+
+
+class GearFit:
+    """Counts how often the engine turns per turn of the output shaft, or of what the road makes of it."""
+
+    def __init__(self, gear_ratios: Mapping[int, float]) -> None:
+        self._table = np.log(np.array(sorted(gear_ratios.values()), np.float64))
+        bins = int(np.log(_MOST / _LEAST) / _BIN)
+        self._edges = np.log(_LEAST) + _BIN * np.arange(bins + 1)
+        self._counts = np.zeros(bins)
+
+    def push(self, engine_rpm: FloatColumn, shaft_rpm: FloatColumn, moving: BoolColumn) -> None:
+        """Take simultaneous speeds (n,). moving: where they are fast enough to compare."""
+        sound = moving & (engine_rpm > 0.0)
+        ratio = np.log(np.where(sound, engine_rpm, 1.0) / np.where(sound, shaft_rpm, 1.0))
+        steady = sound[1:] & sound[:-1] & (np.abs(np.diff(ratio)) < _STEADY)
+        self._counts += np.histogram(ratio[1:][steady], self._edges)[0]
+
+    def _share(self, times: float) -> float:
+        """Return which share of the steady samples a table so many times larger accounts for."""
+        at = np.searchsorted(self._edges, self._table + np.log(times)) - 1
+        near = (at[:, None] + np.arange(-_NEAR_BINS, _NEAR_BINS + 1)).ravel()
+        near = np.unique(near[(near >= 0) & (near < len(self._counts))])
+        return float(self._counts[near].sum() / self._counts.sum())
+
+    def mistake(self) -> tuple[float | None, list[float]]:
+        """Return by how many times the table is too small, and the commonest ratios; (None, []) if it fits.
+
+        The factor is None where no factor helps. Of several that do, the nearest to 1: tables are nearly
+        geometric, so that a gear up or down helps as well.
+        """
+        if len(self._table) < 2 or self._counts.sum() < _FEWEST or self._share(1.0) > _FAILS:
+            return None, []
+        tried = np.exp(np.arange(-np.log(_MOST_TIMES), np.log(_MOST_TIMES), 0.5 * _BIN))
+        shares = np.array([self._share(times) for times in tried])
+        helps = tried[shares > max(_FITS, 0.9 * shares.max())]
+        if not len(helps):
+            return None, self._commonest()
+        nearest = helps[np.abs(np.log(helps)).argmin()]
+        group = helps[np.abs(np.log(helps / nearest)) < 2 * _NEAR_BINS * _BIN]
+        return float(np.exp(np.log(group).mean())), self._commonest()
+
+    def _commonest(self, most: int = 3) -> list[float]:
+        counts, found = self._counts.copy(), []
+        for _ in range(most):
+            peak = int(counts.argmax())
+            if counts[peak] < 0.05 * self._counts.sum():
+                break
+            found.append(float(np.exp(self._edges[peak] + 0.5 * _BIN)))
+            counts[max(0, peak - 5) : peak + 6] = 0.0
+        return found

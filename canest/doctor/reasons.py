@@ -1,0 +1,174 @@
+"""Says in one sentence why there is no estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from canest.core.roles import ROLES
+from canest.core.samples import RATE_HZ
+from canest.vehicle.driveline import CLUTCHES
+from canest.vehicle.model import LongitudinalModel
+
+if TYPE_CHECKING:
+    from canest.config import Config
+    from canest.decode.counters import Counters
+    from canest.grid.clock import Clock
+    from canest.offline.replay import LogRun
+
+#: a clock that is set back this often, and for this share of its stamps, is not one clock
+_FEW_JUMPS, _JUMPING_SHARE = 10, 0.01
+#: no more frames than these fit into a tick, at 1 Mbit/s
+_MOST_IN_A_TICK = 200
+
+
+def why_unestimated(run: LogRun) -> str:
+    """Return the reason: a signal that nothing works without, else the gates, else too little data."""
+    if not run.reader.frames:
+        return "the log is empty: it holds no frames"
+    if run.reader.kind == "table":
+        lacking = _lacking_column(run)
+    else:
+        lacking = why_no_signal(run.config, run.pipeline.decoder.counters, run.reader.frames)
+    if lacking:
+        return lacking
+    return why_not_learning(run)
+
+
+def needed_roles(config: Config, model: LongitudinalModel) -> dict[str, str]:
+    """Return the roles without which nothing is learned -> what else a user should know about one."""
+    needed = dict.fromkeys(model.required_roles(), "")
+    if "engine_torque_pct" in needed and config.vehicle.reference_torque_Nm is None:
+        without = "torque in percent means nothing without it: vehicle.reference_torque_Nm can say it instead"
+        needed["reference_torque"] = f", and {without}"
+    if config.gates.brake.assume_when_pedal_released and "accelerator" in config.signals:
+        needed["accelerator"] = ", and gates.brake.assume_when_pedal_released takes that for braking"
+    return needed
+
+
+def why_no_signal(config: Config, counters: Counters, frames: int) -> str:
+    """Return which needed signal never had a value in the log's frames, '' when all had."""
+
+    def dead(role: str) -> str:
+        if _valid(counters, role):
+            return ""
+        return f"{describe(config, role)} {_absence(config, counters, role, frames)}"
+
+    return what_lacks(config, LongitudinalModel(config), dead)
+
+
+def what_lacks(config: Config, model: LongitudinalModel, dead: Callable[[str], str]) -> str:
+    """Return the first thing that a force cannot be had without, '' when all is there.
+
+    dead: says of a role without a single value what is wrong with it, '' of one that has some.
+    """
+    for role, more in needed_roles(config, model).items():
+        if reason := dead(role):
+            return reason + more
+    speeds = [dead(role) or _clutch_lacks(role, config, dead) for role in model.speed_roles]
+    if all(speeds):
+        return "no speed: " + "; ".join(speeds)
+    ways = [[reason for role in way if (reason := dead(role))] for way in model.ratio_ways]
+    if ways and all(ways):
+        return "no gear ratio: " + "; ".join(dict.fromkeys(reason for way in ways for reason in way))
+    return ""
+
+
+def _clutch_lacks(role: str, config: Config, dead: Callable[[str], str]) -> str:
+    """Return why an engine's speed tells none of the vehicle, '' where it may."""
+    if role != "engine_speed" or config.vehicle.has_one_gear:
+        return ""
+    mapped = [clutch for clutch in CLUTCHES if clutch in config.signals]
+    if any(not dead(clutch) for clutch in mapped):
+        return ""
+    return f"engine_speed tells none while {' and '.join(mapped)}, which tell of the clutch, have no value"
+
+
+def why_not_learning(run: LogRun) -> str:
+    """Return what kept an estimator with all its signals from an estimate."""
+    pipeline = run.pipeline
+    missing = pipeline.estimator.missing()
+    if missing:
+        return f"estimator {run.config.estimator.name} cannot work here: {missing}"
+    shares = gate_shares(pipeline.gate_counts, pipeline.samples)
+    if backward := why_no_time(pipeline.clock):
+        return backward
+    if not pipeline.samples:
+        return "the log is too short for a single 50 Hz sample of the needed signals"
+    if not pipeline.updated:
+        return f"every sample was refused by a gate: {shares} (canest check compares the signals)"
+    return (
+        f"only {pipeline.updated / RATE_HZ:.1f} s of {pipeline.samples / RATE_HZ:.1f} s could be learned from"
+        + (f" (gates: {shares})" if shares else "")
+    )
+
+
+def why_no_time(clock: Clock) -> str:
+    """Return that time stands still, runs backwards or is told by two clocks, '' where it passes."""
+    set_back, stamps = clock.counters["clock_set_back"], clock.stamps
+    backward = clock.counters["reordered"] + set_back
+    if 2 * backward > stamps:
+        # small steps alone, never far back: no clock, but the time from each frame to the next
+        differences = "" if set_back else " (candump -t d writes differences, -t a writes times)"
+        told = f"{backward:,} of {stamps:,} stamps lie before one that precedes them"
+        return f"time runs backwards: {told}{differences}"
+    if set_back > max(_FEW_JUMPS, _JUMPING_SHARE * stamps):
+        return f"the time stamps jump back {set_back:,} times: out of order, or of two clocks in one log"
+    if 2 * clock.counters["gaps"] > stamps > 2:
+        hold_s = clock.hold_us * 1e-6
+        return (
+            f"{clock.counters['gaps']:,} of {stamps:,} stamps come more than {hold_s:g} s (sampling.hold_s) "
+            "after the one before: are they in seconds?"
+        )
+    if stamps > _MOST_IN_A_TICK and clock.first_us == clock.last_us and not backward:
+        return f"time stands still: all {stamps:,} stamps are the same"
+    return ""
+
+
+def gate_shares(gates: dict[str, int], samples: int) -> str:
+    """Return the gates by how much they refused, largest first."""
+    ordered = sorted(gates.items(), key=lambda item: -item[1])
+    return ", ".join(f"{name} {100 * count / max(samples, 1):.0f} %" for name, count in ordered)
+
+
+def describe(config: Config, role: str) -> str:
+    """Return a role as a person would ask for it: what it is, and where the config expects it."""
+    source = config.signals[role]
+    text = ROLES[role].text if role in ROLES else "signal of an effect"
+    if source.column is not None:
+        return f"{role} ({text}; column {source.column})"
+    origin = f"{source.message}.{source.signal}"
+    if source.source is not None:
+        origin += f" from 0x{source.source:02X}"
+    return f"{role} ({text}; {origin})"
+
+
+def _valid(counters: Counters, role: str) -> int:
+    return sum(c.valid for c in counters.of_role(role).values())
+
+
+def _absence(config: Config, counters: Counters, role: str, frames: int) -> str:
+    seen = counters.of_role(role).values()
+    silent, wrong = sum(c.not_available for c in seen), sum(c.error_value for c in seen)
+    if silent and not wrong:
+        return f"said not available in all {silent:,} frames"
+    if silent or wrong:
+        return f"never had a value: {silent:,} frames not available, {wrong:,} in the error range"
+    return f"was never seen in {frames:,} frames"
+
+
+def _lacking_column(run: LogRun) -> str:
+    held = set(getattr(run.reader, "columns", ()))
+    bad: dict[str, int] = getattr(run.reader, "bad_cells", {})
+
+    def dead(role: str) -> str:
+        if role not in run.table_map.roles:
+            return f"{describe(run.config, role)} is no column, and the log is a table"
+        column = run.table_map.roles[role][0]
+        if column not in held:
+            return f"{describe(run.config, role)} is not in the table, which has {', '.join(sorted(held))}"
+        if bad.get(column, 0) >= run.reader.frames:
+            return f"{describe(run.config, role)} holds no number in any of {run.reader.frames:,} rows"
+        return ""
+
+    return what_lacks(run.config, LongitudinalModel(run.config), dead)

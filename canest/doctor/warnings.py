@@ -1,0 +1,62 @@
+"""What a user should know beside the numbers: what could not be read, decoded or believed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canest.core.samples import RATE_HZ
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from canest.logs.base import LogReader
+    from canest.pipeline.intake import Intake
+
+_LINES_SHOWN = 3
+
+
+def log_notes(reader: LogReader) -> list[str]:
+    """Return what was wrong with a log that has been read to its end, one sentence each."""
+    notes = [f"line {number} skipped: {reason}: {text!r}" for number, text, reason in
+             reader.skipped[:_LINES_SHOWN]]  # fmt: skip
+    if reader.skipped_lines > _LINES_SHOWN:
+        numbers = ", ".join(str(number) for number, _, _ in reader.skipped[_LINES_SHOWN:])
+        unnamed = reader.skipped_lines - len(reader.skipped)
+        more = f" and {unnamed:,} after them" if unnamed else ""
+        notes.append(f"{reader.skipped_lines - _LINES_SHOWN:,} more lines skipped: {numbers}{more}")
+    notes += reader.remarks
+    if reader.truncated:
+        notes.append(f"the log ends before it should: {reader.truncated_reason}")
+    if reader.channel is None and len(reader.channels) > 1:
+        notes.append(
+            f"{len(reader.channels)} interfaces taken as one bus: {reader.channels_text()}; "
+            "--channel NAME takes one"
+        )
+    return notes
+
+
+def stream_notes(intake: Intake, frozen: Mapping[str, int] | None = None) -> list[str]:
+    """Return what could not be used of all that an intake was given, one sentence each.
+
+    frozen: ticks on which a sensor stood still, though the vehicle did not (`canest.vehicle.stuck_sensor`).
+    """
+    notes = []
+    mended = {name: n for name, n in intake.clock.counters.items() if n}
+    if mended:
+        notes.append(
+            "time stamps: " + ", ".join(f"{n:,} {name.replace('_', ' ')}" for name, n in mended.items())
+        )
+    lost = intake.decoder.counters.lost()
+    if lost:
+        notes.append("not decoded: " + ", ".join(f"{n:,} {what}" for what, n in lost.items()))
+    for role, others in sorted(intake.decoder.counters.contested().items()):
+        counts = ", ".join(f"{n:,} from 0x{address or 0:02X}" for address, n in others.items())
+        notes.append(f"{role} comes from several addresses: not used {counts}; name one with source:")
+    refused = intake.screen.refused
+    if refused:
+        counts = ", ".join(f"{n:,} of {role}" for role, n in sorted(refused.items()))
+        notes.append(f"jumps beyond physics, not used: {counts}")
+    for role, ticks in sorted((frozen or {}).items()):
+        seconds = f"{ticks / RATE_HZ:,.1f} s"
+        notes.append(f"{role} stood still while the vehicle did not: frozen, taken as silent for {seconds}")
+    return notes

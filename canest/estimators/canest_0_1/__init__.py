@@ -1,0 +1,1 @@
+"""The default estimator of version 0.1."""

@@ -1,0 +1,1 @@
+"""Kidambi et al. (2014): Kalman filters and grade observers."""

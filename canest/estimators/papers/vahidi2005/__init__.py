@@ -1,0 +1,1 @@
+"""Vahidi, Stefanopoulou and Peng (2005): least squares with forgetting."""

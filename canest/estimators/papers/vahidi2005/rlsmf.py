@@ -1,0 +1,152 @@
+"""Recursive least squares with multiple forgetting, of the 2005 paper (`rlsmf`) and the 2013 one (`rlsmf-n`).
+
+Slips in the 2005 paper: eqs. 15-16 lack the regressor inside the second sum (the normal equations 14 have
+it); the recursion 17-23 that follows is right, and it is what runs here. The 25 Hz cut-off of section 5.2
+is the Nyquist frequency of its 50 Hz sampling, where no digital Butterworth exists.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from canest.core import jit
+from canest.core.frames import FloatColumn
+from canest.estimators.kernel_arrays import Container, give, room, state_in, state_out, take
+from canest.estimators.papers.two_parameter import (
+    P_LIMIT,
+    PRIOR_NOISE_MPS2,
+    VARIANCE_ALPHA,
+    TwoParameter,
+    TwoParameterOptions,
+)
+
+
+class RlsmfOptions(TwoParameterOptions):
+    """Options of both forms."""
+
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "2005-simulation": {"forgetting_mass": 1.0, "forgetting_grade": 0.8},
+        #: section 5.1 integrates; how far back its t0 lies is not said, so the window is this project's
+        "2005-experiment": {
+            "forgetting_mass": 0.95,
+            "forgetting_grade": 0.4,
+            "regression": "integrated",
+        },
+        "2014": {"forgetting_mass": 0.995, "forgetting_grade": 0.95, "p0": (0.001, 10.0)},
+    }
+
+    #: lambda_1, of 1/M
+    forgetting_mass: float = Field(0.999, gt=0.0, le=1.0)
+    #: lambda_2, of sin(beta + beta_mu)
+    forgetting_grade: float = Field(0.99, gt=0.0, le=1.0)
+
+
+class Rlsmf(TwoParameter):
+    """Two parameters, two forgetting factors (2005, eqs. 17-23; 2013, Alg. 7), projected (2013, Alg. 8).
+
+    `rlsmf` updates each covariance by its own gain (eqs. 17-18), `rlsmf-n` by the joint gain (Alg. 7,
+    line 4); the parameters move by the joint gain L_new (eq. 23) in both.
+    """
+
+    names = ("rlsmf", "rlsmf-n")
+    wants_excitation_gate = True
+    Options = RlsmfOptions
+
+    def _start(self, theta: tuple[float, float], p: tuple[float, float, float], variance: float) -> None:
+        o = self.options
+        self._inverse = (1.0 / o.forgetting_mass, 1.0 / o.forgetting_grade)
+        prior = self.box.variance
+        ceiling = [P_LIMIT * v / PRIOR_NOISE_MPS2**2 for v in prior]
+        ceiling = [max(c, q) for c, q in zip(ceiling, (p[0], p[2]), strict=True)]
+        self._ceiling = [c * i for c, i in zip(ceiling, self._inverse, strict=True)]
+        # the state holds P / lambda, which is what every line of eq. 23 uses
+        self._state = [*theta, p[0] * self._inverse[0], p[2] * self._inverse[1], variance]
+
+    def _learn(self, y: FloatColumn, phi1: FloatColumn, phi2: FloatColumn) -> FloatColumn:
+        o, n = self.options, len(y)
+        out = room(n, 4)
+        bounds = (self.box.low[0], self.box.high[0], self.box.low[1], self.box.high[1])
+        state = state_in(self._state)
+        joint = self.name != "rlsmf"
+        forget_each(
+            *give(y, phi1, phi2), joint, *self._inverse, *bounds, *self._ceiling, VARIANCE_ALPHA, state, *out
+        )
+        self._state = state_out(state)
+        known = np.stack([take(c) for c in out])
+        known[2] *= o.forgetting_mass
+        known[3] *= o.forgetting_grade
+        return known
+
+
+@jit.kernel
+def forget_each(
+    y: Container,
+    phi1: Container,
+    phi2: Container,
+    joint: bool,
+    il1: float,
+    il2: float,
+    low1: float,
+    high1: float,
+    low2: float,
+    high2: float,
+    top1: float,
+    top2: float,
+    alpha: float,
+    state: Container,
+    theta1: Container,
+    theta2: Container,
+    var1: Container,
+    var2: Container,
+) -> None:
+    """2005, eqs. 17-23, row by row, with q_i = P_i / lambda_i carried instead of P_i.
+
+    With w_i = q_i phi_i^2:  L_new = [q_1 phi_1, q_2 phi_2] / (1 + w_1 + w_2)  (eq. 23), and from each own
+    gain L_i (eqs. 17, 18), (1 - L_i phi_i) P_i / lambda_i = q_i / (1 + w_i). The step along L_new leaves the
+    residual f = e / (1 + w_1 + w_2), so e f estimates the noise variance without bias (as in plain RLS).
+    The outputs var_i are q_i times that variance.
+
+    joint: 2013, Alg. 7 for two parameters, P = diag((I - L_new phi^T) P) / lambda (line 4), where
+    1 - L_new,i phi_i = (1 + w_j) / (1 + w_1 + w_2): each covariance shrinks less than by its own gain.
+    """
+    a, b, q1, q2, s = state
+    for k in range(len(y)):
+        p = phi1[k]
+        r = phi2[k]
+        u1 = q1 * p
+        u2 = q2 * r
+        w1 = u1 * p
+        w2 = u2 * r
+        e = y[k] - p * a - r * b
+        d = 1.0 + w1 + w2
+        f = e / d
+        a += u1 * f
+        b += u2 * f
+        if a < low1:
+            a = low1
+        elif a > high1:
+            a = high1
+        if b < low2:
+            b = low2
+        elif b > high2:
+            b = high2
+        q1 = q1 * il1 * (1.0 + w2) / d if joint else q1 * il1 / (1.0 + w1)
+        if q1 > top1:  # noqa: PLR1730 - min() costs a call
+            q1 = top1
+        q2 = q2 * il2 * (1.0 + w1) / d if joint else q2 * il2 / (1.0 + w2)
+        if q2 > top2:  # noqa: PLR1730 - min() costs a call
+            q2 = top2
+        s += alpha * (e * f - s)
+        theta1[k] = a
+        theta2[k] = b
+        var1[k] = q1 * s
+        var2[k] = q2 * s
+    state[0] = a
+    state[1] = b
+    state[2] = q1
+    state[3] = q2
+    state[4] = s

@@ -1,0 +1,1 @@
+"""The daemon as a J1939 node: address claim, network management, broadcast."""

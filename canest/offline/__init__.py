@@ -1,0 +1,1 @@
+"""Recorded logs: replay, comparison of estimators, errors against truth."""

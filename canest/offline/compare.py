@@ -1,0 +1,204 @@
+"""Every estimator on one log, side by side: one decoding, one model, many estimators."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from canest.core import jit
+from canest.core.frames import FloatColumn, FrameBlock
+from canest.core.samples import RATE_HZ, ModelBlock, Status
+from canest.doctor.warnings import log_notes, stream_notes
+from canest.estimators.base import REGISTRY, Estimator, create
+from canest.grid.grid import GridBlock
+from canest.offline.scoring import Score
+from canest.pipeline.assumed_constants import doubting
+from canest.pipeline.intake import Intake, grid_for
+from canest.pipeline.model_stream import ModelStream
+from canest.pipeline.pipeline import Estimates, estimator_of, facts_of
+from canest.pipeline.tables import TableMap, open_for
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from canest.config import Config
+    from canest.logs.truth import Truth
+
+Progress = Callable[[int, int], None]  #: bytes done, bytes in all (0: unknown)
+
+#: "within 5 %" counts from the first moment at which the error stays below for this long (or to the end)
+WITHIN_PCT, WITHIN_HOLD_S = 5.0, 10.0
+#: samples of the untimed first run, in which kernels are compiled or loaded
+WARM_UP_SAMPLES = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What came out.
+
+    table: {"estimators": {NAME: {mass_end_pct, mass_rms_pct, mass_max_pct, grade_rms_deg, to_5pct_s,
+    ns_per_sample, note}}, "default": NAME, "compiled": bool, "notes": [what a user should know of the log]};
+    None where a number does not apply.
+    estimates: NAME -> its estimates, one row per 50 Hz sample. true_mass_kg, true_grade, speed_mps
+    (unfiltered): (n,), NaN where unknown.
+    """
+
+    table: dict[str, Any]
+    estimates: dict[str, Estimates]
+    true_mass_kg: FloatColumn
+    true_grade: FloatColumn
+    speed_mps: FloatColumn
+
+
+@dataclass(slots=True)
+class _Entry:
+    """One estimator under comparison."""
+
+    estimator: Estimator
+    parts: list[Estimates] = field(default_factory=list)
+    seconds: float = 0.0
+    warm: bool = False
+
+
+def compare(
+    config: Config,
+    log: str | Path,
+    *,
+    truth: Truth | None = None,
+    mass_kg: float | None = None,
+    names: Sequence[str] | None = None,
+    after_s: float = 60.0,
+    channel: str | None = None,
+    compiled: bool | None = None,
+    progress: Progress | None = None,
+) -> Comparison:
+    """Run the estimators ``names`` (all by default) on one log.
+
+    The options of the config belong to its own estimator; the others run with their defaults. compiled:
+    None decides by the length of the log. Errors: LogError, ConfigError (an unknown name).
+    """
+    from canest.offline.replay import compiling_pays
+
+    on = jit.enable(compiling_pays([Path(log)]) if compiled is None else compiled)
+    facts, chosen = facts_of(config), config.estimator
+
+    def new(name: str) -> Estimator:
+        return estimator_of(config) if name == chosen.name else create(name, facts)
+
+    entries = {name: _Entry(new(name)) for name in (names or REGISTRY)}
+    blocks: list[ModelBlock] = []
+    notes: list[str] = []
+    if compiled and not on:
+        notes.append("--compiled: numba is not there, or has nowhere to keep what it compiles: interpreted")
+    for plain, excited in _samples(config, log, channel, progress, notes):
+        blocks.append(plain[0])
+        for name, entry in entries.items():
+            block, again = excited if entry.estimator.wants_excitation_gate else plain
+            if again:
+                entry.estimator = doubting(new(name), float(entry.parts[-1].mass_kg[-1]), None)
+            _run(entry, block)
+    estimates = {name: Estimates.concatenate(entry.parts) for name, entry in entries.items()}
+    score = Score(truth, mass_kg, after_s)
+    times = np.concatenate([b.t_us for b in blocks]) if blocks else np.empty(0, np.int64)
+    true_mass, true_grade = score.truth_at(times)
+    scores = {name: Score(truth, mass_kg, after_s) for name in entries}
+    table = {
+        "estimators": {
+            name: _row(entry, estimates[name], true_mass, scores[name]) for name, entry in entries.items()
+        },
+        "default": chosen.name,
+        "compiled": jit.enabled(),
+        "notes": notes
+        + list(dict.fromkeys(note for s in scores.values() for note in s.notes()))
+        + score.beyond(config.vehicle.mass_min_kg, config.vehicle.mass_max_kg),
+    }
+    speed = np.concatenate([b.raw_speed_mps for b in blocks]) if blocks else np.empty(0)
+    return Comparison(table, estimates, true_mass, true_grade, speed)
+
+
+_Samples = tuple[ModelBlock, bool]  #: and whether estimators must begin anew before them
+
+
+def _samples(
+    config: Config, log: str | Path, channel: str | None, progress: Progress | None, notes: list[str]
+) -> Iterator[tuple[_Samples, _Samples]]:
+    """Yield the samples of a log, without and with the low-excitation gate; add to ``notes`` at its end."""
+    intake, grid, tables = Intake(config), grid_for(config), TableMap(config, log)
+    plain, excited = (ModelStream(config, excitation_gate=gate) for gate in (False, True))
+
+    def both(ticks: GridBlock) -> Iterator[tuple[_Samples, _Samples]]:
+        return zip(plain.process(ticks), excited.process(ticks), strict=True)
+
+    reader = open_for(config, log, channel)
+    for block in reader:
+        if isinstance(block, FrameBlock):
+            feeds = intake.frames(block)
+        else:
+            feeds = intake.table(tables.samples(block), block.t_us)
+        for feed in feeds:
+            for ticks in grid.take(feed):
+                yield from both(ticks)
+        if progress is not None:
+            progress(reader.bytes_done, reader.bytes_total)
+    if intake.clock.last_us is not None:
+        ticks_left = grid.ticks_until(intake.clock.last_us, inclusive=True)
+        if ticks_left is not None:
+            yield from both(ticks_left)
+    notes += log_notes(reader) + stream_notes(intake, plain.frozen)
+
+
+def _run(entry: _Entry, block: ModelBlock) -> None:
+    """Give one estimator the next samples; its cost is processor time, whatever else is running."""
+    if not entry.warm:
+        entry.warm = True
+        first = type(entry.estimator)(entry.estimator.name, entry.estimator.facts)
+        first.update(block[:WARM_UP_SAMPLES])
+    begin = time.thread_time()
+    e = entry.estimator.update(block)
+    entry.seconds += time.thread_time() - begin
+    entry.parts.append(
+        Estimates(block.t_us, e.mass_kg, e.mass_std_kg, e.grade, e.grade_std, e.status, block.gate)
+    )
+
+
+def _row(entry: _Entry, estimates: Estimates, true_mass_kg: FloatColumn, score: Score) -> dict[str, Any]:
+    """Return one estimator's line of the table."""
+    n = len(estimates)
+    row: dict[str, Any] = dict.fromkeys(
+        ("mass_end_pct", "mass_rms_pct", "mass_max_pct", "grade_rms_deg", "to_5pct_s", "ns_per_sample")
+    )
+    note = entry.estimator.missing()
+    if note or not n:
+        return {**row, "note": note or "no samples in this log"}
+    score.add(estimates)
+    errors = score.errors()
+    row["grade_rms_deg"] = errors["grade_rms_deg"]
+    row["ns_per_sample"] = entry.seconds / n * 1e9
+    if not entry.estimator.estimates_mass:
+        return {**row, "note": f"keeps the mass it is given ({estimates.mass_kg[-1]:,.0f} kg)"}
+    estimated = estimates.status != Status.UNESTIMATED
+    if not estimated.any():
+        return {**row, "note": "never learned from this log"}
+    row["mass_rms_pct"], row["mass_max_pct"] = errors["mass_rms_pct"], errors["mass_max_pct"]
+    error_pct = 100.0 * (estimates.mass_kg / true_mass_kg - 1.0)
+    if np.isfinite(error_pct[-1]):
+        row["mass_end_pct"] = float(error_pct[-1])
+    row["to_5pct_s"] = _time_to(np.where(estimated, error_pct, np.nan))
+    return {**row, "note": ""}
+
+
+def _time_to(error_pct: FloatColumn) -> float | None:
+    """Return the seconds to the first sample from which the error stays small for the hold time."""
+    with np.errstate(invalid="ignore"):
+        outside = np.flatnonzero(~(np.abs(error_pct) <= WITHIN_PCT))
+    n, hold = len(error_pct), round(WITHIN_HOLD_S * RATE_HZ)
+    edges = np.concatenate(([-1], outside, [n]))
+    lengths = np.diff(edges) - 1
+    # a shorter stay counts when the log ends inside it
+    enough = np.flatnonzero((lengths >= hold) | ((edges[1:] == n) & (lengths > 0)))
+    return float(edges[enough[0]] + 1) / RATE_HZ if len(enough) else None

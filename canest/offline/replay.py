@@ -1,0 +1,168 @@
+"""A recorded log through the pipeline, streamed: memory does not grow with the log."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, nullcontext, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from canest.core import jit
+from canest.core.frames import FrameBlock
+from canest.core.samples import STATUS_LABELS
+from canest.doctor.missing_signals import unheard
+from canest.doctor.warnings import log_notes, stream_notes
+from canest.logs.compression import ARCHIVE_SUFFIXES
+from canest.logs.writer import open_writer
+from canest.offline.scoring import Score
+from canest.pipeline.pipeline import Listener, Pipeline
+from canest.pipeline.tables import TableMap, open_for
+
+if TYPE_CHECKING:
+    from canest.config import Config
+    from canest.logs.base import LogReader
+    from canest.logs.truth import Truth
+    from canest.pipeline.pipeline import Estimates
+
+Progress = Callable[[int, int], None]  #: bytes done, bytes in all (0: unknown)
+
+#: a 1,000 frames/s bus as candump text, and how much smaller archives of it are
+TEXT_BYTES_PER_S, ARCHIVE_RATIO = 50_000.0, 7.0
+#: importing numba costs about this much; interpreted kernels cost this much per second of log
+NUMBA_S, INTERPRETED_S_PER_S = 0.45, 0.45 / 2700
+
+
+@dataclass(slots=True)
+class ReplayResult:
+    """What a replay found.
+
+    summary: the content of summary.json. notes: what a user should know beside it, one sentence each.
+    innovations: how the estimator's own innovations behave (`nis`, `runs_z`, `windows`), where it says so.
+    """
+
+    log: str
+    summary: dict[str, Any]
+    score: Score | None = None
+    notes: list[str] = field(default_factory=list)
+    innovations: dict[str, float] = field(default_factory=dict)
+
+
+def replay(
+    log: str | Path,
+    config: Config,
+    *,
+    output: str | Path | None = None,
+    truth: Truth | None = None,
+    mass_kg: float | None = None,
+    after_s: float = 60.0,
+    listener: Listener | None = None,
+    progress: Progress | None = None,
+    channel: str | None = None,
+) -> ReplayResult:
+    """Estimate from one log.
+
+    output: csv or parquet file for the estimates. truth, mass_kg, after_s: see `Score`.
+    listener: gets the model samples with their estimates. channel: this interface of the log only.
+    Errors: LogError, ConfigError, OutputError.
+    """
+    begin = time.perf_counter()
+    jit.enable(compiling_pays([Path(log)]))
+    run = LogRun(log, config, listener=listener, channel=channel)
+    score = Score(truth, mass_kg, after_s) if truth is not None or mass_kg is not None else None
+    last: Estimates | None = None
+    with closing(run.reader), open_writer(output) if output is not None else nullcontext() as writer:
+        for estimates in run.estimates(progress):
+            if writer is not None:
+                writer.write(estimates)
+            if score is not None:
+                score.add(estimates)
+            last = estimates
+    summary = _summary(run, last)
+    if score is not None:
+        summary["errors"] = score.errors()
+    notes = log_notes(run.reader) + stream_notes(run.pipeline.intake, run.pipeline.frozen)
+    if run.pipeline.updated:
+        notes += unheard(config, run.pipeline.intake.heard)
+    if doubts := run.pipeline.estimator.doubts():
+        notes.append(doubts)
+    if score is not None:
+        v = config.vehicle
+        notes += score.notes() + score.beyond(v.mass_min_kg, v.mass_max_kg)
+    summary["notes"] = notes
+    summary["wall_s"] = round(time.perf_counter() - begin, 4)
+    snapshot = run.pipeline.snapshot()
+    innovations: dict[str, float] = {
+        name: float(snapshot[name]) for name in ("nis", "runs_z", "windows") if name in snapshot
+    }
+    return ReplayResult(str(log), summary, score, notes, innovations)
+
+
+class LogRun:
+    """One pass of one log through one pipeline.
+
+    Errors: LogError for what is no log, or is of a kind that the config has no signals for.
+    """
+
+    def __init__(
+        self, log: str | Path, config: Config, *, listener: Listener | None = None, channel: str | None = None
+    ) -> None:
+        self.config = config
+        self.pipeline = Pipeline(config, listener=listener)
+        self.table_map = TableMap(config, log)
+        self.reader: LogReader = open_for(config, log, channel)
+
+    def estimates(self, progress: Progress | None = None) -> Iterator[Estimates]:
+        """Yield the estimates, in blocks (none of them empty)."""
+        for block in self.reader:
+            if isinstance(block, FrameBlock):
+                estimates = self.pipeline.push(block)
+            else:
+                estimates = self.pipeline.push_samples(self.table_map.samples(block), block.t_us)
+            if progress is not None:
+                progress(self.reader.bytes_done, self.reader.bytes_total)
+            if len(estimates):
+                yield estimates
+        estimates = self.pipeline.finish()
+        if len(estimates):
+            yield estimates
+
+
+def compiling_pays(logs: Sequence[Path], passes: int = 1) -> bool:
+    """Return whether logs are so long that compiled kernels win back what importing numba costs.
+
+    passes: how often the kernels go over each.
+    """
+    size = 0.0
+    for log in logs:
+        packed = ARCHIVE_RATIO if log.suffix.lower() in ARCHIVE_SUFFIXES else 1.0
+        with suppress(OSError):
+            size += packed * log.stat().st_size
+    return jit.available() and passes * size / TEXT_BYTES_PER_S * INTERPRETED_S_PER_S > NUMBA_S
+
+
+def _summary(run: LogRun, last: Estimates | None) -> dict[str, Any]:
+    pipeline = run.pipeline
+    status = STATUS_LABELS[int(last.status[-1])] if last is not None else STATUS_LABELS[0]
+    summary: dict[str, Any] = {
+        "frames": run.reader.frames,
+        "skipped_lines": run.reader.skipped_lines,
+        "not_decoded": pipeline.decoder.counters.lost(),
+        "samples": pipeline.samples,
+        "updated": pipeline.updated,
+        "gates": pipeline.gate_counts,
+        "estimator": run.config.estimator.name,
+        "mass_kg": _number(last.mass_kg[-1]) if last is not None else None,
+        "mass_std_kg": _number(last.mass_std_kg[-1]) if last is not None else None,
+        "status": status,
+    }
+    if status == STATUS_LABELS[0]:
+        from canest.doctor.reasons import why_unestimated
+
+        summary["reason"] = why_unestimated(run)
+    return summary
+
+
+def _number(value: float) -> float | None:
+    return None if value != value else round(float(value), 3)  # noqa: PLR0124 - NaN

@@ -1,0 +1,211 @@
+"""The one way through: frames -> decode -> grid -> model, filter, gates -> estimator -> estimates.
+
+Knows no socket, file, wall clock or thread. Daemon and replay are thin shells around it, and give the same
+bits for the same frames however they are cut; comparison and diagnosis put its parts together for many
+estimators, or many models, on frames that are decoded once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canest.config.schema import Config
+from canest.core.errors import ConfigError
+from canest.core.frames import FloatColumn, FrameBlock, IntColumn
+from canest.core.gates import LABELS
+from canest.core.samples import EstimateBlock, ModelBlock, VehicleFacts
+from canest.decode.decoder import Decoder
+from canest.estimators.base import Estimator, create
+from canest.grid.clock import Clock
+from canest.grid.grid import Feed, GridBlock
+from canest.pipeline.assumed_constants import doubting
+from canest.pipeline.intake import Intake, grid_for, hold_us
+from canest.pipeline.model_stream import ModelStream
+from canest.pipeline.signal_map import resolution_of
+from canest.vehicle.butterworth import butterworth, delay_s
+
+
+@dataclass(frozen=True, slots=True)
+class Estimates:
+    """Estimates with their ticks and gates: one row per 50 Hz sample, all columns (n,)."""
+
+    t_us: IntColumn
+    mass_kg: FloatColumn
+    mass_std_kg: FloatColumn
+    grade: FloatColumn
+    grade_std: FloatColumn
+    status: NDArray[np.uint8]
+    gate: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.t_us)
+
+    @staticmethod
+    def concatenate(parts: list[Estimates]) -> Estimates:
+        """Join in order (an empty list gives no rows)."""
+        if len(parts) == 1:
+            return parts[0]
+        if not parts:
+            e = np.empty(0)
+            return Estimates(np.empty(0, np.int64), e, e, e, e, np.empty(0, np.uint8), np.empty(0, np.uint8))
+        names = Estimates.__slots__
+        return Estimates(*(np.concatenate([getattr(p, n) for p in parts]) for n in names))
+
+
+class Listener(Protocol):
+    """Someone who wants the model samples beside the estimates (report, recorder of the daemon)."""
+
+    def __call__(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
+        """Take the next samples and their estimates."""
+
+
+class Pipeline:
+    """Carries every stage's state for one stream."""
+
+    def __init__(self, config: Config, *, listener: Listener | None = None) -> None:
+        self.config = config
+        self.intake = Intake(config)
+        self._grid = grid_for(config)
+        self.estimator = estimator_of(config)
+        self._model = ModelStream(config, excitation_gate=self.estimator.wants_excitation_gate)
+        self._listener = listener
+        self._remembered: tuple[float, float] | None = None
+        self._mass_kg = math.nan
+        self.gates: Counter[str] = Counter()
+        self.samples = 0
+
+    def push(self, frames: FrameBlock) -> Estimates:
+        """Take the next frames; return the estimates of every tick they complete."""
+        return self._take(self.intake.frames(frames))
+
+    def push_samples(
+        self, samples: Mapping[str, tuple[IntColumn, FloatColumn]], t_us: IntColumn
+    ) -> Estimates:
+        """Take already decoded samples (tables) with the stamps of all their rows, in order."""
+        return self._take(self.intake.table(samples, t_us))
+
+    def take_ticks(self, blocks: Iterable[GridBlock]) -> Estimates:
+        """Take ticks that somebody else has made (the diagnosis runs one drive many times)."""
+        done: list[Estimates] = []
+        for ticks in blocks:
+            self._emit(ticks, done)
+        return Estimates.concatenate(done)
+
+    def advance_to(self, t_us: int) -> Estimates:
+        """Event time has certainly reached ``t_us``: emit ticks before it, though the bus may be quiet.
+
+        Beyond the hold time after the last wanted frame nothing is emitted: the grid sleeps until the
+        next one, exactly as a replay of the recording would.
+        """
+        done: list[Estimates] = []
+        if self.clock.last_us is not None:
+            end = min(t_us, self.clock.last_us + hold_us(self.config))
+            self._emit(self._grid.ticks_until(end, inclusive=False), done)
+        return Estimates.concatenate(done)
+
+    def finish(self) -> Estimates:
+        """Return the ticks that were still waiting for a later frame, at the end of a log."""
+        done: list[Estimates] = []
+        if self.clock.last_us is not None:
+            self._emit(self._grid.ticks_until(self.clock.last_us, inclusive=True), done)
+        return Estimates.concatenate(done)
+
+    def restore(self, mass_kg: float, mass_std_kg: float) -> None:
+        """Start from a remembered mass."""
+        self._remembered = mass_kg, mass_std_kg
+        self.estimator.restore(mass_kg, mass_std_kg)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what the estimator wants to keep over a restart (JSON types)."""
+        return self.estimator.snapshot()
+
+    @property
+    def decoder(self) -> Decoder:
+        """Return the decoder (its counters tell what the bus carried)."""
+        return self.intake.decoder
+
+    @property
+    def clock(self) -> Clock:
+        """Return the event clock (its counters tell what it had to mend)."""
+        return self.intake.clock
+
+    @property
+    def frozen(self) -> dict[str, int]:
+        """Return, by role, the ticks on which a sensor stood still though the vehicle did not."""
+        return dict(self._model.frozen)
+
+    @property
+    def gate_counts(self) -> dict[str, int]:
+        """Return samples refused per gate, by name."""
+        return {name: self.gates[name] for name in LABELS.values() if name and self.gates[name]}
+
+    @property
+    def updated(self) -> int:
+        """Return how many samples the estimator learned from."""
+        return self.gates[""]
+
+    def _take(self, feeds: Iterable[Feed]) -> Estimates:
+        done: list[Estimates] = []
+        for feed in feeds:
+            for ticks in self._grid.take(feed):
+                self._emit(ticks, done)
+        return Estimates.concatenate(done)
+
+    def _emit(self, ticks: GridBlock | None, done: list[Estimates]) -> None:
+        if ticks is None:
+            return
+        for samples, anew in self._model.process(ticks):
+            if anew:
+                self.estimator = doubting(estimator_of(self.config), self._mass_kg, self._remembered)
+            self._estimate(samples, done)
+
+    def _estimate(self, samples: ModelBlock, done: list[Estimates]) -> None:
+        e = self.estimator.update(samples)
+        if self._listener is not None:
+            self._listener(samples, e)
+        counts = np.bincount(samples.gate).tolist()
+        for code, count in enumerate(counts):
+            if count:
+                self.gates[LABELS[code]] += count
+        self.samples += len(samples)
+        self._mass_kg = float(e.mass_kg[-1])
+        done.append(
+            Estimates(samples.t_us, e.mass_kg, e.mass_std_kg, e.grade, e.grade_std, e.status, samples.gate)
+        )
+
+
+def estimator_of(config: Config) -> Estimator:
+    """Return a config's estimator. Errors: ConfigError that names the place in the config."""
+    chosen = config.estimator
+    try:
+        return create(chosen.name, facts_of(config), chosen.options)
+    except ConfigError as error:
+        raise ConfigError(
+            error.what, where=config.at(error.where), found=error.found, expected=error.expected
+        ) from error
+
+
+def facts_of(config: Config) -> VehicleFacts:
+    """Return what the estimator may know of the vehicle."""
+    v = config.vehicle
+    resolution = resolution_of(config)
+    return VehicleFacts(
+        mass_min_kg=v.mass_min_kg,
+        mass_max_kg=v.mass_max_kg,
+        initial_mass_kg=config.estimator.initial_mass_kg,
+        initial_grade=config.estimator.initial_grade,
+        rolling_resistance=v.rolling_resistance,
+        pitch_rad_per_mps2=v.accelerometer.pitch_rad_per_mps2,
+        speed_step_mps=resolution["speed"],
+        torque_step_Nm=resolution["torque"],
+        accelerometer_step_mps2=resolution["accelerometer"],
+        has_accelerometer="longitudinal_accel" in config.signals,
+        filter_delay_s=delay_s(butterworth(config.filter.order, config.filter.cutoff_hz)),
+    )

@@ -1,0 +1,129 @@
+"""Resolves a config's signal map: DBC files loaded, units converted, what cannot be found refused."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canest.config.schema import Config, Source
+from canest.core.errors import ConfigError
+from canest.core.roles import ROLES, UNITS, conversion
+from canest.decode.database import find_signal, is_j1939, load
+from canest.decode.decoder import Decoder
+from canest.decode.groups import Want
+from canest.system.shipped_files import find
+from canest.vehicle.role_sources import speed_in_use
+
+if TYPE_CHECKING:
+    from cantools.database.can import Database
+
+#: how a DBC says that a message is matched by parameter group, and not by its exact identifier
+SAYS_J1939 = 'a DBC that says J1939 (VFrameFormat "J1939PG", or ProtocolType "J1939")'
+
+
+def decoder_for(config: Config) -> Decoder:
+    """Return the decoder of a config's DBC signals (one that listens to nothing for a table-only config).
+
+    Errors: ConfigError naming the key, what was found and what was expected.
+    """
+    databases = databases_of(config)
+    wants: dict[str, Want] = {}
+    for role, source in config.signals.items():
+        if source.message is None or source.signal is None:
+            continue
+        where = config.at(f"signals.{role}")
+        if not databases:
+            raise ConfigError("names a DBC signal, but the config has no dbc: file", where=where)
+        message, signal = find_signal(databases, source.message, source.signal, where)
+        if source.source is not None and not is_j1939(message):
+            raise ConfigError(
+                f"{message.name} is no J1939 message: its identifier holds no source address",
+                where=config.at(f"signals.{role}.source"),
+                found=f"0x{source.source:02X}",
+                expected="no such key" + (f", or {SAYS_J1939}" if message.is_extended_frame else ""),
+            )
+        factor, offset = factor_and_offset(role, source, source.unit or signal.unit or "", where)
+        wants[role] = Want(
+            role=role,
+            message=source.message,
+            signal=source.signal,
+            source=source.source,
+            validity=source.validity,
+            factor=factor,
+            offset=offset,
+            where=where,
+        )
+    return Decoder(wants, databases)
+
+
+def databases_of(config: Config) -> list[Database]:
+    """Return the databases of a config: what its files held when it was first asked for them.
+
+    A daemon makes its pipeline anew after a defect, or when a number is refuted, and must not depend on files
+    that somebody is replacing meanwhile; who wants what is in them now reads the config anew.
+    Errors: ConfigError for a file that is missing or no database.
+    """
+    return config.read_once(lambda name, at: load(find("dbc", name, at)))
+
+
+def factor_and_offset(role: str, source: Source, unit: str, where: str = "") -> tuple[float, float]:
+    """Return how a source's numbers become the role's (config's ``scale`` included).
+
+    Errors: ConfigError for a unit of another dimension.
+    """
+    converted = conversion(role, unit)
+    if converted is None:
+        known = ROLES[role].unit
+        raise ConfigError(
+            "unit does not fit the role",
+            where=where or f"signals.{role}",
+            found=unit,
+            expected="one of " + ", ".join(u or "no unit" for u in UNITS[known]),
+        )
+    factor, offset = converted
+    return factor * source.scale, offset * source.scale
+
+
+def resolution_of(config: Config) -> dict[str, float]:
+    """Return the steps of the signals in use: ``speed`` (m/s), ``torque`` (N m), ``accelerometer`` (m/s2).
+
+    What a DBC signal's factor says; for table columns, whose resolution nobody declares, typical values.
+    """
+    v = config.vehicle
+    reference = v.reference_torque_Nm or 2000.0
+    speeds = {
+        "output_shaft_speed": v.mps_per_shaft_rpm,
+        "undriven_speed": 1.0,
+        "engine_speed": v.mps_per_shaft_rpm / min(v.gear_ratios.values(), default=1.0),
+        "vehicle_speed": 1.0,
+        "gps_speed": 1.0,
+    }
+    steps = {"speed": 0.01, "torque": 0.005 * reference, "accelerometer": 0.02}
+    speed = speed_in_use(config)
+    step = step_of(config, speed)
+    if step is not None:
+        steps["speed"] = step * speeds[speed]
+    torques = {
+        "wheel_torque": 1.0,
+        "half_shaft_torque_left": 2.0**0.5,  # and the right one
+        "engine_torque": 1.0,
+        "engine_torque_pct": 0.01 * reference,
+    }
+    for role, scale in torques.items():
+        step = step_of(config, role)
+        if step is not None:
+            steps["torque"] = step * scale
+            break
+    step = step_of(config, "longitudinal_accel")
+    if step is not None:
+        steps["accelerometer"] = step
+    return steps
+
+
+def step_of(config: Config, role: str) -> float | None:
+    """Return the factor of a role's DBC signal in the role's unit, None for a table column."""
+    source = config.signals.get(role)
+    if source is None or source.message is None or source.signal is None:
+        return None
+    _, signal = find_signal(databases_of(config), source.message, source.signal)
+    factor, _ = factor_and_offset(role, source, source.unit or signal.unit or "")
+    return abs(float(signal.scale) * factor)

@@ -1,0 +1,1 @@
+"""The operating system: whole files, a writer thread, the journal, systemd notifications."""

@@ -1,0 +1,44 @@
+"""Finds the files that ship with canest (DBCs, configs, units), in a checkout or an installed wheel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from canest.core.errors import ConfigError
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+
+
+def shipped(kind: str) -> Path:
+    """Return the folder of shipped files of a kind: ``dbc``, ``configs`` or ``systemd``."""
+    installed = _PACKAGE / "_shipped" / kind
+    return installed if installed.is_dir() else _PACKAGE.parent / kind
+
+
+def find(kind: str, name: str, where: str = "") -> Path:
+    """Return the file ``name``: as given, or among the shipped ones.
+
+    where: the key that names the file. Errors: ConfigError that lists the shipped names.
+    """
+    folder = shipped(kind)
+    candidates = [Path(name), folder / name]
+    if kind == "configs" and not name.endswith((".yaml", ".yml")):
+        candidates.append(folder / f"{name}.yaml")
+    for path in candidates:
+        if is_file(path):
+            return path
+    names = ", ".join(sorted(p.name for p in folder.glob("*") if p.is_file()))
+    raise ConfigError(
+        f"no such {kind.removesuffix('s')} file",
+        where=where or name,
+        found=name if where else None,
+        expected=f"a path or a shipped name ({names})",
+    )
+
+
+def is_file(path: Path) -> bool:
+    """Return whether ``path`` is a file that can be seen."""
+    try:
+        return path.is_file()
+    except OSError:  # a name too long, or a folder that may not be entered
+        return False

@@ -1,0 +1,1 @@
+"""What the daemon says of itself: status, metrics, log lines, terminal views."""

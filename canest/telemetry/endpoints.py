@@ -1,0 +1,74 @@
+"""Where others ask how the daemon is: a local socket for `canest status`, HTTP for Prometheus.
+
+Neither is needed for the estimation: what cannot be opened at the start is told and done without.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from canest.config.schema import Config
+from canest.core.errors import ConfigError
+from canest.system.files import Background
+from canest.system.journal import Journal
+from canest.telemetry.metrics import MetricsServer
+from canest.telemetry.status_socket import StatusServer, refuse_second, socket_path
+
+
+class Doors:
+    """Follows the config: `follow` opens and closes what a changed one asks for.
+
+    latest: the snapshot that HTTP serves; the daemon keeps it up to date.
+    Errors: UsageError when a metrics port is asked for without the package that serves it.
+    """
+
+    def __init__(self, config: Config, journal: Journal, background: Background) -> None:
+        self._journal, self._background = journal, background
+        self.latest: dict[str, Any] = {}
+        self.metrics: MetricsServer | None = None
+        self.status: StatusServer | None = None
+        port = config.service.metrics_port
+        if port is not None:
+            try:
+                self.metrics = MetricsServer(port, self.latest)
+            except OSError as error:
+                journal.warning("no-metrics-port", port=port, error=error.strerror or error)
+        self._open_status(config)
+
+    def follow(self, config: Config) -> None:
+        """Move to where a changed config wants us.
+
+        Errors: ConfigError when the port cannot be had, UsageError as above; nothing has changed then.
+        """
+        path = socket_path(config)
+        moves = self.status is None or self.status.path != path or not path.exists()
+        if moves:
+            refuse_second(path)
+        port = config.service.metrics_port
+        old = self.metrics
+        if port != (None if old is None else old.port):
+            try:
+                self.metrics = None if port is None else MetricsServer(port, self.latest)
+            except OSError as error:
+                what = f"cannot be opened ({error.strerror or error})"
+                raise ConfigError(what, where=config.at("service.metrics_port"), found=port) from error
+            if old is not None:  # its thread takes half a second to end, which is not the loop's to wait for
+                self._background.submit("metrics_port", old.close)
+        if moves:
+            self._open_status(config)
+
+    def close(self) -> None:
+        """Stop answering on the socket; the HTTP server ends with the process."""
+        if self.status is not None:
+            self.status.close()
+
+    def _open_status(self, config: Config) -> None:
+        path = socket_path(config)
+        try:
+            following = StatusServer(path)
+        except OSError as error:
+            self._journal.warning("no-status-socket", path=path, error=error.strerror or error)
+            return
+        if self.status is not None:
+            self.status.close(keep_name=self.status.path == path)
+        self.status = following

@@ -1,0 +1,120 @@
+"""A local socket on which the daemon tells how it is: connect, read one JSON object, done."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from canest.config.schema import Config
+from canest.core.errors import UsageError
+from canest.live.memory import state_dir
+
+ANSWER_S = 3.0  #: a daemon that works looks for clients every second
+_CLIENTS = 32  #: waiting at once
+_RETRY_S = 0.05
+_SYSTEM_FOLDERS = ("/run/canest", "/run")
+
+
+def socket_path(config: Config, environment: Mapping[str, str] = os.environ) -> Path:
+    """Return where the daemon of this config listens: systemd's runtime directory, else the state's."""
+    given = environment.get("RUNTIME_DIRECTORY", "").split(":")[0]
+    folder = Path(given) if given else state_dir(config, environment)
+    return folder / f"status-{config.bus.file_name}.sock"
+
+
+class StatusServer:
+    """Answers whoever connects. `poll` costs one system call when nobody does.
+
+    Errors: OSError; UsageError when a daemon that runs listens under this name already.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        refuse_second(path)
+        path.unlink(missing_ok=True)  # left behind by a daemon that was killed
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._socket.setblocking(False)
+        self._socket.bind(str(path))
+        path.chmod(0o666)  # to look is allowed to everybody who reaches the directory
+        self._born_ns = path.stat().st_mtime_ns  # inodes are used again at once
+        self._socket.listen(_CLIENTS)
+
+    def poll(self, content: Callable[[], dict[str, Any]]) -> None:
+        """Answer the clients that wait, all with the same."""
+        answer = b""
+        for _ in range(_CLIENTS):
+            try:
+                client, _ = self._socket.accept()
+            except OSError:
+                return
+            answer = answer or json.dumps(content()).encode()
+            with client, contextlib.suppress(OSError):  # a client that left, or does not read
+                client.setblocking(False)
+                client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 18)
+                client.send(answer)
+
+    def close(self, *, keep_name: bool = False) -> None:
+        """Stop answering and take the socket's name away, unless it is another server's by now."""
+        self._socket.close()
+        with contextlib.suppress(OSError):
+            if not keep_name and self.path.stat().st_mtime_ns == self._born_ns:
+                self.path.unlink()
+
+
+def refuse_second(path: Path) -> None:
+    """Raise UsageError where somebody listens on a socket of this name."""
+    with _client() as client:
+        try:
+            client.connect(str(path))
+        except BlockingIOError:
+            pass  # somebody does, and has more clients waiting than there is room for
+        except OSError:
+            return
+    raise UsageError(
+        "a daemon of this config is running already",
+        where=str(path),
+        expected="one per bus, or another service.state_dir",
+    )
+
+
+def _client() -> socket.socket:
+    client = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    client.settimeout(ANSWER_S)
+    return client
+
+
+def ask(path: Path) -> dict[str, Any]:
+    """Return a running daemon's snapshot. Errors: OSError, ValueError when nobody answers properly."""
+    until_s = time.monotonic() + ANSWER_S
+    with _client() as client:
+        while True:
+            try:
+                client.connect(str(path))
+                break
+            except BlockingIOError:  # others wait already; whoever works answers them all within a second
+                if time.monotonic() > until_s:
+                    raise
+                time.sleep(_RETRY_S)
+        parts = []
+        while part := client.recv(1 << 16):
+            parts.append(part)
+    answer = json.loads(b"".join(parts))
+    if not isinstance(answer, dict):
+        raise ValueError("the answer is not an object")  # noqa: TRY004 - a bad answer, not a wrong argument
+    return answer
+
+
+def find_sockets(environment: Mapping[str, str] = os.environ) -> Iterator[Path]:
+    """Yield the sockets of daemons on this machine, wherever they usually are."""
+    folders = [Path(f) for f in _SYSTEM_FOLDERS]
+    folders += sorted(p for p in Path("/run/canest").glob("*") if p.is_dir())
+    folders.append(Path(environment.get("HOME", "~")).expanduser() / ".local/state/canest")
+    for folder in folders:
+        yield from sorted(folder.glob("status-*.sock"))

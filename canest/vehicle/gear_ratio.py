@@ -1,0 +1,71 @@
+"""Which gear is engaged, and its ratio: as the transmission tells it, from the table, or from two speeds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from canest.config.vehicle import Vehicle
+from canest.core.columns import constant
+from canest.core.frames import FloatColumn, IntColumn
+from canest.decode.validity import GEAR_PARK
+
+#: a shaft slower than this tells nothing about the ratio, rpm
+MIN_SHAFT_RPM = 50.0
+#: neutral and park, as gear numbers
+_NOTHING_ENGAGED = (0.0, GEAR_PARK)
+#: a gear ratio found from shaft speeds is snapped to a table entry this close, relative
+RATIO_SNAP = 0.05
+
+
+class Gearbox:
+    """A vehicle's table of gears."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._rpm_per_mps = 1.0 / vehicle.mps_per_shaft_rpm
+        self._gears = np.array(sorted(vehicle.gear_ratios), np.float64)
+        self._ratios = np.array([vehicle.gear_ratios[int(g)] for g in self._gears], np.float64)
+
+    def of(self, values: Mapping[str, FloatColumn], n: int) -> tuple[FloatColumn, FloatColumn]:
+        """Return transmission ratio and gear number: from ETC2, else the gear table, else shaft speeds."""
+        ratio, gear = values.get("gear_ratio"), values.get("gear")
+        if not len(self._gears):
+            known = constant(1.0, n) if ratio is None else ratio
+            return known, constant(0.0, n) if gear is None else gear
+        if len(self._gears) == 1 and ratio is None and gear is None:
+            return constant(float(self._ratios[0]), n), constant(float(self._gears[0]), n)
+        if gear is not None:
+            table = self._by_table(gear)
+            ratio = table if ratio is None else np.where(ratio > 0, ratio, table)
+        if ratio is None:
+            ratio = self._by_shafts(values, n)
+        elif np.count_nonzero(unknown := np.isnan(ratio)):
+            if gear is not None:  # whoever knows the gear knows that nothing is engaged
+                unknown = unknown & ~np.isin(gear, _NOTHING_ENGAGED)
+            ratio = np.where(unknown, self._by_shafts(values, n), ratio)
+        if gear is None:
+            nearest = self._nearest(np.where(ratio > 0, ratio, 1.0))
+            gear = np.where(ratio > 0, self._gears[nearest], 0.0)
+        return ratio, gear
+
+    def _by_table(self, gear: FloatColumn) -> FloatColumn:
+        at = np.minimum(np.searchsorted(self._gears, gear), len(self._gears) - 1)
+        return np.where(self._gears[at] == gear, self._ratios[at], np.nan)
+
+    def _by_shafts(self, values: Mapping[str, FloatColumn], n: int) -> FloatColumn:
+        engine, shaft = values.get("engine_speed"), values.get("output_shaft_speed")
+        if "vehicle_speed" in values:  # as the road turns it
+            by_road = values["vehicle_speed"] * self._rpm_per_mps
+            shaft = by_road if shaft is None else np.where(np.isnan(shaft), by_road, shaft)
+        if engine is None or shaft is None:
+            return constant(math.nan, n)
+        turning = (shaft > MIN_SHAFT_RPM) & (engine > MIN_SHAFT_RPM)
+        measured = np.where(turning, engine, 1.0) / np.where(turning, shaft, 1.0)
+        table = self._ratios[self._nearest(measured)]
+        return np.where(turning & (np.abs(measured / table - 1) < RATIO_SNAP), table, np.nan)
+
+    def _nearest(self, ratio: FloatColumn) -> IntColumn:
+        nearest: IntColumn = np.abs(np.log(ratio)[:, None] - np.log(self._ratios)).argmin(1)
+        return nearest

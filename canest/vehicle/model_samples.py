@@ -1,0 +1,146 @@
+"""From held signals to what estimators eat: model, filter, gates, in that order."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from canest.config.schema import Config
+from canest.core.columns import constant, shifted
+from canest.core.frames import BoolColumn, FloatColumn
+from canest.core.gates import Gate
+from canest.core.samples import STEP_S, ModelBlock
+from canest.grid.grid import GridBlock
+from canest.vehicle.brake_hold import LostBrakes
+from canest.vehicle.butterworth import Filter
+from canest.vehicle.gating import Excitation, Gating
+from canest.vehicle.model import LongitudinalModel, RawModel
+from canest.vehicle.range_rate_check import MAX_SPEED_MPS, MOTION_JUMP
+from canest.vehicle.stuck_sensor import Frozen
+from canest.vehicle.working_columns import Columns
+
+#: slower than this (m/s) the vehicle stands: speed sensors give no pulses below
+STANDSTILL_MPS = 0.2
+
+
+class _Held:
+    """A column whose unusable samples repeat the last usable one, so that a filter never meets a NaN."""
+
+    def __init__(self) -> None:
+        self._last = 0.0
+        self._was_usable = False
+
+    def fill(self, x: FloatColumn, usable: BoolColumn) -> tuple[FloatColumn, BoolColumn]:
+        """Return the filled column and where a filter must start anew (first usable sample)."""
+        if self._was_usable and np.count_nonzero(usable) == len(usable):
+            self._last = float(x[-1])
+            return x, constant(False, len(x))
+        before = shifted(usable, self._was_usable)
+        at = np.maximum.accumulate(np.where(usable, np.arange(len(x)), -1))
+        filled = np.where(at >= 0, x[at], self._last)
+        self._last, self._was_usable = float(filled[-1]), bool(usable[-1])
+        return filled, usable & ~before
+
+
+class Regression:
+    """Carries the filters, the gates and the last filtered speed; block in, `ModelBlock` out."""
+
+    def __init__(self, config: Config, *, excitation_gate: bool = False) -> None:
+        self.model = LongitudinalModel(config)
+        self._gating = Gating(config, self.model)
+        self.frozen = Frozen(config)
+        self._brakes = LostBrakes(config)
+        wanted = config.gates.low_excitation.enabled
+        use = excitation_gate if wanted is None else wanted
+        self._excitation = Excitation(config) if use else None
+        names = ("speed", "force", "traction", "aero", "mu", "accelerometer", "undriven")
+        self._filters = {n: Filter(config.filter.order, config.filter.cutoff_hz) for n in names}
+        self._held = {n: _Held() for n in names}
+        self._last_filtered_mps = np.nan
+        self._was_open = False
+        #: the model's working columns of the last block (for reports and the diagnosis)
+        self.last_columns: Columns
+
+    @np.errstate(all="ignore")  # signals may be any float: what is no sane number closes a gate
+    def process(self, grid: GridBlock) -> ModelBlock:
+        """Turn a block of ticks into model samples."""
+        grid = self._brakes.fill(self.frozen.silence(grid))
+        raw = self.model.process(grid)
+        self.last_columns = c = raw.columns
+        moving = np.abs(raw.speed_mps) <= MAX_SPEED_MPS  # known, whatever becomes of the torque
+        speed, started = self._filtered("speed", raw.speed_mps, moving, grid)
+        force, _ = self._filtered("force", raw.force_N, raw.usable, grid)
+        traction, _ = self._filtered("traction", raw.traction_N, raw.usable, grid)
+        aero, _ = self._filtered("aero", raw.aero_N, raw.usable, grid)
+        before = shifted(speed, self._last_filtered_mps)
+        accel = np.where(started | np.isnan(before), 0.0, speed - before) / STEP_S
+        self._last_filtered_mps = float(speed[-1])
+        gate = self._gating.close(grid, raw, accel)
+        if self._excitation is not None:
+            low = self._excitation.low(force, gate == 0)
+            gate = np.where((gate == 0) & low, np.uint8(Gate.LOW_EXCITATION), gate)
+        is_open = gate == 0
+        was_open = shifted(is_open, self._was_open and grid.continues)
+        self._was_open = bool(is_open[-1])
+        nothing = constant(math.nan, len(grid))
+        # backwards an accelerometer feels the other way than a speed tells, which has no sign
+        doubtful = np.isfinite(c.signal(MOTION_JUMP, np.nan)) | (c.gear < 0) | self._gating.slack
+        rotating, coasting = raw.rotating_mass_kg, nothing
+        if np.count_nonzero(self._gating.coasting):
+            rotating = np.where(self._gating.coasting, raw.wheel_mass_kg, rotating)
+            coasting = np.where(self._gating.coasting, c.extra_N - raw.aero_N, math.nan)
+        accelerometer = self._sensor("accelerometer", c.signals.get("longitudinal_accel"), grid)
+        return ModelBlock(
+            t_us=grid.t_us,
+            speed_mps=speed,
+            accel_mps2=accel,
+            force_N=force,
+            mu=self._rolling(c, grid),
+            traction_N=traction,
+            aero_N=aero,
+            force_per_torque_1pm=raw.force_per_torque_1pm,
+            rotating_mass_kg=rotating,
+            coasting_N=coasting,
+            undriven_mps=self._sensor("undriven", c.signals.get("undriven_speed"), grid),
+            accelerometer_mps2=accelerometer,
+            slope=np.tan(c.signals["pitch"]) if "pitch" in c.signals else nothing,
+            altitude_m=c.signals.get("altitude", nothing),
+            yaw_rate_radps=c.signals.get("yaw_rate", nothing),
+            raw_speed_mps=raw.speed_mps,
+            raw_force_N=raw.force_N,
+            raw_torque_Nm=c.wheel_torque_Nm if self.model.at_wheels else c.torque_Nm,
+            gate=gate,
+            restart=is_open & ~was_open,
+            stopped=self._stopped(raw),
+            ax_ok=np.isfinite(accelerometer) & np.isfinite(raw.speed_mps) & ~doubtful,
+        )
+
+    def _stopped(self, raw: RawModel) -> BoolColumn:
+        """Return where the vehicle stands, or may: only the engine tells a speed, and turns by itself."""
+        stands: BoolColumn = np.abs(raw.speed_mps) < STANDSTILL_MPS
+        return stands | (raw.by_engine & np.isnan(raw.speed_mps) & np.isfinite(raw.columns.engine_radps))
+
+    def _rolling(self, c: Columns, grid: GridBlock) -> FloatColumn:
+        """Return the rolling resistance coefficient, filtered where an effect lets it change."""
+        if not self.model.effects:
+            return c.mu
+        mu = np.where(np.isfinite(c.mu), c.mu, self.model.vehicle.rolling_resistance)
+        return self._filtered("mu", mu, constant(True, len(mu)), grid)[0]
+
+    def _filtered(
+        self, name: str, x: FloatColumn, usable: BoolColumn, grid: GridBlock
+    ) -> tuple[FloatColumn, BoolColumn]:
+        filled, start = self._held[name].fill(x, usable)
+        if not grid.continues:
+            start = start.copy()
+            start[0] = True
+        return self._filters[name].apply(filled, start), start
+
+    def _sensor(self, name: str, signal: FloatColumn | None, grid: GridBlock) -> FloatColumn:
+        """Return a further signal filtered, NaN where it is not known."""
+        if signal is None:
+            return constant(math.nan, len(grid))
+        known = np.abs(signal) <= MAX_SPEED_MPS  # also far beyond any acceleration in m/s2
+        filtered, _ = self._filtered(name, signal, known, grid)
+        return np.where(known, filtered, np.nan)

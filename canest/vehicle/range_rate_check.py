@@ -1,0 +1,159 @@
+"""Refuses samples that jump further than the vehicle can: forged frames, broken sensors.
+
+A sample is compared with the last one that was believed. The longer ago that was, the more it may differ,
+so a value that has really changed (a locked wheel, a sensor that was replaced) is believed again after a
+while, and no forged start value keeps the truth out for long. Refused samples never reach the grid; while
+they come, the gate `implausible` is closed, since those that are forged and do not jump cannot be told.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from canest.config.schema import Config
+from canest.core.columns import shifted
+from canest.core.frames import FloatColumn, IntColumn
+
+Samples = dict[str, tuple[IntColumn, FloatColumn]]
+
+#: no road vehicle accelerates harder than its tyres hold
+MAX_ACCEL_MPS2 = 12.0
+#: nor is it faster; a first value has nothing else to be judged by
+MAX_SPEED_MPS = 150.0
+#: two speeds of one vehicle may differ by noise, rounding to a mile per hour and timing
+SPEED_SLACK_MPS = 1.5
+#: channels that are 1 for `DOUBT_S` after a sample was refused, any one or one of the motion
+JUMP, MOTION_JUMP = "implausible_jump", "implausible_motion"
+DOUBT_S = 1.0
+_FEW = 50  #: samples of one role up to which walking them is faster than columns (both give the same bits)
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """A signal may differ by ``slack`` at once and by ``rate`` more per second, its size has bounds."""
+
+    slack: float
+    rate: float
+    most: float = math.inf
+    least: float = 0.0
+
+
+#: finest first; engine speed through the gear is finer than a road speed in half miles per hour
+SPEED_ORDER = ("output_shaft_speed", "undriven_speed", "engine_speed", "vehicle_speed", "gps_speed")
+
+#: in the units of `canest.core.roles`
+_ROAD_SPEED = Limit(SPEED_SLACK_MPS, MAX_ACCEL_MPS2, MAX_SPEED_MPS)
+LIMITS: dict[str, Limit] = {
+    "vehicle_speed": _ROAD_SPEED,
+    "undriven_speed": _ROAD_SPEED,
+    "gps_speed": _ROAD_SPEED,
+    # friction follows engine speed and oil temperature, with steps when an auxiliary cuts in
+    "engine_friction_pct": Limit(5.0, 15.0),
+    # the full scale of the reported torque is a constant of the engine, but for another rating: that is told
+    # every 5 s and believed the second or third time. A controller that has just woken may say 0
+    "reference_torque": Limit(5.0, 50.0, most=20_000.0, least=50.0),
+    "retarder_reference_torque": Limit(5.0, 50.0, most=20_000.0),
+    # a mountain road changes the pressure by 0.05 kPa/s; faster, so that a replaced sensor is believed
+    "barometric_pressure": Limit(2.0, 2.0),
+    "ambient_temperature": Limit(3.0, 2.0),
+    # rough roads shake the sensor; a vehicle's own acceleration builds up at some 10 m/s3
+    "longitudinal_accel": Limit(4.0, 40.0, 50.0),
+}
+
+
+def limits_of(config: Config) -> dict[str, Limit]:
+    """Return the limits of the roles that a config maps."""
+    per_rpm = config.vehicle.mps_per_shaft_rpm
+    shaft = Limit(*(limit / per_rpm for limit in (SPEED_SLACK_MPS, MAX_ACCEL_MPS2, MAX_SPEED_MPS)))
+    every = {**LIMITS, "output_shaft_speed": shaft}
+    return {role: every[role] for role in config.signals if role in every}
+
+
+class Screen:
+    """Carries the last believed sample of every limited role; counts what it refused, per role.
+
+    limits: role -> Limit. motion: roles that the accelerometer is compared with, or the sensor itself.
+    """
+
+    def __init__(self, limits: Mapping[str, Limit], motion: Collection[str] = ()) -> None:
+        self._limits, self._motion = limits, motion
+        self._believed: dict[str, tuple[int, float]] = {}
+        self.refused: Counter[str] = Counter()
+
+    def restart(self) -> None:
+        """Forget the last samples: the clock was set back, their stamps mean nothing any more."""
+        self._believed.clear()
+
+    def apply(self, samples: Mapping[str, tuple[IntColumn, FloatColumn]]) -> Samples:
+        """Return the samples without the refused ones, and when those came as further roles (`JUMP`)."""
+        kept = dict(samples)
+        jumps: list[tuple[str, IntColumn]] = []
+        for role, limit in self._limits.items():
+            if role in kept:
+                t_us, values = kept[role]
+                refused = self._refused(role, limit, t_us, values)
+                if refused is not None:
+                    kept[role] = t_us[~refused], values[~refused]
+                    jumps.append((role, t_us[refused]))
+                    self.refused[role] += int(np.count_nonzero(refused))
+        for name, stamps in (
+            (JUMP, [t for _, t in jumps]),
+            (MOTION_JUMP, [t for role, t in jumps if role in self._motion]),
+        ):
+            if stamps:
+                t_us = np.sort(np.concatenate(stamps))
+                kept[name] = t_us, np.ones(len(t_us))
+        return kept
+
+    def _refused(
+        self, role: str, limit: Limit, t_us: IntColumn, values: FloatColumn
+    ) -> np.ndarray[tuple[int], np.dtype[np.bool_]] | None:
+        """Return which samples jump (n,), None when none does; "not available" never does."""
+        if len(values) <= _FEW:
+            jumps = self._walk(role, limit, t_us.tolist(), values.tolist())
+        else:
+            rows = np.flatnonzero(np.isfinite(values))
+            jumps = self._far(role, limit, t_us[rows], values[rows])
+            jumps = rows[jumps].tolist() if jumps else []
+        if not jumps:
+            return None
+        refused = np.zeros(len(values), np.bool_)
+        refused[jumps] = True
+        return refused
+
+    def _far(self, role: str, limit: Limit, t_us: IntColumn, values: FloatColumn) -> list[int]:
+        """Return the positions of finite samples that jump: in columns as far as none does."""
+        if not len(values):
+            return []
+        before_us, before = self._believed.get(role, (int(t_us[0]), float(values[0])))
+        steps = values - shifted(values, before)
+        allowed = limit.slack + limit.rate * 1e-6 * (t_us - shifted(t_us, before_us))
+        size = np.abs(values)
+        far = (np.abs(steps) > allowed) | (size > limit.most) | (size < limit.least)
+        first = int(far.argmax()) if far.any() else len(far)
+        if first:
+            self._believed[role] = int(t_us[first - 1]), float(values[first - 1])
+        jumps = self._walk(role, limit, t_us[first:].tolist(), values[first:].tolist())
+        return [first + i for i in jumps]
+
+    def _walk(self, role: str, limit: Limit, stamps: list[int], values: list[float]) -> list[int]:
+        """Return the positions of samples that jump, each compared with the last believed one."""
+        slack, rate = limit.slack, limit.rate * 1e-6
+        before_us, before = self._believed.get(role, (0, math.nan))
+        jumps = []
+        for i, (stamp, value) in enumerate(zip(stamps, values, strict=True)):
+            if not -math.inf < value < math.inf:
+                continue
+            possible = limit.least <= abs(value) <= limit.most
+            if not possible or abs(value - before) > slack + rate * (stamp - before_us):
+                jumps.append(i)
+            else:
+                before_us, before = stamp, value
+        if before == before:  # noqa: PLR0124 - NaN alone is not equal to itself
+            self._believed[role] = before_us, before
+        return jumps

@@ -1,0 +1,119 @@
+"""An accelerometer that stands still while the vehicle does not: a sensor that repeats itself.
+
+What is the same to the last bit, again and again, while the speed shows that brakes or engine have acted, is
+no measurement any more. It is taken as silent until it moves again, and with it all that comes in the same
+message. Silence is a fault that everything behind here can take. What else freezes closes the gate
+`implausible` or `driveline`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from canest.config.schema import Config
+from canest.core.columns import shifted
+from canest.core.frames import BoolColumn, FloatColumn, IntColumn
+from canest.core.roles import LASTING, ROLES
+from canest.core.samples import RATE_HZ, STEP_US
+from canest.grid.grid import GridBlock
+from canest.vehicle.range_rate_check import MAX_ACCEL_MPS2
+from canest.vehicle.role_sources import speed_in_use
+
+#: the grid holds a value as long as it may age; one that stands for so many times that is repeated
+REPEATED = 3.0
+#: an acceleration is the mean over so many ticks, and is compared with that of so many before; until the
+#: sensor has stood for both, what the speed shows may be from before
+MEAN_TICKS, APART_TICKS = 25, 50
+#: no road changes it by more meanwhile, m/s2: engines and brakes do
+QUICK_MPS2 = 0.5
+#: speeds that are too late, or not tied to the road
+_NO_WITNESS = ("engine_speed", "gps_speed")
+_ACCELEROMETER = "longitudinal_accel"
+
+
+class Frozen:
+    """Watches a config's accelerometer by the speed in use; counts the ticks on which it was frozen."""
+
+    def __init__(self, config: Config) -> None:
+        self.counts: Counter[str] = Counter()
+        signals, self._speed = config.signals, speed_in_use(config)
+        self._watches = _ACCELEROMETER in signals and self._speed not in ("", *_NO_WITNESS)
+        if not self._watches:
+            return
+        stale_s = signals[_ACCELEROMETER].stale_s
+        stale_s = ROLES[_ACCELEROMETER].stale_s if stale_s is None else stale_s
+        self._least_ticks = REPEATED * stale_s * RATE_HZ
+        #: all that comes in the same message, itself included
+        self._mates = [role for role in signals if role not in LASTING and _together(config, role)]
+        self._scale = _metres(config, self._speed)
+        self._value, self._since_tick = math.nan, 0
+        self._past = np.full(MEAN_TICKS + APART_TICKS, np.nan)
+        self._quickest = 0.0
+
+    def silence(self, ticks: GridBlock) -> GridBlock:
+        """Return the ticks with a frozen accelerometer, and what comes with it, as stale."""
+        if not self._watches:
+            return ticks
+        frozen = self._frozen(ticks)
+        found = int(np.count_nonzero(frozen))
+        if not found:
+            return ticks
+        self.counts[_ACCELEROMETER] += found
+        values = {role: np.where(frozen, np.nan, ticks.values[role]) for role in self._mates}
+        stale = {role: ticks.stale[role] | frozen for role in self._mates}
+        return replace(ticks, values={**ticks.values, **values}, stale={**ticks.stale, **stale})
+
+    def _frozen(self, ticks: GridBlock) -> BoolColumn:
+        """Return where it has stood for long while the speed has changed quickly (n,)."""
+        changes = self._changes(ticks)
+        stood = self._stood(ticks)
+        settled = stood >= MEAN_TICKS + APART_TICKS
+        found = np.zeros(len(ticks), np.bool_)
+        edges = np.flatnonzero(settled[1:] != settled[:-1]) + 1
+        for begin, end in pairwise([0, *edges.tolist(), len(ticks)]):
+            if settled[begin]:
+                quickest = np.fmax.accumulate(np.fmax(changes[begin:end], self._quickest))
+                self._quickest = float(quickest[-1])
+                found[begin:end] = quickest > QUICK_MPS2
+            else:  # it moves: what the speed has shown before is void
+                self._quickest = 0.0
+        return found & (stood >= self._least_ticks)
+
+    def _stood(self, ticks: GridBlock) -> IntColumn:
+        """Return for how many ticks it has been the same (n,); remember the last."""
+        tick, values = ticks.t_us // STEP_US, ticks.values[_ACCELEROMETER]
+        same = values == shifted(values, self._value)
+        if not ticks.continues:
+            same[0] = False
+        began = np.maximum.accumulate(np.where(same, self._since_tick if same[0] else tick[0], tick))
+        self._value, self._since_tick = float(values[-1]), int(began[-1])
+        stood: IntColumn = tick - began
+        return stood
+
+    def _changes(self, ticks: GridBlock) -> FloatColumn:
+        """Return by how much the speed says that the acceleration has changed, m/s2 (n,)."""
+        if not ticks.continues:
+            self._past[:] = np.nan
+        speed = np.concatenate((self._past, self._scale * ticks.values[self._speed]))
+        self._past = speed[len(ticks) :]
+        mean = (speed[MEAN_TICKS:] - speed[:-MEAN_TICKS]) * (RATE_HZ / MEAN_TICKS)
+        changes = np.abs(mean[APART_TICKS:] - mean[:-APART_TICKS])
+        return np.where(changes <= MAX_ACCEL_MPS2, changes, 0.0)  # beyond it is damage
+
+
+def _metres(config: Config, speed: str) -> float:
+    """Return m/s per unit of a role that tells a speed."""
+    return config.vehicle.mps_per_shaft_rpm if speed == "output_shaft_speed" else 1.0
+
+
+def _together(config: Config, role: str) -> bool:
+    """Return whether a role comes in the accelerometer's message, from its sender."""
+    a, b = config.signals[_ACCELEROMETER], config.signals[role]
+    return role == _ACCELEROMETER or (
+        a.message is not None and (a.message, a.source) == (b.message, b.source)
+    )
