@@ -9,10 +9,10 @@ from typing import Any, get_args
 import yaml
 from pydantic import ValidationError
 
-from canest.config.agreement import MisplacedError
 from canest.config.origins import KeyPath, Origins, lines_of
 from canest.config.schema import Config
 from canest.core.errors import ConfigError
+from canest.core.section import MisplacedError
 from canest.system.shipped_files import find, is_file
 
 #: libyaml's safe loader where PyYAML was built with it (ten times faster), else the one in Python

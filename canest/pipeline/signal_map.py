@@ -21,10 +21,15 @@ SAYS_J1939 = 'a DBC that says J1939 (VFrameFormat "J1939PG", or ProtocolType "J1
 
 
 def decoder_for(config: Config) -> Decoder:
-    """Return the decoder of a config's DBC signals (one that listens to nothing for a table-only config).
+    """Return the decoder of a config's DBC signals (one without wants for a table-only config).
 
     Errors: ConfigError naming the key, what was found and what was expected.
     """
+    return Decoder(wants_of(config), databases_of(config))
+
+
+def wants_of(config: Config) -> dict[str, Want]:
+    """Return role -> DBC signal. Errors: ConfigError as above."""
     databases = databases_of(config)
     wants: dict[str, Want] = {}
     for role, source in config.signals.items():
@@ -52,7 +57,7 @@ def decoder_for(config: Config) -> Decoder:
             offset=offset,
             where=where,
         )
-    return Decoder(wants, databases)
+    return wants
 
 
 def databases_of(config: Config) -> list[Database]:
@@ -98,7 +103,7 @@ def resolution_of(config: Config) -> dict[str, float]:
         "gps_speed": 1.0,
     }
     steps = {"speed": 0.01, "torque": 0.005 * reference, "accelerometer": 0.02}
-    speed = speed_in_use(config)
+    speed = speed_in_use(config.signals, config.vehicle)
     step = step_of(config, speed)
     if step is not None:
         steps["speed"] = step * speeds[speed]
