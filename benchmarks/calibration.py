@@ -27,7 +27,8 @@ from canest.core import jit
 from canest.core.frames import FloatColumn
 from canest.core.samples import EstimateBlock, ModelBlock, Status, VehicleFacts
 from canest.estimators.base import create
-from canest.pipeline.pipeline import Pipeline, facts_of
+from canest.pipeline.build import facts_of
+from canest.pipeline.pipeline import Pipeline
 from canest.simulation.run import simulate
 
 STARTS_KG = (9000.0, 21000.0, 36000.0)

@@ -27,8 +27,8 @@ from canest.diagnosis.report.format import entry_name, entry_value, interval, sc
 from canest.diagnosis.report.revised_config import revised_config
 from canest.diagnosis.run import Diagnosis, diagnose
 from canest.diagnosis.search.gauss_newton import fit_on
+from canest.pipeline.build import effects_of
 from canest.vehicle.effects import Effect
-from canest.vehicle.model import effects_of
 
 SUFFIXES = (".csv", ".parquet")
 #: effects that are nearly constant forces at ordinary speeds

@@ -16,10 +16,10 @@ from pydantic_core import PydanticUndefined
 
 from canest.config.meanings import SOURCE_MEANINGS, meaning
 from canest.config.schema import Config, Source
-from canest.config.vehicle import Retarder
 from canest.core.roles import ROLES, UNITS
 from canest.decode.validity import RULES
 from canest.vehicle.effects import EFFECTS
+from canest.vehicle.facts import Retarder
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "config.md"
 

@@ -17,12 +17,12 @@ from canest.config import Config, parse_config
 from canest.core.frames import FrameBlock
 from canest.core.samples import GRAVITY_MPS2, STEP_S, STEP_US, EstimateBlock, ModelBlock, VehicleFacts
 from canest.estimators.base import Estimator, create
-from canest.grid.grid import GridBlock
+from canest.grid.grid import Grid, GridBlock
 from canest.logs.reader import open_log
 from canest.logs.truth import read_truth
 from canest.offline.scoring import Score
-from canest.pipeline.intake import Intake, grid_for
-from canest.pipeline.pipeline import facts_of
+from canest.pipeline.build import build
+from canest.pipeline.intake import Intake
 from canest.simulation import SimulatedDrive, simulate
 from canest.system.shipped_files import find
 from canest.vehicle.model_samples import Regression
@@ -105,8 +105,9 @@ def recorded(
 def _drive(
     name: str, config: Config, blocks: list[FrameBlock], truth: Callable[[Any], tuple[Column, ...]]
 ) -> Drive:
-    intake, grid = Intake(config), grid_for(config)
-    plain, excited = Regression(config, excitation_gate=False), Regression(config, excitation_gate=True)
+    spec = build(config)
+    intake, grid = Intake(spec.intake), Grid(spec.grid.channels, spec.grid.hold_us)
+    plain, excited = (Regression(spec.model, excitation_gate=gate) for gate in (False, True))
     parts: list[tuple[ModelBlock, ModelBlock, dict[str, Column]]] = []
 
     def take(ticks: GridBlock) -> None:
@@ -128,7 +129,13 @@ def _drive(
     mass, grade = truth(joined.t_us)
     signals = {w: np.concatenate([p[2][w] for p in parts]) for w in parts[0][2]}
     return Drive(
-        name, joined, ModelBlock.concatenate([p[1] for p in parts]), signals, mass, grade, facts_of(config)
+        name,
+        joined,
+        ModelBlock.concatenate([p[1] for p in parts]),
+        signals,
+        mass,
+        grade,
+        spec.estimator.facts,
     )
 
 

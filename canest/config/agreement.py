@@ -7,17 +7,10 @@ from typing import TYPE_CHECKING
 from canest.core.errors import ConfigError
 from canest.core.nearest_name import expected_name
 from canest.core.roles import ROLES, TWO_STATE
+from canest.core.section import MisplacedError
 
 if TYPE_CHECKING:
     from canest.config.schema import Config
-
-
-class MisplacedError(ValueError):
-    """A mistake that a validator of the whole section found; ``keys`` say where in the section it is."""
-
-    def __init__(self, message: str, *keys: str | int) -> None:
-        super().__init__(message)
-        self.keys = keys
 
 
 def refuse_contradictions(config: Config) -> None:

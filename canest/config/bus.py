@@ -7,8 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from canest.config.agreement import MisplacedError
-from canest.config.section import Number, Section, Whole, empty_section
+from canest.core.section import MisplacedError, Number, Section, Whole, empty_section
 
 
 def _word_of_number(value: Any) -> Any:

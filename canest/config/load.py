@@ -9,12 +9,12 @@ from typing import Any, get_args
 import yaml
 from pydantic import ValidationError
 
-from canest.config.agreement import MisplacedError
 from canest.config.limits import LOADER, read_text, refuse_depth, refuse_excess
 from canest.config.origins import KeyPath, Origins, lines_of
 from canest.config.schema import Config
 from canest.core.errors import ConfigError
 from canest.core.nearest_name import expected_name
+from canest.core.section import MisplacedError
 from canest.system.shipped_files import find, is_file
 
 

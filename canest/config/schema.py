@@ -8,14 +8,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, model_validator
 
-from canest.config.agreement import MisplacedError, refuse_contradictions
+from canest.config.agreement import refuse_contradictions
 from canest.config.bus import Broadcast, Bus
 from canest.config.files import ReadFiles
-from canest.config.gates import Gates
 from canest.config.origins import Origins
-from canest.config.section import Number, Section, Whole, empty_section
-from canest.config.vehicle import Vehicle
 from canest.core.roles import KNOWN_UNITS
+from canest.core.section import MisplacedError, Number, Section, Whole, empty_section
+from canest.vehicle.facts import Vehicle
+from canest.vehicle.gate_settings import Gates
 
 Validity = Literal["j1939", "full", "source_address", "gear", "ascii"]
 

@@ -25,8 +25,8 @@ from canest.diagnosis.search.choice import Tried
 from canest.diagnosis.search.forward_selection import MIN_TORQUE_STEPS, Search
 from canest.diagnosis.search.gauss_newton import fit_on
 from canest.diagnosis.search.held_out import Fold, Score, score, two_folds
+from canest.pipeline.build import effects_of
 from canest.pipeline.pipeline import Estimates
-from canest.vehicle.model import effects_of
 
 #: what is left may wander this much (share of weight) and still count as explained: a slope of 0.04 %
 SMALL_REMAINDER = 4e-4

@@ -22,7 +22,7 @@ from canest.doctor.signal_report import Finding, Sender, complaint, judge, sende
 from canest.doctor.switches import Switches
 from canest.doctor.torque_samples import StuckTorque
 from canest.doctor.warnings import log_notes, stream_notes
-from canest.pipeline.intake import stale_limit_s
+from canest.pipeline.build import model_spec, stale_limit_s
 from canest.pipeline.pipeline import Pipeline
 from canest.pipeline.signal_map import SAYS_J1939, databases_of, decoder_for
 from canest.pipeline.tables import TableMap, wrong_kind
@@ -112,7 +112,7 @@ class Doctor:
         estimates = self.pipeline.finish()
         if len(estimates):
             self._status = STATUS_LABELS[int(estimates.status[-1])]
-        model = LongitudinalModel(self.config)
+        model = LongitudinalModel(model_spec(self.config))
         needed, speeds = needed_roles(self.config, model), set(model.speed_roles)
         ratio = {role for way in model.ratio_ways for role in way}
         findings = []

@@ -15,7 +15,7 @@ def unheard(config: Config, heard: Collection[str]) -> list[str]:
     """Return one sentence for each gap; ``heard``: the roles that have had a value."""
     missing = config.signals.keys() - set(heard)
     told = []
-    torque = torque_role(config)
+    torque = torque_role(config.signals, config.vehicle)
     if torque not in AT_WHEELS:
         if torque == "engine_torque_pct" and FRICTION not in heard and not config.vehicle.friction_torque_pct:
             told.append(

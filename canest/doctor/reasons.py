@@ -9,6 +9,7 @@ from canest.core.gates import Gate
 from canest.core.roles import ROLES
 from canest.core.samples import RATE_HZ, STATUS_LABELS, Status
 from canest.doctor.warnings import interleaved_clocks
+from canest.pipeline.build import model_spec
 from canest.vehicle.driveline import CLUTCHES
 from canest.vehicle.model import LongitudinalModel
 
@@ -59,7 +60,7 @@ def why_no_signal(config: Config, counters: Counters, frames: int) -> str:
             return ""
         return f"{describe(config, role)} {_absence(config, counters, role, frames)}"
 
-    return what_lacks(config, LongitudinalModel(config), dead)
+    return what_lacks(config, LongitudinalModel(model_spec(config)), dead)
 
 
 def what_lacks(config: Config, model: LongitudinalModel, dead: Callable[[str], str]) -> str:
@@ -199,4 +200,4 @@ def _lacking_column(run: LogRun) -> str:
             return f"{describe(run.config, role)} holds no number in any of {run.reader.frames:,} rows"
         return ""
 
-    return what_lacks(run.config, LongitudinalModel(run.config), dead)
+    return what_lacks(run.config, LongitudinalModel(model_spec(run.config)), dead)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,7 +84,7 @@ class Grid:
     was at t - D, so torque and speed describe the same moment.
     """
 
-    def __init__(self, channels: list[Channel], hold_us: int) -> None:
+    def __init__(self, channels: Sequence[Channel], hold_us: int) -> None:
         self._channels, self._hold_us = channels, hold_us
         #: D: every tick shows the vehicle as it was so long before
         self.behind_us = max((c.delay_us for c in channels), default=0)

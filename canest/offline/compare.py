@@ -15,12 +15,13 @@ from canest.core.frames import FloatColumn, FrameBlock
 from canest.core.samples import RATE_HZ, ModelBlock, Status
 from canest.doctor.warnings import log_notes, stream_notes
 from canest.estimators.base import REGISTRY, Estimator, create
-from canest.grid.grid import GridBlock
+from canest.grid.grid import Grid, GridBlock
 from canest.offline.scoring import Score
 from canest.pipeline.assumed_constants import doubting
-from canest.pipeline.intake import Intake, grid_for
+from canest.pipeline.build import PipelineSpec, build
+from canest.pipeline.intake import Intake
 from canest.pipeline.model_stream import ModelStream
-from canest.pipeline.pipeline import Estimates, estimator_of, facts_of
+from canest.pipeline.pipeline import Estimates
 from canest.pipeline.tables import TableMap, open_for
 
 if TYPE_CHECKING:
@@ -85,17 +86,18 @@ def compare(
     from canest.offline.replay import compiling_pays
 
     on = jit.enable(compiling_pays([Path(log)]) if compiled is None else compiled)
-    facts, chosen = facts_of(config), config.estimator
+    spec = build(config)
+    chosen = spec.estimator
 
     def new(name: str) -> Estimator:
-        return estimator_of(config) if name == chosen.name else create(name, facts)
+        return chosen.create() if name == chosen.name else create(name, chosen.facts)
 
     entries = {name: _Entry(new(name)) for name in (names or REGISTRY)}
     blocks: list[ModelBlock] = []
     notes: list[str] = []
     if compiled and not on:
         notes.append("--compiled: numba is not there, or has nowhere to keep what it compiles: interpreted")
-    for plain, excited in _samples(config, log, channel, progress, notes):
+    for plain, excited in _samples(config, spec, log, channel, progress, notes):
         blocks.append(plain[0])
         for name, entry in entries.items():
             block, again = excited if entry.estimator.wants_excitation_gate else plain
@@ -125,11 +127,17 @@ _Samples = tuple[ModelBlock, bool]  #: and whether estimators must begin anew be
 
 
 def _samples(
-    config: Config, log: str | Path, channel: str | None, progress: Progress | None, notes: list[str]
+    config: Config,
+    spec: PipelineSpec,
+    log: str | Path,
+    channel: str | None,
+    progress: Progress | None,
+    notes: list[str],
 ) -> Iterator[tuple[_Samples, _Samples]]:
     """Yield the samples of a log, without and with the low-excitation gate; add to ``notes`` at its end."""
-    intake, grid, tables = Intake(config), grid_for(config), TableMap(config, log)
-    plain, excited = (ModelStream(config, excitation_gate=gate) for gate in (False, True))
+    intake, grid = Intake(spec.intake), Grid(spec.grid.channels, spec.grid.hold_us)
+    tables = TableMap(config, log)
+    plain, excited = (ModelStream(spec.model, spec.assumed, excitation_gate=gate) for gate in (False, True))
 
     def both(ticks: GridBlock) -> Iterator[tuple[_Samples, _Samples]]:
         return zip(plain.process(ticks), excited.process(ticks), strict=True)

@@ -7,11 +7,11 @@ What was learned until then is as wrong as the number that stood in.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from canest.config.schema import Config
 from canest.estimators.base import Estimator
 from canest.grid.grid import GridBlock
 
@@ -21,18 +21,30 @@ TOLERANCE = 0.01
 DOUBT = 0.5
 
 
-class StandIns:
-    """Knows which numbers still stand in for something that has not been heard."""
+@dataclass(frozen=True, slots=True)
+class AssumedConstants:
+    """Role -> the number assumed for it, and by how much the reported one may differ (same unit)."""
 
-    def __init__(self, config: Config) -> None:
-        vehicle = config.vehicle
-        reference_Nm = vehicle.reference_torque_Nm or np.inf  # without one nothing was learned
+    numbers: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @staticmethod
+    def of(
+        roles: Collection[str], reference_torque_Nm: float | None, friction_torque_pct: float
+    ) -> AssumedConstants:
+        """Return the constants of those roles that the bus reports."""
+        reference_Nm = reference_torque_Nm or math.inf  # without one nothing was learned
         numbers = {
             "reference_torque": (reference_Nm, TOLERANCE * reference_Nm),
-            "engine_friction_pct": (vehicle.friction_torque_pct, 100.0 * TOLERANCE),
+            "engine_friction_pct": (friction_torque_pct, 100.0 * TOLERANCE),
         }
-        in_percent = "engine_torque_pct" in config.signals
-        self._assumed = {r: n for r, n in numbers.items() if in_percent and r in config.signals}
+        return AssumedConstants({role: n for role, n in numbers.items() if role in roles})
+
+
+class AssumedConstantsCheck:
+    """Compares each assumed constant with the first reported one."""
+
+    def __init__(self, assumed: AssumedConstants) -> None:
+        self._assumed = dict(assumed.numbers)
 
     def parts(self, ticks: GridBlock) -> Iterator[tuple[GridBlock, bool]]:
         """Yield ticks in parts, each with whether it begins where something else is heard than stood in."""

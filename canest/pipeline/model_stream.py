@@ -5,26 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from canest.config.schema import Config
 from canest.core.samples import ModelBlock
 from canest.grid.grid import GridBlock
-from canest.pipeline.assumed_constants import StandIns
+from canest.pipeline.assumed_constants import AssumedConstants, AssumedConstantsCheck
 from canest.vehicle.model_samples import Regression
+from canest.vehicle.spec import ModelSpec
 
 
 class ModelStream:
     """Carries the model of one stream; what was learned with a number that is refuted is void."""
 
-    def __init__(self, config: Config, *, excitation_gate: bool) -> None:
-        self._regression = Regression(config, excitation_gate=excitation_gate)
-        self._stand_ins = StandIns(config)
+    def __init__(self, model: ModelSpec, assumed: AssumedConstants, *, excitation_gate: bool) -> None:
+        self._regression = Regression(model, excitation_gate=excitation_gate)
+        self._assumed = AssumedConstantsCheck(assumed)
         self._learned = False
         #: role -> ticks on which it was frozen (see `Frozen`)
         self.frozen = self._regression.frozen.counts
 
     def process(self, ticks: GridBlock) -> Iterator[tuple[ModelBlock, bool]]:
         """Yield samples, in parts, and whether estimators must begin anew before each (`doubting`)."""
-        for part, refuted in self._stand_ins.parts(ticks):
+        for part, refuted in self._assumed.parts(ticks):
             anew = refuted and self._learned
             block = self._regression.process(replace(part, continues=False) if anew else part)
             self._learned = self._learned or not block.gate.all()

@@ -17,19 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canest.config.schema import Config
-from canest.core.errors import ConfigError
 from canest.core.frames import FloatColumn, FrameBlock, IntColumn
 from canest.core.gates import LABELS
-from canest.core.samples import EstimateBlock, ModelBlock, VehicleFacts
+from canest.core.samples import EstimateBlock, ModelBlock
 from canest.decode.decoder import Decoder
-from canest.estimators.base import Estimator, create
 from canest.grid.clock import Clock
-from canest.grid.grid import Feed, GridBlock
+from canest.grid.grid import Feed, Grid, GridBlock
 from canest.pipeline.assumed_constants import doubting
-from canest.pipeline.intake import Intake, grid_for, hold_us
+from canest.pipeline.build import build
+from canest.pipeline.intake import Intake
 from canest.pipeline.model_stream import ModelStream
-from canest.pipeline.signal_map import resolution_of
-from canest.vehicle.butterworth import butterworth, delay_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +67,12 @@ class Pipeline:
     """Carries every stage's state for one stream."""
 
     def __init__(self, config: Config, *, listener: Listener | None = None) -> None:
-        self.config = config
-        self.intake = Intake(config)
-        self._grid = grid_for(config)
-        self.estimator = estimator_of(config)
-        self._model = ModelStream(config, excitation_gate=self.estimator.wants_excitation_gate)
+        self._spec = spec = build(config)
+        self.intake = Intake(spec.intake)
+        self._grid = Grid(spec.grid.channels, spec.grid.hold_us)
+        self.estimator = spec.estimator.create()
+        gate = self.estimator.wants_excitation_gate
+        self._model = ModelStream(spec.model, spec.assumed, excitation_gate=gate)
         self._listener = listener
         self._remembered: tuple[float, float] | None = None
         self._mass_kg = math.nan
@@ -106,7 +104,7 @@ class Pipeline:
         """
         done: list[Estimates] = []
         if self.clock.last_us is not None:
-            end = min(t_us, self.clock.last_us + hold_us(self.config))
+            end = min(t_us, self.clock.last_us + self._spec.grid.hold_us)
             self._emit(self._grid.ticks_until(end, inclusive=False), done)
         return Estimates.concatenate(done)
 
@@ -163,7 +161,7 @@ class Pipeline:
             return
         for samples, anew in self._model.process(ticks):
             if anew:
-                self.estimator = doubting(estimator_of(self.config), self._mass_kg, self._remembered)
+                self.estimator = doubting(self._spec.estimator.create(), self._mass_kg, self._remembered)
             self._estimate(samples, done)
 
     def _estimate(self, samples: ModelBlock, done: list[Estimates]) -> None:
@@ -179,33 +177,3 @@ class Pipeline:
         done.append(
             Estimates(samples.t_us, e.mass_kg, e.mass_std_kg, e.grade, e.grade_std, e.status, samples.gate)
         )
-
-
-def estimator_of(config: Config) -> Estimator:
-    """Return a config's estimator. Errors: ConfigError that names the place in the config."""
-    chosen = config.estimator
-    try:
-        return create(chosen.name, facts_of(config), chosen.options)
-    except ConfigError as error:
-        raise ConfigError(
-            error.what, where=config.at(error.where), found=error.found, expected=error.expected
-        ) from error
-
-
-def facts_of(config: Config) -> VehicleFacts:
-    """Return what the estimator may know of the vehicle."""
-    v = config.vehicle
-    resolution = resolution_of(config)
-    return VehicleFacts(
-        mass_min_kg=v.mass_min_kg,
-        mass_max_kg=v.mass_max_kg,
-        initial_mass_kg=config.estimator.initial_mass_kg,
-        initial_grade=config.estimator.initial_grade,
-        rolling_resistance=v.rolling_resistance,
-        pitch_rad_per_mps2=v.accelerometer.pitch_rad_per_mps2,
-        speed_step_mps=resolution["speed"],
-        torque_step_Nm=resolution["torque"],
-        accelerometer_step_mps2=resolution["accelerometer"],
-        has_accelerometer="longitudinal_accel" in config.signals,
-        filter_delay_s=delay_s(butterworth(config.filter.order, config.filter.cutoff_hz)),
-    )

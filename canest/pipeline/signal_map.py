@@ -22,7 +22,7 @@ SAYS_J1939 = 'a DBC that says J1939 (VFrameFormat "J1939PG", or ProtocolType "J1
 
 
 def decoder_for(config: Config) -> Decoder:
-    """Return the decoder of a config's DBC signals (one that listens to nothing for a table-only config).
+    """Return the decoder of a config's DBC signals (one without wants for a table-only config).
 
     Errors: ConfigError naming the key, what was found and what was expected.
     """
@@ -30,7 +30,7 @@ def decoder_for(config: Config) -> Decoder:
 
 
 def wants_of(config: Config) -> dict[str, Want]:
-    """Return the DBC signals of a config, resolved. Errors: as `decoder_for`."""
+    """Return role -> DBC signal. Errors: ConfigError as above."""
     databases = databases_of(config)
     wants: dict[str, Want] = {}
     for role, source in config.signals.items():
@@ -112,7 +112,7 @@ def resolution_of(config: Config) -> dict[str, float]:
         "gps_speed": 1.0,
     }
     steps = {"speed": 0.01, "torque": 0.005 * reference, "accelerometer": 0.02}
-    speed = speed_in_use(config)
+    speed = speed_in_use(config.signals, config.vehicle)
     step = step_of(config, speed)
     if step is not None:
         steps["speed"] = step * speeds[speed]

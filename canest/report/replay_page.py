@@ -11,6 +11,7 @@ import numpy as np
 
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.samples import RATE_HZ
+from canest.pipeline.build import model_spec
 from canest.report import figure as look
 from canest.report.figure import Rows, numbers, with_gaps
 from canest.report.gates import OPEN_COLOUR, spans_of
@@ -153,7 +154,9 @@ def _drive(
 def _motion(rows: Rows, x: list[float | None], columns: dict[str, FloatColumn], config: Config) -> None:
     """Draw what the model was given, rows 3 to 6; a gap where it is not known."""
     rows.line(3, x, numbers(columns["raw_speed_mps"] * 3.6, 2), "speed", look.ORANGE, hover="%{y:.1f} km/h")
-    torque = "torque at the wheels" if LongitudinalModel(config).at_wheels else "net engine torque"
+    torque = (
+        "torque at the wheels" if LongitudinalModel(model_spec(config)).at_wheels else "net engine torque"
+    )
     rows.line(4, x, numbers(columns["raw_torque_Nm"], 0), torque, look.GREEN, width=1.2,
               hover="%{y:,.0f} N m")  # fmt: skip
     gear = _gear(columns["force_per_torque_1pm"], config)
@@ -198,7 +201,7 @@ def _fit_mass_axis(rows: Rows, columns: dict[str, FloatColumn], config: Config) 
 def _gear(per_torque_1pm: FloatColumn, config: Config) -> FloatColumn:
     """Return the gear whose ratio is nearest to the force per crank torque, NaN in neutral."""
     v = config.vehicle
-    if not v.gear_ratios or torque_role(config) in AT_WHEELS:
+    if not v.gear_ratios or torque_role(config.signals, config.vehicle) in AT_WHEELS:
         return np.full(len(per_torque_1pm), np.nan)
     gears = np.array(sorted(v.gear_ratios), np.float64)
     ratios = np.array([v.gear_ratios[int(g)] for g in gears]) * v.final_drive / v.wheel_radius_m

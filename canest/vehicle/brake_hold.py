@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from canest.config.schema import Config
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.samples import RATE_HZ, STEP_US
 from canest.grid.grid import GridBlock
+from canest.vehicle.spec import ModelSpec
 
 #: for so long a brake is taken to act on as it did last; a controller that stays dead brakes no more
 LOST_S = 60.0
@@ -19,8 +19,8 @@ _NEVER = -(1 << 62)
 class LostBrakes:
     """Carries the last known value of every brake and retarder; repeats it where it is lost while it acts."""
 
-    def __init__(self, config: Config) -> None:
-        gates = config.gates
+    def __init__(self, spec: ModelSpec) -> None:
+        gates = spec.gates
         levels = {
             "brake_switch": 0.5,
             "parking_brake": 0.5,
@@ -28,7 +28,7 @@ class LostBrakes:
             "brake_pedal": gates.brake.pedal_pct,
             "retarder_torque_pct": gates.retarder.torque_pct,
         }
-        self._levels = {role: level for role, level in levels.items() if role in config.signals}
+        self._levels = {role: level for role, level in levels.items() if role in spec.roles}
         self._last = dict.fromkeys(self._levels, (_NEVER, 0.0))
 
     def fill(self, ticks: GridBlock) -> GridBlock:

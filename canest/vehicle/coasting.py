@@ -11,13 +11,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.config.schema import Config
 from canest.core.columns import constant
 from canest.core.frames import BoolColumn
 from canest.core.gates import Gate
 from canest.core.roles import BRAKES
 from canest.grid.grid import GridBlock
 from canest.vehicle.model import RawModel
+from canest.vehicle.spec import ModelSpec
 
 #: gates that an open driveline closes by itself
 PARTED_BY = (Gate.SHIFT, Gate.DRIVELINE)
@@ -32,10 +32,10 @@ _IDLE_SHARE, _SHIFT_TICKS = 0.05, 150
 class Coasting:
     """Carries when the driveline was last closed, when the vehicle last stood and what else acts on it."""
 
-    def __init__(self, config: Config, *, at_wheels: bool) -> None:
-        self._standstill_mps = config.gates.low_speed.min_mps
-        reference = config.vehicle.reference_torque_Nm
-        pedal = ("accelerator",) if config.gates.brake.assume_when_pedal_released else ()
+    def __init__(self, spec: ModelSpec, *, at_wheels: bool) -> None:
+        self._standstill_mps = spec.gates.low_speed.min_mps
+        reference = spec.vehicle.reference_torque_Nm
+        pedal = ("accelerator",) if spec.gates.brake.assume_when_pedal_released else ()
         self._brakes = (*BRAKES, *pedal)
         self._reference_Nm = math.nan if reference is None else reference
         self._at_wheels = at_wheels

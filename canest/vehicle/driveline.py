@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from canest.config.vehicle import Vehicle
 from canest.core.columns import constant
 from canest.core.frames import BoolColumn, FloatColumn
+from canest.vehicle.facts import Vehicle
 from canest.vehicle.working_columns import Columns
 
 #: the engine's speed through the gear and the road's differ by a tyre's size and a message's delay

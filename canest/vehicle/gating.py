@@ -7,7 +7,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.config.schema import Config
 from canest.core import jit
 from canest.core.columns import constant, shifted
 from canest.core.frames import BoolColumn, FloatColumn
@@ -18,6 +17,7 @@ from canest.vehicle.coasting import PARTED_BY, Coasting
 from canest.vehicle.driveline import ROAD_SPEED_LATE_S, parted
 from canest.vehicle.model import LongitudinalModel, RawModel
 from canest.vehicle.range_rate_check import JUMP, MAX_ACCEL_MPS2, SPEED_SLACK_MPS
+from canest.vehicle.spec import ModelSpec
 
 #: two speeds of one vehicle may differ by slip and tyre size, besides `SPEED_SLACK_MPS`
 SPEED_MISMATCH_SHARE = 0.15
@@ -31,23 +31,23 @@ _CAUSES: list[Gate] = [g for g in Gate if g not in (Gate.OPEN, Gate.LOW_EXCITATI
 class Gating:
     """Closes the gates and opens them again after each one's recovery dwell; carries the dwell."""
 
-    def __init__(self, config: Config, model: LongitudinalModel) -> None:
-        self._gates, self._model = config.gates, model
-        watched = (r for r, s in config.signals.items() if not s.optional)
+    def __init__(self, spec: ModelSpec, model: LongitudinalModel) -> None:
+        self._gates, self._model = spec.gates, model
+        watched = (role for role in spec.roles if role in spec.required)
         self._needed = dict.fromkeys((*model.required_roles(), *watched))
-        self._gearing = [role for role in ("gear_ratio", "gear") if role in config.signals]
+        self._gearing = [role for role in ("gear_ratio", "gear") if role in spec.roles]
         self._aging = {*model.speed_roles, *self._needed, *self._gearing}
-        self._pedal_only = config.gates.brake.assume_when_pedal_released
-        sections = {g: getattr(config.gates, g.label) for g in _CAUSES}
+        self._pedal_only = spec.gates.brake.assume_when_pedal_released
+        sections = {g: getattr(spec.gates, g.label) for g in _CAUSES}
         self._dwell_ticks: dict[Gate, int] = {
             g: round(s.recovery_s * RATE_HZ) for g, s in sections.items() if s.enabled
         }
-        self._settle_ticks = round(config.gates.stale.recovery_s * RATE_HZ)
+        self._settle_ticks = round(spec.gates.stale.recovery_s * RATE_HZ)
         self._until_tick = self._slack_until_tick = _NEVER
         self._last_ratio = np.nan
         #: where the driveline links engine and wheels no more, in the last block (see `_slack`)
         self.slack: BoolColumn = constant(False, 0)
-        self._coasting = Coasting(config, at_wheels=model.at_wheels)
+        self._coasting = Coasting(spec, at_wheels=model.at_wheels)
         #: where the vehicle coasts with its driveline open, in the last block (see `Coasting`)
         self.coasting: BoolColumn = constant(False, 0)
 
@@ -201,9 +201,9 @@ def _excitation_kernel(force, open_, n, decay, least, state, low):  # type: igno
 class Excitation:
     """The low_excitation gate, against covariance wind-up (2005 paper, section 4.1)."""
 
-    def __init__(self, config: Config) -> None:
-        section = config.gates.low_excitation
-        weight_N = GRAVITY_MPS2 * (config.vehicle.mass_min_kg * config.vehicle.mass_max_kg) ** 0.5
+    def __init__(self, spec: ModelSpec) -> None:
+        section = spec.gates.low_excitation
+        weight_N = GRAVITY_MPS2 * (spec.vehicle.mass_min_kg * spec.vehicle.mass_max_kg) ** 0.5
         self._decay = 1.0 - 1.0 / (section.window_s * RATE_HZ)
         self._least_N = section.force_share * weight_N
         self._state = [0.0, 0.0, 0.0]

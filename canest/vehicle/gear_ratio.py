@@ -7,10 +7,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from canest.config.vehicle import Vehicle
 from canest.core.columns import constant
 from canest.core.frames import FloatColumn, IntColumn
 from canest.decode.validity import GEAR_PARK
+from canest.vehicle.facts import Vehicle
 
 #: a shaft slower than this tells nothing about the ratio, rpm
 MIN_SHAFT_RPM = 50.0

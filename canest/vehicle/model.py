@@ -17,23 +17,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from canest.config.schema import Config
 from canest.core.columns import constant, shifted
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn, Onward
 from canest.core.roles import RADPS_PER_RPM
 from canest.core.samples import STEP_S
 from canest.grid.grid import GridBlock
-from canest.pipeline.signal_map import step_of
 from canest.vehicle.driveline import Clutch, engines_speed
 from canest.vehicle.friction import EngineFriction
 from canest.vehicle.gear_ratio import Gearbox
 from canest.vehicle.range_rate_check import MAX_SPEED_MPS
 from canest.vehicle.role_sources import AT_WHEELS, ratio_ways, speed_roles, torque_role
+from canest.vehicle.spec import ModelSpec
 from canest.vehicle.speed_choice import SpeedChoice
 from canest.vehicle.working_columns import Columns
 
 if TYPE_CHECKING:
-    from canest.vehicle.effects import Effect
+    pass
 
 #: specific gas constant of dry air, J/(kg K)
 AIR_R = 287.05
@@ -71,23 +70,23 @@ class RawModel:
 class LongitudinalModel:
     """Turns grid blocks into forces; carries the last speed (for differences) and the start of the stream."""
 
-    def __init__(self, config: Config) -> None:
-        self.vehicle = config.vehicle
-        self.effects = effects_of(config)
-        self.roles = frozenset(config.signals)
-        self.speed_roles = speed_roles(config)
-        self.torque_role = torque_role(config)
+    def __init__(self, spec: ModelSpec) -> None:
+        self.vehicle = spec.vehicle
+        self.effects = spec.effects
+        self.roles = frozenset(spec.roles)
+        self.speed_roles = speed_roles(spec.roles, spec.vehicle)
+        self.torque_role = torque_role(spec.roles, spec.vehicle)
         #: the torque is measured at the wheels: crank, gear and efficiency do not matter
         self.at_wheels = self.torque_role in AT_WHEELS
-        self.ratio_ways = ratio_ways(config, self.torque_role)
+        self.ratio_ways = ratio_ways(spec.roles, spec.vehicle, self.torque_role)
         self._stages = {
             stage: [e for e in self.effects if e.stage == stage]
             for stage in ("geometry", "crank", "driveline", "speed", "road")
         }
         self._gearbox = Gearbox(self.vehicle)
-        step = step_of(config, _FRICTION) if "engine_speed" in self.roles else None
+        step = spec.friction_step_pct if "engine_speed" in self.roles else None
         self._friction = None if step is None else EngineFriction(step)
-        self._clutch_slip_pct = config.gates.driveline.clutch_slip_pct
+        self._clutch_slip_pct = spec.gates.driveline.clutch_slip_pct
         self._choice = SpeedChoice(self.speed_roles)
         places = {role: k for k, role in enumerate(self.speed_roles)}
         self._late = places.get("vehicle_speed", -1)
@@ -273,12 +272,3 @@ class LongitudinalModel:
         c.accel_mps2 = np.where(np.isnan(before), 0.0, speed - before) / STEP_S
         self._last_speed_mps = float(speed[-1])
         return source, finest
-
-
-def effects_of(config: Config) -> list[Effect]:
-    """Return a config's effects, built."""
-    if not config.effects:
-        return []
-    from canest.vehicle.effects import effect_from_config
-
-    return [effect_from_config(e, f"effects[{i}]") for i, e in enumerate(config.effects)]

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from canest.config.schema import Config
 from canest.core.columns import constant, shifted
 from canest.core.frames import BoolColumn, FloatColumn
 from canest.core.gates import Gate
@@ -17,6 +16,7 @@ from canest.vehicle.butterworth import Filter
 from canest.vehicle.gating import Excitation, Gating
 from canest.vehicle.model import LongitudinalModel, RawModel
 from canest.vehicle.range_rate_check import MAX_SPEED_MPS, MOTION_JUMP
+from canest.vehicle.spec import ModelSpec
 from canest.vehicle.stuck_sensor import Frozen
 from canest.vehicle.working_columns import Columns
 
@@ -46,16 +46,16 @@ class _Held:
 class Regression:
     """Carries the filters, the gates and the last filtered speed; block in, `ModelBlock` out."""
 
-    def __init__(self, config: Config, *, excitation_gate: bool = False) -> None:
-        self.model = LongitudinalModel(config)
-        self._gating = Gating(config, self.model)
-        self.frozen = Frozen(config)
-        self._brakes = LostBrakes(config)
-        wanted = config.gates.low_excitation.enabled
+    def __init__(self, spec: ModelSpec, *, excitation_gate: bool = False) -> None:
+        self.model = LongitudinalModel(spec)
+        self._gating = Gating(spec, self.model)
+        self.frozen = Frozen(spec)
+        self._brakes = LostBrakes(spec)
+        wanted = spec.gates.low_excitation.enabled
         use = excitation_gate if wanted is None else wanted
-        self._excitation = Excitation(config) if use else None
+        self._excitation = Excitation(spec) if use else None
         names = ("speed", "force", "traction", "aero", "mu", "accelerometer", "undriven")
-        self._filters = {n: Filter(config.filter.order, config.filter.cutoff_hz) for n in names}
+        self._filters = {n: Filter(spec.filter.order, spec.filter.cutoff_hz) for n in names}
         self._held = {n: _Held() for n in names}
         self._last_filtered_mps = np.nan
         self._was_open = False

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from canest.config.schema import Config
 from canest.core.columns import shifted
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 from canest.vehicle.torque_dropout import TorqueScreen
@@ -67,12 +66,12 @@ LIMITS: dict[str, Limit] = {
 }
 
 
-def limits_of(config: Config) -> dict[str, Limit]:
-    """Return the limits of the roles that a config maps."""
-    per_rpm = config.vehicle.mps_per_shaft_rpm
+def limits_of(roles: Iterable[str], mps_per_shaft_rpm: float) -> dict[str, Limit]:
+    """Return the limits of the roles that have one; ``mps_per_shaft_rpm`` scales the output shaft's."""
+    per_rpm = mps_per_shaft_rpm
     shaft = Limit(*(limit / per_rpm for limit in (SPEED_SLACK_MPS, MAX_ACCEL_MPS2, MAX_SPEED_MPS)))
     every = {**LIMITS, "output_shaft_speed": shaft}
-    return {role: every[role] for role in config.signals if role in every}
+    return {role: every[role] for role in roles if role in every}
 
 
 class Screen:

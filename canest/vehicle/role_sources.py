@@ -2,79 +2,81 @@
 
 from __future__ import annotations
 
-from canest.config.schema import Config
+from collections.abc import Collection
+
 from canest.core.errors import ConfigError
 from canest.vehicle.driveline import CLUTCHES
+from canest.vehicle.facts import Vehicle
 from canest.vehicle.range_rate_check import SPEED_ORDER
 
 #: torque roles that are measured where neither crank nor gear matters
 AT_WHEELS = ("wheel_torque", "half_shaft_torque_left")
 
 
-def torque_role(config: Config) -> str:
+def torque_role(roles: Collection[str], vehicle: Vehicle) -> str:
     """Return the role that tells the torque: the nearest to the wheels. Errors: ConfigError for none."""
     for role in ("wheel_torque", "half_shaft_torque_left", "engine_torque", "engine_torque_pct"):
-        if role == "half_shaft_torque_left" and "half_shaft_torque_right" not in config.signals:
+        if role == "half_shaft_torque_left" and "half_shaft_torque_right" not in roles:
             continue
-        if role in config.signals:
+        if role in roles:
             if role == "engine_torque_pct" and not (
-                "reference_torque" in config.signals or config.vehicle.reference_torque_Nm
+                "reference_torque" in roles or vehicle.reference_torque_Nm
             ):
                 raise ConfigError(
                     "is missing, and no signal gives it",
-                    where=config.at("vehicle.reference_torque_Nm"),
+                    where="vehicle.reference_torque_Nm",
                     expected="the engine's 100 % torque in N m (SPN 544)",
                 )
             return role
     raise ConfigError(
         "no torque",
-        where=config.at("signals"),
+        where="signals",
         expected="engine_torque_pct, engine_torque, wheel_torque or both half-shaft torques",
     )
 
 
-def speed_in_use(config: Config) -> str:
+def speed_in_use(roles: Collection[str], vehicle: Vehicle) -> str:
     """Return the role that tells the speed as long as it is heard, '' for none."""
-    return next(iter(_speeds(config)), "")
+    return next(iter(_speeds(roles, vehicle)), "")
 
 
-def motion_roles(config: Config) -> set[str]:
+def motion_roles(roles: Collection[str], vehicle: Vehicle) -> set[str]:
     """Return the speed in use and the accelerometer."""
-    return {speed_in_use(config), "longitudinal_accel"}
+    return {speed_in_use(roles, vehicle), "longitudinal_accel"}
 
 
-def speed_roles(config: Config) -> tuple[str, ...]:
+def speed_roles(roles: Collection[str], vehicle: Vehicle) -> tuple[str, ...]:
     """Return the roles that tell the speed, the finest first. Errors: ConfigError for none."""
-    found = _speeds(config)
+    found = _speeds(roles, vehicle)
     if found:
         return found
-    if "engine_speed" not in config.signals:
+    if "engine_speed" not in roles:
         raise ConfigError(
             "no speed",
-            where=config.at("signals"),
+            where="signals",
             expected="output_shaft_speed, vehicle_speed or another speed",
         )
     raise ConfigError(
         "engine_speed is the only speed, and nothing tells when the clutch is open",
-        where=config.at("signals"),
+        where="signals",
         expected=f"vehicle_speed or another speed, or one of {', '.join(CLUTCHES)}",
     )
 
 
-def _speeds(config: Config) -> tuple[str, ...]:
-    rigid = config.vehicle.has_one_gear or any(role in config.signals for role in CLUTCHES)
+def _speeds(roles: Collection[str], vehicle: Vehicle) -> tuple[str, ...]:
+    rigid = vehicle.has_one_gear or any(role in roles for role in CLUTCHES)
     # where nothing tells when the clutch is open, any other speed is nearer to the truth
-    return tuple(r for r in SPEED_ORDER if r in config.signals and (rigid or r != "engine_speed"))
+    return tuple(r for r in SPEED_ORDER if r in roles and (rigid or r != "engine_speed"))
 
 
-def ratio_ways(config: Config, torque_role: str) -> tuple[tuple[str, ...], ...]:
+def ratio_ways(roles: Collection[str], vehicle: Vehicle, torque: str) -> tuple[tuple[str, ...], ...]:
     """Return the ways to the gear ratio, each the roles that it takes; none where it need not be told.
 
     Errors: ConfigError where there are gears to tell apart and nothing that could.
     """
-    gears, has = config.vehicle.gear_ratios, config.signals
+    gears, has = vehicle.gear_ratios, roles
     ways: list[tuple[str, ...]] = [("gear_ratio",)] if "gear_ratio" in has else []
-    if torque_role in AT_WHEELS or (not ways and not gears):
+    if torque in AT_WHEELS or (not ways and not gears):
         return ()
     if gears and "gear" in has:
         ways.append(("gear",))
@@ -85,7 +87,7 @@ def ratio_ways(config: Config, torque_role: str) -> tuple[tuple[str, ...], ...]:
     if not ways:
         raise ConfigError(
             f"nothing tells which of the {len(gears)} vehicle.gear_ratios is engaged",
-            where=config.at("signals"),
+            where="signals",
             expected="gear_ratio, gear, or engine_speed with output_shaft_speed or vehicle_speed",
         )
     return tuple(ways)

@@ -15,14 +15,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from canest.config.schema import Config
 from canest.core.columns import shifted
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn
-from canest.core.roles import LASTING, ROLES
+from canest.core.roles import LASTING
 from canest.core.samples import RATE_HZ, STEP_US
 from canest.grid.grid import GridBlock
 from canest.vehicle.range_rate_check import MAX_ACCEL_MPS2
 from canest.vehicle.role_sources import speed_in_use
+from canest.vehicle.spec import ModelSpec
 
 #: the grid holds a value as long as it may age; one that stands for so many times that is repeated
 REPEATED = 3.0
@@ -37,20 +37,18 @@ _ACCELEROMETER = "longitudinal_accel"
 
 
 class Frozen:
-    """Watches a config's accelerometer by the speed in use; counts the ticks on which it was frozen."""
+    """Watches the accelerometer by the speed in use; counts the ticks on which it was frozen."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, spec: ModelSpec) -> None:
         self.counts: Counter[str] = Counter()
-        signals, self._speed = config.signals, speed_in_use(config)
-        self._watches = _ACCELEROMETER in signals and self._speed not in ("", *_NO_WITNESS)
-        if not self._watches:
+        source, self._speed = spec.accelerometer, speed_in_use(spec.roles, spec.vehicle)
+        self._watches = source is not None and self._speed not in ("", *_NO_WITNESS)
+        if source is None or not self._watches:
             return
-        stale_s = signals[_ACCELEROMETER].stale_s
-        stale_s = ROLES[_ACCELEROMETER].stale_s if stale_s is None else stale_s
-        self._least_ticks = REPEATED * stale_s * RATE_HZ
-        #: all that comes in the same message, itself included
-        self._mates = [role for role in signals if role not in LASTING and _together(config, role)]
-        self._scale = _metres(config, self._speed)
+        self._least_ticks = REPEATED * source.stale_s * RATE_HZ
+        self._mates = [role for role in source.same_message if role not in LASTING]
+        by_shaft = self._speed == "output_shaft_speed"
+        self._scale = spec.vehicle.mps_per_shaft_rpm if by_shaft else 1.0  #: m/s per unit of the role
         self._value, self._since_tick = math.nan, 0
         self._past = np.full(MEAN_TICKS + APART_TICKS, np.nan)
         self._quickest = 0.0
@@ -104,16 +102,3 @@ class Frozen:
         mean = (speed[MEAN_TICKS:] - speed[:-MEAN_TICKS]) * (RATE_HZ / MEAN_TICKS)
         changes = np.abs(mean[APART_TICKS:] - mean[:-APART_TICKS])
         return np.where(changes <= MAX_ACCEL_MPS2, changes, 0.0)  # beyond it is damage
-
-
-def _metres(config: Config, speed: str) -> float:
-    """Return m/s per unit of a role that tells a speed."""
-    return config.vehicle.mps_per_shaft_rpm if speed == "output_shaft_speed" else 1.0
-
-
-def _together(config: Config, role: str) -> bool:
-    """Return whether a role comes in the accelerometer's message, from its sender."""
-    a, b = config.signals[_ACCELEROMETER], config.signals[role]
-    return role == _ACCELEROMETER or (
-        a.message is not None and (a.message, a.source) == (b.message, b.source)
-    )

@@ -14,17 +14,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Collection
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from canest.core.columns import shifted
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn
-from canest.core.roles import conversion
-
-if TYPE_CHECKING:
-    from canest.config.schema import Config
+from canest.vehicle.facts import Vehicle
 
 #: a dropout is at most so many reports long, and its neighbours lie at most so far apart
 DROPOUT_REPORTS, DROPOUT_US = 3, 450_000
@@ -130,22 +127,33 @@ class TorqueScreen:
         return len(self._dropouts) == PROVEN and stamp - self._dropouts[0] <= PROVEN_US
 
 
-def torque_screens(config: Config) -> dict[str, TorqueScreen]:
-    """Return a screen for every torque that a config maps: role -> `TorqueScreen`."""
-    v = config.vehicle
-    ratio = min(v.gear_ratios.values(), default=1.0) * v.final_drive
-    screens = {}
+class TorqueLimit(NamedTuple):
+    """What a torque may read; see `TorqueScreen`. All in the unit of the role."""
+
+    far: float
+    most: float = math.inf
+    ends: tuple[float, ...] = ()
+
+
+def torque_limits(
+    roles: Collection[str], vehicle: Vehicle, factors: Mapping[str, float]
+) -> dict[str, TorqueLimit]:
+    """Return the limits of every torque role that is mapped.
+
+    factors: role -> what a number of its table column is multiplied by (none for a DBC signal).
+    """
+    ratio = min(vehicle.gear_ratios.values(), default=1.0) * vehicle.final_drive
+    limits = {}
     for role in (*_ENGINE, *_WHEELS):
-        if role not in config.signals:
+        if role not in roles:
             continue
-        per_mps2 = v.wheel_radius_m / (ratio if role in _ENGINE else 1.0)
-        far, most = _FAR_MPS2 * v.mass_min_kg * per_mps2, _MOST_MPS2 * v.mass_max_kg * per_mps2
+        per_mps2 = vehicle.wheel_radius_m / (ratio if role in _ENGINE else 1.0)
+        far = _FAR_MPS2 * vehicle.mass_min_kg * per_mps2
+        most = _MOST_MPS2 * vehicle.mass_max_kg * per_mps2
         if role == "engine_torque_pct":
             far, most = _FAR_PCT, _MOST_PCT
         elif role == "engine_torque":
             most = min(most, _MOST_ENGINE_NM)
-        source = config.signals[role]
-        converted = conversion(role, source.unit or "") if source.column is not None else None
-        ends = [end * (converted[0] * source.scale) for end in _TYPE_ENDS] if converted else []
-        screens[role] = TorqueScreen(far, most, ends)
-    return screens
+        ends = tuple(end * factors[role] for end in _TYPE_ENDS) if role in factors else ()
+        limits[role] = TorqueLimit(far, most, ends)
+    return limits

@@ -111,6 +111,6 @@ def test_every_shipped_config_has_its_speeds_limited(name):
     from canest.vehicle.role_sources import motion_roles
 
     config = load_config(name)
-    limited = limits_of(config)
+    limited = limits_of(config.signals, config.vehicle.mps_per_shaft_rpm)
     assert any("speed" in role for role in limited)
-    assert motion_roles(config) & set(config.signals)
+    assert motion_roles(config.signals, config.vehicle) & set(config.signals)

@@ -14,9 +14,10 @@ from canest.config import load_config, parse_config
 from canest.core.frames import FrameBlock
 from canest.demo import DRIVE
 from canest.logs.reader import open_log
+from canest.pipeline.build import intake_spec
 from canest.pipeline.pipeline import Pipeline
 from canest.vehicle import torque_dropout as module
-from canest.vehicle.torque_dropout import TorqueScreen, torque_screens
+from canest.vehicle.torque_dropout import TorqueScreen
 
 EEC1_US = 20_000
 PROVE = [60.0, 0.0, 60.0, 0.0]  # two dropouts
@@ -97,7 +98,8 @@ def test_tables_too(source, end):
         "reference_torque_Nm: 2100}\n"
         f"dbc: []\nsignals: {{{source}, vehicle_speed: {{column: v, unit: km/h}}}}\n"
     )
-    (screen,) = torque_screens(config).values()
+    (limit,) = intake_spec(config).torque.values()
+    screen = TorqueScreen(*limit)
     assert passed([90.0, end, 91.0], screen=screen) == [90.0, 91.0]
 
 

@@ -12,6 +12,7 @@ from vehicle_helpers import FINAL_DRIVE, RADIUS_M, config, ticks
 from canest.config.schema import Config
 from canest.core.errors import ConfigError
 from canest.core.gates import Gate
+from canest.pipeline.build import model_spec
 from canest.pipeline.signal_map import resolution_of
 from canest.vehicle.model import LongitudinalModel
 from canest.vehicle.model_samples import Regression
@@ -20,6 +21,10 @@ from canest.vehicle.stuck_sensor import Frozen
 
 RATIO = 4.0 * FINAL_DRIVE
 N = 100
+
+
+def facts(of):
+    return of.signals, of.vehicle
 
 
 def rpm(speed_mps: float) -> float:
@@ -36,7 +41,7 @@ TRUCK: dict[str, Any] = {
 
 def speed(**changes: Any) -> np.ndarray:
     signals = TRUCK | changes
-    return LongitudinalModel(config(list(signals))).process(ticks(signals)).speed_mps
+    return LongitudinalModel(model_spec(config(list(signals)))).process(ticks(signals)).speed_mps
 
 
 def test_in_gear_it_is() -> None:
@@ -52,7 +57,7 @@ def test_where_nothing_has_ever_told_when_the_clutch_is_open_it_is_not() -> None
     assert np.isnan(speed(driveline_engaged=math.nan)).all()
     assert speed(driveline_engaged=math.nan, vehicle_speed=8.4) == pytest.approx([8.4] * 2)
     one_gear = config(list(TRUCK), vehicle={"gear_ratios": {1: 4.0}})
-    raw = LongitudinalModel(one_gear).process(ticks(TRUCK | {"driveline_engaged": math.nan}))
+    raw = LongitudinalModel(model_spec(one_gear)).process(ticks(TRUCK | {"driveline_engaged": math.nan}))
     assert raw.speed_mps == pytest.approx([8.0] * 2)
 
 
@@ -86,10 +91,10 @@ def test_an_engine_that_idles_in_gear_with_its_clutch_open_stands() -> None:
 def test_the_only_speed_needs_someone_who_tells_of_the_clutch() -> None:
     roles = ["engine_torque", "engine_speed", "gear_ratio"]
     with pytest.raises(ConfigError, match=r"engine_speed is the only speed.*or one of driveline_engaged"):
-        speed_roles(config(roles))
-    assert speed_roles(config([*roles, "clutch_switch"])) == ("engine_speed",)
-    assert speed_roles(config(roles, vehicle={"gear_ratios": {1: 9.7}})) == ("engine_speed",)
-    assert speed_roles(config([*roles, "vehicle_speed"])) == ("vehicle_speed",)
+        speed_roles(*facts(config(roles)))
+    assert speed_roles(*facts(config([*roles, "clutch_switch"]))) == ("engine_speed",)
+    assert speed_roles(*facts(config(roles, vehicle={"gear_ratios": {1: 9.7}}))) == ("engine_speed",)
+    assert speed_roles(*facts(config([*roles, "vehicle_speed"]))) == ("vehicle_speed",)
 
 
 @pytest.mark.parametrize(
@@ -105,7 +110,7 @@ def test_without_a_word_of_the_clutch_an_engine_that_differs_tells(engine_mps, a
         "gear_ratio": np.full(N, 4.0),
         "vehicle_speed": road,
     }
-    gate = Regression(config(list(values))).process(ticks(values, N)).gate
+    gate = Regression(model_spec(config(list(values)))).process(ticks(values, N)).gate
     assert (gate[-1] == Gate.DRIVELINE) == parted
 
 
@@ -117,7 +122,7 @@ def test_an_engine_that_the_road_denies_drives_nothing(clutch, engine_mps) -> No
     """Whatever the clutch says of itself: its torque is not at the wheels, or the road speed is frozen."""
     values = TRUCK | {"engine_speed": rpm(engine_mps), "vehicle_speed": 8.0} | clutch
     del values["driveline_engaged"]
-    gate = Regression(config(list(values))).process(ticks(values, N)).gate
+    gate = Regression(model_spec(config(list(values)))).process(ticks(values, N)).gate
     assert gate[-1] == Gate.DRIVELINE
 
 
@@ -126,7 +131,7 @@ def test_where_the_road_takes_over_from_the_engine_the_step_between_them_teaches
     t = np.arange(2 * N) * 0.02
     engine_mps = 8.0 + np.maximum(t - 2.0, 0.0) * 3.0  # a clutch that begins to slip
     values = TRUCK | {"engine_speed": rpm(1.0) * engine_mps, "vehicle_speed": 8.0}
-    block = Regression(config(list(values))).process(ticks(values, 2 * N))
+    block = Regression(model_spec(config(list(values)))).process(ticks(values, 2 * N))
     assert (block.gate[:100] == 0)[-1]
     by_road = block.raw_speed_mps == 8.0
     assert by_road[-1]
@@ -136,11 +141,11 @@ def test_where_the_road_takes_over_from_the_engine_the_step_between_them_teaches
 def test_what_is_not_used_as_a_speed_is_none_for_screen_and_watch_either() -> None:
     """EEC1 and CCVS1: a brake that the road speed shows convicts an accelerometer."""
     roles = ["engine_torque", "engine_speed", "vehicle_speed", "longitudinal_accel"]
-    assert motion_roles(config(roles)) == {"vehicle_speed", "longitudinal_accel"}
-    assert motion_roles(config([*roles, "clutch_slip"])) == {"engine_speed", "longitudinal_accel"}
+    assert motion_roles(*facts(config(roles))) == {"vehicle_speed", "longitudinal_accel"}
+    assert motion_roles(*facts(config([*roles, "clutch_slip"]))) == {"engine_speed", "longitudinal_accel"}
     speed = 10.0 - 3.0 * np.clip(np.arange(300) * 0.02 - 3.0, 0.0, 2.0)
     values = {"engine_torque": 0.0, "engine_speed": 900.0, "vehicle_speed": speed, "longitudinal_accel": 0.1}
-    silent = Frozen(config(roles)).silence(ticks(values, 300))
+    silent = Frozen(model_spec(config(roles))).silence(ticks(values, 300))
     assert np.isnan(silent.values["longitudinal_accel"][-1])
 
 

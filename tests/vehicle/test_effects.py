@@ -22,7 +22,7 @@ from vehicle_helpers import (
 
 from canest.core.errors import ConfigError
 from canest.core.samples import GRAVITY_MPS2
-from canest.pipeline.intake import TORQUE_ROLES, grid_for
+from canest.pipeline.build import TORQUE_ROLES, grid_spec, model_spec
 from canest.vehicle.effects import EFFECTS, effect_from_config
 from canest.vehicle.model import LongitudinalModel, RawModel
 
@@ -55,7 +55,7 @@ REGIMES: list[tuple[str, dict[str, Any]]] = [
 
 def process(*effects: dict[str, Any], **signals: Any) -> RawModel:
     values = SIGNALS | signals
-    model = LongitudinalModel(config(list(values), effects))
+    model = LongitudinalModel(model_spec(config(list(values), effects)))
     model.process(ticks(values))
     return model.process(ticks(values, first=2, continues=True))
 
@@ -212,12 +212,14 @@ def test_without_an_engine_speed_a_load_turns_with_the_wheels() -> None:
     effect = entry("switched_load", power_kW=20.0)
     for speeds in ({}, {"output_shaft_speed": None, "vehicle_speed": V}):
         known = {role: value for role, value in (values | speeds).items() if value is not None}
-        raw = LongitudinalModel(config(list(known), [effect])).process(ticks(known))
+        raw = LongitudinalModel(model_spec(config(list(known), [effect]))).process(ticks(known))
         assert raw.traction_N[1] == pytest.approx(TRACTION_N - 20_000 / ENGINE_RADPS * PER_TORQUE)
 
 
 def test_tyres_stay_warm_when_the_clock_is_set_back() -> None:
-    model = LongitudinalModel(config(list(SIGNALS), [entry("rolling_warmup", crr_cold=0.002, tau_s=300.0)]))
+    model = LongitudinalModel(
+        model_spec(config(list(SIGNALS), [entry("rolling_warmup", crr_cold=0.002, tau_s=300.0)]))
+    )
     mu = [model.process(ticks(SIGNALS, first=first)).columns.mu[0] for first in (180_000, 195_000, 15_000)]
     assert mu[0] == pytest.approx(MU + 0.002)
     assert mu[1] == pytest.approx(MU + 0.002 * math.exp(-1.0), rel=1e-3)  # 15,000 ticks are 300 s
@@ -225,7 +227,7 @@ def test_tyres_stay_warm_when_the_clock_is_set_back() -> None:
 
 
 def test_a_torque_delay_makes_the_grid_wait() -> None:
-    late = grid_for(config(list(SIGNALS), [entry("torque_delay", delay_s=0.06)]))
-    delays = {c.role: c.delay_us for c in late._channels}
+    late = grid_spec(config(list(SIGNALS), [entry("torque_delay", delay_s=0.06)]))
+    delays = {c.role: c.delay_us for c in late.channels}
     assert {r for r, d in delays.items() if d == 60_000} == {r for r in SIGNALS if r in TORQUE_ROLES}
     assert {d for r, d in delays.items() if r not in TORQUE_ROLES} == {0}

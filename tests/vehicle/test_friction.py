@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from vehicle_helpers import ticks
 
 from canest.config.load import load_config
+from canest.pipeline.build import model_spec
 from canest.vehicle.friction import EngineFriction
 from canest.vehicle.model import LongitudinalModel
 
@@ -106,7 +107,7 @@ def test_the_models_torque_is_less_this_friction():
         "gear": np.full(n, 9.0),
     }
     values = dict.fromkeys(config.signals, np.full(n, np.nan)) | values
-    found = LongitudinalModel(config).process(ticks(values, n)).columns.torque_Nm
+    found = LongitudinalModel(model_spec(config)).process(ticks(values, n)).columns.torque_Nm
     friction = 40.0 - found / 21.0
     late = slice(60 * 50, None)
     assert np.abs(friction - true)[late].max() < 0.15

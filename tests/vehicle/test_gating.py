@@ -11,6 +11,7 @@ from vehicle_helpers import FINAL_DRIVE, RADIUS_M, config, ticks
 
 from canest.core.gates import Gate
 from canest.core.samples import ModelBlock
+from canest.pipeline.build import model_spec
 from canest.vehicle.model_samples import Regression
 
 V = 15.0
@@ -50,7 +51,7 @@ class Drive:
 
     def __init__(self, signals: dict[str, Any] | None = None, **more: Any) -> None:
         self.signals = DRIVING if signals is None else signals
-        self.regression = Regression(config(list(self.signals), **more))
+        self.regression = Regression(model_spec(config(list(self.signals), **more)))
         self.next = 0
         self.go(100)
 

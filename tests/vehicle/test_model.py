@@ -20,6 +20,7 @@ from vehicle_helpers import (
     ticks,
 )
 
+from canest.pipeline.build import model_spec
 from canest.vehicle.model import LongitudinalModel, RawModel
 
 RATIO = 2.0 * FINAL_DRIVE
@@ -44,7 +45,7 @@ SIGNALS = {
 def process(changes: dict[str, Any] | None = None, **more: Any) -> RawModel:
     signals = SIGNALS | (changes or {})
     signals = {r: v for r, v in signals.items() if v is not None}
-    return LongitudinalModel(config(list(signals), **more)).process(ticks(signals))
+    return LongitudinalModel(model_spec(config(list(signals), **more))).process(ticks(signals))
 
 
 def test_a_pulling_engine() -> None:
@@ -157,7 +158,7 @@ def test_where_the_ratio_comes_from(signals: dict[str, Any], ratio: float, gear:
 def test_a_reported_ratio_of_zero_is_neutral_whatever_its_neighbours_in_the_block_say() -> None:
     signals = SIGNALS | {"gear_ratio": [0.0, math.nan]}
     del signals["gear"]
-    model = LongitudinalModel(config(list(signals)))
+    model = LongitudinalModel(model_spec(config(list(signals))))
     assert model.process(ticks(signals)).geared.tolist() == [False, True]
 
 
@@ -215,7 +216,7 @@ def test_a_missing_torque_makes_a_tick_unusable() -> None:
 
 
 def test_no_acceleration_across_a_gap() -> None:
-    model = LongitudinalModel(config(list(SIGNALS)))
+    model = LongitudinalModel(model_spec(config(list(SIGNALS))))
     model.process(ticks(SIGNALS))
     faster = SIGNALS | {"output_shaft_speed": rpm(V + 5)}
     assert model.process(ticks(faster, first=2, continues=True)).columns.accel_mps2[0] == pytest.approx(249.0)

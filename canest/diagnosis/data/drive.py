@@ -17,8 +17,9 @@ from canest.core.samples import STEP_US, ModelBlock
 from canest.core.table_block import TableBlock
 from canest.doctor.reasons import why_no_time
 from canest.doctor.warnings import log_notes, stream_notes
-from canest.grid.grid import Feed, GridBlock
-from canest.pipeline.intake import Intake, grid_for
+from canest.grid.grid import Feed, Grid, GridBlock
+from canest.pipeline.build import grid_spec, intake_spec, model_spec
+from canest.pipeline.intake import Intake
 from canest.pipeline.pipeline import Estimates, Pipeline
 from canest.pipeline.tables import TableMap, open_for
 from canest.vehicle.butterworth import Filter
@@ -82,7 +83,7 @@ class Drive:
     @staticmethod
     def load(path: Path, config: Config, channel: str | None = None) -> Drive:
         """Read and decode a log (frames or table). Errors: LogError, NothingToDiagnoseError."""
-        intake = Intake(config)
+        intake = Intake(intake_spec(config))
         table = TableMap(config, path)
         feeds: list[Feed] = []
         reader = open_for(config, path, channel)
@@ -106,7 +107,7 @@ class Drive:
     def run(self, effects: Sequence[Effect], *, config: Config | None = None) -> Run:
         """Run the model with exactly these effects (the config's own are not added)."""
         changed = self.with_effects(config or self.config, effects)
-        regression = Regression(changed)
+        regression = Regression(model_spec(changed))
         parts: list[ModelBlock] = []
         raws: list[dict[str, Any]] = []
         for ticks in self._ticks(changed, effects):
@@ -126,7 +127,7 @@ class Drive:
             )
         columns = {k: np.concatenate([r[k] for r in raws]) for k in ("torque_Nm", "engine_radps", "gear")}
         signals = {role: np.concatenate([r["signals"][role] for r in raws]) for role in raws[0]["signals"]}
-        behind_s = grid_for(changed).behind_us * 1e-6
+        behind_s = _grid(changed).behind_us * 1e-6
         return Run(ModelBlock.concatenate(parts), signals=signals, behind_s=behind_s, **columns)
 
     def estimate(self, effects: Sequence[Effect]) -> Estimates:
@@ -143,13 +144,18 @@ class Drive:
         """Return the grid blocks, made anew only when an effect changes the sampling."""
         key = tuple(float(getattr(e, "delay_s", 0.0)) for e in effects if e.stage == "sampling")
         if key not in self._grids:
-            grid = grid_for(config)
+            grid = _grid(config)
             blocks = [b for feed in self._feeds for b in grid.take(feed)]
             # the plain one, and two delays: a value of it and the step beside that
             delayed = [k for k in self._grids if k]
             self._grids = {k: self._grids[k] for k in self._grids if k not in delayed[:-1]}
             self._grids[key] = _joined(blocks)
         return self._grids[key]
+
+
+def _grid(config: Config) -> Grid:
+    spec = grid_spec(config)
+    return Grid(spec.channels, spec.hold_us)
 
 
 def _joined(blocks: list[GridBlock]) -> list[GridBlock]:

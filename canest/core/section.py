@@ -10,6 +10,14 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 
+class MisplacedError(ValueError):
+    """A mistake that a validator of the whole section found; ``keys`` say where in the section it is."""
+
+    def __init__(self, message: str, *keys: str | int) -> None:
+        super().__init__(message)
+        self.keys = keys
+
+
 class Section(BaseModel):
     """Base of all sections: unknown keys refused, values immutable, no silent type juggling."""
 

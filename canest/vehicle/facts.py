@@ -6,9 +6,8 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from canest.config.agreement import MisplacedError
-from canest.config.section import Number, Section, empty_section
 from canest.core.roles import RADPS_PER_RPM
+from canest.core.section import MisplacedError, Number, Section, empty_section
 
 
 class Retarder(Section):

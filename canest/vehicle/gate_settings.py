@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from canest.config.section import Number, Section, empty_section
+from canest.core.section import Number, Section, empty_section
 
 
 class GateSection(Section):

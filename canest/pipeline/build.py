@@ -1,0 +1,229 @@
+"""Translates a config into what each stage needs; below this module nobody knows a config.
+
+    config -> IntakeSpec, GridSpec, ModelSpec, EstimatorSpec, assumed constants
+
+Each is small and frozen, so that a stage can be built and tested by hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from canest.config.schema import Config, Source
+from canest.core.errors import ConfigError
+from canest.core.roles import ROLES, conversion
+from canest.core.samples import VehicleFacts
+from canest.decode.groups import Want
+from canest.estimators.base import Estimator, create
+from canest.grid.grid import FOREVER_US, Channel
+from canest.pipeline.assumed_constants import AssumedConstants
+from canest.pipeline.signal_map import databases_of, resolution_of, step_of, wants_of
+from canest.vehicle.butterworth import butterworth, delay_s
+from canest.vehicle.effects.base import Effect, effect_from_config
+from canest.vehicle.range_rate_check import DOUBT_S, JUMP, MOTION_JUMP, Limit, limits_of
+from canest.vehicle.role_sources import motion_roles, ratio_ways, speed_roles, torque_role
+from canest.vehicle.spec import AccelerometerSource, FilterSpec, ModelSpec
+from canest.vehicle.torque_dropout import TorqueLimit, torque_limits
+
+if TYPE_CHECKING:
+    from cantools.database.can import Database
+
+#: roles that the effect `torque_delay` finds late
+TORQUE_ROLES = ("engine_torque_pct", "engine_torque", "engine_friction_pct", "retarder_torque_pct")
+#: staleness limit of a signal that only an effect knows
+EFFECT_SIGNAL_STALE_S = 5.0
+_ACCELEROMETER = "longitudinal_accel"
+
+
+@dataclass(frozen=True, slots=True)
+class IntakeSpec:
+    """What selects, orders and checks frames.
+
+    wants: role -> DBC signal. hold_us: silence after which the grid sleeps. max_backward_us: how far a
+    stamp may go back. limits: range and rate per role. motion: roles whose jumps cast doubt on the motion.
+    torque: what torque roles may read.
+    """
+
+    wants: Mapping[str, Want]
+    databases: list[Database]
+    hold_us: int
+    max_backward_us: int
+    limits: Mapping[str, Limit]
+    motion: frozenset[str]
+    torque: Mapping[str, TorqueLimit]
+
+
+@dataclass(frozen=True, slots=True)
+class GridSpec:
+    """What holds samples on the 50 Hz ticks: one channel per role, and when the grid sleeps."""
+
+    channels: tuple[Channel, ...]
+    hold_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorSpec:
+    """Which estimator, what it may know of the vehicle, and its options; `where` locates its mistakes."""
+
+    name: str
+    facts: VehicleFacts
+    options: Mapping[str, Any]
+
+    def create(self) -> Estimator:
+        """Return a fresh estimator. Errors: ConfigError."""
+        return create(self.name, self.facts, self.options)
+
+
+@dataclass(frozen=True, slots=True)
+class PipelineSpec:
+    """All that a pipeline is made of."""
+
+    intake: IntakeSpec
+    grid: GridSpec
+    model: ModelSpec
+    assumed: AssumedConstants
+    estimator: EstimatorSpec
+
+
+def build(config: Config) -> PipelineSpec:
+    """Translate a config. Errors: ConfigError that names file, line and key."""
+    spec = PipelineSpec(
+        intake_spec(config),
+        grid_spec(config),
+        model_spec(config),
+        assumed_constants(config),
+        estimator_spec(config),
+    )
+    with located(config):
+        spec.estimator.create()
+    return spec
+
+
+@contextmanager
+def located(config: Config) -> Iterator[None]:
+    """Name file and line in the config of a ConfigError that names only its key."""
+    try:
+        yield
+    except ConfigError as error:
+        raise ConfigError(
+            error.what, where=config.at(error.where), found=error.found, expected=error.expected
+        ) from error
+
+
+def intake_spec(config: Config) -> IntakeSpec:
+    """Return what decodes and checks the samples of a config."""
+    roles, vehicle = tuple(config.signals), config.vehicle
+    return IntakeSpec(
+        wants=wants_of(config),
+        databases=databases_of(config),
+        hold_us=hold_us(config),
+        max_backward_us=round(config.sampling.max_backward_s * 1e6),
+        limits=limits_of(roles, vehicle.mps_per_shaft_rpm),
+        motion=frozenset(motion_roles(roles, vehicle)),
+        torque=torque_limits(roles, vehicle, _column_factors(config)),
+    )
+
+
+def grid_spec(config: Config) -> GridSpec:
+    """Return the grid of a config: the signal map with its delays and staleness limits."""
+    late_s = sum(float(getattr(e, "delay_s", 0.0)) for e in effects_of(config) if e.stage == "sampling")
+    channels = []
+    for role, source in config.signals.items():
+        stale_us = round(min(stale_limit_s(role, source) * 1e6, FOREVER_US))
+        delay_s = source.delay_s + (late_s if role in TORQUE_ROLES else 0.0)
+        channels.append(Channel(role, round(delay_s * 1e6), stale_us))
+    channels += [Channel(name, 0, round(DOUBT_S * 1e6)) for name in (JUMP, MOTION_JUMP)]
+    return GridSpec(tuple(channels), hold_us(config))
+
+
+def model_spec(config: Config) -> ModelSpec:
+    """Return the vehicle model of a config. Errors: ConfigError for a config without torque or speed."""
+    roles, vehicle = tuple(config.signals), config.vehicle
+    with located(config):
+        speed_roles(roles, vehicle)
+        ratio_ways(roles, vehicle, torque_role(roles, vehicle))
+    return ModelSpec(
+        vehicle=vehicle,
+        roles=roles,
+        gates=config.gates,
+        required=frozenset(role for role, source in config.signals.items() if not source.optional),
+        effects=effects_of(config),
+        filter=FilterSpec(config.filter.order, config.filter.cutoff_hz),
+        friction_step_pct=step_of(config, "engine_friction_pct"),
+        accelerometer=_accelerometer(config),
+    )
+
+
+def estimator_spec(config: Config) -> EstimatorSpec:
+    """Return the estimator of a config."""
+    return EstimatorSpec(config.estimator.name, facts_of(config), config.estimator.options)
+
+
+def assumed_constants(config: Config) -> AssumedConstants:
+    """Return the engine constants that the config assumes until the bus reports them."""
+    in_percent = "engine_torque_pct" in config.signals
+    roles = tuple(config.signals) if in_percent else ()
+    vehicle = config.vehicle
+    return AssumedConstants.of(roles, vehicle.reference_torque_Nm, vehicle.friction_torque_pct)
+
+
+def facts_of(config: Config) -> VehicleFacts:
+    """Return what the estimator may know of the vehicle."""
+    v = config.vehicle
+    resolution = resolution_of(config)
+    return VehicleFacts(
+        mass_min_kg=v.mass_min_kg,
+        mass_max_kg=v.mass_max_kg,
+        initial_mass_kg=config.estimator.initial_mass_kg,
+        initial_grade=config.estimator.initial_grade,
+        rolling_resistance=v.rolling_resistance,
+        pitch_rad_per_mps2=v.accelerometer.pitch_rad_per_mps2,
+        speed_step_mps=resolution["speed"],
+        torque_step_Nm=resolution["torque"],
+        accelerometer_step_mps2=resolution["accelerometer"],
+        has_accelerometer=_ACCELEROMETER in config.signals,
+        filter_delay_s=delay_s(butterworth(config.filter.order, config.filter.cutoff_hz)),
+    )
+
+
+def effects_of(config: Config) -> tuple[Effect, ...]:
+    """Return a config's effects, built."""
+    return tuple(effect_from_config(e, f"effects[{i}]") for i, e in enumerate(config.effects))
+
+
+def hold_us(config: Config) -> int:
+    """Return how long ticks go on after the last wanted frame."""
+    return round(config.sampling.hold_s * 1e6)
+
+
+def stale_limit_s(role: str, source: Source) -> float:
+    """Return how old a sample of a role may be."""
+    if source.stale_s is not None:
+        return source.stale_s
+    return ROLES[role].stale_s if role in ROLES else EFFECT_SIGNAL_STALE_S
+
+
+def _column_factors(config: Config) -> dict[str, float]:
+    """Return role -> what a number of its table column is multiplied by."""
+    factors = {}
+    for role, source in config.signals.items():
+        converted = conversion(role, source.unit or "") if source.column is not None else None
+        if converted is not None:
+            factors[role] = converted[0] * source.scale
+    return factors
+
+
+def _accelerometer(config: Config) -> AccelerometerSource | None:
+    own = config.signals.get(_ACCELEROMETER)
+    if own is None:
+        return None
+    mates = tuple(
+        role
+        for role, source in config.signals.items()
+        if role == _ACCELEROMETER
+        or (own.message is not None and (own.message, own.source) == (source.message, source.source))
+    )
+    return AccelerometerSource(stale_limit_s(_ACCELEROMETER, own), mates)
