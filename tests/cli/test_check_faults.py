@@ -7,7 +7,7 @@ import json
 
 import numpy as np
 import pytest
-from canest.simulate import simulate
+from canest.simulation import simulate
 
 from canest.cli import check_view
 from canest.config import load_config, parse_config

@@ -245,7 +245,7 @@ def test_installed_from_any_folder_with_a_private_umask_it_reaches_the_network_i
     rig.ip("route", "add", f"{GROUP}/32", "dev", "lo")
     umask = os.umask(0o077)
     try:
-        done = canest.live.install.install(config, None)
+        done = canest.live.install.install(config, None, force=True)
         systemctl("start", "canest@odd.service", timeout_s=300)
         first = subprocess.check_output(["systemctl", "show", "--property=Environment", "canest@odd.service"])
         assert str(program.parent) in first.decode()
