@@ -31,7 +31,7 @@ MEANINGS: dict[str, str] = {
     "dbc": "files, beside the config or among the shipped ones; an empty list for tables",
     "signals": "role: where it comes from; see below",
     "sampling.hold_s": "ticks go on this long after the last wanted frame, then the grid sleeps, s",
-    "sampling.max_backward_s": "a clock set back further starts a new stretch; less is clamped and counted, s",
+    "sampling.max_backward_s": "a clock set back further starts a new stretch; less is counted, s",
     "sampling.time_column": "column of decoded tables that holds the time: seconds, or ISO 8601",
     "filter.order": "order of the Butterworth low-pass for the whole regression",
     "filter.cutoff_hz": "-3 dB frequency of that filter, below 25 Hz (half the sampling rate)",
