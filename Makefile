@@ -3,14 +3,15 @@ PYTHON ?= .venv/bin/python
 CMD ?= bash -c 'ip -details link show vcan0'
 
 MINUTES ?= 10
-#: what `make quick` runs: no slow test, no guest machine
-QUICK ?= tests/decode tests/grid tests/vehicle
+#: what `make quick` runs: the stages from frames to forces, no slow test, no guest machine
+QUICK ?= $(patsubst %,tests/decode/test_%.py,compiled_signals decoder identifiers transport value_tables) \
+	tests/grid tests/vehicle
 
 .PHONY: demo quick test lint docs fuzz vcan guest
 demo:            # a bundled drive, live view, no hardware
 	$(PYTHON) -m canest demo
 quick:           # under 30 s on an idle machine with two cores, while you work
-	$(PYTHON) -m pytest -n 2 -m "not slow and not vcan" $(QUICK)
+	$(PYTHON) -m pytest -m "not slow and not vcan" $(QUICK)
 test:            # all of it: tests, linters, types, the guest machine
 	$(PYTHON) -m pytest -n 3
 lint:            # ruff, mypy, imports of the benchmarks
