@@ -120,18 +120,18 @@ def _signals(
     path: Path, config: Config, channel: str | None = None
 ) -> dict[str, tuple[Source, IntColumn, FloatColumn]]:
     """Return every decodable signal of a log: name -> (source, stamps, values)."""
-    heard: set[int] = set()
+    seen: set[int] = set()
     with open_for(config, path, channel) as reader:
         if reader.kind == "table":
             return _columns(path, config)
         for block in reader:
             if not isinstance(block, TableBlock):
-                heard.update(np.unique(block.can_id).tolist())
+                seen.update(np.unique(block.can_id).tolist())
     databases = databases_of(config)
     batches: list[_Batch] = []
     sources: dict[str, Source] = {}
     for message in (message for database in databases for message in database.messages):
-        senders = _senders(message, heard)
+        senders = _senders(message, seen)
         if not senders:
             continue
         signals = [s.name for s in message.signals if _decodable(message.name, s.name, databases)]
@@ -183,12 +183,12 @@ def _decodable(message: str, signal: str, databases: Sequence[Database]) -> bool
     return True
 
 
-def _senders(message: Message, heard: set[int]) -> list[int] | list[None]:
+def _senders(message: Message, seen: set[int]) -> list[int] | list[None]:
     """Return the addresses that send a message; None for one that is matched by its whole identifier."""
     if not is_j1939(message):
-        return [None] if exact_id(message) in heard else []
+        return [None] if exact_id(message) in seen else []
     pgn = pgn_of(message.frame_id)
-    data = (i for i in heard if i & EXTENDED and not i & (REMOTE | ERROR) and pgn_of(i) == pgn)
+    data = (i for i in seen if i & EXTENDED and not i & (REMOTE | ERROR) and pgn_of(i) == pgn)
     return sorted({source_of(i) for i in data} - _NOBODY)
 
 
