@@ -130,12 +130,12 @@ def _diagnose(
             written = write(diagnosis, config_name, names, output)
     except TooLittleDrivingError as error:
         written = write_empty(error, config, config_name, names, output)
-        print("\n".join([written.finding, "", *_notes(error.notes), _files(written.paths)]))
+        print("\n".join([written.finding, "", *_notes(error.notes), *_skipped(), _files(written.paths)]))
         return _failures(error.failed)
     _show(diagnosis, written.found)
     for reason in diagnosis.problem.left_out:
         print(f"left out: {reason}")
-    print("\n".join([*_notes(diagnosis.problem.notes), _files(written.paths)]))
+    print("\n".join([*_notes(diagnosis.problem.notes), *_skipped(), _files(written.paths)]))
     if diagnosis.search.chosen:
         print(f"try it: canest replay ANOTHER.log -c {shlex.quote(str(output / 'revised.yaml'))}")
     return _failures(diagnosis.problem.failed)
@@ -146,6 +146,13 @@ def _notes(noted: Mapping[str, Sequence[str]]) -> list[str]:
     from canest.diagnosis.report.files import JSON_NAME
 
     return note_lines(list(zip(short_names(list(noted)), noted.values(), strict=True)), JSON_NAME)
+
+
+def _skipped() -> list[str]:
+    """Return a line for every effect of another package that cannot be used."""
+    from canest.vehicle.effects import skipped_effects
+
+    return [f"skipped the effect {name}: {reason}" for name, reason in skipped_effects().items()]
 
 
 def _failures(failed: Sequence[str]) -> int:

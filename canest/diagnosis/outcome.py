@@ -76,7 +76,7 @@ def empty_document(
         "baseline": unknown,
         "after": dict(unknown),
         "candidates": [],
-        "not_tried": dict.fromkeys(all_effects(), TOO_LITTLE),
+        "not_tried": dict.fromkeys(all_effects(), TOO_LITTLE) | _unusable(),
         "unused_signals": [],
         "data": {
             "logs": list(logs),
@@ -94,7 +94,11 @@ def not_tried(diagnosis: Diagnosis, found: Sequence[Entry]) -> dict[str, str]:
     """Return the known effects that this data could not say anything about, and why; unusable ones too."""
     tried = {e.candidate.effect for e in found}
     reasons = {name: _why_untried(diagnosis, name) for name in all_effects() if name not in tried}
-    return reasons | {name: f"cannot be used: {why}" for name, why in skipped_effects().items()}
+    return reasons | _unusable()
+
+
+def _unusable() -> dict[str, str]:
+    return {name: f"cannot be used: {why}" for name, why in skipped_effects().items()}
 
 
 def _why_untried(diagnosis: Diagnosis, name: str) -> str:
