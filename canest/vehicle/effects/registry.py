@@ -56,17 +56,17 @@ EFFECTS: dict[str, type[Effect]] = {cls.name: cls for cls in _OWN}
 
 def all_effects() -> dict[str, type[Effect]]:
     """Return every effect by name: canest's own first, then those of other packages."""
-    return EFFECTS | plugins()[0]
+    return EFFECTS | plugin_effects()[0]
 
 
 def skipped_effects() -> dict[str, str]:
     """Return the effects of other packages that cannot be used: name -> why, in one line."""
-    return dict(plugins()[1])
+    return dict(plugin_effects()[1])
 
 
 def plugin_roles() -> set[str]:
     """Return the roles that drive effects of other packages unless a config names others."""
-    return {signal for cls in plugins()[0].values() if (signal := cls().signal) is not None}
+    return {signal for cls in plugin_effects()[0].values() if (signal := cls().signal) is not None}
 
 
 def effect_class(name: str, where: str = "effects") -> type[Effect]:
@@ -74,7 +74,7 @@ def effect_class(name: str, where: str = "effects") -> type[Effect]:
     own = EFFECTS.get(name)
     if own is not None:
         return own
-    plugins, skipped = plugins()
+    plugins, skipped = plugin_effects()
     if name in plugins:
         return plugins[name]
     if name in skipped:
@@ -109,8 +109,8 @@ def effect_from_config(entry: Mapping[str, Any], where: str = "effects") -> Effe
 
 
 @cache
-def plugins() -> tuple[dict[str, type[Effect]], dict[str, str]]:
-    """Return the effects of other packages, and those that were skipped."""
+def plugin_effects() -> tuple[dict[str, type[Effect]], dict[str, str]]:
+    """Return the effects of other packages by name, and those that were skipped: name -> why."""
     loaded, skipped = load_plugins(EFFECTS_GROUP)
     usable: dict[str, type[Effect]] = {}
     skipped = dict(skipped)
