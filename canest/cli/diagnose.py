@@ -132,7 +132,7 @@ def _diagnose(
         written = write_empty(error, config, config_name, names, output)
         print("\n".join([written.finding, "", *_notes(error.notes), *_skipped(), _files(written.paths)]))
         return _failures(error.failed)
-    _show(diagnosis, written.found)
+    show(diagnosis, written.found)
     for reason in diagnosis.problem.left_out:
         print(f"left out: {reason}")
     print("\n".join([*_notes(diagnosis.problem.notes), *_skipped(), _files(written.paths)]))
@@ -188,7 +188,7 @@ def _truths(paths: Sequence[Path], truth: str | None) -> list[Path | None] | Non
     return found
 
 
-def _show(diagnosis: Diagnosis, found: Sequence[Entry]) -> None:
+def show(diagnosis: Diagnosis, found: Sequence[Entry]) -> None:
     """Print the finding, before and after, and the best candidates."""
     from rich.table import Table
     from rich.text import Text

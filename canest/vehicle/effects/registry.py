@@ -146,7 +146,7 @@ def _unfit(name: str, cls: object) -> str:
 
 
 @cache
-def _hints(cls: type[Effect]) -> dict[str, Any]:
+def _hints(cls: Any) -> dict[str, Any]:
     return get_type_hints(cls)
 
 
