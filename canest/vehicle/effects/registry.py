@@ -115,7 +115,7 @@ def plugin_effects() -> tuple[dict[str, type[Effect]], dict[str, str]]:
     usable: dict[str, type[Effect]] = {}
     skipped = dict(skipped)
     for name, cls in loaded.items():
-        reason = _unfit(name, cls)
+        reason = unfit(name, cls)
         if reason:
             skipped[name] = reason
         elif isinstance(cls, type):
@@ -123,8 +123,8 @@ def plugin_effects() -> tuple[dict[str, type[Effect]], dict[str, str]]:
     return usable, skipped
 
 
-def _unfit(name: str, cls: object) -> str:
-    """Return why the object of an entry point cannot be an effect, "" where it can."""
+def unfit(name: str, cls: object) -> str:
+    """Return why the object of an entry point cannot be an effect, "" where it can be one."""
     if not (isinstance(cls, type) and issubclass(cls, Effect)):
         return f"{cls!r} is no subclass of canest.vehicle.effects.Effect"
     if name in EFFECTS:
