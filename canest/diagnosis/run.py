@@ -16,13 +16,13 @@ from canest.diagnosis.data.least_squares import FOLDS
 from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.data.reference import Reference, reference_for
 from canest.diagnosis.data.residual_windows import CHUNK_S
-from canest.diagnosis.report.sentences import finding_of, too_short_finding
 from canest.diagnosis.search.bus_signals import Ranked, rank_bus_signals
 from canest.diagnosis.search.candidates import candidates_for
 from canest.diagnosis.search.choice import Tried
 from canest.diagnosis.search.forward_selection import Search
 from canest.diagnosis.search.held_out import Fold, Score, score, two_folds
 from canest.diagnosis.search.switches import SWITCH_ROLES, TRY_SIGNAL_SHARE, switching_roles, with_switches
+from canest.diagnosis.sentences import finding_of, too_short_finding
 from canest.diagnosis.verdict import little_left, verdict_of
 from canest.pipeline.build import effects_of
 from canest.pipeline.pipeline import Estimates

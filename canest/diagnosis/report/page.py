@@ -9,8 +9,8 @@ from canest.diagnosis.entries import Entry
 from canest.diagnosis.outcome import dependence, not_tried, reference_limits
 from canest.diagnosis.report import figures
 from canest.diagnosis.report.format import change, entry_name, entry_value, interval, score_rows
-from canest.diagnosis.report.sentences import capitalised, describe, describe_equivalents
 from canest.diagnosis.run import Diagnosis
+from canest.diagnosis.sentences import capitalised, describe, describe_equivalents
 from canest.report.figure import BLUE, VIOLET
 from canest.report.page import Card, Page, Section, Table
 
