@@ -145,9 +145,14 @@ def unfit(name: str, cls: object) -> str:
     return f"{cls.__qualname__}.{off[0]} is not neutral by default" if off else ""
 
 
-@cache
-def _hints(cls: Any) -> dict[str, Any]:
-    return get_type_hints(cls)
+_HINTS: dict[type[Effect], dict[str, Any]] = {}
+
+
+def _hints(cls: type[Effect]) -> dict[str, Any]:
+    """Return a class' types by field; working them out costs more than building the effect."""
+    if cls not in _HINTS:
+        _HINTS[cls] = get_type_hints(cls)
+    return _HINTS[cls]
 
 
 def _check(what: str, value: Any, hint: Any, bounds: Parameter | None, where: str) -> None:
