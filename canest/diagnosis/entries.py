@@ -81,14 +81,14 @@ def entries(diagnosis: Diagnosis) -> list[Entry]:
     ]
     listed = {c.candidate.effect for c in search.chosen}
     for chosen in search.chosen:
-        others = [c for c in _one_each(chosen.equivalent) if c.effect not in listed and not c.shadow]
+        others = [c for c in _one_each(chosen.equivalent) if c.effect not in listed and not c.confounded]
         for candidate in others[:MAX_REFITTED]:
             listed.add(candidate.effect)
             found.append(_in_place(search, chosen, candidate, whole))
     for tried in diagnosis.tried:
         c = tried.candidate
         # with a free mass a scale effect would only make everything smaller: its value means nothing
-        if c.effect not in listed and not c.shadow:
+        if c.effect not in listed and not c.confounded:
             listed.add(c.effect)
             share = unit_share(tried.explained)
             alike = _names(search.alternatives.alike(c), c)

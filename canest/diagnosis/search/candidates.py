@@ -20,8 +20,8 @@ class Candidate:
     effect: str
     parameter: str
     shape: tuple[tuple[str, object], ...] = ()
-    #: never selected, only named where the data cannot tell it from what is
-    shadow: bool = False
+    #: with an unknown mass: never selected, only named where the data cannot tell it from what is
+    confounded: bool = False
     #: no vehicle of this config can have less (no negative inertia, drag or rolling resistance in all)
     low: float = -np.inf
 
@@ -82,7 +82,7 @@ def candidates_for(problem: Problem, switches: Sequence[str] = ()) -> list[Candi
         parameter = cls.fitted_parameter()
         for trial in cls.trials(drives):
             # a common factor on all traction is nearly one thing with a free mass: never to be claimed then
-            shadow = cls.scales_traction and not trial.shape and not problem.mass_known
+            confounded = cls.scales_traction and not trial.shape and not problem.mass_known
             low = cls.parameters[parameter].lowest(vehicle)
-            found.append(Candidate(trial.label, name, parameter, trial.shape, shadow, low))
+            found.append(Candidate(trial.label, name, parameter, trial.shape, confounded, low))
     return found

@@ -34,7 +34,7 @@ class Search(JointFit):
 
     def all_hidden(self, tried: Sequence[Tried]) -> bool:
         """Return whether some effect would remove a share, and the best of them too little to be noticed."""
-        best = max((t.explained for t in tried if not t.candidate.shadow), default=0.0)
+        best = max((t.explained for t in tried if not t.candidate.confounded), default=0.0)
         return best >= MIN_SHARE and not self.matters(best * float((self.first_whitened**2).sum()))
 
     def run(self) -> None:
@@ -91,7 +91,7 @@ class Search(JointFit):
             left, mine = self.held_out_squares(*self.current()), self.chosen[place].candidate
             taken = {c.candidate.effect for c in self.chosen}
             for c in self.chosen[place].equivalent:
-                if c.rarity >= mine.rarity or c.shadow or c.effect in taken:
+                if c.rarity >= mine.rarity or c.confounded or c.effect in taken:
                     continue
                 self.chosen = [Chosen(o.candidate, o.deviation) for o in now[0]]
                 self.chosen[place] = Chosen(c, 0.0)
@@ -119,7 +119,7 @@ class Search(JointFit):
         total = self.held_out_squares(residual, columns).sum()
         options: list[tuple[float, Candidate, FloatColumn]] = []
         for c, column in self.offered:
-            if c.shadow or any(c.repeats(o.candidate) for o in self.chosen) or not column.any():
+            if c.confounded or any(c.repeats(o.candidate) for o in self.chosen) or not column.any():
                 continue
             left = self.held_out_squares(residual, [*columns, column])
             share = 1.0 - left.sum() / total
