@@ -13,8 +13,9 @@ from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from canest.batch.job import Job, name_of
+from canest.batch.job import Job
 from canest.core.errors import CanestError, ConfigError, LogError, OutputError, UsageError
+from canest.logs.log_names import log_name
 from canest.system.atomic_file import remove_abandoned, unlink_unfinished
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def unique_names(logs: Sequence[Path]) -> list[str]:
 
     Errors: UsageError when that does not tell them apart.
     """
-    plain = [name_of(log) for log in logs]
+    plain = [log_name(log) for log in logs]
     names = [
         f"{log.resolve().parent.name}-{name}" if plain.count(name) > 1 else name
         for log, name in zip(logs, plain, strict=True)

@@ -90,7 +90,8 @@ def command(
     if config_name is None:
         raise click.UsageError("missing option -c CONFIG", click.get_current_context())
     config = load(config_name, overrides, estimator, initial_mass)
-    from canest.batch.job import Job, truth_beside, truth_file
+    from canest.batch.job import Job
+    from canest.logs.log_names import truth_beside, truth_file
 
     paths = [Path(log) for log in logs]
     if len(paths) == 1:

@@ -11,6 +11,7 @@ import numpy as np
 
 from canest.config.schema import Config, Source
 from canest.core.errors import LogError, UsageError
+from canest.core.estimates import Estimates
 from canest.core.frames import FloatColumn
 from canest.core.roles import ROLES
 from canest.diagnosis.data.drive import Drive, NothingToDiagnoseError
@@ -26,7 +27,6 @@ from canest.diagnosis.search.forward_selection import MIN_TORQUE_STEPS, Search
 from canest.diagnosis.search.gauss_newton import fit_on
 from canest.diagnosis.search.held_out import Fold, Score, score, two_folds
 from canest.pipeline.build import effects_of
-from canest.pipeline.pipeline import Estimates
 
 #: what is left may wander this much (share of weight) and still count as explained: a slope of 0.04 %
 SMALL_REMAINDER = 4e-4

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from canest.core import jit
+from canest.core.estimates import Estimates
 from canest.core.frames import FloatColumn, FrameBlock
 from canest.core.samples import RATE_HZ, ModelBlock, Status
 from canest.doctor.warnings import log_notes, stream_notes
@@ -21,7 +22,6 @@ from canest.pipeline.assumed_constants import doubting
 from canest.pipeline.build import PipelineSpec, build
 from canest.pipeline.intake import Intake
 from canest.pipeline.model_stream import ModelStream
-from canest.pipeline.pipeline import Estimates
 from canest.pipeline.tables import TableMap, open_for
 
 if TYPE_CHECKING:

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from canest.core.estimates import Estimates
 from canest.core.frames import EXTENDED, FrameBlock
 from canest.decode.database import load
 from canest.logs import open_log
-from canest.pipeline.pipeline import Estimates, Pipeline
+from canest.pipeline.pipeline import Pipeline
 from canest.system.shipped_files import shipped
 
 DATA = Path(__file__).resolve().parents[1] / "data"
