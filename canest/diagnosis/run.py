@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from canest.config.schema import Config, Source
+from canest.config.schema import Config
+from canest.config.sections import Source
 from canest.core.errors import LogError, UsageError
 from canest.core.estimates import Estimates
 from canest.core.frames import FloatColumn

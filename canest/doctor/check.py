@@ -30,7 +30,7 @@ from canest.vehicle.model import LongitudinalModel
 
 if TYPE_CHECKING:
     from canest.config import Config
-    from canest.config.schema import Source
+    from canest.config.sections import Source
     from canest.logs.base import LogReader
 
 Samples = dict[str, tuple[IntColumn, FloatColumn]]
@@ -260,7 +260,7 @@ class Doctor:
 
 def _unasked_reference(config: Config) -> dict[str, Source]:
     """Return where an engine would tell its reference torque (SPN 544) that the config does not ask for."""
-    from canest.config.schema import Source
+    from canest.config.sections import Source
 
     if "engine_torque_pct" not in config.signals or "reference_torque" in config.signals:
         return {}

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
     from canest.config import Config
-    from canest.config.schema import Source
+    from canest.config.sections import Source
 
 #: different raw numbers of a signal that are counted
 _KEPT = 256

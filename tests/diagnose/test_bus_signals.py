@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from canest.config import parse_config
-from canest.config.schema import Source
+from canest.config.sections import Source
 from canest.diagnosis.data.drive import Run
 from canest.diagnosis.data.residual_windows import windows_of
 from canest.diagnosis.run import _with_switches

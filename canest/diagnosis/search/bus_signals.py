@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from canest.config.schema import Config, Source
+from canest.config.schema import Config
+from canest.config.sections import Source
 from canest.core.errors import ConfigError
 from canest.core.frames import ERROR, EXTENDED, REMOTE, FloatColumn, IntColumn, Onward
 from canest.core.table_block import TableBlock
