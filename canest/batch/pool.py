@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from canest.batch.job import Job
+from canest.config.database_files import read_databases
 from canest.core.errors import CanestError, ConfigError, LogError, OutputError, UsageError
 from canest.logs.log_names import log_name
 from canest.system.atomic_file import remove_abandoned, unlink_unfinished
@@ -105,7 +106,9 @@ def _parallel(jobs: list[Job], config: Config, workers: int) -> Iterator[Outcome
     """Run in processes. Should one die (out of memory), the jobs it took along run again one by one."""
     unfinished: list[Job] = []
     with _pool(workers) as pool:
-        futures: dict[Future[Outcome], Job] = {pool.submit(_attempt, job, config): job for job in jobs}
+        futures: dict[Future[Outcome], Job] = {
+            pool.submit(_attempt_elsewhere, job, config): job for job in jobs
+        }
         try:
             for future in as_completed(futures):
                 try:
@@ -119,7 +122,7 @@ def _parallel(jobs: list[Job], config: Config, workers: int) -> Iterator[Outcome
     for job in unfinished:
         with _pool(1) as pool:
             try:
-                yield pool.submit(_attempt, job, config).result()
+                yield pool.submit(_attempt_elsewhere, job, config).result()
             except BrokenProcessPool:
                 _clear([job])
                 yield Outcome(job, error=f"{job.log}: the process that read it was killed (out of memory?)")
@@ -155,6 +158,11 @@ def _end_with_parent() -> None:
     parent.join()
     unlink_unfinished()
     os._exit(1)
+
+
+def _attempt_elsewhere(job: Job, config: Config) -> Outcome:
+    """Run a job in a worker, to which a config comes without its databases. Errors: ConfigError."""
+    return _attempt(job, read_databases(config))
 
 
 def _attempt(job: Job, config: Config) -> Outcome:

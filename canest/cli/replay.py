@@ -82,7 +82,8 @@ def command(
     playing = bus is not None or speed is not None
     if playing and output is None and json_path is None and report is None:
         if config_name is not None:
-            load(config_name, overrides, estimator, initial_mass)  # of no use here, but no reason to be wrong
+            # of no use here, but no reason to be wrong
+            load(config_name, overrides, estimator, initial_mass, databases=False)
         _play(logs, bus, speed, channel)
         return 0
     if output == "-":

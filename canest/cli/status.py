@@ -28,7 +28,7 @@ def command(config_name: str | None, socket_name: str | None, as_json: bool, ver
     """Show how a running daemon is doing: bus, rates, gates, estimate, and why it is not valid."""
     from canest.telemetry.status_socket import ask, find_sockets, socket_path
 
-    config = load(config_name) if config_name is not None else None
+    config = load(config_name, databases=False) if config_name is not None else None
     if socket_name is not None:
         paths = [Path(socket_name)]
     elif config is not None:

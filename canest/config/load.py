@@ -9,6 +9,7 @@ from typing import Any, get_args
 import yaml
 from pydantic import ValidationError
 
+from canest.config.database_files import read_databases
 from canest.config.limits import LOADER, read_text, refuse_depth, refuse_excess
 from canest.config.origins import KeyPath, Origins, lines_of
 from canest.config.schema import Config
@@ -19,17 +20,23 @@ from canest.system.shipped_files import find, is_file
 
 
 def load_config(
-    name: str | Path, overrides: Iterable[str] = (), options: Mapping[str, str] | None = None
+    name: str | Path,
+    overrides: Iterable[str] = (),
+    options: Mapping[str, str] | None = None,
+    *,
+    databases: bool = True,
 ) -> Config:
     """Load a config by path or shipped name, with ``dotted.key=value`` overrides (values are YAML).
 
     options: keys that an option of the command line overrides -> that option, for messages (else --set).
+    databases: read the DBC files too, which whoever decodes needs.
     Errors: ConfigError naming file, line and key of the first mistake, and how many more there are.
     """
     path = find("configs", str(name))
     config = parse_config(read_text(path), str(path), overrides, options)
     local = _beside(path, config.dbc)
-    return config if local == config.dbc else config.model_copy(update={"dbc": local})
+    config = config if local == config.dbc else config.model_copy(update={"dbc": local})
+    return read_databases(config) if databases else config
 
 
 def _beside(config: Path, names: Iterable[str]) -> tuple[str, ...]:
@@ -44,7 +51,10 @@ def parse_config(
     overrides: Iterable[str] = (),
     options: Mapping[str, str] | None = None,
 ) -> Config:
-    """Validate YAML text; ``where`` names it in errors, ``options`` as above. Errors: ConfigError."""
+    """Validate YAML text; no file is read. ``where`` names it in errors, ``options`` as above.
+
+    Errors: ConfigError.
+    """
     try:
         _refuse_list(text, where)
         refuse_excess(text, where)

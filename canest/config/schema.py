@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Annotated, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator, PrivateAttr, model_validator
 
 from canest.config.agreement import refuse_contradictions
 from canest.config.bus import Broadcast, Bus
-from canest.config.files import ReadFiles
+from canest.config.databases import Databases
 from canest.config.origins import Origins
 from canest.config.sections import EstimatorSection, FilterSection, Sampling, Service, Source
+from canest.core.errors import ConfigError
 from canest.core.section import Section, empty_section
 from canest.vehicle.facts import Vehicle
 from canest.vehicle.gate_settings import Gates
+
+if TYPE_CHECKING:
+    from cantools.database.can import Database
 
 
 def _named(signals: object) -> object:
@@ -28,7 +32,7 @@ class Config(Section):
     """A whole config."""
 
     _origins: Origins = PrivateAttr(default_factory=Origins)
-    _files: ReadFiles = PrivateAttr(default_factory=ReadFiles)
+    _databases: Databases = PrivateAttr(default_factory=Databases)
 
     vehicle: Vehicle
     dbc: tuple[str, ...] = ("j1939.dbc",)
@@ -46,12 +50,31 @@ class Config(Section):
         """Remember where keys were written, for messages."""
         self._origins = origins
 
-    def read_once(self, read: Callable[[str, str], Any]) -> list[Any]:
-        """Return what ``read`` makes of each file under `dbc` (its name, its place in the config), once."""
-        kept = self._files.kept
-        if self.dbc not in kept:
-            kept[self.dbc] = [read(name, self.at(f"dbc.{i}")) for i, name in enumerate(self.dbc)]
-        return kept[self.dbc]
+    def with_databases(self, databases: Sequence[Database]) -> Config:
+        """Return the same config with the databases of its `dbc` beside it, in that order.
+
+        A config that was loaded from a file has them; `canest.config.read_databases` reads them from files.
+        """
+        config = self.model_copy()
+        config._databases = Databases(self.dbc, databases)
+        return config
+
+    @property
+    def databases(self) -> list[Database]:
+        """The databases of `dbc`, as they were when they were read.
+
+        A daemon makes its pipeline anew after a defect, or when a number is refuted, and must not depend on
+        files that somebody is replacing meanwhile; who wants what is in them now loads the config anew.
+        Errors: ConfigError where a signal needs one and none have been read.
+        """
+        kept = self._databases
+        if kept.names != self.dbc and self.dbc and any(s.message for s in self.signals.values()):
+            raise ConfigError(
+                "its databases have not been read",
+                where=self.at("dbc"),
+                expected="a config of load_config, read_databases or with_databases",
+            )
+        return kept.databases if kept.names == self.dbc else []
 
     def at(self, key: str) -> str:
         """Return a key behind the place where it was written: "truck.yaml:31: signals.gear"."""

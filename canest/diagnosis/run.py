@@ -20,13 +20,13 @@ from canest.diagnosis.data.least_squares import FOLDS
 from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.data.reference import Reference, reference_for
 from canest.diagnosis.data.residual_windows import CHUNK_S
-from canest.diagnosis.report.sentences import finding_of, too_short
 from canest.diagnosis.search.bus_signals import Ranked, rank_bus_signals
 from canest.diagnosis.search.candidates import Candidate, candidates_for, switching_roles
 from canest.diagnosis.search.choice import Tried
 from canest.diagnosis.search.forward_selection import MIN_TORQUE_STEPS, Search
 from canest.diagnosis.search.gauss_newton import fit_on
 from canest.diagnosis.search.held_out import Fold, Score, score, two_folds
+from canest.diagnosis.sentences import finding_of, too_short
 from canest.pipeline.build import effects_of
 
 #: what is left may wander this much (share of weight) and still count as explained: a slope of 0.04 %

@@ -8,8 +8,8 @@ from pathlib import Path
 from canest.diagnosis.outcome import Entry, dependence, not_tried, tells
 from canest.diagnosis.report import figures
 from canest.diagnosis.report.format import change, entry_name, entry_value, interval, score_rows
-from canest.diagnosis.report.sentences import equivalents_said, said
 from canest.diagnosis.run import Diagnosis
+from canest.diagnosis.sentences import equivalents_said, said
 from canest.report.figure import BLUE, VIOLET
 from canest.report.page import Card, Page, Section, Table
 

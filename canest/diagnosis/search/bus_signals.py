@@ -26,7 +26,6 @@ from canest.diagnosis.data.least_squares import held_out
 from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.search.forward_selection import Search
 from canest.logs.reader import open_log
-from canest.pipeline.signal_map import databases_of
 from canest.pipeline.tables import open_for
 
 if TYPE_CHECKING:
@@ -128,7 +127,7 @@ def _signals(
         for block in reader:
             if not isinstance(block, TableBlock):
                 heard.update(np.unique(block.can_id).tolist())
-    databases = databases_of(config)
+    databases = config.databases
     batches: list[_Batch] = []
     sources: dict[str, Source] = {}
     for message in (message for database in databases for message in database.messages):
