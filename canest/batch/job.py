@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 from canest.logs.budget import LogBudget, current_budget, log_budget
 from canest.logs.log_names import log_name
+from canest.logs.truth import read_truth
+from canest.offline.replay import Progress, ReplayResult, replay
 
 if TYPE_CHECKING:
     from canest.config import Config
-    from canest.offline.replay import Progress, ReplayResult
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +39,9 @@ class Job:
             return self._run(config, progress)
 
     def _run(self, config: Config, progress: Progress | None) -> ReplayResult:
-        from canest.offline.replay import replay
-
         recorder = None
         if self.report is not None:
+            # wanted for a report alone
             from canest.report.page import require_packages
             from canest.report.recorder import Recorder
 
@@ -49,8 +49,6 @@ class Job:
             recorder = Recorder()
         truth = None
         if self.truth is not None:
-            from canest.logs.truth import read_truth
-
             truth = read_truth(self.truth)
         result = replay(
             self.log,
@@ -64,6 +62,7 @@ class Job:
             channel=self.channel,
         )
         if recorder is not None and self.report is not None:
+            # as above
             from canest.report.replay_page import write_replay_report
 
             write_replay_report(self.report, result, config, recorder, result.score)

@@ -17,12 +17,12 @@ from canest.batch.job import Job
 from canest.config.database_files import read_databases
 from canest.core.errors import CanestError, ConfigError, LogError, OutputError, UsageError
 from canest.logs.log_names import log_name
+from canest.offline.scoring import Score
 from canest.system.atomic_file import remove_abandoned, unlink_unfinished
 
 if TYPE_CHECKING:
     from canest.config import Config
     from canest.offline.replay import ReplayResult
-    from canest.offline.scoring import Score
 
 
 @dataclass(slots=True)
@@ -182,8 +182,6 @@ def _attempt(job: Job, config: Config) -> Outcome:
 
 def pooled(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Return the summary of many logs: sums, pooled errors, and each log's own summary under `logs`."""
-    from canest.offline.scoring import Score
-
     results = [o.result for o in outcomes if o.result is not None]
     summary: dict[str, Any] = {
         key: sum(r.summary[key] for r in results) for key in ("frames", "skipped_lines", "samples", "updated")

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 
 from canest.config.schema import Config
 from canest.core.errors import ConfigError
-from canest.decode.database import parse
-from canest.decode.database_limits import MOST_FILE_BYTES
 from canest.system.shipped_files import find
 
 if TYPE_CHECKING:
@@ -33,6 +31,10 @@ def read_database(path: str | Path) -> Database:
     The same object comes back until there is something else in the file.
     Errors: ConfigError for a file that is missing, no database, or one without CAN messages.
     """
+    # numpy comes with the decoder, which takes as long to import as the config
+    from canest.decode.database import parse
+    from canest.decode.database_limits import MOST_FILE_BYTES
+
     file = Path(path).resolve()
     before = _parsed.get(file)
     try:

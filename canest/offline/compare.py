@@ -17,6 +17,7 @@ from canest.core.samples import RATE_HZ, ModelBlock, Status
 from canest.doctor.warnings import log_notes, stream_notes
 from canest.estimators.base import REGISTRY, Estimator, create
 from canest.grid.grid import Grid, GridBlock
+from canest.offline.replay import compiling_pays
 from canest.offline.scoring import Score
 from canest.pipeline.assumed_constants import doubting
 from canest.pipeline.build import PipelineSpec, build
@@ -83,8 +84,6 @@ def compare(
     The options of the config belong to its own estimator; the others run with their defaults. compiled:
     None decides by the length of the log. Errors: LogError, ConfigError (an unknown name).
     """
-    from canest.offline.replay import compiling_pays
-
     on = jit.enable(compiling_pays([Path(log)]) if compiled is None else compiled)
     spec = build(config)
     chosen = spec.estimator
