@@ -7,8 +7,10 @@ fails the test until it is removed.
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -86,6 +88,16 @@ def test_every_room_has_its_floor() -> None:
     assert loose <= PUBLIC
     for init in PACKAGE.rglob("__init__.py"):
         assert ast.get_docstring(ast.parse(init.read_text(encoding="utf-8"))), init
+
+
+def test_the_page_lists_the_packages_in_the_order_of_the_contract() -> None:
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    layers = next(contract["layers"] for contract in contracts if contract["type"] == "layers")
+    page = (ROOT / "docs" / "architecture.md").read_text().partition("## What stands on what")[2]
+    listed = re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)
+    assert listed == [layer for layer in layers if layer not in ("__main__", "(api)")]
+    rooms = {path.parent.name for path in PACKAGE.glob("*/__init__.py")}
+    assert set(listed) == rooms
 
 
 def _sources() -> Iterator[tuple[str, str]]:
