@@ -74,3 +74,9 @@ def test_another_process_reads_the_databases_anew() -> None:
     with pytest.raises(ConfigError, match="have not been read"):
         Pipeline(sent)
     assert read_databases(sent).databases == config.databases
+
+
+def test_who_decodes_nothing_needs_no_database() -> None:
+    with pytest.raises(ConfigError, match=r"dbc\.0: no such dbc file, found 'gone\.dbc'"):
+        load_config("class8", ["dbc=[gone.dbc]"])
+    assert load_config("class8", ["dbc=[gone.dbc]"], databases=False).dbc == ("gone.dbc",)
