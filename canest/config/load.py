@@ -75,10 +75,15 @@ def parse_config(
         raise _no_sections("nothing" if raw is None else type(raw).__name__, where)
     changed = {key: (options or {}).get(key, "--set") for key in _apply_overrides(raw, overrides)}
     origins = Origins(where, lines, {tuple(key.split(".")): option for key, option in changed.items()})
+    return validated(raw, origins)
+
+
+def validated(raw: Mapping[str, Any], origins: Origins) -> Config:
+    """Return the config of sections and keys; ``origins`` locates them. Errors: ConfigError."""
     try:
         config = Config.model_validate(raw)
     except ValidationError as error:
-        raise _explain(error, origins) from error
+        raise explained(error, origins) from error
     config.note_origins(origins)
     return config
 
@@ -118,8 +123,9 @@ def _apply_overrides(raw: dict[str, Any], overrides: Iterable[str]) -> set[str]:
     return changed
 
 
-def _explain(error: ValidationError, origins: Origins) -> ConfigError:
-    mistake = first_mistake(error)
+def explained(error: ValidationError, origins: Origins, section: KeyPath = ()) -> ConfigError:
+    """Return the first mistake in one line; ``section`` is what was validated, where that is a part."""
+    mistake = first_mistake(error, section)
     key, origin = mistake.key or "(whole config)", origins.of(mistake.path)
     if origin.startswith("--") and origin != "--set":  # an option of its own: the key by another name
         key, origin = origin, ""

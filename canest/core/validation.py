@@ -39,8 +39,11 @@ class Mistake:
         return ".".join(self.path)
 
 
-def first_mistake(error: ValidationError) -> Mistake:
-    """Return the mistake that explains most: a misspelt key comes before the one that it leaves missing."""
+def first_mistake(error: ValidationError, section: tuple[str, ...] = ()) -> Mistake:
+    """Return the mistake that explains most: a misspelt key comes before the one that it leaves missing.
+
+    section: the path of what was validated, where that is a part of the whole.
+    """
     problems = error.errors(include_url=False)
     first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
     context = first.get("ctx", {})
@@ -52,7 +55,7 @@ def first_mistake(error: ValidationError) -> Mistake:
         words, found = context["expected_tags"], context["tag"]
     return Mistake(
         _KINDS.get(first["type"], "wrong value"),
-        tuple(str(key) for key in (*first["loc"], *inner) if key != "[key]"),
+        tuple(str(key) for key in (*section, *first["loc"], *inner) if key != "[key]"),
         words,
         found,
         tuple(
