@@ -11,8 +11,8 @@ import sys
 from typing import Any
 
 from canest.config.bus import Bus
-from canest.core.errors import how_to_add
 from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE
+from canest.system.installation import how_to_add
 
 # Where asammdf is installed, python-can imports it for its log formats: a second and 80 MB that a bus has no
 # need of. Hidden while python-can is imported for the first time, it is not found, which python-can accepts.

@@ -19,6 +19,7 @@ import numpy as np
 from canest.config import load_config
 from canest.config.bus import Bus
 from canest.core.errors import CanestError, UsageError
+from canest.core.estimates import Estimates
 from canest.core.frames import EXTENDED, ID_MASK, FrameBlock
 from canest.demo import DRIVE, TRUTH
 from canest.live.daemon import Daemon
@@ -26,7 +27,6 @@ from canest.logs.reader import open_log
 from canest.logs.truth import read_truth
 from canest.node.estimate_frame import NOT_AVAILABLE_STATUS, Estimate, decode
 from canest.offline.scoring import Score
-from canest.pipeline.pipeline import Estimates
 from canest.pipeline.signal_map import decoder_for
 from canest.system.journal import Journal
 

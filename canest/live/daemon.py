@@ -18,6 +18,7 @@ from types import FrameType
 from canest.bus.late_frames import in_time
 from canest.config.schema import Config
 from canest.core.errors import CanestError
+from canest.core.estimates import Estimates
 from canest.core.frames import FrameBlock
 from canest.core.samples import EstimateBlock, ModelBlock
 from canest.live.memory import Memory
@@ -27,7 +28,7 @@ from canest.live.schedule import Schedule
 from canest.node.broadcast import FRESH_US
 from canest.node.estimate_frame import Estimate
 from canest.node.node import join
-from canest.pipeline.pipeline import Estimates, Pipeline
+from canest.pipeline.pipeline import Pipeline
 from canest.system.files import Background
 from canest.system.journal import Journal
 from canest.system.systemd_notify import Notifier

@@ -9,19 +9,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from canest.config.schema import Config
+from canest.config.state_directory import state_dir
 from canest.core.samples import Status
 from canest.live import state
 from canest.pipeline.pipeline import Pipeline
 from canest.system.files import Background
 from canest.system.journal import Journal
-
-
-def state_dir(config: Config, environment: Mapping[str, str] = os.environ) -> Path:
-    """Return where learned state lives: the config's, systemd's, or the user's directory."""
-    if config.service.state_dir is not None:
-        return Path(config.service.state_dir).expanduser()
-    given = environment.get("STATE_DIRECTORY", "").split(":")[0]
-    return Path(given) if given else Path("~/.local/state/canest").expanduser()
 
 
 def place(name: str, variable: str, environment: Mapping[str, str] = os.environ) -> Path:

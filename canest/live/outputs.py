@@ -6,11 +6,11 @@ import os
 from typing import Any
 
 from canest.config.schema import Config
+from canest.core.estimates import Estimates
 from canest.core.frames import FrameBlock
 from canest.live.memory import place
 from canest.live.record import Ring, TextLog, candump_renderer, render_estimates
 from canest.logs.writer import HEADER
-from canest.pipeline.pipeline import Estimates
 from canest.system.files import Background, write_atomically
 from canest.telemetry import metrics
 

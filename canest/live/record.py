@@ -18,9 +18,9 @@ from io import FileIO
 from pathlib import Path
 from typing import Generic, TypeVar
 
+from canest.core.estimates import Estimates
 from canest.core.frames import FrameBlock
 from canest.logs.writer import candump_text, estimates_csv
-from canest.pipeline.pipeline import Estimates
 from canest.system.atomic_file import not_regular, require_regular
 from canest.system.files import Background, naming
 

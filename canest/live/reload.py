@@ -14,7 +14,6 @@ from canest.bus.protocols import Receiver
 from canest.config.schema import Config
 from canest.node.node import Node, join
 from canest.pipeline.pipeline import Listener, Pipeline
-from canest.pipeline.signal_map import databases_of
 from canest.telemetry.endpoints import Doors
 
 #: sections of a config whose change means to leave the bus and join it anew
@@ -134,7 +133,7 @@ def prepare(old: Config, read: Callable[[], Config], running: Pipeline, listener
     """
     config = read()
     changed = {part for part in Config.model_fields if getattr(config, part) != getattr(old, part)}
-    if databases_of(config) != running.decoder.databases:  # a file of the same name with other content
+    if config.databases != running.decoder.databases:  # a file of the same name with other content
         changed.add("dbc")
     following = None
     if not changed.isdisjoint(_MAKES_THE_ESTIMATE):

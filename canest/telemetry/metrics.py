@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from canest.core.errors import UsageError, how_to_add
+from canest.core.errors import UsageError
 from canest.node.estimate_frame import STATUS_WORDS
+from canest.system.installation import how_to_add
 
 Sample = tuple[str, dict[str, str], float]
 

@@ -26,6 +26,7 @@ import numpy as np
 
 from canest.config import Config, load_config
 from canest.core.errors import CanestError
+from canest.core.estimates import Estimates
 from canest.core.frames import EXTENDED, FrameBlock
 from canest.core.samples import Status
 from canest.decode import Decoder, j1939
@@ -35,7 +36,7 @@ from canest.logs.truth import read_truth
 from canest.logs.writer import CandumpWriter
 from canest.node.bus_monitor import BusWatch
 from canest.node.node import Node
-from canest.pipeline.pipeline import Estimates, Pipeline
+from canest.pipeline.pipeline import Pipeline
 from canest.pipeline.signal_map import decoder_for
 from canest.system.shipped_files import find
 
