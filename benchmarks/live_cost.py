@@ -83,9 +83,9 @@ def daemon(
     config_name: str, seconds: float, broadcast_hz: float | None, port_to: object, result_to: object
 ) -> None:
     """Run the daemon in this process and report what it cost."""
-    from canest.bus.kernel_drain import ask_for_stamps
+    from canest.bus.kernel_drain import enable_timestamps
     from canest.bus.protocols import Filters, Receiver, Transmitter
-    from canest.bus.socketcan import SocketCanReceiver, SocketCanTransmitter, ask_for_room
+    from canest.bus.socketcan import SocketCanReceiver, SocketCanTransmitter, enlarge_receive_buffer
     from canest.config import load_config
     from canest.live.daemon import Daemon
     from canest.node import node
@@ -94,8 +94,8 @@ def daemon(
     class UdpStandIn(SocketCanReceiver):
         def _open_socket(self) -> socket.socket:
             sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
-            ask_for_room(sock)
-            ask_for_stamps(sock)
+            enlarge_receive_buffer(sock)
+            enable_timestamps(sock)
             sock.bind(("127.0.0.1", 0))
             self.sink = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             return sock
@@ -128,7 +128,7 @@ def daemon(
     with Path(os.devnull).open("w") as nowhere:
         running = Daemon(config, journal=Journal(nowhere))
     port = 0 if has_socketcan() else running.receiver._socket.getsockname()[1]
-    filters = sorted({*running.pipeline.decoder.can_filters(), *running.node.watch.filters()})
+    filters = sorted({*running.pipeline.decoder.can_filters(), *running.node.monitor.filters()})
     port_to.put((port, filters))
     marks: dict[str, float] = {}
 
@@ -165,7 +165,7 @@ def daemon(
 
 def floor(seconds: float, port_to: object, result_to: object) -> None:
     """Only sleep and empty the socket, every 20 ms: what a loop costs here that does nothing."""
-    from canest.bus.kernel_drain import KernelDrain, ask_for_stamps
+    from canest.bus.kernel_drain import KernelDrain, enable_timestamps
     from canest.live.schedule import Schedule
 
     if has_socketcan():
@@ -174,7 +174,7 @@ def floor(seconds: float, port_to: object, result_to: object) -> None:
     else:
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
         sock.bind(("127.0.0.1", 0))
-    ask_for_stamps(sock)
+    enable_timestamps(sock)
     drain, schedule = KernelDrain(sock), Schedule()
     port_to.put((0 if has_socketcan() else sock.getsockname()[1], None))
     end_s = time.monotonic() + 2.0

@@ -79,7 +79,7 @@ class Drained:
     drops: int | None = None
 
 
-def ask_for_stamps(sock: socket.socket) -> None:
+def enable_timestamps(sock: socket.socket) -> None:
     """Switch nanosecond receive stamps and the count of overflow drops on."""
     try:
         sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS_NEW, 1)

@@ -49,7 +49,7 @@ def play(
         raise LogError("holds decoded signals, no frames: it cannot be played onto a bus", where=log)
     import can
 
-    from canest.bus.drivers import driver_of
+    from canest.bus.drivers import missing_driver
 
     try:
         out = can.Bus(interface=interface, channel=name)
@@ -57,7 +57,7 @@ def play(
         raise BusError(
             f"cannot be opened ({' '.join(str(error).split())})",
             where=bus,
-            expected=driver_of(interface)
+            expected=missing_driver(interface)
             if "not installed" in str(error)
             else "an interface that is up (ip link), or another one, e.g. udp_multicast:239.74.163.2",
         ) from None

@@ -28,7 +28,7 @@ class Receiver(Protocol):
     counters: Counter[str]
 
     @property
-    def rest_us(self) -> int:
+    def max_poll_interval_us(self) -> int:
         """How long it may be left alone, in microseconds: a beat where nobody knows how much it can hold."""
 
     def collect(self) -> bool:

@@ -16,7 +16,7 @@ from canest.bus import drivers
 from canest.bus.driver_thread import DriverThread, Job
 from canest.bus.kernel_drain import Drained
 from canest.bus.protocols import REOPEN_S, Filters
-from canest.bus.sandbox import refused
+from canest.bus.sandbox import forbidden_sockets
 from canest.config.bus import Bus
 from canest.core.errors import BusError
 from canest.core.frames import ERROR, FrameBlock
@@ -30,7 +30,7 @@ _IDS_REMEMBERED = 4096  #: a bus has some hundreds of identifiers, noise has mil
 _MAX_FRAMES = 4096  #: read at once, so that a flood cannot keep a tick from ending
 #: failures in a row, with nothing read and no end of the input in between, that close an interface: more than
 #: a socket or a terminal can hold of damaged input, and as many of a driver's own errors
-_MAX_STUMBLES, _MAX_ERRORS = 2500, 20
+_MAX_BAD_INPUTS, _MAX_ERRORS = 2500, 20
 _BEAT_S = 0.05  #: time spent on failures at once
 #: stamps further from the machine's clock may be those of a log that somebody plays at any speed
 _PRESENT_US = 1_000_000
@@ -63,7 +63,9 @@ class _Opening:
         except drivers.MISSING as error:
             self.missing, self.reason = error.with_traceback(None), drivers.error_text(error)
         except Exception as error:  # drivers raise anything when a device is not there
-            self.reason = "; ".join(filter(None, (drivers.error_text(error), refused(self._config))))
+            self.reason = "; ".join(
+                filter(None, (drivers.error_text(error), forbidden_sockets(self._config)))
+            )
 
 
 class PythonCanReceiver:
@@ -73,7 +75,7 @@ class PythonCanReceiver:
     merely not there now is waited for.
     """
 
-    rest_us = STEP_US  # nobody tells how much a driver's buffer holds
+    max_poll_interval_us = STEP_US  # nobody tells how much a driver's buffer holds
 
     def __init__(self, bus: Bus, filters: Filters) -> None:
         self._config = bus
@@ -101,7 +103,7 @@ class PythonCanReceiver:
             raise BusError(
                 f"cannot be used ({missing})",
                 where=f"bus.interface {bus.interface}",
-                expected=drivers.driver_of(bus.interface),
+                expected=drivers.missing_driver(bus.interface),
             ) from missing
 
     def collect(self) -> bool:
@@ -140,14 +142,14 @@ class PythonCanReceiver:
             self._failures = 0
             if message is not None:
                 self._take(message)
-            elif not drivers.more_waits(self._config.interface, bus):
-                if drivers.has_endless_line(bus):
+            elif not drivers.has_more_input(self._config.interface, bus):
+                if drivers.has_overlong_line(bus):
                     self._note_damaged(bus)
                 return False
         except Exception as error:  # drivers raise anything; none of it may end the loop
             self._failures += 1
-            most = _MAX_ERRORS if drivers.is_own_error(error) else _MAX_STUMBLES
-            if drivers.is_gone(error) or self._failures >= most:
+            most = _MAX_ERRORS if drivers.is_driver_error(error) else _MAX_BAD_INPUTS
+            if drivers.is_device_failure(error) or self._failures >= most:
                 self._failed(error)
                 return False
             self._note_damaged(bus)
@@ -180,7 +182,7 @@ class PythonCanReceiver:
 
     def _note_damaged(self, bus: can.BusABC) -> None:
         self.counters["damaged_input"] += 1
-        drivers.forget_damaged(bus)
+        drivers.discard_damaged_line(bus)
 
     def _open(self, wait_s: float) -> Exception | None:
         """Begin to open the interface, or see whether it is open; return what is missing for it for good."""

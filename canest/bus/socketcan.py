@@ -12,7 +12,7 @@ import struct
 import time
 from collections import Counter
 
-from canest.bus.kernel_drain import SLOTS, Drained, KernelDrain, ask_for_stamps
+from canest.bus.kernel_drain import SLOTS, Drained, KernelDrain, enable_timestamps
 from canest.bus.protocols import Filters
 from canest.core.errors import BusError
 from canest.core.frames import ERROR, FrameBlock
@@ -39,7 +39,7 @@ _FULL = frozenset({errno.ENOBUFS, errno.EAGAIN})
 _MAX_FILTERS = 512  # CAN_RAW_FILTER_MAX
 
 
-def ask_for_room(sock: socket.socket) -> None:
+def enlarge_receive_buffer(sock: socket.socket) -> None:
     """Let as many frames wait in a socket as we are allowed to."""
     try:
         sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
@@ -70,7 +70,7 @@ class SocketCanReceiver:
         self._open()
 
     @property
-    def rest_us(self) -> int:
+    def max_poll_interval_us(self) -> int:
         """Return half the time in which the fastest bus fills our buffers; a beat if one is gone or full."""
         if self._behind or self.state in ("absent", "down"):
             return STEP_US
@@ -159,8 +159,8 @@ class SocketCanReceiver:
             sock.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_FILTER, pairs)
             sock.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, struct.pack("=I", _ERR_WANTED))
             sock.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_RECV_OWN_MSGS, 0)
-            ask_for_stamps(sock)
-            ask_for_room(sock)
+            enable_timestamps(sock)
+            enlarge_receive_buffer(sock)
             sock.bind((self.channel,))
         except OSError:
             sock.close()

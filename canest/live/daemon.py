@@ -15,14 +15,14 @@ import time
 from collections.abc import Callable
 from types import FrameType
 
-from canest.bus.late_frames import in_time
+from canest.bus.late_frames import restamp_late_frames
 from canest.config.schema import Config
 from canest.core.errors import CanestError
 from canest.core.frames import FrameBlock
 from canest.core.samples import EstimateBlock, ModelBlock
 from canest.live.memory import Memory
 from canest.live.outputs import Outputs
-from canest.live.reload import Prepared, Reloads, renew
+from canest.live.reload import ConfigReloader, Prepared, renew
 from canest.live.schedule import Schedule
 from canest.node.broadcast import FRESH_US
 from canest.node.estimate_frame import Estimate
@@ -31,16 +31,16 @@ from canest.pipeline.pipeline import Estimates, Pipeline
 from canest.system.files import Background
 from canest.system.journal import Journal
 from canest.system.systemd_notify import Notifier
-from canest.telemetry.endpoints import Doors
+from canest.telemetry.endpoints import Endpoints
 from canest.telemetry.frame_rates import Rates
-from canest.telemetry.sender_rates import Paces
+from canest.telemetry.sender_rates import SenderRateMonitor
 from canest.telemetry.snapshot import flat, one_line, snapshot
 from canest.telemetry.state_changes import Changes
 
 CHORES_S = 1.0
 METRICS_S = 10.0
 #: estimates are at most this old when nobody is told more often; a little more than the period of the default
-#: broadcast, so that its beat sets the pace
+#: broadcast, so that its beat sets the sender
 LONGEST_WAIT_US = 230_000
 CLOSE_S = 0.5  #: SIGTERM has to be over within a second, whatever the disk does
 #: errors inside the estimation are survived by starting the pipeline anew; this many in a row are not
@@ -63,11 +63,11 @@ class Daemon:
         journal: Journal | None = None,
         notifier: Notifier | None = None,
     ) -> None:
-        self.config, self.config_name, self.reloads = config, config_name, Reloads(reload)
+        self.config, self.config_name, self.reloads = config, config_name, ConfigReloader(reload)
         self.journal = journal or Journal()
         self.notifier = notifier or Notifier()
         self.pid = os.getpid()
-        self.schedule, self.rates, self.paces = Schedule(), Rates(), Paces()
+        self.schedule, self.rates, self.sender_rates = Schedule(), Rates(), SenderRateMonitor()
         self.started_us = time.monotonic_ns() // 1000
         self.background = Background()
         self.late_frames = self.failures = 0
@@ -79,7 +79,7 @@ class Daemon:
         self._reached_us = -(1 << 62)
         self._due_us = 0
         self._metrics_at_s = self._save_at_s = self._chores_at_s = 0.0
-        self.doors: Doors | None = None
+        self.endpoints: Endpoints | None = None
         self.pipeline = Pipeline(config, listener=self._listen)
         self.memory = Memory(config, self.background, self.journal)
         self.memory.restore(self.pipeline)
@@ -95,7 +95,7 @@ class Daemon:
         if handle_signals:
             self._install_signals()
         try:
-            self.doors = Doors(self.config, self.journal, self.background)
+            self.endpoints = Endpoints(self.config, self.journal, self.background)
         except CanestError:  # a daemon of this config runs already: nothing has been sent yet
             self.receiver.close()
             raise
@@ -104,7 +104,7 @@ class Daemon:
             config=self.config_name,
             bus=f"{self.config.bus.interface}:{self.config.bus.channel}",
             estimator=self.config.estimator.name,
-            broadcast=self.node.silence(self.started_us) or "on",
+            broadcast=self.node.silence_reason(self.started_us) or "on",
         )
         self.notifier.ready()
         gc.collect()
@@ -129,7 +129,7 @@ class Daemon:
 
     def beat(self) -> None:
         """Sleep as long as nothing is due and the interface can be left alone; then do what is due."""
-        now_ns = self.schedule.wait(self.schedule.until(self._due_us, self.receiver.rest_us))
+        now_ns = self.schedule.wait(self.schedule.until(self._due_us, self.receiver.max_poll_interval_us))
         now_us, now_s = now_ns // 1000, now_ns * 1e-9
         if now_us >= self._due_us or not self.receiver.collect():
             self._work(now_us, now_s)
@@ -152,7 +152,7 @@ class Daemon:
             self._opened = self.receiver.opened
             self.node.restart(now_us)
         back_s = self.config.sampling.max_backward_s
-        frames, late = in_time(drained.frames, self._reached_us, back_s)
+        frames, late = restamp_late_frames(drained.frames, self._reached_us, back_s)
         self.late_frames += late
         if len(frames):
             self.rates.frames += len(frames)
@@ -163,8 +163,8 @@ class Daemon:
             self._failures_in_a_row = 0
         except Exception as error:  # a defect of ours; the vehicle drives on, and so do we
             self._survive(error)
-        self.node.speak(now_us)
-        self.notifier.alive(now_s)
+        self.node.send_due(now_us)
+        self.notifier.ping_watchdog(now_s)
 
     def _estimate(self, frames: FrameBlock, reached_us: int | None, now_us: int, now_s: float) -> None:
         if len(frames):
@@ -185,14 +185,14 @@ class Daemon:
             int(estimates.gate[-1]),
         )
         self._latest = last, now_us
-        self.node.take(last, now_us)
-        distance_km = self.node.watch.odometer.confirmed_km
+        self.node.set_estimate(last, now_us)
+        distance_km = self.node.monitor.odometer.confirmed_km
         self.memory.note(last.mass_kg, last.mass_std_kg, last.status, self._standing, distance_km)
         self.outputs.estimates(estimates, now_s)
 
     def _listen(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
         self._standing = bool(samples.stopped[-1])
-        self.node.watch.odometer.drive(samples.raw_speed_mps)
+        self.node.monitor.odometer.add_driven(samples.raw_speed_mps)
 
     def _survive(self, error: Exception) -> None:
         self.failures += 1
@@ -205,15 +205,15 @@ class Daemon:
         where = f"{trace.tb_frame.f_code.co_filename}:{trace.tb_lineno}" if trace else "?"
         self.journal.error("estimation-failed", error=f"{type(error).__name__}: {error}", where=where)
         self.pipeline = Pipeline(self.config, listener=self._listen)
-        self.memory.give_to(self.pipeline)
+        self.memory.initialise(self.pipeline)
 
     # -- once a second ------------------------------------------------------------------------------
 
     def _chores(self, now_us: int, now_s: float) -> None:
         self.rates.close(now_s)
-        self.paces.look(self.pipeline.decoder.counters, now_s)
-        if self.doors is not None and self.doors.status is not None:
-            self.doors.status.poll(lambda: snapshot(self, now_us))
+        self.sender_rates.look(self.pipeline.decoder.counters, now_s)
+        if self.endpoints is not None and self.endpoints.status is not None:
+            self.endpoints.status.poll(lambda: snapshot(self, now_us))
         self.outputs.idle(now_s)
         self._changes.tell(now_us)
         self.notifier.status(one_line(self, now_us))
@@ -226,8 +226,8 @@ class Daemon:
             if self.outputs.wants_metrics:
                 told = snapshot(self, now_us)
                 self.outputs.write_metrics(told)
-                if self.doors is not None:
-                    self.doors.latest.update(told)
+                if self.endpoints is not None:
+                    self.endpoints.latest.update(told)
         if self._wants_snapshot:
             self._wants_snapshot = False
             self.journal.notice("counters", **flat(snapshot(self, now_us)))
@@ -262,8 +262,8 @@ class Daemon:
         self.notifier.ready()
 
     def _renew(self, prepared: Prepared) -> None:
-        new = renew(prepared, self.pipeline, self.doors)
-        self.memory = self.memory.handed_over(new.config, new.pipeline)
+        new = renew(prepared, self.pipeline, self.endpoints)
+        self.memory = self.memory.transferred(new.config, new.pipeline)
         self.config, self.pipeline = new.config, new.pipeline or self.pipeline
         if new.joined is not None:
             self.receiver.close()
@@ -294,7 +294,7 @@ class Daemon:
         if not self.background.close(CLOSE_S):
             self.journal.error("disk-hangs", lost="what was still to be written")
         self.receiver.close()
-        if self.doors is not None:
-            self.doors.close()
+        if self.endpoints is not None:
+            self.endpoints.close()
         self.journal.notice("stopped", frames=self.pipeline.decoder.counters.frames)
         self.notifier.close()

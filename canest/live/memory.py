@@ -60,9 +60,9 @@ class Memory:
         if restored.message:
             self._journal.warning("state-not-used", why=restored.message)
         self.learned = restored.learned
-        self.give_to(pipeline)
+        self.initialise(pipeline)
 
-    def give_to(self, pipeline: Pipeline) -> None:
+    def initialise(self, pipeline: Pipeline) -> None:
         """Start a pipeline from what was learned last, with the doubt that the time since then brings."""
         learned = self.learned
         if learned is None:
@@ -78,7 +78,7 @@ class Memory:
             age_s=round(now_s - learned.saved_s),
         )
 
-    def handed_over(self, config: Config, pipeline: Pipeline | None) -> Memory:
+    def transferred(self, config: Config, pipeline: Pipeline | None) -> Memory:
         """Return the memory of a changed config: what this one learned, if it is the same vehicle.
 
         pipeline: the new one, to start from it; None where the old one goes on.
@@ -88,7 +88,7 @@ class Memory:
         if self.learned is not None and following._key == self._key:
             following.learned = self.learned
             if pipeline is not None:
-                following.give_to(pipeline)
+                following.initialise(pipeline)
         elif pipeline is not None:
             following.restore(pipeline)
         return following

@@ -22,7 +22,7 @@ from canest.core.frames import FrameBlock
 from canest.logs.writer import candump_text, estimates_csv
 from canest.pipeline.pipeline import Estimates
 from canest.system.atomic_file import not_regular, require_regular
-from canest.system.files import Background, naming
+from canest.system.files import Background, file_name_in_errors
 
 Block = TypeVar("Block", bound=Sized)
 
@@ -62,11 +62,11 @@ class _Spool(Generic[Block]):
         self._background.submit(self._kind, self._finish)
 
     def _put(self, blocks: list[Block]) -> None:
-        with naming(self._path):
+        with file_name_in_errors(self._path):
             self._write(self._render(blocks))
 
     def _finish(self) -> None:
-        with naming(self._path):
+        with file_name_in_errors(self._path):
             self._end()
 
     def _write(self, text: bytes) -> None:

@@ -1,7 +1,7 @@
 """A changed config taken over while the daemon runs: all that it makes anew is built before any is let go.
 
 Whatever takes long (files, validation, databases, the pipeline) is done by a thread of its own, while the
-loop goes on; what touches the bus and the doors is done by the loop, in one go.
+loop goes on; what touches the bus and the endpoints is done by the loop, in one go.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from canest.config.schema import Config
 from canest.node.node import Node, join
 from canest.pipeline.pipeline import Listener, Pipeline
 from canest.pipeline.signal_map import databases_of
-from canest.telemetry.endpoints import Doors
+from canest.telemetry.endpoints import Endpoints
 
 #: sections of a config whose change means to leave the bus and join it anew
 _MAKES_THE_BUS = ("bus", "broadcast", "signals", "dbc")
@@ -37,7 +37,7 @@ class Prepared:
 
 
 @dataclass(frozen=True)
-class Renewed:
+class Replacement:
     """The config in force from now on, and what it makes anew: None for what goes on as it is."""
 
     config: Config
@@ -55,7 +55,7 @@ class _Attempt:
 
 
 @dataclass
-class Reloads:
+class ConfigReloader:
     """Reads the config in the background, one attempt at a time, and counts what came of it.
 
     read: reads the config (None: there is nothing to reload). taken, refused: attempts by their outcome.
@@ -142,8 +142,8 @@ def prepare(old: Config, read: Callable[[], Config], running: Pipeline, listener
     return Prepared(config, frozenset(changed), following)
 
 
-def renew(prepared: Prepared, running: Pipeline, doors: Doors | None) -> Renewed:
-    """Join the bus anew where that is needed, and let the doors follow, if there are any.
+def renew(prepared: Prepared, running: Pipeline, endpoints: Endpoints | None) -> Replacement:
+    """Join the bus anew where that is needed, and let the endpoints follow, if there are any.
 
     Errors: whatever is wrong with the config, of any type; everything is as it was then.
     """
@@ -151,10 +151,10 @@ def renew(prepared: Prepared, running: Pipeline, doors: Doors | None) -> Renewed
     if not prepared.changed.isdisjoint(_MAKES_THE_BUS):
         joined = join(config, (prepared.pipeline or running).decoder.can_filters())
     try:
-        if doors is not None:
-            doors.follow(config)
+        if endpoints is not None:
+            endpoints.follow(config)
     except Exception:
         if joined is not None:
             joined[0].close()
         raise
-    return Renewed(config, prepared.pipeline, joined)
+    return Replacement(config, prepared.pipeline, joined)

@@ -10,7 +10,7 @@ from canest.core.samples import STEP_US
 
 STEP_NS = STEP_US * 1000
 #: bounds of the lateness histogram, milliseconds; the last bin takes the rest
-LATE_BOUNDS_MS = (0.1, 0.5, 1.0, 5.0, 20.0)
+LATENESS_BOUNDS_MS = (0.1, 0.5, 1.0, 5.0, 20.0)
 
 
 class Schedule:
@@ -23,8 +23,8 @@ class Schedule:
         self._next_ns = clock_ns() + STEP_NS
         self.ticks = 0
         self.missed = 0
-        #: how many ticks began later than planned by up to each of `LATE_BOUNDS_MS` (last: more)
-        self.late = [0] * (len(LATE_BOUNDS_MS) + 1)
+        #: how many ticks began later than planned by up to each of `LATENESS_BOUNDS_MS` (last: more)
+        self.late = [0] * (len(LATENESS_BOUNDS_MS) + 1)
 
     def until(self, due_us: int, longest_us: int) -> int:
         """Return the beats for `wait` to be there at ``due_us`` (monotonic), after ``longest_us`` at most."""
@@ -39,7 +39,7 @@ class Schedule:
             self._sleep(delay_ns * 1e-9)
         now_ns = self._clock_ns()
         late_ns = now_ns - self._next_ns
-        self.late[bisect_left(LATE_BOUNDS_MS, late_ns * 1e-6)] += 1
+        self.late[bisect_left(LATENESS_BOUNDS_MS, late_ns * 1e-6)] += 1
         missed = max(0, late_ns) // STEP_NS
         self.missed += missed
         self.ticks += 1
@@ -47,6 +47,6 @@ class Schedule:
         return now_ns
 
     def share_within(self, bound_ms: float) -> float:
-        """Return the share of ticks that began within one of `LATE_BOUNDS_MS` of their time."""
-        within = sum(n for n, b in zip(self.late, LATE_BOUNDS_MS, strict=False) if b <= bound_ms)
+        """Return the share of ticks that began within one of `LATENESS_BOUNDS_MS` of their time."""
+        within = sum(n for n, b in zip(self.late, LATENESS_BOUNDS_MS, strict=False) if b <= bound_ms)
         return within / self.ticks if self.ticks else 1.0

@@ -21,7 +21,7 @@ def write_atomically(path: Path, content: bytes, *, durable: bool = True) -> Non
     Errors: OSError, also where the name belongs to a directory, FIFO, socket or device.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    with naming(path):
+    with file_name_in_errors(path):
         file = AtomicFile(path, mode=0o644, durable=durable)
         try:
             file.file.write(content)
@@ -32,7 +32,7 @@ def write_atomically(path: Path, content: bytes, *, durable: bool = True) -> Non
 
 
 @contextlib.contextmanager
-def naming(path: Path) -> Iterator[None]:
+def file_name_in_errors(path: Path) -> Iterator[None]:
     """Let the system's complaints about a file that is open already name it too."""
     try:
         yield

@@ -40,7 +40,7 @@ class Notifier:
             self._status = text
             self._send("STATUS=" + text.replace("\n", " "))
 
-    def alive(self, now_s: float) -> None:
+    def ping_watchdog(self, now_s: float) -> None:
         """The estimation loop has made progress (``now_s``: monotonic); pings at half the deadline."""
         if self.watchdog_s is not None and now_s >= self._ping_at_s:
             self._ping_at_s = now_s + self.watchdog_s / 2

@@ -9,16 +9,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from canest.bus.sandbox import explained
+from canest.bus.sandbox import socket_error_text
 from canest.config.schema import Config
 from canest.core.errors import ConfigError
 from canest.system.files import Background, write_atomically
 from canest.system.journal import Journal
 from canest.telemetry.metrics import MetricsServer
-from canest.telemetry.status_socket import StatusServer, published_path, refuse_second, socket_path
+from canest.telemetry.status_socket import StatusServer, published_path, refuse_second_daemon, socket_path
 
 
-class Doors:
+class Endpoints:
     """Follows the config: `follow` opens and closes what a changed one asks for.
 
     latest: the snapshot that HTTP serves; the daemon keeps it up to date.
@@ -35,7 +35,7 @@ class Doors:
             try:
                 self.metrics = MetricsServer(port, self.latest)
             except OSError as error:
-                journal.warning("no-metrics-port", port=port, error=explained(error, "AF_INET"))
+                journal.warning("no-metrics-port", port=port, error=socket_error_text(error, "AF_INET"))
         self._open_status(config)
 
     def follow(self, config: Config) -> None:
@@ -46,14 +46,14 @@ class Doors:
         path = socket_path(config)
         moves = self.status is None or self.status.path != path or not path.exists()
         if moves:
-            refuse_second(path)
+            refuse_second_daemon(path)
         port = config.service.metrics_port
         old = self.metrics
         if port != (None if old is None else old.port):
             try:
                 self.metrics = None if port is None else MetricsServer(port, self.latest)
             except OSError as error:
-                what = f"cannot be opened ({explained(error, 'AF_INET')})"
+                what = f"cannot be opened ({socket_error_text(error, 'AF_INET')})"
                 raise ConfigError(what, where=config.at("service.metrics_port"), found=port) from error
             if old is not None:  # its thread takes half a second to end, which is not the loop's to wait for
                 self._background.submit("metrics_port", old.close)

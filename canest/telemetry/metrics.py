@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from canest.core.errors import UsageError, how_to_add
-from canest.node.estimate_frame import STATUS_WORDS
+from canest.node.estimate_frame import STATUS_NAMES
 
 Sample = tuple[str, dict[str, str], float]
 
@@ -53,7 +53,7 @@ def samples(snapshot: dict[str, Any]) -> Iterator[Sample]:
         ("canest_grade_std_ratio", "grade_std"),
     ):
         yield metric, {}, math.nan if estimate[key] is None else estimate[key]
-    for status in STATUS_WORDS:
+    for status in STATUS_NAMES:
         yield "canest_status", {"status": status}, float(estimate["status"] == status)
     yield "canest_bus_up", {}, float(bus["state"] in ("up", "error-passive"))
     yield "canest_bus_frames_total", {}, bus["frames"]

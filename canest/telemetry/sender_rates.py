@@ -21,7 +21,7 @@ Key = tuple[int, int | None]  #: group (or identifier) and source address
 
 
 @dataclass(slots=True)
-class _Pace:
+class _SenderRate:
     """How many frames a sender had at the last look, and what it sends usually."""
 
     frames: int = 0
@@ -29,7 +29,7 @@ class _Pace:
     windows: int = 0
 
 
-class Paces:
+class SenderRateMonitor:
     """Watches the rates of the senders that the config uses.
 
     faster: senders beyond their usual rate just now, with that rate and the present one (Hz).
@@ -39,7 +39,7 @@ class Paces:
     def __init__(self) -> None:
         self.faster: dict[Key, tuple[float, float]] = {}
         self.seconds: dict[Key, float] = {}
-        self._paces: dict[Key, _Pace] = {}
+        self._rates: dict[Key, _SenderRate] = {}
         self._since_s: float | None = None
 
     def look(self, counters: Counters, now_s: float) -> None:
@@ -55,18 +55,18 @@ class Paces:
                 self._judge(key, sender.frames, elapsed_s)
 
     def _judge(self, key: Key, frames: int, elapsed_s: float) -> None:
-        pace = self._paces.setdefault(key, _Pace())
-        fresh, pace.frames = frames - pace.frames, frames
+        sender = self._rates.setdefault(key, _SenderRate())
+        fresh, sender.frames = frames - sender.frames, frames
         if fresh < _FEWEST_FRAMES:  # silent, slow, or counted anew
             self.faster.pop(key, None)
             return
         rate_hz = fresh / elapsed_s
-        pace.windows += 1
+        sender.windows += 1
         gain = _SLOWEST_GAIN
-        if pace.windows > _LEARN_WINDOWS and rate_hz > FASTER * pace.usual_hz:
-            self.faster[key] = pace.usual_hz, rate_hz
+        if sender.windows > _LEARN_WINDOWS and rate_hz > FASTER * sender.usual_hz:
+            self.faster[key] = sender.usual_hz, rate_hz
             self.seconds[key] = self.seconds.get(key, 0.0) + elapsed_s
         else:
             self.faster.pop(key, None)
-            gain = max(1 / pace.windows, gain)
-        pace.usual_hz += (rate_hz - pace.usual_hz) * gain
+            gain = max(1 / sender.windows, gain)
+        sender.usual_hz += (rate_hz - sender.usual_hz) * gain

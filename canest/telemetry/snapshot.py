@@ -9,7 +9,7 @@ from canest.core.gates import LABELS
 from canest.core.samples import RATE_HZ, STEP_S
 from canest.doctor.missing_signals import unheard
 from canest.doctor.reasons import why_no_signal
-from canest.node.estimate_frame import STATUS_WORDS
+from canest.node.estimate_frame import STATUS_NAMES
 
 if TYPE_CHECKING:
     from canest.live.daemon import Daemon
@@ -47,7 +47,7 @@ def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
             "mass_std_kg": _number(estimate.mass_std_kg, 1),
             "grade": _number(estimate.grade, 6),
             "grade_std": _number(estimate.grade_std, 6),
-            "status": STATUS_WORDS[estimate.status],
+            "status": STATUS_NAMES[estimate.status],
             "gate": LABELS.get(estimate.gate, NOT_AVAILABLE),
         },
         # a bus that has just woken up is still telling what it has
@@ -59,8 +59,8 @@ def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
         "clock": dict(pipeline.clock.counters),
         "broadcast": {
             "address": node.address,
-            "silent_because": node.silence(now_us),
-            "other_users_of_our_group": sorted(a for a in node.watch.group_users if a != node.address),
+            "silent_because": node.silence_reason(now_us),
+            "other_users_of_our_group": sorted(a for a in node.monitor.group_users if a != node.address),
             **node.counters(),
         },
         "senders": _senders(daemon),
@@ -72,15 +72,15 @@ def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
         },
         "sends_faster": {
             _sender_key(key): [round(usual, 1), round(now, 1)]
-            for key, (usual, now) in daemon.paces.faster.items()
+            for key, (usual, now) in daemon.sender_rates.faster.items()
         },
-        "sent_faster_s": {_sender_key(key): round(s) for key, s in daemon.paces.seconds.items()},
-        "claims": {_address(a): n for a, n in sorted(node.watch.claimed.items())},
-        "torque_commands": {_address(a): n for a, n in sorted(node.watch.torque_commands.items())},
+        "sent_faster_s": {_sender_key(key): round(s) for key, s in daemon.sender_rates.seconds.items()},
+        "claims": {_address(a): n for a, n in sorted(node.monitor.claimed.items())},
+        "torque_commands": {_address(a): n for a, n in sorted(node.monitor.torque_commands.items())},
         "transport": dict(counters.transport),
         "implausible_jumps": dict(pipeline.intake.screen.refused),
         "frozen_signals": {role: round(n / RATE_HZ, 1) for role, n in pipeline.frozen.items()},
-        "masses_of_others_kg": {_address(a): m.mass_kg for a, m in sorted(node.watch.other_masses.items())},
+        "masses_of_others_kg": {_address(a): m.mass_kg for a, m in sorted(node.monitor.other_masses.items())},
         "ticks": {
             "count": daemon.schedule.ticks,
             "missed": daemon.schedule.missed,
@@ -110,7 +110,7 @@ def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
 def why_not_valid(daemon: Daemon, now_us: int) -> str:
     """Return one sentence on what the estimate lacks ('' when it is valid)."""
     estimate, pipeline = daemon.estimate(now_us), daemon.pipeline
-    status = STATUS_WORDS[estimate.status]
+    status = STATUS_NAMES[estimate.status]
     if status == "valid":
         return ""
     if daemon.receiver.state not in ("up", "error-passive"):
@@ -139,7 +139,7 @@ def one_line(daemon: Daemon, now_us: int) -> str:
     """Return the line that ``systemctl status`` shows."""
     estimate = daemon.estimate(now_us)
     bus = f"{daemon.config.bus.channel} {daemon.receiver.state}, {daemon.rates.frames_per_s:.0f} frames/s"
-    status = STATUS_WORDS[estimate.status]
+    status = STATUS_NAMES[estimate.status]
     if math.isnan(estimate.mass_kg):
         return f"{status}: {why_not_valid(daemon, now_us)} ({bus})"
     # whole hundreds and tenths: a line that changes at every look would only fill the journal

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canest.node.estimate_frame import STATUS_WORDS
+from canest.node.estimate_frame import STATUS_NAMES
 from canest.telemetry.snapshot import bus_state, sender_name
 
 if TYPE_CHECKING:
@@ -24,21 +24,21 @@ class Changes:
         """Look at everything worth a line in the journal."""
         daemon = self._daemon
         self._tell("bus", bus_state(daemon), bad=daemon.receiver.state != "up")
-        silence, address = daemon.node.silence(now_us), daemon.node.address
-        speaks = silence or f"on from address {address:#04x}"
+        silence_reason, address = daemon.node.silence_reason(now_us), daemon.node.address
+        speaks = silence_reason or f"on from address {address:#04x}"
         self._tell("broadcast", speaks, bad=daemon.node.group_is_taken)
-        self._tell("status", STATUS_WORDS[daemon.estimate(now_us).status])
+        self._tell("status", STATUS_NAMES[daemon.estimate(now_us).status])
         others = len(daemon.pipeline.decoder.counters.other_senders)
         self._tell("other-senders", others, bad=True, unless_first=not others)
         doubted = ", ".join(sorted(daemon.pipeline.decoder.counters.contested()))
         self._tell("contested-signals", doubted, bad=True, unless_first=not doubted)
-        faster = ", ".join(sorted(map(sender_name, daemon.paces.faster)))
+        faster = ", ".join(sorted(map(sender_name, daemon.sender_rates.faster)))
         self._tell("senders-faster-than-usual", faster or "none", bad=bool(faster), unless_first=not faster)
         frozen = ", ".join(sorted(daemon.pipeline.frozen))
         self._tell("frozen-signals", frozen, bad=True, unless_first=not frozen)
-        lost = daemon.node.watch.counters["cannot_claim_heard"]
+        lost = daemon.node.monitor.counters["cannot_claim_heard"]
         self._tell("addresses-lost-by-others", lost, bad=True, unless_first=not lost)
-        masses = ", ".join(f"{a:#04x}" for a in sorted(daemon.node.watch.other_masses))
+        masses = ", ".join(f"{a:#04x}" for a in sorted(daemon.node.monitor.other_masses))
         self._tell("masses-sent-by-others", masses, unless_first=not masses)
         for kind in _KINDS:
             failure = daemon.background.failures.get(kind, "")

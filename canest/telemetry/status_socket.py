@@ -41,7 +41,7 @@ class StatusServer:
     def __init__(self, path: Path, publish: Callable[[bytes], object] | None = None) -> None:
         self.path, self._publish = path, publish
         path.parent.mkdir(parents=True, exist_ok=True)
-        refuse_second(path)
+        refuse_second_daemon(path)
         path.unlink(missing_ok=True)  # left behind by a daemon that was killed
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.setblocking(False)
@@ -80,7 +80,7 @@ def published_path(path: Path) -> Path:
     return path.with_suffix(".json")
 
 
-def refuse_second(path: Path) -> None:
+def refuse_second_daemon(path: Path) -> None:
     """Raise UsageError where somebody listens on a socket of this name."""
     with _client() as client:
         try:
@@ -102,7 +102,7 @@ def _client() -> socket.socket:
     return client
 
 
-def ask(path: Path) -> dict[str, Any]:
+def read_status(path: Path) -> dict[str, Any]:
     """Return a running daemon's snapshot. Errors: OSError, ValueError when nobody answers properly."""
     answer = json.loads(_answer(path, time.monotonic() + ANSWER_S))
     if not isinstance(answer, dict):

@@ -102,8 +102,8 @@ def _doubts(snapshot: dict[str, Any]) -> list[tuple[str, str]]:
         seconds = _counted({f"{role}, seconds:": s for role, s in frozen.items()}, 4)
         lines.append(("frozen", f"{seconds}. The vehicle changed its speed meanwhile; taken as silent"))
     for sender, (usual_hz, now_hz) in snapshot["sends_faster"].items():
-        paces = f"{_words(sender)}: {now_hz:g} Hz, usually {usual_hz:g}"
-        lines.append(("doubtful", f"{paces}. Does somebody else send under this address?"))
+        rates = f"{_words(sender)}: {now_hz:g} Hz, usually {usual_hz:g}"
+        lines.append(("doubtful", f"{rates}. Does somebody else send under this address?"))
     past = {k: s for k, s in snapshot["sent_faster_s"].items() if k not in snapshot["sends_faster"]}
     if past:
         lines.append(("was doubtful", _counted({f"{sender}, seconds:": s for sender, s in past.items()}, 4)))

@@ -20,7 +20,7 @@ from canest.cli.main import run
 from canest.config import load_config
 from canest.live.install import install, unit_text
 from canest.system.shipped_files import shipped
-from canest.telemetry.status_socket import StatusServer, ask, socket_path
+from canest.telemetry.status_socket import StatusServer, read_status, socket_path
 from tests.live.rig import Rig, free_port, wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -80,7 +80,7 @@ def test_a_life_under_systemd(tmp_path, truck):
         daemon.heard("STATUS=")
         daemon.heard("WATCHDOG=1")
         [path] = (tmp_path / "run").glob("status-*.sock")
-        assert ask(path)["why_not_valid"].startswith("nothing has been heard")
+        assert read_status(path)["why_not_valid"].startswith("nothing has been heard")
 
         daemon.process.send_signal(signal.SIGUSR1)
         assert wait_for(lambda: "<5>counters" in daemon.said())
@@ -140,11 +140,11 @@ def test_a_reload_moves_the_metrics_port_and_the_status_socket(tmp_path, truck):
         reload(daemon, port=first, channel="elsewhere")
         assert wait_for(lambda: "service.metrics_port: cannot be opened" in daemon.said())
         assert "canest_uptime_seconds" in served(second)
-        assert ask(tmp_path / "run" / "status-virtual-vcan0.sock")["reloads"] == 2
+        assert read_status(tmp_path / "run" / "status-virtual-vcan0.sock")["reloads"] == 2
         occupied.close()
         reload(daemon, port=first, channel="elsewhere")
         assert wait_for((tmp_path / "run" / "status-virtual-elsewhere.sock").exists)
-        assert ask(tmp_path / "run" / "status-virtual-elsewhere.sock")["reloads"] == 3
+        assert read_status(tmp_path / "run" / "status-virtual-elsewhere.sock")["reloads"] == 3
         assert not (tmp_path / "run" / "status-virtual-vcan0.sock").exists()
         reload(daemon, port="null")
         assert wait_for(lambda: served(first) == "")
@@ -218,7 +218,7 @@ def test_status_shows_what_a_person_on_call_needs(tmp_path, drive, monkeypatch, 
         content = snapshot(rig.daemon, rig.now_us)
     assert content["senders"]["pgn_61444_from_0x00"]["frames"] > 0
     assert all(re.fullmatch(r"[\w.]+", key) for key in flat(content))  # a line of key=value splits at spaces
-    monkeypatch.setattr("canest.telemetry.status_socket.ask", lambda path: content)
+    monkeypatch.setattr("canest.telemetry.status_socket.read_status", lambda path: content)
     assert run(["status", "--socket", "x"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     for part in (

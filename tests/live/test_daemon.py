@@ -169,7 +169,7 @@ def test_a_quiet_bus_is_progress_for_the_watchdog(tmp_path, monkeypatch):
     class Supervisor:
         watchdog_s, pings, said = 10.0, 0, []
 
-        def alive(self, now_s):
+        def ping_watchdog(self, now_s):
             self.pings += 1
 
         def status(self, text):

@@ -83,7 +83,7 @@ def test_a_mass_learned_survives_a_restart_with_more_doubt(tmp_path, drive, monk
         learned = rig.daemon.estimate(rig.now_us)
     saved = json.loads((tmp_path / "learned-vcan0.json").read_text())
     assert abs(saved["mass_kg"] - learned.mass_kg) < 100 and saved["valid"] is True
-    assert saved["distance_km"] == rig.daemon.node.watch.distance_km is not None
+    assert saved["distance_km"] == rig.daemon.node.monitor.distance_km is not None
     assert 0.5 < saved["distance_km"] - ODOMETER_START_KM < 3.0
     with Rig(monkeypatch, settings, drive) as rig:
         assert "mass-restored" in rig.log.getvalue()

@@ -12,7 +12,7 @@ from canest.core.frames import FrameBlock
 from canest.core.samples import Status
 from canest.decode.counters import Counters, SenderCounters
 from canest.telemetry import metrics
-from canest.telemetry.sender_rates import WINDOW_S, Paces
+from canest.telemetry.sender_rates import WINDOW_S, SenderRateMonitor
 from canest.telemetry.snapshot import snapshot
 from canest.telemetry.status_view import rows
 from tests.live.rig import Rig
@@ -25,15 +25,15 @@ class Bus:
     """One sender, heard once a second."""
 
     def __init__(self):
-        self.paces, self.counters, self.now_s = Paces(), Counters(), 1000.0
+        self.sender_rates, self.counters, self.now_s = SenderRateMonitor(), Counters(), 1000.0
         self.sender = self.counters.senders[SENDER] = SenderCounters(used=True)
 
     def send(self, hz, seconds):
         for _ in range(round(seconds)):
             self.now_s += 1.0
             self.sender.frames += round(hz)
-            self.paces.look(self.counters, self.now_s)
-        return self.paces.faster
+            self.sender_rates.look(self.counters, self.now_s)
+        return self.sender_rates.faster
 
 
 def test_an_address_that_sends_twice_as_much_is_told_while_it_does():
@@ -42,7 +42,7 @@ def test_an_address_that_sends_twice_as_much_is_told_while_it_does():
     faster = bus.send(100, 2 * WINDOW_S)
     assert faster[SENDER] == pytest.approx((50, 100), rel=0.05)
     assert not bus.send(50, 2 * WINDOW_S)
-    assert bus.paces.seconds[SENDER] == pytest.approx(2 * WINDOW_S)
+    assert bus.sender_rates.seconds[SENDER] == pytest.approx(2 * WINDOW_S)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import weakref
 
 import pytest
 
-from canest.bus.kernel_drain import KernelDrain, ask_for_stamps
+from canest.bus.kernel_drain import KernelDrain, enable_timestamps
 from tests.live.wire import ID, packed, settle
 
 
@@ -22,7 +22,7 @@ def loopback():
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outlet,
     ):
         inlet.bind(("127.0.0.1", 0))
-        ask_for_stamps(inlet)
+        enable_timestamps(inlet)
         outlet.connect(inlet.getsockname())
         yield inlet, outlet
 

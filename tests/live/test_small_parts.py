@@ -22,7 +22,7 @@ from canest.live.schedule import STEP_NS, Schedule
 from canest.system.journal import BURST, REFILL_S, Journal
 from canest.system.systemd_notify import Notifier
 from canest.telemetry.broadcast_view import BLOCKS, LiveView, sparkline
-from canest.telemetry.status_socket import StatusServer, ask
+from canest.telemetry.status_socket import StatusServer, read_status
 from tests.live.rig import Rig, config
 
 
@@ -64,7 +64,7 @@ def test_the_watchdog_is_pinged_at_half_its_deadline_and_only_when_called(superv
     notifier = Notifier(environment)
     assert notifier.watchdog_s == 10.0
     for tick in range(int(30 / 0.02)):
-        notifier.alive(100.0 + tick * 0.02)
+        notifier.ping_watchdog(100.0 + tick * 0.02)
     notifier.close()
     assert messages(sock) == ["WATCHDOG=1"] * 6
 
@@ -272,7 +272,7 @@ def test_a_daemon_is_there_however_many_ask_at_once(tmp_path):
         with pytest.raises(UsageError, match="running already"):
             StatusServer(path)
         with ThreadPoolExecutor() as pool:
-            answer = pool.submit(ask, path)
+            answer = pool.submit(read_status, path)
             while not answer.done():
                 first.poll(lambda: {"pid": 7})
                 time.sleep(0.1)

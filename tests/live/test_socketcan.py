@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from canest.bus.kernel_drain import SLOTS, KernelDrain, ask_for_stamps
+from canest.bus.kernel_drain import SLOTS, KernelDrain, enable_timestamps
 from canest.bus.socketcan import SocketCanReceiver, SocketCanTransmitter
 from canest.core.errors import BusError
 from canest.core.frames import ERROR
@@ -26,7 +26,7 @@ class Interface(SocketCanReceiver):
             raise OSError(errno.ENODEV, "No such device")
         self.inlet = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
         self.inlet.bind(("127.0.0.1", 0))
-        ask_for_stamps(self.inlet)
+        enable_timestamps(self.inlet)
         return self.inlet
 
     def _index_of_interface(self):
@@ -77,22 +77,22 @@ def test_an_interface_that_is_absent_is_waited_for():
 def test_an_interface_is_left_alone_for_half_of_what_its_buffers_hold(interface):
     granted = interface.inlet.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
     frames = min(granted // 1024, SLOTS)
-    assert interface.rest_us == pytest.approx(frames / 4000 / 2 * 1e6, abs=1)
+    assert interface.max_poll_interval_us == pytest.approx(frames / 4000 / 2 * 1e6, abs=1)
     interface.index = None
     time.sleep(0.55)
     interface.drain()
-    assert interface.state == "absent" and interface.rest_us == STEP_US
+    assert interface.state == "absent" and interface.max_poll_interval_us == STEP_US
 
 
 def test_an_interface_is_not_left_alone_while_frames_wait_in_it(interface):
-    rest_us = interface.rest_us
+    max_poll_interval_us = interface.max_poll_interval_us
     interface._drain = KernelDrain(interface.inlet, slots=32)
     interface.bus_sends(*[packed()] * 42)
     time.sleep(0.05)
     assert len(interface.drain().frames) == 32
-    assert interface.rest_us == STEP_US
+    assert interface.max_poll_interval_us == STEP_US
     assert len(interface.drain().frames) == 10
-    assert interface.rest_us == rest_us
+    assert interface.max_poll_interval_us == max_poll_interval_us
 
 
 def test_an_interface_deleted_and_created_again_is_opened_within_a_tick_or_two(interface):

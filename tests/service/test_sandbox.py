@@ -15,7 +15,7 @@ from canest.config import load_config
 from canest.config.bus import Bus
 from canest.system.files import Background
 from canest.system.journal import Journal
-from canest.telemetry.endpoints import Doors
+from canest.telemetry.endpoints import Endpoints
 
 MULTICAST = Bus(interface="udp_multicast", channel="239.74.163.2")
 FORBIDDEN = "RestrictAddressFamilies of the unit forbids AF_INET: canest install-service"
@@ -58,9 +58,9 @@ def test_a_forbidden_metrics_port_says_what_forbids_it(
     monkeypatch.setenv("INVOCATION_ID", "0" * 32)
     changes = [f"service.state_dir={tmp_path}", "service.metrics_port=9464"]
     log, background = io.StringIO(), Background()
-    doors = Doors(load_config("vcan", changes), Journal(log), background)
+    endpoints = Endpoints(load_config("vcan", changes), Journal(log), background)
     assert FORBIDDEN in log.getvalue()
-    doors.close()
+    endpoints.close()
     background.close(1.0)
 
 
