@@ -136,7 +136,7 @@ def daemon(
         time.sleep(2.0)  # warm caches, the claim, the first allocations
         marks["cpu"], marks["wall"] = time.process_time(), time.monotonic()
         marks["ticks"], marks["frames"] = running.schedule.ticks, running.pipeline.decoder.counters.frames
-        running.schedule.late = [0] * len(running.schedule.late)
+        running.schedule.lateness_counts = [0] * len(running.schedule.lateness_counts)
         time.sleep(seconds)
         marks["cpu"], marks["wall"] = time.process_time() - marks["cpu"], time.monotonic() - marks["wall"]
         marks["ticks"] = running.schedule.ticks - marks["ticks"]
@@ -145,7 +145,7 @@ def daemon(
 
     threading.Thread(target=measure, daemon=True).start()
     running.run(handle_signals=False)
-    late = running.schedule.late
+    late = running.schedule.lateness_counts
     result_to.put(
         {
             "core_pct": round(100 * marks["cpu"] / marks["wall"], 2),
@@ -182,7 +182,7 @@ def floor(seconds: float, port_to: object, result_to: object) -> None:
         schedule.wait()
         drain.drain()
     cpu_s, wall_s = time.process_time(), time.monotonic()
-    schedule.late, schedule.ticks = [0] * len(schedule.late), 0
+    schedule.lateness_counts, schedule.ticks = [0] * len(schedule.lateness_counts), 0
     while time.monotonic() < wall_s + seconds:
         schedule.wait()
         drain.drain()

@@ -73,7 +73,7 @@ def _last_words(config: Any) -> None:
     """Say what a daemon that is not running has learned."""
     import time
 
-    from canest.live.memory import file_name, state_dir
+    from canest.live.mass_store import file_name, state_dir
     from canest.live.state import peek
 
     path = state_dir(config) / file_name(config)

@@ -29,12 +29,12 @@ class Node:
         self.monitor = monitor
         self.network_management: NetworkManagement | None = None
         self.broadcaster: Broadcaster | None = None
-        self._transmitter: Transmitter | None = None
+        self.transmitter: Transmitter | None = None
         self._not_sending_because = LISTENING_ONLY if config.broadcast.listen_only else NOT_ENABLED
 
     def attach(self, config: Config, transmitter: Transmitter, now_us: int) -> None:
         """Begin to send: claim an address, then broadcast."""
-        self._transmitter = transmitter
+        self.transmitter = transmitter
         self.broadcaster = Broadcaster(config.broadcast)
         self.network_management = NetworkManagement(config.broadcast, self.broadcaster.groups)
         self.network_management.start(now_us)
@@ -64,7 +64,7 @@ class Node:
     def send_due(self, now_us: int) -> None:
         """Send what is due."""
         management, broadcaster = self.network_management, self.broadcaster
-        transmitter = self._transmitter
+        transmitter = self.transmitter
         if management is None or broadcaster is None or transmitter is None:
             return
         for can_id, payload in management.poll(now_us, boottime_us()):
@@ -103,8 +103,8 @@ class Node:
             counted |= self.network_management.claim.counters
         if self.broadcaster is not None:
             counted |= self.broadcaster.counters
-        if self._transmitter is not None:
-            counted |= self._transmitter.counters
+        if self.transmitter is not None:
+            counted |= self.transmitter.counters
         return counted
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from canest.config.schema import Config
 from canest.core.errors import UsageError
-from canest.live.memory import state_dir
+from canest.live.mass_store import state_dir
 
 ANSWER_S = 3.0  #: for an answer as a whole; a daemon that works looks for clients every second
 _CLIENTS = 32  #: waiting at once

@@ -115,7 +115,7 @@ class Rig:
         """Let ``s`` seconds pass."""
         end_ns = self.time.now_ns + round(s * 50) * 20_000_000
         while self.time.now_ns < end_ns:
-            self.daemon.beat()
+            self.daemon.step()
             if self.waits_for_reload:
                 self.daemon.reloads.wait(30)
         return self
@@ -134,7 +134,7 @@ class Rig:
         return self
 
     def __exit__(self, *_):
-        self.daemon._end()
+        self.daemon.close()
 
 
 def kenworth(data, seconds=None):

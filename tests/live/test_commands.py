@@ -80,7 +80,7 @@ def test_a_life_under_systemd(tmp_path, truck):
         daemon.heard("STATUS=")
         daemon.heard("WATCHDOG=1")
         [path] = (tmp_path / "run").glob("status-*.sock")
-        assert read_status(path)["why_not_valid"].startswith("nothing has been heard")
+        assert read_status(path)["why_not_valid"].startswith("no frame has been received")
 
         daemon.process.send_signal(signal.SIGUSR1)
         assert wait_for(lambda: "<5>counters" in daemon.said())
@@ -215,7 +215,7 @@ def test_status_shows_what_a_person_on_call_needs(tmp_path, drive, monkeypatch, 
 
     with Rig(monkeypatch, settings, drive) as rig:
         rig.run(45)
-        content = snapshot(rig.daemon, rig.now_us)
+        content = snapshot(rig.daemon.view(rig.now_us))
     assert content["senders"]["pgn_61444_from_0x00"]["frames"] > 0
     assert all(re.fullmatch(r"[\w.]+", key) for key in flat(content))  # a line of key=value splits at spaces
     monkeypatch.setattr("canest.telemetry.status_socket.read_status", lambda path: content)

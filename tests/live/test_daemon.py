@@ -119,7 +119,7 @@ def test_full_load_noise_and_wrong_senders_do_not_move_a_valid_estimate(tmp_path
             assert now.status == Status.VALID
             worst = max(worst, abs(now.mass_kg / before.mass_kg - 1))
         assert worst < 0.02
-        assert rig.daemon.failures == 0
+        assert rig.daemon.estimation.failures == 0
         assert len(rig.daemon.pipeline.decoder.counters.other_senders) > 50
 
 
@@ -132,11 +132,11 @@ def test_the_real_attack_logs_are_survived_and_counted(tmp_path, data, monkeypat
         frames = FrameBlock.concatenate(list(open_log(data / "kenworth" / f"{name}.log.xz")))
         with Rig(monkeypatch, config(tmp_path, "broadcast.enabled=true", name="kenworth"), frames) as rig:
             rig.run_out()
-            assert rig.daemon.failures == 0
+            assert rig.daemon.estimation.failures == 0
             assert rig.daemon.pipeline.decoder.counters.frames > 0
             claims = [s for s in rig.script.sent if j1939.pgn_of(s[1]) == CLAIM_PGN]
             assert len(claims) < 5 * frames.t_us[-1] / 1e6
-            told[name] = snapshot(rig.daemon, rig.now_us)
+            told[name] = snapshot(rig.daemon.view(rig.now_us))
     assert told["tsc1"]["torque_commands"] == {"0x03": 619, "0x0B": 923}
     assert told["address_claim"]["claims"] == {"0x00": 1}
     assert told["address_claim"]["broadcast"]["cannot_claim_heard"] == 1
@@ -156,7 +156,7 @@ def test_a_bus_that_cannot_be_opened_says_why_once(tmp_path, monkeypatch):
     with Rig(monkeypatch, config(tmp_path)) as rig:
         rig.script.state, rig.script.reason = "absent", "No such device"
         rig.run(10)
-        told = snapshot(rig.daemon, rig.now_us)
+        told = snapshot(rig.daemon.view(rig.now_us))
         assert told["bus"]["reason"] == "No such device"
         assert ("why not valid", "the bus vcan0 is absent: No such device") in rows_of(told)
         rig.script.state, rig.script.reason = "up", ""
@@ -181,7 +181,7 @@ def test_a_quiet_bus_is_progress_for_the_watchdog(tmp_path, monkeypatch):
     with Rig(monkeypatch, config(tmp_path), notifier=Supervisor()) as rig:
         rig.run(30)
         assert 30 * 4 < rig.daemon.notifier.pings < 30 * 6
-        assert "nothing has been heard on vcan0" in rig.daemon.notifier.said[-1]
+        assert "no frame has been received on vcan0" in rig.daemon.notifier.said[-1]
 
 
 def test_an_interface_opened_anew_means_claiming_anew(tmp_path, drive, monkeypatch):
@@ -205,7 +205,7 @@ def test_listen_only_sends_nothing_whatever_is_asked(tmp_path, data, monkeypatch
 def test_metrics_and_snapshot_tell_the_same_and_are_well_formed(tmp_path, drive, monkeypatch):
     with Rig(monkeypatch, config(tmp_path, f"service.metrics_file={tmp_path}/m.prom"), drive) as rig:
         rig.run(42)
-        rig.daemon._wants_snapshot = True
+        rig.daemon.request_counters()
         rig.run(2)
         assert "counters" in rig.log.getvalue() and "estimate.mass_kg=" in rig.log.getvalue()
         assert wait_for((tmp_path / "m.prom").exists)
@@ -228,7 +228,7 @@ def test_the_snapshot_is_whole_while_the_disk_recovers(tmp_path, monkeypatch):
 
     with Rig(monkeypatch, config(tmp_path)) as rig:
         rig.daemon.background.failures = Failures(state="No space left", ring="No space left")
-        files = snapshot(rig.daemon, rig.now_us)["files"]
+        files = snapshot(rig.daemon.view(rig.now_us))["files"]
         assert files["state_error"] == files["ring_error"] == "No space left"
 
 
@@ -246,7 +246,7 @@ def test_the_snapshot_is_json_and_stays_small_under_noise(tmp_path, drive, monke
     )
     with Rig(monkeypatch, config(tmp_path), noise) as rig:
         rig.run(3)
-        text = json.dumps(snapshot(rig.daemon, rig.now_us), allow_nan=False)
+        text = json.dumps(snapshot(rig.daemon.view(rig.now_us)), allow_nan=False)
         assert len(text) < 60_000
         assert json.loads(text)["other_senders_count"] > 1000
 
@@ -267,7 +267,7 @@ def test_masses_of_other_ecus_stand_beside_ours(tmp_path, drive, monkeypatch):
     both = both[np.argsort(both.t_us, kind="stable")]
     with Rig(monkeypatch, config(tmp_path), both) as rig:
         rig.run(45)
-        told = snapshot(rig.daemon, rig.now_us)
+        told = snapshot(rig.daemon.view(rig.now_us))
         assert told["masses_of_others_kg"] == {"0x0B": 21_300.0, "0x27": 22_600.0}
         assert told["estimate"]["mass_kg"] == pytest.approx(21_000, rel=0.05)
 

@@ -32,7 +32,7 @@ class Bus:
         for _ in range(round(seconds)):
             self.now_s += 1.0
             self.sender.frames += round(hz)
-            self.sender_rates.look(self.counters, self.now_s)
+            self.sender_rates.update(self.counters, self.now_s)
         return self.sender_rates.faster
 
 
@@ -42,7 +42,7 @@ def test_an_address_that_sends_twice_as_much_is_told_while_it_does():
     faster = bus.send(100, 2 * WINDOW_S)
     assert faster[SENDER] == pytest.approx((50, 100), rel=0.05)
     assert not bus.send(50, 2 * WINDOW_S)
-    assert bus.sender_rates.seconds[SENDER] == pytest.approx(2 * WINDOW_S)
+    assert bus.sender_rates.faster_s[SENDER] == pytest.approx(2 * WINDOW_S)
 
 
 @pytest.mark.parametrize(
@@ -107,7 +107,7 @@ def test_a_second_sender_of_a_signal_without_a_named_address_is_refused_and_told
         before = rig.daemon.estimate(rig.now_us)
         assert before.status == Status.VALID
         rig.run(25)
-        after, told = rig.daemon.estimate(rig.now_us), snapshot(rig.daemon, rig.now_us)
+        after, told = rig.daemon.estimate(rig.now_us), snapshot(rig.daemon.view(rig.now_us))
     assert abs(after.mass_kg / before.mass_kg - 1) < 0.02
     assert told["contested_signals"]["engine_torque_pct"]["0x31"] > 500
     assert 'contested-signals now="engine_speed, engine_torque_pct"' in rig.log.getvalue()
@@ -120,14 +120,14 @@ def test_a_second_sender_of_a_signal_without_a_named_address_is_refused_and_told
 def test_a_forger_under_the_right_address_shows_by_the_rate(tmp_path, drive, monkeypatch):
     with Rig(monkeypatch, config(tmp_path), forged_torque(drive, EEC1, 60, 80)) as rig:
         rig.run(59)
-        assert snapshot(rig.daemon, rig.now_us)["sends_faster"] == {}
+        assert snapshot(rig.daemon.view(rig.now_us))["sends_faster"] == {}
         rig.run(18)
-        told = snapshot(rig.daemon, rig.now_us)
+        told = snapshot(rig.daemon.view(rig.now_us))
         usual_hz, now_hz = told["sends_faster"]["pgn_61444_from_0x00"]
         assert now_hz == pytest.approx(2 * usual_hz, rel=0.1)
         assert 'senders-faster-than-usual now="PGN 61444 from 0x00"' in rig.log.getvalue()
         assert any("Does somebody else send" in text for _, text in rows(told))
         rig.run(12)
-        told = snapshot(rig.daemon, rig.now_us)
+        told = snapshot(rig.daemon.view(rig.now_us))
         assert told["sends_faster"] == {} and told["sent_faster_s"]["pgn_61444_from_0x00"] >= 10
         assert "canest_sender_faster_seconds_total{sender=" in metrics.text(told)

@@ -307,7 +307,7 @@ def test_a_node_without_transmitter_has_nothing_that_could_send():
     node.observe(FrameBlock.from_frames([(0, *request(CLAIM_PGN))]), 0)
     node.set_estimate(GOOD, 0)
     node.send_due(0)
-    assert node.network_management is None and node.broadcaster is None
+    assert node.network_management is None and node.broadcaster is None and node.transmitter is None
     assert "listen" in node.silence_reason(0)
 
 

@@ -193,7 +193,7 @@ def test_the_beat_waited_for_is_the_first_at_which_something_is_due(due_us, long
     fake = FakeTime()
     schedule = Schedule(fake.clock, fake.sleep)
     begin_us = fake.now_ns // 1000
-    woke_us = schedule.wait(schedule.until(begin_us + due_us, longest_us)) // 1000 - begin_us
+    woke_us = schedule.wait(schedule.ticks_until(begin_us + due_us, longest_us)) // 1000 - begin_us
     beats = range(20_000, 600_000, 20_000)
     expected = next(b for b in beats if b >= due_us)
     assert woke_us == max(20_000, min(expected, longest_us // 20_000 * 20_000))
@@ -245,7 +245,7 @@ def test_a_bracket_in_a_name_is_no_markup(tmp_path, monkeypatch, capsys):
     console.print(LiveView(0xFF5A, "canest on virtual:[/]").render(0.0))
     assert "canest on virtual:[/]" in console.file.getvalue()
     with Rig(monkeypatch, config(tmp_path, "vehicle.name='truck [/7]'")) as rig:
-        show(snapshot(rig.daemon, rig.now_us))
+        show(snapshot(rig.daemon.view(rig.now_us)))
     assert "truck [/7] on vcan0" in capsys.readouterr().out
 
 
