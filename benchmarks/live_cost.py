@@ -92,7 +92,7 @@ def daemon(
     from canest.system.journal import Journal
 
     class UdpStandIn(SocketCanReceiver):
-        def _open_socket(self) -> socket.socket:
+        def open_socket(self) -> socket.socket:
             sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
             enlarge_receive_buffer(sock)
             enable_timestamps(sock)
@@ -100,10 +100,10 @@ def daemon(
             self.sink = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             return sock
 
-        def _index_of_interface(self) -> int:
+        def interface_index(self) -> int:
             return 1
 
-        def _is_up(self) -> bool:
+        def interface_is_up(self) -> bool:
             return True
 
     class UdpSender(SocketCanTransmitter):
@@ -127,7 +127,7 @@ def daemon(
     config = load_config(config_name, changes)
     with Path(os.devnull).open("w") as nowhere:
         running = Daemon(config, journal=Journal(nowhere))
-    port = 0 if has_socketcan() else running.receiver._socket.getsockname()[1]
+    port = 0 if has_socketcan() else running.receiver.raw_socket.getsockname()[1]
     filters = sorted({*running.pipeline.decoder.can_filters(), *running.node.monitor.filters()})
     port_to.put((port, filters))
     marks: dict[str, float] = {}

@@ -25,11 +25,11 @@ finally:
     if _HIDDEN:
         del sys.modules["asammdf"]
 
-# A bus whose constructor has failed is complained of by its destructor, at every attempt to open it. The
-# exception of the constructor says more, and is told once.
+# The destructor of a bus whose constructor failed logs a warning at every attempt to open it. The exception
+# of the constructor has the reason, and is reported once.
 logging.getLogger("can.bus").addFilter(lambda record: "not properly shut down" not in record.msg)
 
-#: what says that an interface, or its driver, is not installed
+#: errors of an interface, or a driver, that is not installed
 MISSING = (can.CanInterfaceNotImplementedError, ImportError)
 INTERFACES = can.VALID_INTERFACES  #: names, those of installed plugins too
 #: interfaces that hand our own frames back to us although asked not to (python-can 4.6)
@@ -103,14 +103,14 @@ def is_device_failure(error: BaseException) -> bool:
 
 
 def is_driver_error(error: BaseException) -> bool:
-    """Return whether a driver itself says that reading failed; others come of bad input."""
+    """Return whether a driver itself reports that reading failed; other errors come from bad input."""
     return isinstance(error, can.CanError) and error.__cause__ is None
 
 
 def error_text(error: BaseException) -> str:
     """Return an error in one line, in the words of the system or the driver."""
     text = (error.strerror if isinstance(error, OSError) else "") or str(error)
-    # what is neither of the system nor of python-can is a driver that stumbles: its kind tells half of it
+    # neither of the system nor of python-can: a driver's defect, whose type is part of the reason
     kind = "" if text and isinstance(error, OSError | can.CanError) else type(error).__name__
     return ": ".join(part for part in (kind, " ".join(text.split())) if part)
 

@@ -31,7 +31,7 @@ _MAX_FRAMES = 4096  #: read at once, so that a flood cannot keep a tick from end
 #: failures in a row, with nothing read and no end of the input in between, that close an interface: more than
 #: a socket or a terminal can hold of damaged input, and as many of a driver's own errors
 _MAX_BAD_INPUTS, _MAX_ERRORS = 2500, 20
-_BEAT_S = 0.05  #: time spent on failures at once
+_FAILURES_BUDGET_S = 0.05  #: time spent on failures at once
 #: stamps further from the machine's clock may be those of a log that somebody plays at any speed
 _PRESENT_US = 1_000_000
 _STAMP_MAX_S = 9e12  #: what microseconds in 64 bits can hold
@@ -71,15 +71,15 @@ class _Opening:
 class PythonCanReceiver:
     """Receives from any python-can interface; see `canest.bus.protocols.Receiver`.
 
-    Errors: BusError when python-can does not know the interface or lacks its driver; an interface that is
-    merely not there now is waited for.
+    Errors: BusError when python-can has no such interface or lacks its driver; an interface that is merely
+    absent now is waited for.
     """
 
-    max_poll_interval_us = STEP_US  # nobody tells how much a driver's buffer holds
+    max_poll_interval_us = STEP_US  # the size of a driver's buffer is not known
 
     def __init__(self, bus: Bus, filters: Filters) -> None:
         self._config = bus
-        # python-can's own filters make recv(0) say "nothing there" for every frame they refuse
+        # python-can's own filters make recv(0) return None, as if nothing waited, for every frame they refuse
         self._filters = [(i & m, m) for i, m in filters]
         self._wanted: dict[int, bool] = {}
         self.state, self.reason = "absent", ""
@@ -91,7 +91,7 @@ class PythonCanReceiver:
         self._failures = 0  #: in a row
         self._rows: list[tuple[int, int, bytes]] = []
         #: the newest stamp less the monotonic time at which it was read: stamps may come from any clock
-        self._ahead_us: int | None = None
+        self._clock_offset_us: int | None = None
         #: frames sent whose echo is to be dropped when it comes
         self._echoes: deque[tuple[int, bytes]] | None = (
             deque(maxlen=64) if bus.interface in drivers.ECHOING else None
@@ -110,7 +110,7 @@ class PythonCanReceiver:
         """Empty the driver's buffer; see `canest.bus.protocols.Receiver`."""
         if self._bus is None and (self._opening is not None or time.monotonic() >= self._retry_at_s):
             self._open(_OPEN_S)
-        until_s = time.monotonic() + _BEAT_S
+        until_s = time.monotonic() + _FAILURES_BUDGET_S
         for _ in range(_MAX_FRAMES):
             if self._bus is None or not self._read(self._bus):
                 return True
@@ -122,9 +122,9 @@ class PythonCanReceiver:
         """Return what has arrived; see `canest.bus.protocols.Receiver`."""
         before_us = time.monotonic_ns() // 1000
         reached_us = None
-        if self.collect() and self._ahead_us is not None:
+        if self.collect() and self._clock_offset_us is not None:
             # a frame waits before it is read, so the clock of the stamps is at least this far
-            stamping_us = before_us + self._ahead_us
+            stamping_us = before_us + self._clock_offset_us
             if abs(stamping_us - time.time_ns() // 1000) < _PRESENT_US:
                 reached_us = stamping_us - GUARD_US
         rows, self._rows = self._rows, []
@@ -163,7 +163,7 @@ class PythonCanReceiver:
             self.counters["damaged_input"] += 1
             return
         row = drivers.frame_of(message)
-        self._ahead_us = row[0] - time.monotonic_ns() // 1000
+        self._clock_offset_us = row[0] - time.monotonic_ns() // 1000
         if not self._is_wanted(row[1]):
             return
         if self._echoes and row[1:] in self._echoes:
@@ -243,7 +243,7 @@ class PythonCanTransmitter:
 
         An adapter that takes longer than a moment has the frame in its queue; what becomes of it is counted.
         """
-        receiver = self._receiver  # two halves of one bus
+        receiver = self._receiver  # the transmitter shares the receiver's bus
         if receiver._bus is None:
             self.counters["dropped_interface_absent"] += 1
             return False

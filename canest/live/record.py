@@ -127,7 +127,7 @@ class TextLog(_Spool[Block]):
 
     def _take_back(self, begin: int) -> None:
         assert self._file is not None
-        with contextlib.suppress(OSError):  # a device or pipe cannot; what is told is why the write failed
+        with contextlib.suppress(OSError):  # a device or pipe cannot; the error reported is that of the write
             self._file.truncate(begin)
             self._file.seek(begin)
 
@@ -143,7 +143,7 @@ def _open_to_append(path: Path) -> FileIO:
 
 
 class Ring(_Spool[FrameBlock]):
-    """Compressed segments in one folder, together never larger than ``max_bytes``: what the vehicle saw.
+    """Compressed segments in one folder, together never larger than ``max_bytes``: what the bus carried.
 
     Named by time and channel, readable by every command that reads logs; the oldest go first. Those
     of a time yet to come were written before the clock was set back: they go before all others.

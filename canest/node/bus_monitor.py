@@ -119,9 +119,9 @@ class BusMonitor:
     def _count_claim(self, source: int, name: int) -> None:
         self.claims.append((source, name))
         if source == _NO_ADDRESS:
-            self.counters["cannot_claim_heard"] += 1
+            self.counters["cannot_claim_received"] += 1
         else:
-            self.counters["claims_heard"] += 1
+            self.counters["claims_received"] += 1
             self.claimed[source] += 1
 
     def _update_distance(self, pgn: int, source: int, word: int) -> None:

@@ -77,7 +77,7 @@ def encode(estimate: Estimate, counter: int, can_id: int) -> bytes:
 
 
 def decode(payload: bytes, can_id: int) -> Received | None:
-    """Return what a frame says; None when it has not eight bytes."""
+    """Return the content of a frame; None when it has not eight bytes."""
     if len(payload) != 8:
         return None
     word = int.from_bytes(payload, "little")

@@ -33,7 +33,7 @@ def write_atomically(path: Path, content: bytes, *, durable: bool = True) -> Non
 
 @contextlib.contextmanager
 def file_name_in_errors(path: Path) -> Iterator[None]:
-    """Let the system's complaints about a file that is open already name it too."""
+    """Add the file's name to errors of the system about a file that is open already."""
     try:
         yield
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Tells systemd how we are (sd_notify(3)): a datagram to $NOTIFY_SOCKET, nothing without one."""
+"""Notifies systemd of the daemon's state (sd_notify(3)): datagrams to $NOTIFY_SOCKET, none without it."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The parts of a running daemon that status, metrics and the log report on.
 
-The daemon hands them over in one frozen `DaemonView`, so that telemetry knows nothing of the daemon itself.
+The daemon hands them over in one frozen `DaemonView`, so that telemetry does not depend on the daemon itself.
 """
 
 from __future__ import annotations

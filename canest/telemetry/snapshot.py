@@ -22,6 +22,8 @@ from canest.telemetry.sender_tables import (
 )
 from canest.telemetry.status_text import NOT_AVAILABLE, why_not_valid
 
+#: deprecated name of a counter of the node -> its name
+DEPRECATED_COUNTERS = {"claims_heard": "claims_received", "cannot_claim_heard": "cannot_claim_received"}
 PATIENCE_TICKS = round(30 * RATE_HZ)  #: before a signal counts as one that nobody sends
 
 
@@ -96,7 +98,7 @@ def _estimate(view: DaemonView) -> dict[str, Any]:
 def _learning(view: DaemonView) -> dict[str, Any]:
     """Return what the estimator has learned from, and what it lacks."""
     pipeline = view.pipeline
-    # a bus that has just woken up has not sent every signal yet
+    # a bus that has just been switched on has not carried every signal yet
     settled = pipeline.samples > PATIENCE_TICKS
     missing = unheard(view.config, pipeline.intake.heard) if settled else []
     return {
@@ -111,12 +113,14 @@ def _learning(view: DaemonView) -> dict[str, Any]:
 
 
 def _broadcast(view: DaemonView) -> dict[str, Any]:
-    node = view.node
+    node, counters = view.node, view.node.counters()
+    deprecated = {old: counters[new] for old, new in DEPRECATED_COUNTERS.items() if new in counters}
     return {
         "address": node.address,
         "silent_because": node.silence_reason(view.now_us),
         "other_users_of_our_group": sorted(a for a in node.monitor.group_users if a != node.address),
-        **node.counters(),
+        **counters,
+        **deprecated,
     }
 
 

@@ -33,7 +33,7 @@ class StateChangeLog:
         node = view.node
         broadcast = node.silence_reason(view.now_us) or f"on from address {node.address:#04x}"
         self._log("broadcast", broadcast, bad=node.group_is_taken)
-        lost = node.monitor.counters["cannot_claim_heard"]
+        lost = node.monitor.counters["cannot_claim_received"]
         self._log("addresses-lost-by-others", lost, bad=True, unless_first=not lost)
         masses = ", ".join(f"{a:#04x}" for a in sorted(node.monitor.other_masses))
         self._log("masses-sent-by-others", masses, unless_first=not masses)

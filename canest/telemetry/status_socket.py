@@ -1,4 +1,4 @@
-"""A local socket on which the daemon tells how it is: connect, read one JSON object, done."""
+"""A local socket that serves the daemon's snapshot: connect, read one JSON object, done."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ class StatusServer:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.setblocking(False)
         self._socket.bind(str(path))
-        path.chmod(0o666)  # to look is allowed to everybody who reaches the directory
-        self._born_ns = path.stat().st_mtime_ns  # inodes are used again at once
+        path.chmod(0o666)  # everybody who reaches the directory may read the status
+        self._created_ns = path.stat().st_mtime_ns  # inodes are used again at once
         self._socket.listen(_CLIENTS)
 
     def poll(self, content: Callable[[], dict[str, Any]]) -> None:
@@ -70,7 +70,7 @@ class StatusServer:
         """Stop answering and take the socket's name away, unless it is another server's by now."""
         self._socket.close()
         with contextlib.suppress(OSError):
-            if not keep_name and self.path.stat().st_mtime_ns == self._born_ns:
+            if not keep_name and self.path.stat().st_mtime_ns == self._created_ns:
                 self.path.unlink()
                 published_path(self.path).unlink(missing_ok=True)
 
