@@ -111,9 +111,8 @@ class _Timing:
         if not self._pauses:
             return ""
         several = "s" if self._pauses > 1 else ""
-        return (
-            f", {self._pauses} pause{several} cut to a minute ({self._left_out_us / 3.6e9:,.1f} h left out)"
-        )
+        left_out_h = self._left_out_us / 3.6e9
+        return f", {self._pauses} pause{several} cut to a minute ({left_out_h:,.1f} h left out)"
 
 
 class _Player:

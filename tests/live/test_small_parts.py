@@ -283,7 +283,7 @@ def test_a_daemon_is_there_however_many_ask_at_once(tmp_path):
 def test_a_name_left_by_a_killed_daemon_is_taken_over_and_only_ones_own_is_removed(tmp_path):
     path = tmp_path / "status-can0.sock"
     killed = StatusServer(path)
-    killed._socket.close()  # as the kernel does; the name stays
+    killed.close(keep_name=True)  # as the kernel does
     second = StatusServer(path)
     killed.close()
     assert path.exists()
