@@ -15,8 +15,8 @@ from canest.bus import drivers
 from canest.bus.link import open_link
 from canest.config.bus import Bus
 from canest.decode import j1939
+from tests.bus.wire import ID, settle
 from tests.live.rig import wait_for
-from tests.live.wire import ID, settle
 
 
 @pytest.fixture

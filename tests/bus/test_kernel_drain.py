@@ -11,7 +11,7 @@ import weakref
 import pytest
 
 from canest.bus.kernel_drain import KernelDrain, enable_timestamps
-from tests.live.wire import ID, packed, settle
+from tests.bus.wire import ID, packed, settle
 
 
 @pytest.fixture

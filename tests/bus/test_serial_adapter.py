@@ -12,7 +12,7 @@ import pytest
 
 from canest.bus.link import open_link
 from canest.config.bus import Bus
-from tests.live.wire import ID, settle
+from tests.bus.wire import ID, settle
 
 pytest.importorskip("serial")
 

@@ -13,7 +13,7 @@ from canest.bus.socketcan import SocketCanReceiver, SocketCanTransmitter
 from canest.core.errors import BusError
 from canest.core.frames import ERROR
 from canest.core.samples import STEP_US
-from tests.live.wire import ID, packed, settle
+from tests.bus.wire import ID, packed, settle
 
 
 class FaultySocket(socket.socket):
