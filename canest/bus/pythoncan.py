@@ -35,7 +35,7 @@ _FAILURES_BUDGET_S = 0.05  #: time spent on failures at once
 #: stamps further from the machine's clock may be those of a log that somebody plays at any speed
 _PRESENT_US = 1_000_000
 _STAMP_MAX_S = 9e12  #: what microseconds in 64 bits can hold
-#: how long is waited for an interface to open: at the start, and between two beats. Some take seconds
+#: how long is waited for an interface to open: at the start, and between two ticks. Some take seconds
 _FIRST_OPEN_S, _OPEN_S = 0.25, 0.02
 _CLOSE_S = 0.25  #: how long an adapter may take to be closed before the process ends without it
 _SEND_S = 0.002  #: how long is waited to see whether a frame was sent

@@ -73,7 +73,7 @@ class SocketCanReceiver:
 
     @property
     def max_poll_interval_us(self) -> int:
-        """Return half the time in which the fastest bus fills our buffers; a beat if one is gone or full."""
+        """Return half the time a full bus takes to fill our buffers; one tick if one is gone or full."""
         if self._backlog or self.state in ("absent", "down"):
             return STEP_US
         return self._capacity_frames * 1_000_000 // (2 * MOST_FRAMES_PER_S)

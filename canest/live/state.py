@@ -22,8 +22,8 @@ VERSION = 1  #: of the file; another one is never restored
 _MAX_BYTES = 65_536
 _CLOCK_TOLERANCE_S = 60.0  #: a file this far in the future is a clock's adjustment, not a mistake
 
-#: A stop may change the load. The doubt it brings, as a share of the standard deviation of a mass that is
-#: anywhere between empty and full, grows with the time nobody watched: at once STOP_SHARE, all of it in days.
+#: A stop may change the load. It adds a share of the standard deviation of a mass that is anywhere between
+#: empty and full: STOP_SHARE at once, growing with the time since the state was saved to all of it in days.
 STOP_SHARE = 0.05
 STOP_TIME_S = 8 * 3600.0
 #: nobody stops, unloads and drives on in less; after a longer pause the load is uncertain

@@ -15,7 +15,7 @@ from canest.config.schema import Config
 from canest.core.errors import UsageError
 from canest.live.mass_store import state_dir
 
-ANSWER_S = 3.0  #: for an answer as a whole; a daemon that works looks for clients every second
+ANSWER_S = 3.0  #: for an answer as a whole; a daemon answers its clients every second
 _CLIENTS = 32  #: waiting at once
 _FRESH_S = 3.0  #: an answer in a file that is older is of another time
 _ANSWER_LARGEST = 1 << 24  #: bytes

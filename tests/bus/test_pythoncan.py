@@ -85,10 +85,10 @@ class Adapter:
         return None
 
     def drains(self, receiver, seconds):
-        """Yield (time of the device, what was drained) five times a second, collecting on every beat."""
-        for beat in range(1, seconds * 50 + 1):
+        """Yield (time of the device, what was drained) five times a second, collecting on every tick."""
+        for tick in range(1, seconds * 50 + 1):
             self.now_us += 20_000
-            if beat % 10:
+            if tick % 10:
                 receiver.collect()
             else:
                 yield self._clock(self.now_us), receiver.drain()
@@ -200,7 +200,7 @@ def test_on_multicast_our_own_frames_do_not_come_back_as_a_strangers():
         pytest.skip("no multicast on this machine")
     transmitter.send(ID, b"ours")
     other.send(ID, b"theirs")
-    heard, _ = settle(receiver.drain, 1)
-    assert [int(f[3]).to_bytes(6, "little") for f in heard] == [b"theirs"]
+    received, _ = settle(receiver.drain, 1)
+    assert [int(f[3]).to_bytes(6, "little") for f in received] == [b"theirs"]
     receiver.close()
     stranger.close()

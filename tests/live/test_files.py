@@ -242,7 +242,7 @@ def test_other_files_in_the_rings_folder_are_left_alone(tmp_path, background):
 
 
 def test_a_full_disk_is_one_failure_though_every_segment_has_another_name(tmp_path, background, monkeypatch):
-    clock, told = [1_700_000_000.0], set()
+    clock, failures = [1_700_000_000.0], set()
     ring = Ring(tmp_path, "can0", 10_000_000, background, lambda: clock[0])
 
     class FullFile(gzip.GzipFile):
@@ -255,8 +255,8 @@ def test_a_full_disk_is_one_failure_though_every_segment_has_another_name(tmp_pa
         ring.add(frames(10), clock[0])
         ring.flush()
         assert background.flush(5)
-        told.add(background.failures["ring"])
-    assert told == {f"[Errno 28] No space left on device: '{tmp_path}'"}
+        failures.add(background.failures["ring"])
+    assert failures == {f"[Errno 28] No space left on device: '{tmp_path}'"}
 
 
 def test_a_full_disk_leaves_no_empty_segments(tmp_path, background, monkeypatch):

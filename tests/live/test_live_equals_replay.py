@@ -1,4 +1,4 @@
-"""What the daemon says live is what replay says of its recording."""
+"""Live estimates equal those of a replay of the recording, to the last bit."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def test_so_it_is_with_can_fd_frames_of_which_a_recording_holds_eight_bytes(tmp_
     assert {t: live[t] for t in replayed} == replayed
     assert result.summary["skipped_lines"] == 0
     assert lost["frames of wrong length"] > 1000
-    told = f"not decoded: {lost['frames of wrong length']:,} frames of wrong length"
-    assert any(note.startswith(told) for note in result.notes)
+    note_begin = f"not decoded: {lost['frames of wrong length']:,} frames of wrong length"
+    assert any(note.startswith(note_begin) for note in result.notes)
 
 
 def test_live_numbers_have_the_same_bits_as_one_block(tmp_path, data, monkeypatch):

@@ -53,10 +53,10 @@ def test_systemd_hears_every_step_of_a_life(supervisor):
     notifier.reloading()
     notifier.stopping()
     notifier.close()
-    heard = messages(sock)
-    assert heard[:2] == ["READY=1", "STATUS=valid: 20 t"]
-    assert re.fullmatch(r"RELOADING=1\nMONOTONIC_USEC=\d+", heard[2])
-    assert heard[3:] == ["STOPPING=1"]
+    received = messages(sock)
+    assert received[:2] == ["READY=1", "STATUS=valid: 20 t"]
+    assert re.fullmatch(r"RELOADING=1\nMONOTONIC_USEC=\d+", received[2])
+    assert received[3:] == ["STOPPING=1"]
 
 
 def test_the_watchdog_is_pinged_at_half_its_deadline_and_only_when_called(supervisor):

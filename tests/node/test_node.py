@@ -1,4 +1,4 @@
-"""The daemon as a node: listening before it speaks, requests, other users of its group, other masses."""
+"""The daemon as a node: listening before it sends, requests, other users of its group, other masses."""
 
 from __future__ import annotations
 
