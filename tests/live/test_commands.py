@@ -171,7 +171,7 @@ def test_a_daemon_imports_neither_what_is_heavy_nor_what_cannot_run_hardened(tmp
         "import sys; from canest.config import load_config; from canest.live.daemon import Daemon;"
         "from canest.bus.pythoncan import PythonCanReceiver;"
         f"c = load_config('vcan', ['bus.interface=virtual', 'service.state_dir={tmp_path}']);"
-        "Daemon(c)._end();"
+        "Daemon(c).close();"
         "print(*sorted({m.split('.')[0] for m in sys.modules}));"
         "print(open('/proc/self/status').read().split('VmHWM:')[1].split()[0])"
     )
