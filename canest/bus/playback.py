@@ -9,7 +9,7 @@ from canest.bus.link import require_interface
 from canest.config.bus import Bus
 from canest.core.errors import BusError, LogError, UsageError
 from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
-from canest.logs.lines import CLASSIC_BYTES
+from canest.logs.candump_line import CLASSIC_BYTES
 from canest.logs.reader import open_log
 
 #: how long a full transmit buffer may hold up a frame before it is dropped

@@ -81,7 +81,7 @@ def command(
     reader = None
     if log is not None:
         from canest.cli.progress import Bar
-        from canest.pipeline.tables import open_whatever
+        from canest.pipeline.table_map import open_whatever
 
         reader = open_whatever(config, log, channel)
         with Bar(Path(log).name) as bar:

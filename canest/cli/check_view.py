@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from canest.doctor.check import Report
-    from canest.doctor.signal_report import Finding
+    from canest.doctor.signal_report import RoleReport
 
 #: columns of a table that goes to a file or a pipe
 _FILE_WIDTH = 180
@@ -71,14 +71,14 @@ def _say(console: Console, head: str, colour: str, text: str, terminal: bool) ->
     console.print(grid)
 
 
-def _matters(finding: Finding) -> bool:
+def _matters(finding: RoleReport) -> bool:
     """Return whether a role is a problem, or one that nothing works without."""
     if finding.need == "optional":
         return bool(finding.hint) or finding.verdict == "elsewhere"
     return True
 
 
-def _table(console: Console, findings: list[Finding], verbose: bool) -> None:
+def _table(console: Console, findings: list[RoleReport], verbose: bool) -> None:
     from rich import box
     from rich.table import Table
     from rich.text import Text
@@ -100,7 +100,7 @@ def _table(console: Console, findings: list[Finding], verbose: bool) -> None:
     console.print(table)
 
 
-def _rows(finding: Finding, everyone: bool) -> Iterator[dict[str, str | Text]]:
+def _rows(finding: RoleReport, everyone: bool) -> Iterator[dict[str, str | Text]]:
     """Yield the rows of one role: as the config expects it, then, for ``everyone``, whoever else sends it."""
     from rich.text import Text
 
@@ -132,7 +132,7 @@ def _rows(finding: Finding, everyone: bool) -> Iterator[dict[str, str | Text]]:
         }
 
 
-def _labels(finding: Finding, verbose: bool) -> str:
+def _labels(finding: RoleReport, verbose: bool) -> str:
     """Return what a role's raw numbers or texts are called, how often they came and what they count as."""
     shown = finding.labels if verbose else finding.labels[:_LABELS]
     parts = []

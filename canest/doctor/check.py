@@ -15,17 +15,17 @@ from canest.core.table_block import TableBlock
 from canest.decode import j1939
 from canest.decode.database import find_signal, is_j1939
 from canest.doctor.consistency import Plausibility
-from canest.doctor.missing_signals import unheard
+from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.raw_values import RawValues, text_hints
 from canest.doctor.reasons import gate_shares, needed_roles, what_lacks, why_hardly_open, why_no_time
-from canest.doctor.signal_report import Finding, Sender, complaint, judge, senders_of
+from canest.doctor.signal_report import RoleReport, Sender, complaint, judge, senders_of
 from canest.doctor.switches import Switches
 from canest.doctor.torque_samples import StuckTorque
-from canest.doctor.warnings import log_notes, stream_notes
+from canest.doctor.warnings import log_warnings, stream_warnings
 from canest.pipeline.build import model_spec, stale_limit_s
 from canest.pipeline.pipeline import Pipeline
-from canest.pipeline.signal_map import SAYS_J1939, databases_of, decoder_for
-from canest.pipeline.tables import TableMap, wrong_kind
+from canest.pipeline.signal_map import J1939_DATABASE, databases_of, decoder_for
+from canest.pipeline.table_map import TableMap, wrong_kind
 from canest.vehicle.model import LongitudinalModel
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class Report:
     hints: what to do about what was found. notes: what was not read or not used.
     """
 
-    roles: list[Finding]
+    roles: list[RoleReport]
     frames: int
     duration_s: float
     samples: int
@@ -141,8 +141,8 @@ class Doctor:
             status=self._status,
             stops=stops,
             hints=[hint for hint in hints if hint != stops],
-            notes=([] if log is None else log_notes(log) + self._tables.notes())
-            + stream_notes(self.pipeline.intake, self.pipeline.frozen),
+            notes=([] if log is None else log_warnings(log) + self._tables.notes())
+            + stream_warnings(self.pipeline.intake, self.pipeline.stuck_ticks),
         )
 
     def _frames(self, block: FrameBlock) -> Samples:
@@ -172,9 +172,9 @@ class Doctor:
         for comparison in self._comparisons:
             comparison.push(samples)
 
-    def _finding(self, role: str, source: Source, need: str) -> Finding:
+    def _finding(self, role: str, source: Source, need: str) -> RoleReport:
         known = ROLES.get(role)
-        finding = Finding(
+        finding = RoleReport(
             role=role,
             text=known.text if known else "signal of an effect",
             need=need,
@@ -212,7 +212,7 @@ class Doctor:
         span = self._span_us or (0, 0)
         return (self._rows - 1) * 1e6 / (span[1] - span[0]) if span[1] > span[0] else None
 
-    def _stops(self, model: LongitudinalModel, findings: list[Finding]) -> str:
+    def _stops(self, model: LongitudinalModel, findings: list[RoleReport]) -> str:
         if not self.frames:
             return "nothing was received: the log is empty, or the bus is silent"
         found = {f.role: f for f in findings}
@@ -234,7 +234,7 @@ class Doctor:
             return f"every sample was refused by a gate: {shares}"
         return self.plausibility.missing_table() or why_hardly_open(self.pipeline, self._status)
 
-    def _hints(self, findings: list[Finding]) -> list[str]:
+    def _hints(self, findings: list[RoleReport]) -> list[str]:
         hints = [f"signals.{f.role}: {f.hint}" for f in findings if f.hint]
         if self.frames and not any(f.senders for f in findings):
             if self._standard_frames > self.frames / 2:
@@ -247,12 +247,12 @@ class Doctor:
             more = f" (and {len(by_identifier) - 1} more)" if len(by_identifier) > 1 else ""
             hints.append(
                 f"{by_identifier[0]}{more} is matched by its whole identifier, and the bus has its parameter "
-                f"group under others: to take it from them needs {SAYS_J1939}"
+                f"group under others: to take it from them needs {J1939_DATABASE}"
             )
         if self._bad_frames:
             hints.append(f"{self._bad_frames:,} error frames: check bit rate, termination and wiring")
         if self.frames:
-            hints += unheard(self.config, self.pipeline.intake.heard)
+            hints += missing_signal_warnings(self.config, self.pipeline.intake.received)
         doubts = self.pipeline.estimator.doubts()
         hints += self._raw.hints() + [h for comparison in self._comparisons for h in comparison.hints()]
         return hints + ([doubts] if doubts else [])

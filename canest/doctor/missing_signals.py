@@ -11,7 +11,7 @@ from canest.vehicle.role_sources import AT_WHEELS, torque_role
 FRICTION, RETARDER = "engine_friction_pct", "retarder_torque_pct"
 
 
-def unheard(config: Config, heard: Collection[str]) -> list[str]:
+def missing_signal_warnings(config: Config, heard: Collection[str]) -> list[str]:
     """Return one sentence for each gap; ``heard``: the roles that have had a value."""
     missing = config.signals.keys() - set(heard)
     told = []

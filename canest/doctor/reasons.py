@@ -10,7 +10,7 @@ from canest.core.roles import ROLES
 from canest.core.samples import RATE_HZ, STATUS_LABELS, Status
 from canest.doctor.warnings import interleaved_clocks
 from canest.pipeline.build import model_spec
-from canest.vehicle.driveline import CLUTCHES
+from canest.vehicle.driveline import CLUTCH_ROLES
 from canest.vehicle.model import LongitudinalModel
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def _clutch_lacks(role: str, config: Config, dead: Callable[[str], str]) -> str:
     """Return why an engine's speed tells none of the vehicle, '' where it may."""
     if role != "engine_speed" or config.vehicle.has_one_gear:
         return ""
-    mapped = [clutch for clutch in CLUTCHES if clutch in config.signals]
+    mapped = [clutch for clutch in CLUTCH_ROLES if clutch in config.signals]
     if any(not dead(clutch) for clutch in mapped):
         return ""
     return f"engine_speed tells none while {' and '.join(mapped)}, which tell of the clutch, have no value"

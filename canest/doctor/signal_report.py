@@ -33,7 +33,7 @@ class Sender:
 
 
 @dataclass(slots=True)
-class Finding:
+class RoleReport:
     """What the log or bus has of one role.
 
     need: "needed", "speed" (one of these is needed), "ratio" (one way to the gear ratio is) or "optional".
@@ -89,7 +89,7 @@ def _rate_hz(counters: SenderCounters, role: str) -> float | None:
     return (samples - 1) * 1e6 / (last_us - first_us)
 
 
-def judge(finding: Finding, source: Source, stale_s: float) -> tuple[str, str]:
+def judge(finding: RoleReport, source: Source, stale_s: float) -> tuple[str, str]:
     """Return the verdict on a role whose samples count for ``stale_s``, and what to do about it."""
     mine = [s for s in finding.senders if source.source in (None, s.address)]
     others = [s for s in finding.senders if s not in mine and _is_sound(s)]
@@ -131,7 +131,7 @@ def _is_sound(sender: Sender) -> bool:
     return sender.valid > 0 and sender.error_value <= SOUND * sender.valid
 
 
-def complaint(finding: Finding) -> str:
+def complaint(finding: RoleReport) -> str:
     """Return what is wrong with a role that has no values, as the end of a sentence."""
     expected = finding.expected
     if finding.source is not None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 from canest.doctor.stretches import Samples, Stretches, at, held
-from canest.vehicle.driveline import CLUTCHES, ENGAGED
+from canest.vehicle.driveline import CLUTCH_ROLES, ENGAGED_ROLES
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -38,7 +38,7 @@ class Switches:
     def __init__(self, config: Config) -> None:
         self._config = config
         mapped = config.signals
-        self._clutches = [] if config.vehicle.has_one_gear else [r for r in CLUTCHES if r in mapped]
+        self._clutches = [] if config.vehicle.has_one_gear else [r for r in CLUTCH_ROLES if r in mapped]
         opens = [r for r in ("driveline_engaged", "clutch_switch") if r in self._clutches]
         self._watched = [*opens, *(r for r in BRAKING if r in mapped)]
         roles = {*self._watched, *self._clutches, *SPEEDS, *TORQUES, "engine_speed", "gear"}
@@ -85,7 +85,7 @@ class Switches:
 
     def _is_on(self, role: str, state: FloatColumn) -> BoolColumn:
         """Return where a brake is on, or a clutch open (n,)."""
-        if role in ENGAGED:
+        if role in ENGAGED_ROLES:
             return np.asarray(state < 0.5)
         if role == "clutch_slip":
             return np.asarray(state > self._config.gates.driveline.clutch_slip_pct)

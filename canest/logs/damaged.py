@@ -27,7 +27,7 @@ _CELL_BYTES_MAX = 1 << 20
 
 
 @contextlib.contextmanager
-def hushed() -> Iterator[None]:
+def silenced() -> Iterator[None]:
     """Keep the libraries quiet: what they print and log, and the destructor of what could not be constructed.
 
     Only for short steps: meanwhile nobody else's output to stdout is heard either.
@@ -46,14 +46,14 @@ def hushed() -> Iterator[None]:
             logger.disabled = False
 
 
-def hushed_messages(reader: Iterable[Any]) -> Iterator[Any]:
+def quiet_messages(reader: Iterable[Any]) -> Iterator[Any]:
     """Yield what a reader of python-can yields, before whatever it raises."""
-    with hushed():
+    with silenced():
         messages = iter(reader)
     while True:
         held: list[Any] = []
         damage: Exception | None = None
-        with hushed():
+        with silenced():
             try:
                 held.extend(itertools.islice(messages, _MESSAGES))
             except Exception as error:  # whatever a damaged file makes of it

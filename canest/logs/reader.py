@@ -8,8 +8,8 @@ from pathlib import Path
 from canest.core.errors import LogError
 from canest.logs.base import BLOCK_FRAMES, CandumpReader, LogReader
 from canest.logs.candump import CandumpParser, Wanted
+from canest.logs.candump_line import Line, is_ignorable, parse_line
 from canest.logs.compression import ARCHIVE_SUFFIXES, Source
-from canest.logs.lines import Line, is_ignorable, parse_line
 
 _HEAD_BYTES = 1 << 16
 _BLANK = 0x20  #: what stands before it in ASCII steers a terminal
@@ -85,7 +85,7 @@ def _refuse_channel(source: Source, channel: str | None) -> None:
 def _from_python_can(
     source: Source, head: bytes, suffix: str, wanted: Wanted | None, channel: str | None, block_frames: int
 ) -> LogReader:
-    from canest.logs.others import PythonCanReader
+    from canest.logs.python_can import PythonCanReader
 
     return PythonCanReader(source, head, suffix, wanted, channel, block_frames)
 

@@ -15,7 +15,7 @@ from canest.core.table_block import TableBlock
 from canest.logs.base import LogReader
 from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN
 from canest.logs.compression import Source
-from canest.logs.splitting import text_lines
+from canest.logs.line_splitting import text_lines
 
 #: where int64 microseconds end, with room to spare
 _SECONDS_MAX = 9e12

@@ -18,8 +18,8 @@ from canest.core.errors import OutputError, how_to_add
 from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS
-from canest.logs import ascii as text
-from canest.logs.lines import CLASSIC_BYTES
+from canest.logs import text_fields as text
+from canest.logs.candump_line import CLASSIC_BYTES
 from canest.system.result_files import open_result, output_errors
 
 if TYPE_CHECKING:

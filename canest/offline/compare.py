@@ -13,16 +13,16 @@ import numpy as np
 from canest.core import jit
 from canest.core.frames import FloatColumn, FrameBlock
 from canest.core.samples import RATE_HZ, ModelBlock, Status
-from canest.doctor.warnings import log_notes, stream_notes
+from canest.doctor.warnings import log_warnings, stream_warnings
 from canest.estimators.base import REGISTRY, Estimator, create
 from canest.grid.grid import Grid, GridBlock
 from canest.offline.scoring import Score
-from canest.pipeline.assumed_constants import doubting
+from canest.pipeline.assumed_constants import carry_over
 from canest.pipeline.build import PipelineSpec, build
 from canest.pipeline.intake import Intake
 from canest.pipeline.model_stream import ModelStream
 from canest.pipeline.pipeline import Estimates
-from canest.pipeline.tables import TableMap, open_for
+from canest.pipeline.table_map import TableMap, open_for
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -102,7 +102,7 @@ def compare(
         for name, entry in entries.items():
             block, again = excited if entry.estimator.wants_excitation_gate else plain
             if again:
-                entry.estimator = doubting(new(name), float(entry.parts[-1].mass_kg[-1]), None)
+                entry.estimator = carry_over(new(name), float(entry.parts[-1].mass_kg[-1]), None)
             _run(entry, block)
     estimates = {name: Estimates.concatenate(entry.parts) for name, entry in entries.items()}
     score = Score(truth, mass_kg, after_s)
@@ -157,7 +157,7 @@ def _samples(
         ticks_left = grid.ticks_until(intake.clock.last_us, inclusive=True)
         if ticks_left is not None:
             yield from both(ticks_left)
-    notes += log_notes(reader) + tables.notes() + stream_notes(intake, plain.frozen)
+    notes += log_warnings(reader) + tables.notes() + stream_warnings(intake, plain.stuck_ticks)
 
 
 def _run(entry: _Entry, block: ModelBlock) -> None:

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 from canest.core import jit
 from canest.core.frames import FrameBlock
 from canest.core.samples import STATUS_LABELS
-from canest.doctor.missing_signals import unheard
-from canest.doctor.warnings import log_notes, stream_notes
+from canest.doctor.missing_signals import missing_signal_warnings
+from canest.doctor.warnings import log_warnings, stream_warnings
 from canest.logs.compression import ARCHIVE_SUFFIXES
 from canest.logs.writer import open_writer
 from canest.offline.scoring import Score
 from canest.pipeline.pipeline import Listener, Pipeline
-from canest.pipeline.tables import TableMap, open_for
+from canest.pipeline.table_map import TableMap, open_for
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -83,10 +83,12 @@ def replay(
     if score is not None:
         summary["errors"] = score.errors()
     notes = (
-        log_notes(run.reader) + run.table_map.notes() + stream_notes(run.pipeline.intake, run.pipeline.frozen)
+        log_warnings(run.reader)
+        + run.table_map.notes()
+        + stream_warnings(run.pipeline.intake, run.pipeline.stuck_ticks)
     )
     if run.pipeline.updated:
-        notes += unheard(config, run.pipeline.intake.heard)
+        notes += missing_signal_warnings(config, run.pipeline.intake.received)
     if doubts := run.pipeline.estimator.doubts():
         notes.append(doubts)
     if score is not None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from canest.core.frames import FloatColumn, IntColumn, Onward
+from canest.core.frames import FloatColumn, IntColumn, MonotonicClock
 from canest.logs.truth import Truth
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ class Score:
 
     def __init__(self, truth: Truth | None, mass_kg: float | None = None, after_s: float = 60.0) -> None:
         self._truth, self._mass_kg, self.after_s = truth, mass_kg, after_s
-        self._onward = Onward()
+        self._monotonic = MonotonicClock()
         self._first_us: int | None = None
         self._span_us: tuple[int, int] | None = None  # earliest and latest stamp
         self.mass_samples = self.grade_samples = self.without_estimate = 0
@@ -43,7 +43,7 @@ class Score:
             self._first_us = int(estimates.t_us[0])
         first, last = self._span_us or (self._first_us, self._first_us)
         self._span_us = min(first, int(estimates.t_us.min())), max(last, int(estimates.t_us.max()))
-        late = self._onward(estimates.t_us) - self._first_us >= round(self.after_s * 1e6)
+        late = self._monotonic(estimates.t_us) - self._first_us >= round(self.after_s * 1e6)
         if not late.any():
             return
         t_us = estimates.t_us[late]

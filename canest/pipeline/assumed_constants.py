@@ -68,7 +68,7 @@ class AssumedConstantsCheck:
         return sorted(set(found))
 
 
-def doubting(fresh: Estimator, mass_kg: float, remembered: tuple[float, float] | None) -> Estimator:
+def carry_over(fresh: Estimator, mass_kg: float, remembered: tuple[float, float] | None) -> Estimator:
     """Return a fresh estimator that goes on after a wrong number.
 
     mass_kg: learned with it, a guess from now on (NaN for none). remembered: mass and std in kg that were

@@ -23,7 +23,7 @@ from canest.core.samples import EstimateBlock, ModelBlock
 from canest.decode.decoder import Decoder
 from canest.grid.clock import Clock
 from canest.grid.grid import Feed, Grid, GridBlock
-from canest.pipeline.assumed_constants import doubting
+from canest.pipeline.assumed_constants import carry_over
 from canest.pipeline.build import build
 from canest.pipeline.intake import Intake
 from canest.pipeline.model_stream import ModelStream
@@ -135,9 +135,9 @@ class Pipeline:
         return self.intake.clock
 
     @property
-    def frozen(self) -> dict[str, int]:
+    def stuck_ticks(self) -> dict[str, int]:
         """Return, by role, the ticks on which a sensor stood still though the vehicle did not."""
-        return dict(self._model.frozen)
+        return dict(self._model.stuck_ticks)
 
     @property
     def gate_counts(self) -> dict[str, int]:
@@ -161,7 +161,7 @@ class Pipeline:
             return
         for samples, anew in self._model.process(ticks):
             if anew:
-                self.estimator = doubting(self._spec.estimator.create(), self._mass_kg, self._remembered)
+                self.estimator = carry_over(self._spec.estimator.create(), self._mass_kg, self._remembered)
             self._estimate(samples, done)
 
     def _estimate(self, samples: ModelBlock, done: list[Estimates]) -> None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cantools.database.can import Database
 
 #: how a DBC says that a message is matched by parameter group, and not by its exact identifier
-SAYS_J1939 = 'a DBC that says J1939 (VFrameFormat "J1939PG", or ProtocolType "J1939")'
+J1939_DATABASE = 'a DBC that says J1939 (VFrameFormat "J1939PG", or ProtocolType "J1939")'
 
 
 def decoder_for(config: Config) -> Decoder:
@@ -45,7 +45,7 @@ def wants_of(config: Config) -> dict[str, Want]:
                 f"{message.name} is no J1939 message: its identifier holds no source address",
                 where=config.at(f"signals.{role}.source"),
                 found=f"0x{source.source:02X}",
-                expected="no such key" + (f", or {SAYS_J1939}" if message.is_extended_frame else ""),
+                expected="no such key" + (f", or {J1939_DATABASE}" if message.is_extended_frame else ""),
             )
         factor, offset = factor_and_offset(role, source, source.unit or signal.unit or "", where)
         wants[role] = Want(

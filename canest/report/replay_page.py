@@ -14,8 +14,8 @@ from canest.core.samples import RATE_HZ
 from canest.pipeline.build import model_spec
 from canest.report import figure as look
 from canest.report.figure import Rows, numbers, with_gaps
-from canest.report.gates import OPEN_COLOUR, spans_of
-from canest.report.gates import look as gate_look
+from canest.report.gate_colours import OPEN_COLOUR, spans_of
+from canest.report.gate_colours import look as gate_look
 from canest.report.page import Card, Page, Section, Table
 from canest.report.recorder import Recorder, residual_N
 from canest.vehicle.model import LongitudinalModel

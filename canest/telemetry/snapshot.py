@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from canest.core.gates import LABELS
 from canest.core.samples import RATE_HZ, STEP_S
-from canest.doctor.missing_signals import unheard
+from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.reasons import why_no_signal
 from canest.node.estimate_frame import STATUS_WORDS
 
@@ -51,7 +51,9 @@ def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
             "gate": LABELS.get(estimate.gate, NOT_AVAILABLE),
         },
         # a bus that has just woken up is still telling what it has
-        "unheard": unheard(daemon.config, pipeline.intake.heard) if pipeline.samples > PATIENCE_TICKS else [],
+        "unheard": missing_signal_warnings(daemon.config, pipeline.intake.received)
+        if pipeline.samples > PATIENCE_TICKS
+        else [],
         "why_not_valid": why_not_valid(daemon, now_us),
         "samples": pipeline.samples,
         "updated": pipeline.updated,
@@ -78,8 +80,8 @@ def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
         "claims": {_address(a): n for a, n in sorted(node.watch.claimed.items())},
         "torque_commands": {_address(a): n for a, n in sorted(node.watch.torque_commands.items())},
         "transport": dict(counters.transport),
-        "implausible_jumps": dict(pipeline.intake.screen.refused),
-        "frozen_signals": {role: round(n / RATE_HZ, 1) for role, n in pipeline.frozen.items()},
+        "implausible_jumps": dict(pipeline.intake.range_rate_check.refused),
+        "frozen_signals": {role: round(n / RATE_HZ, 1) for role, n in pipeline.stuck_ticks.items()},
         "masses_of_others_kg": {_address(a): m.mass_kg for a, m in sorted(node.watch.other_masses.items())},
         "ticks": {
             "count": daemon.schedule.ticks,

@@ -34,7 +34,7 @@ class Changes:
         self._tell("contested-signals", doubted, bad=True, unless_first=not doubted)
         faster = ", ".join(sorted(map(sender_name, daemon.paces.faster)))
         self._tell("senders-faster-than-usual", faster or "none", bad=bool(faster), unless_first=not faster)
-        frozen = ", ".join(sorted(daemon.pipeline.frozen))
+        frozen = ", ".join(sorted(daemon.pipeline.stuck_ticks))
         self._tell("frozen-signals", frozen, bad=True, unless_first=not frozen)
         lost = daemon.node.watch.counters["cannot_claim_heard"]
         self._tell("addresses-lost-by-others", lost, bad=True, unless_first=not lost)

@@ -16,7 +16,7 @@ LOST_S = 60.0
 _NEVER = -(1 << 62)
 
 
-class LostBrakes:
+class BrakeHold:
     """Carries the last known value of every brake and retarder; repeats it where it is lost while it acts."""
 
     def __init__(self, spec: ModelSpec) -> None:

@@ -20,7 +20,7 @@ from canest.vehicle.model import RawModel
 from canest.vehicle.spec import ModelSpec
 
 #: gates that an open driveline closes by itself
-PARTED_BY = (Gate.SHIFT, Gate.DRIVELINE)
+OPEN_DRIVELINE_GATES = (Gate.SHIFT, Gate.DRIVELINE)
 _ENGAGED = "driveline_engaged"
 _NEVER = -(1 << 62)
 #: speeds of one gear apart by this share are not synchronous; gears are three times that apart and more
@@ -76,7 +76,7 @@ class Coasting:
         self._closed_tick, self._stood_tick = int(closed_at[-1]), int(stood_at[-1])
         self._acts_until_tick = int(until[-1])
         alone = ~_with_wheels(raw) & (self._idles(raw) | _shifts(raw, tick - closed_at))
-        alone = alone & self._told(raw) & raw.by_shaft
+        alone = alone & self._told(raw) & raw.speed_is_shaft
         coasting: BoolColumn = opened & (closed_at > stood_at) & (tick >= until) & alone
         return coasting
 

@@ -14,14 +14,14 @@ _MISMATCH_SHARE, _MISMATCH_MPS = 0.15, 0.5
 #: a wheel-based speed comes every 100 ms, from pulses that were counted before, s
 ROAD_SPEED_LATE_S = 0.25
 #: signals that say when the clutch or the converter parts the engine from the wheels
-ENGAGED = ("driveline_engaged", "lockup_engaged")
-CLUTCHES = (*ENGAGED, "clutch_switch", "clutch_slip")
+ENGAGED_ROLES = ("driveline_engaged", "lockup_engaged")
+CLUTCH_ROLES = (*ENGAGED_ROLES, "clutch_switch", "clutch_slip")
 
 
-def parted(c: Columns, clutch_slip_pct: float) -> BoolColumn:
+def driveline_open(c: Columns, clutch_slip_pct: float) -> BoolColumn:
     """Return where a signal says that the engine is parted from the wheels (n,)."""
     found = constant(False, len(c))
-    for role in ENGAGED:
+    for role in ENGAGED_ROLES:
         if role in c.signals:
             found = found | (c.signals[role] < 0.5)
     if "clutch_switch" in c.signals:
@@ -31,7 +31,7 @@ def parted(c: Columns, clutch_slip_pct: float) -> BoolColumn:
     return found
 
 
-class Clutch:
+class ClutchReports:
     """Carries whether anything has ever told when the engine is parted from the wheels."""
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -42,7 +42,7 @@ class Clutch:
         if self._known:
             return constant(True, len(c))
         told = constant(False, len(c))
-        for role in CLUTCHES:
+        for role in CLUTCH_ROLES:
             if role in c.signals:
                 told = told | np.isfinite(c.signals[role])
         told = np.logical_or.accumulate(told)
@@ -50,7 +50,7 @@ class Clutch:
         return told
 
 
-def engines_speed(c: Columns, clutch_slip_pct: float) -> FloatColumn:
+def road_speed_of_engine(c: Columns, clutch_slip_pct: float) -> FloatColumn:
     """Return the vehicle's speed by the engine's, m/s (n,): NaN where that turns by itself.
 
     At a crossing it idles in gear with its clutch open, and would be a truck that creeps: no stop, and no
@@ -60,7 +60,7 @@ def engines_speed(c: Columns, clutch_slip_pct: float) -> FloatColumn:
     speed: FloatColumn = (
         np.where(geared, c.engine_radps / np.where(geared, c.ratio, 1.0), np.nan) * c.radius_m
     )
-    alone = parted(c, clutch_slip_pct) | c.on("shift_in_process")
+    alone = driveline_open(c, clutch_slip_pct) | c.on("shift_in_process")
     road = c.signals.get("vehicle_speed")
     if road is not None:
         denied = np.abs(speed - road) > _MISMATCH_SHARE * road + _MISMATCH_MPS

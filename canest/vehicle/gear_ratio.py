@@ -20,7 +20,7 @@ _NOTHING_ENGAGED = (0.0, GEAR_PARK)
 RATIO_SNAP = 0.05
 
 
-class Gearbox:
+class GearRatio:
     """A vehicle's table of gears."""
 
     def __init__(self, vehicle: Vehicle) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from canest.core.errors import ConfigError
-from canest.vehicle.driveline import CLUTCHES
+from canest.vehicle.driveline import CLUTCH_ROLES
 from canest.vehicle.facts import Vehicle
 from canest.vehicle.range_rate_check import SPEED_ORDER
 
@@ -59,12 +59,12 @@ def speed_roles(roles: Collection[str], vehicle: Vehicle) -> tuple[str, ...]:
     raise ConfigError(
         "engine_speed is the only speed, and nothing tells when the clutch is open",
         where="signals",
-        expected=f"vehicle_speed or another speed, or one of {', '.join(CLUTCHES)}",
+        expected=f"vehicle_speed or another speed, or one of {', '.join(CLUTCH_ROLES)}",
     )
 
 
 def _speeds(roles: Collection[str], vehicle: Vehicle) -> tuple[str, ...]:
-    rigid = vehicle.has_one_gear or any(role in roles for role in CLUTCHES)
+    rigid = vehicle.has_one_gear or any(role in roles for role in CLUTCH_ROLES)
     # where nothing tells when the clutch is open, any other speed is nearer to the truth
     return tuple(r for r in SPEED_ORDER if r in roles and (rigid or r != "engine_speed"))
 

@@ -36,11 +36,11 @@ _NO_WITNESS = ("engine_speed", "gps_speed")
 _ACCELEROMETER = "longitudinal_accel"
 
 
-class Frozen:
+class StuckSensor:
     """Watches the accelerometer by the speed in use; counts the ticks on which it was frozen."""
 
     def __init__(self, spec: ModelSpec) -> None:
-        self.counts: Counter[str] = Counter()
+        self.stuck_ticks: Counter[str] = Counter()
         source, self._speed = spec.accelerometer, speed_in_use(spec.roles, spec.vehicle)
         self._watches = source is not None and self._speed not in ("", *_NO_WITNESS)
         if source is None or not self._watches:
@@ -61,7 +61,7 @@ class Frozen:
         found = int(np.count_nonzero(frozen))
         if not found:
             return ticks
-        self.counts[_ACCELEROMETER] += found
+        self.stuck_ticks[_ACCELEROMETER] += found
         values = {role: np.where(frozen, np.nan, ticks.values[role]) for role in self._mates}
         stale = {role: ticks.stale[role] | frozen for role in self._mates}
         return replace(ticks, values={**ticks.values, **values}, stale={**ticks.stale, **stale})

@@ -42,7 +42,7 @@ _WHEELS = ("wheel_torque", "half_shaft_torque_left", "half_shaft_torque_right")
 _FEW = 50  #: samples up to which walking them is faster than columns (both give the same bits)
 
 
-class TorqueScreen:
+class TorqueDropoutCheck:
     """Carries what one torque signal last read, and its latest dropouts.
 
     far: torques up to this are near zero. most: no torque is larger. ends: values that mean "no value".
@@ -128,7 +128,7 @@ class TorqueScreen:
 
 
 class TorqueLimit(NamedTuple):
-    """What a torque may read; see `TorqueScreen`. All in the unit of the role."""
+    """What a torque may read; see `TorqueDropoutCheck`. All in the unit of the role."""
 
     far: float
     most: float = math.inf

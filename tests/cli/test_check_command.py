@@ -11,7 +11,7 @@ import pytest
 
 from canest.config import load_config
 from canest.demo import DRIVE
-from canest.doctor.missing_signals import unheard
+from canest.doctor.missing_signals import missing_signal_warnings
 from canest.system.shipped_files import shipped
 
 DATA = Path(__file__).parents[1] / "data"
@@ -316,14 +316,14 @@ def test_a_time_in_milliseconds_is_refused_at_once(canest, tmp_path):
 def test_what_no_role_maps_is_told_as_what_nobody_sends(roles, told):
     config = load_config("class8")
     kept = {role: source for role, source in config.signals.items() if role not in roles}
-    hints = unheard(config.model_copy(update={"signals": kept}), kept)
+    hints = missing_signal_warnings(config.model_copy(update={"signals": kept}), kept)
     assert (len(hints) == 1 and told in hints[0]) if told else not hints
-    assert not unheard(config, config.signals)
+    assert not missing_signal_warnings(config, config.signals)
 
 
 def test_a_pedal_that_counts_as_braking_needs_no_brake():
     config = load_config("bmw-i3")
-    assert not unheard(config, config.signals)
+    assert not missing_signal_warnings(config, config.signals)
 
 
 def test_an_engine_speed_alone_tells_no_speed_while_nobody_tells_of_the_clutch(canest, tmp_path):

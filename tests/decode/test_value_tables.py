@@ -11,7 +11,7 @@ from canest.config import parse_config
 from canest.core.errors import ConfigError
 from canest.core.frames import FrameBlock
 from canest.pipeline.signal_map import decoder_for
-from canest.pipeline.tables import TableMap, open_for
+from canest.pipeline.table_map import TableMap, open_for
 
 DBC = """VERSION ""
 BU_: X

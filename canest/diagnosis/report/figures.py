@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from canest.core.frames import FloatColumn, Onward
+from canest.core.frames import FloatColumn, MonotonicClock
 from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.run import Diagnosis
 from canest.diagnosis.search.choice import Chosen
@@ -97,14 +97,14 @@ def mass_and_grade(diagnosis: Diagnosis, drive: int) -> str:
     sides: list[tuple[str, Sequence[Estimates], str]] = [("before", diagnosis.estimates_before, BEFORE)]
     if diagnosis.search.chosen:
         sides.append(("after", diagnosis.estimates_after, AFTER))
-    t_us = Onward()(part.run.samples.t_us)
+    t_us = MonotonicClock()(part.run.samples.t_us)
     keep = _thinned(len(t_us))
     x = numbers((t_us[keep] - t_us[0]) * 1e-6, 1)
     reference = part.reference
     settled: list[FloatColumn] = []
     for name, estimates, colour in sides:
         e = estimates[drive]
-        t = numbers((Onward()(e.t_us)[_thinned(len(e))] - t_us[0]) * 1e-6, 1)
+        t = numbers((MonotonicClock()(e.t_us)[_thinned(len(e))] - t_us[0]) * 1e-6, 1)
         mass, std = e.mass_kg[_thinned(len(e))] / 1e3, e.mass_std_kg[_thinned(len(e))] / 1e3
         rows.band(1, t, numbers(mass - 2 * std, 3), numbers(mass + 2 * std, 3), colour, name)
         rows.line(1, t, numbers(mass, 3), name, colour, hover="%{y:.2f} t")

@@ -19,10 +19,10 @@ from canest.core.errors import LogError, how_to_add
 from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.logs.base import LogReader
 from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
+from canest.logs.candump_line import CLASSIC_BYTES
 from canest.logs.compression import Source
-from canest.logs.damaged import blf_reader, hushed, hushed_messages, sqlite_reader
-from canest.logs.lines import CLASSIC_BYTES
-from canest.logs.textlines import Lines, in_plain_words
+from canest.logs.damaged import blf_reader, quiet_messages, silenced, sqlite_reader
+from canest.logs.python_can_lines import Lines, in_plain_words
 
 _TEXT_BYTES = 1 << 18
 _SECONDS_MAX = 9e12
@@ -130,7 +130,7 @@ class PythonCanReader(LogReader):
         make: Any = {".blf": blf_reader, ".mf4": can.MF4Reader, ".db": of_database}[self._suffix]
         source = file.name if self._suffix == ".db" else file  # sqlite opens by name only
         damage, announced = "", 0
-        with hushed():
+        with silenced():
             try:
                 reader = self._reader(make, source)
             except (LogError, MemoryError):
@@ -143,7 +143,7 @@ class PythonCanReader(LogReader):
             try:
                 announced = getattr(reader, "file_size", 0)
                 with reader:
-                    yield from hushed_messages(reader)
+                    yield from quiet_messages(reader)
             except MemoryError:
                 raise
             except Exception as error:  # as above

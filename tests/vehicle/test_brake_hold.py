@@ -12,7 +12,7 @@ from vehicle_helpers import config, ticks
 
 from canest.core.samples import RATE_HZ
 from canest.pipeline.build import model_spec
-from canest.vehicle.brake_hold import LOST_S, LostBrakes
+from canest.vehicle.brake_hold import LOST_S, BrakeHold
 
 ACTING = [
     ("brake_switch", 1.0),
@@ -69,7 +69,7 @@ def test_any_cut_fills_the_same() -> None:
     roles = {"retarder_torque_pct": values}
 
     def filled(edges: list[int]) -> bytes:
-        brakes = LostBrakes(model_spec(config(["retarder_torque_pct", "engine_torque", "vehicle_speed"])))
+        brakes = BrakeHold(model_spec(config(["retarder_torque_pct", "engine_torque", "vehicle_speed"])))
         parts = []
         for a, b in pairwise(edges):
             block = ticks({r: v[a:b] for r, v in roles.items()}, b - a, first=a)

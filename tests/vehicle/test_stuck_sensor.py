@@ -12,7 +12,7 @@ from vehicle_helpers import FINAL_DRIVE, RADIUS_M, config, ticks
 from canest.config.schema import Config
 from canest.grid.grid import GridBlock
 from canest.pipeline.build import model_spec
-from canest.vehicle.stuck_sensor import Frozen
+from canest.vehicle.stuck_sensor import StuckSensor
 
 N = 1000
 T_S = np.arange(N) * 0.02
@@ -80,7 +80,7 @@ def silent(before: GridBlock, after: GridBlock) -> dict[str, np.ndarray]:
     ids=["moving", "all still", "coarse", "standing", "jump", "alone"],
 )
 def test_a_speed_that_may_be_true_is_left_alone(shaft: np.ndarray, undriven: np.ndarray) -> None:
-    judge, block = Frozen(model_spec(mapped())), drive(output_shaft_speed=shaft, undriven_speed=undriven)
+    judge, block = StuckSensor(model_spec(mapped())), drive(output_shaft_speed=shaft, undriven_speed=undriven)
     block = ticks(block.values | {"engine_speed": SHAFT}, N)
     assert silent(block, judge.silence(block)) == {}
     assert not judge.counts
@@ -99,7 +99,7 @@ def test_a_speed_that_may_be_true_is_left_alone(shaft: np.ndarray, undriven: np.
 def test_an_accelerometer_that_feels_no_brake_is_frozen(
     speed: np.ndarray, felt: np.ndarray, told: bool
 ) -> None:
-    judge = Frozen(model_spec(mapped()))
+    judge = StuckSensor(model_spec(mapped()))
     shaft = (speed + NOISE) * RPM_PER_MPS
     block = drive(output_shaft_speed=shaft, engine_speed=shaft, longitudinal_accel=felt, undriven_speed=speed)
     lost = silent(block, judge.silence(block))
@@ -119,12 +119,12 @@ def test_any_cut_gives_the_same_bits() -> None:
         undriven_speed=gone,
         longitudinal_accel=frozen(FELT, 400, 950),
     )
-    whole = Frozen(model_spec(mapped())).silence(block)
+    whole = StuckSensor(model_spec(mapped())).silence(block)
     assert len(silent(block, whole)) == 2
     rng = np.random.default_rng(11)
     for pieces in (2, 5, 40, 400):
         cuts = np.sort(rng.choice(np.arange(1, N), pieces, replace=False))
-        judge, rest, at, parts = Frozen(model_spec(mapped())), block, 0, []
+        judge, rest, at, parts = StuckSensor(model_spec(mapped())), block, 0, []
         for cut in [*cuts.tolist(), N]:
             part, rest = rest.split(cut - at)
             at = cut

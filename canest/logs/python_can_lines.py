@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable
 
 from canest.logs.compression import Source
-from canest.logs.splitting import text_lines
+from canest.logs.line_splitting import text_lines
 
 _HEADER_LINES_MAX = 200
 #: ends python-can's search for an .asc header, which otherwise swallows a line behind it

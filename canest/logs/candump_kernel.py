@@ -1,6 +1,6 @@
 """`Layout.parse` for numba: the same words, one line after the other instead of one word after the other.
 
-Not run interpreted: numpy's way (`canest.logs.layout`) is the reference, and tests hold the two equal.
+Not run interpreted: numpy's way (`canest.logs.candump_layout`) is the reference, and tests hold the two equal.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from canest.core.frames import BoolColumn, FrameBlock, IntColumn
 from canest.core.jit import kernel
-from canest.logs.layout import Layout
+from canest.logs.candump_layout import Layout
 from canest.logs.swar import ALL_BITS, ZERO_CHARS
 
 # numba keeps the type of a global: uint64 with uint64 stays uint64, with a plain integer it would not
@@ -55,7 +55,7 @@ def parse_rows(  # type: ignore[no-untyped-def] # numba gives the types
     """Parse the lines at ``starts``; ``words[i]`` is the eight characters from i on.
 
     fixed: uint64 (m, 3), offset, mask, value. Fills t_us, can_id, data, and fits where the layout holds.
-    The rest as in `canest.logs.layout.Layout`.
+    The rest as in `canest.logs.candump_layout.Layout`.
     """
     seconds_shift = np.uint64(8 * (8 - seconds_digits))
     fraction_shift = np.uint64(8 * (8 - 6))

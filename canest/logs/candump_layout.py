@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, BoolColumn, FrameBlock, IntColumn
-from canest.logs.lines import STANDARD_ID_MAX, Line
+from canest.logs.candump_line import STANDARD_ID_MAX, Line
 from canest.logs.swar import ALL_BITS, ZERO_CHARS, Words, decimal, hex_bytes
 
 _WORD = 8
