@@ -69,7 +69,9 @@ def test_any_cut_fills_the_same() -> None:
     roles = {"retarder_torque_pct": values}
 
     def filled(edges: list[int]) -> bytes:
-        brakes = BrakeHold(model_spec(config(["retarder_torque_pct", "engine_torque", "vehicle_speed"])))
+        brakes = BrakeHold(
+            model_spec(config(["retarder_torque_pct", "engine_torque", "vehicle_speed", "gear"]))
+        )
         parts = []
         for a, b in pairwise(edges):
             block = ticks({r: v[a:b] for r, v in roles.items()}, b - a, first=a)
