@@ -42,6 +42,7 @@ class Job:
 
     def _run(self, config: Config, progress: Progress | None) -> ReplayResult:
         from canest.offline.replay import replay
+        from canest.offline.scoring import Reference
 
         recorder = None
         if self.report is not None:
@@ -59,9 +60,7 @@ class Job:
             self.log,
             config,
             output=self.output,
-            truth=truth,
-            mass_kg=self.mass_kg,
-            after_s=self.after_s,
+            reference=Reference(truth, self.mass_kg, self.after_s),
             listener=recorder,
             progress=progress,
             channel=self.channel,

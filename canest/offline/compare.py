@@ -16,7 +16,7 @@ from canest.core.samples import RATE_HZ, ModelBlock, Status
 from canest.doctor.warnings import log_warnings, stream_warnings
 from canest.estimators.base import REGISTRY, Estimator, create
 from canest.grid.grid import Grid, GridBlock
-from canest.offline.scoring import Score
+from canest.offline.scoring import Reference, Score
 from canest.pipeline.assumed_constants import carry_over
 from canest.pipeline.build import PipelineSpec, build
 from canest.pipeline.intake import Intake
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from canest.config import Config
-    from canest.logs.truth import Truth
 
 Progress = Callable[[int, int], None]  #: bytes done, bytes in all (0: unknown)
 
@@ -70,10 +69,8 @@ def compare(
     config: Config,
     log: str | Path,
     *,
-    truth: Truth | None = None,
-    mass_kg: float | None = None,
+    reference: Reference = Reference(),  # noqa: B008 - frozen
     names: Sequence[str] | None = None,
-    after_s: float = 60.0,
     channel: str | None = None,
     compiled: bool | None = None,
     progress: Progress | None = None,
@@ -105,10 +102,10 @@ def compare(
                 entry.estimator = carry_over(new(name), float(entry.parts[-1].mass_kg[-1]), None)
             _run(entry, block)
     estimates = {name: Estimates.concatenate(entry.parts) for name, entry in entries.items()}
-    score = Score(truth, mass_kg, after_s)
+    score = reference.score()
     times = np.concatenate([b.t_us for b in blocks]) if blocks else np.empty(0, np.int64)
     true_mass, true_grade = score.truth_at(times)
-    scores = {name: Score(truth, mass_kg, after_s) for name in entries}
+    scores = {name: reference.score() for name in entries}
     table = {
         "estimators": {
             name: _row(entry, estimates[name], true_mass, scores[name]) for name, entry in entries.items()

@@ -16,14 +16,13 @@ from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.warnings import log_warnings, stream_warnings
 from canest.logs.compression import ARCHIVE_SUFFIXES
 from canest.logs.writer import open_writer
-from canest.offline.scoring import Score
+from canest.offline.scoring import Reference, Score
 from canest.pipeline.pipeline import Listener, Pipeline
 from canest.pipeline.table_map import TableMap, open_for
 
 if TYPE_CHECKING:
     from canest.config import Config
     from canest.logs.base import LogReader
-    from canest.logs.truth import Truth
     from canest.pipeline.pipeline import Estimates
 
 Progress = Callable[[int, int], None]  #: bytes done, bytes in all (0: unknown)
@@ -54,23 +53,21 @@ def replay(
     config: Config,
     *,
     output: str | Path | None = None,
-    truth: Truth | None = None,
-    mass_kg: float | None = None,
-    after_s: float = 60.0,
+    reference: Reference | None = None,
     listener: Listener | None = None,
     progress: Progress | None = None,
     channel: str | None = None,
 ) -> ReplayResult:
     """Estimate from one log.
 
-    output: csv or parquet file for the estimates. truth, mass_kg, after_s: see `Score`.
+    output: csv or parquet file for the estimates. reference: what they are compared with.
     listener: gets the model samples with their estimates. channel: this interface of the log only.
     Errors: LogError, ConfigError, OutputError.
     """
     begin = time.perf_counter()
     jit.enable(compiling_pays([Path(log)]))
     run = LogRun(log, config, listener=listener, channel=channel)
-    score = Score(truth, mass_kg, after_s) if truth is not None or mass_kg is not None else None
+    score = reference.score() if reference is not None and reference.known else None
     last: Estimates | None = None
     with closing(run.reader), open_writer(output) if output is not None else nullcontext() as writer:
         for estimates in run.estimates(progress):

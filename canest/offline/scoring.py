@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,24 @@ if TYPE_CHECKING:
 
 #: truth this far beyond its first and last row still counts (it is sampled slower than the estimates)
 TRUTH_REACH_US = 200_000
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """What estimates are compared with; see `Score` for the three."""
+
+    truth: Truth | None = None
+    mass_kg: float | None = None
+    after_s: float = 60.0
+
+    @property
+    def known(self) -> bool:
+        """Return whether there is anything to compare with."""
+        return self.truth is not None or self.mass_kg is not None
+
+    def score(self) -> Score:
+        """Return a fresh score against it."""
+        return Score(self.truth, self.mass_kg, self.after_s)
 
 
 class Score:

@@ -13,7 +13,7 @@ from canest.core.errors import LogError
 from canest.demo import DRIVE
 from canest.logs.truth import Truth
 from canest.offline.replay import compiling_pays, replay
-from canest.offline.scoring import Score
+from canest.offline.scoring import Reference, Score
 from canest.pipeline.pipeline import Estimates
 
 DATA = Path(__file__).parents[1] / "data"
@@ -121,7 +121,7 @@ def write_table(path: Path, mass_kg: float = 1600.0, changed: dict[int, str] | N
 class TestTables:
     def test_units_are_converted_and_the_mass_found(self, tmp_path):
         config = parse_config(TABLE_CONFIG)
-        result = replay(write_table(tmp_path / "trip.csv"), config, mass_kg=1600.0)
+        result = replay(write_table(tmp_path / "trip.csv"), config, reference=Reference(mass_kg=1600.0))
         assert result.summary["frames"] == 1800
         assert result.summary["samples"] == pytest.approx(9000, abs=10)
         assert result.summary["mass_kg"] == pytest.approx(1600, rel=0.06)
