@@ -88,7 +88,7 @@ def truth_beside(log: Path) -> Path | None:
 
 
 def truth_file(log: Path, truth: str | None) -> Path | None:
-    """Return the truth of a log as --truth says: a file, 'auto' for the one beside it, or none.
+    """Return the truth of a log that --truth names: a file, 'auto' for the one beside it, or none.
 
     Errors: UsageError when 'auto' finds none.
     """

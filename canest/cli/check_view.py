@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 #: columns of a table that goes to a file or a pipe
 _FILE_WIDTH = 180
-#: narrower terminals do without the columns that say least
+#: narrower terminals do without the least useful columns
 _WIDE = 140
 COLUMNS = ("role", "need", "expected as", "verdict", "from", "rate Hz", "values", "n/a", "error", "range")
 NARROW = ("role", "verdict", "from", "rate Hz", "range")
@@ -32,31 +32,31 @@ def show(report: Report, title: str, verbose: bool = False) -> None:
     console = console_for(highlight=False, width=None if terminal else _FILE_WIDTH)
     console.print(title, soft_wrap=True, markup=False)
     if report.stops:
-        _say(console, "stops", "bold red", report.stops, terminal)
+        _print_sentence(console, "stops", "bold red", report.stops, terminal)
     else:
         ready = f"nothing stops the estimator (at the end: {report.status})"
-        _say(console, "ready", "bold green", ready, terminal)
+        _print_sentence(console, "ready", "bold green", ready, terminal)
     for hint in report.hints:
-        _say(console, "hint", "yellow", hint, terminal)
+        _print_sentence(console, "hint", "yellow", hint, terminal)
     for note in report.notes:
-        _say(console, "note", "dim", note, terminal)
+        _print_sentence(console, "note", "dim", note, terminal)
     if report.samples:
         shares = gate_shares(report.gates, report.samples)
         opened = f"{report.samples:,} samples at 50 Hz, {100 * report.updated / report.samples:.0f} % open"
-        _say(console, "gates", "dim", opened + (f"; closed: {shares}" if shares else ""), terminal)
+        _print_sentence(console, "gates", "dim", opened + (f"; closed: {shares}" if shares else ""), terminal)
     shown = [finding for finding in report.roles if verbose or _matters(finding)]
     _table(console, shown, verbose)
     for finding in shown:
         if finding.labels and (verbose or finding.role in ("gear", "selected_gear")):
-            _say(console, "label", "dim", _labels(finding, verbose), terminal)
+            _print_sentence(console, "label", "dim", _labels(finding, verbose), terminal)
     folded = [finding for finding in report.roles if finding not in shown]
     for what, sound in (("also ok", True), ("without a value, and not needed", False)):
         names = [finding.role for finding in folded if (finding.verdict == "ok") == sound]
         if names:
-            _say(console, "roles", "dim", f"{what} (-v shows them): {', '.join(names)}", terminal)
+            _print_sentence(console, "roles", "dim", f"{what} (-v shows them): {', '.join(names)}", terminal)
 
 
-def _say(console: Console, head: str, colour: str, text: str, terminal: bool) -> None:
+def _print_sentence(console: Console, head: str, colour: str, text: str, terminal: bool) -> None:
     """Print one sentence: on a terminal wrapped under itself, into a file as one line."""
     from rich.table import Table
     from rich.text import Text

@@ -154,7 +154,7 @@ def _notes(noted: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def _failures(failed: Sequence[str]) -> int:
-    """Tell which logs could not be used, and why; return the exit code."""
+    """Print which logs could not be used, and why; return the exit code."""
     for reason in failed:
         print(f"error: {reason}", file=sys.stderr)
     return 1 if failed else 0

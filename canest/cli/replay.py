@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 EPILOG = """\b
 Examples:
-  canest replay drive.log.xz -c class8                     what does this log say?
+  canest replay drive.log.xz -c class8                     mass and grade of this log
   canest replay drive.log -c my.yaml -o est.csv --report est.html
   canest replay drive.log -c my.yaml --truth drive.truth.csv --json -
   canest replay fleet/*.log.gz -c my.yaml -o results/ --truth auto

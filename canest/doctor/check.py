@@ -65,16 +65,16 @@ class Report:
 
 
 class Doctor:
-    """Watches a stream; `report` says what it saw. Errors: ConfigError."""
+    """Watches a stream; `report` returns what it saw. Errors: ConfigError."""
 
     def __init__(self, config: Config) -> None:
         self.config = config
         self.pipeline = Pipeline(config)
         self._tables = TableMap(config)
-        self._listening = decoder_for(config)
+        self._decoder = decoder_for(config)
         anyone = {role: s.model_copy(update={"source": None}) for role, s in config.signals.items()}
-        self._unasked = _unasked_reference(config)
-        self._survey = decoder_for(config.model_copy(update={"signals": anyone | self._unasked}))
+        self._unmapped = _unmapped_reference(config)
+        self._survey = decoder_for(config.model_copy(update={"signals": anyone | self._unmapped}))
         self._ranges: dict[str, tuple[float, float, int]] = {}
         self._rows = self._bad_frames = self._standard_frames = self.frames = 0
         self._missing_cells: dict[str, int] = {}
@@ -141,7 +141,7 @@ class Doctor:
             status=self._status,
             stops=stops,
             hints=[hint for hint in hints if hint != stops],
-            notes=([] if log is None else log_warnings(log) + self._tables.notes())
+            notes=([] if log is None else log_warnings(log) + self._tables.warnings())
             + stream_warnings(self.pipeline.intake, self.pipeline.stuck_ticks),
         )
 
@@ -154,9 +154,9 @@ class Doctor:
         groups = np.unique(identifiers >> np.uint32(8) << np.uint32(8))
         self._pgns.update(map(j1939.pgn_of, groups.tolist()))
         self._raw.push(block)
-        heard = self._survey.push(block).samples
-        self.plausibility.push({role: heard[role] for role in self._unasked if role in heard})
-        return self._listening.push(block).samples
+        received = self._survey.push(block).samples
+        self.plausibility.push({role: received[role] for role in self._unmapped if role in received})
+        return self._decoder.push(block).samples
 
     def _note(self, samples: Samples) -> None:
         for role, (_, values) in samples.items():
@@ -191,7 +191,7 @@ class Doctor:
         finding.labels = self._raw.labels(role) or self._tables.labels(role)
         low, high, count = self._ranges.get(role, (None, None, 0))
         finding.low, finding.high, finding.values = low, high, count
-        # a mean rate over a silence tells nothing
+        # a mean rate over a silence means nothing
         limit_s = math.inf if self.pipeline.clock.counters["gaps"] else stale_limit_s(role, source)
         finding.verdict, finding.hint = judge(finding, source, limit_s)
         return finding
@@ -217,11 +217,11 @@ class Doctor:
             return "nothing was received: the log is empty, or the bus is silent"
         found = {f.role: f for f in findings}
 
-        def dead(role: str) -> str:
+        def problem_of(role: str) -> str:
             finding = found[role]
             return "" if finding.values else f"{role} ({finding.text}) {complaint(finding)}"
 
-        if lacking := what_lacks(self.config, model, dead):
+        if lacking := what_lacks(self.config, model, problem_of):
             return lacking
         missing = self.pipeline.estimator.missing()
         if missing:
@@ -238,7 +238,7 @@ class Doctor:
         hints = [f"signals.{f.role}: {f.hint}" for f in findings if f.hint]
         if self.frames and not any(f.senders for f in findings):
             if self._standard_frames > self.frames / 2:
-                hints.append("the bus speaks 11-bit identifiers: no J1939, a DBC of its own is needed")
+                hints.append("the bus uses 11-bit identifiers: no J1939, a DBC of its own is needed")
             elif self._addresses:
                 seen = ", ".join(f"0x{a:02X}" for a in sorted(self._addresses)[:12])
                 hints.append(f"none of the config's messages is there; the bus has addresses {seen}")
@@ -253,18 +253,18 @@ class Doctor:
             hints.append(f"{self._bad_frames:,} error frames: check bit rate, termination and wiring")
         if self.frames:
             hints += missing_signal_warnings(self.config, self.pipeline.intake.received)
-        doubts = self.pipeline.estimator.doubts()
+        warning = self.pipeline.estimator.doubts()
         hints += self._raw.hints() + [h for comparison in self._comparisons for h in comparison.hints()]
-        return hints + ([doubts] if doubts else [])
+        return hints + ([warning] if warning else [])
 
 
-def _unasked_reference(config: Config) -> dict[str, Source]:
-    """Return where an engine would tell its reference torque (SPN 544) that the config does not ask for."""
+def _unmapped_reference(config: Config) -> dict[str, Source]:
+    """Return where an engine would send its reference torque (SPN 544) that the config does not map."""
     from canest.config.schema import Source
 
     if "engine_torque_pct" not in config.signals or "reference_torque" in config.signals:
         return {}
-    told = Source(message="EC1", signal="EngReferenceTorque")
+    sent = Source(message="EC1", signal="EngReferenceTorque")
     known = {m.name: m for database in databases_of(config) for m in database.messages}.get("EC1")
-    has = known is not None and is_j1939(known) and any(s.name == told.signal for s in known.signals)
-    return {"reference_torque": told} if has else {}
+    has = known is not None and is_j1939(known) and any(s.name == sent.signal for s in known.signals)
+    return {"reference_torque": sent} if has else {}

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from canest.decode.value_table import Label
 
 OK, SILENT, ABSENT, ELSEWHERE = "ok", "no value", "not found", "elsewhere"
-#: a signal of which more than this share has no value deserves a word
+#: a signal of which more than this share has no value deserves a hint
 MOSTLY = 0.5
 #: an address whose share of error values is larger sends something else under this group
 SOUND = 0.01
@@ -118,16 +118,16 @@ def judge(finding: RoleReport, source: Source, stale_s: float) -> tuple[str, str
 
 
 def _why_silent(senders: list[Sender]) -> str:
-    """Return why senders that are heard give no sample of a role, '' when their samples hold no value."""
+    """Return why senders that are received give no sample of a role, '' when their samples hold no value."""
     if all(s.wrong_length >= s.frames for s in senders):
-        return "every frame has another length than the DBC says"
+        return "every frame has another length than the DBC declares"
     if not any(s.not_available + s.error_value for s in senders):
         return "no frame holds it: they end before it, or their multiplexor never selects it"
     return ""
 
 
 def _is_sound(sender: Sender) -> bool:
-    """Return whether an address means what it sends: nobody sends error codes and values in turns."""
+    """Return whether an address sends values: nobody sends error codes and values in turns."""
     return sender.valid > 0 and sender.error_value <= SOUND * sender.valid
 
 
@@ -139,7 +139,7 @@ def complaint(finding: RoleReport) -> str:
     if finding.verdict == SILENT:
         bad = sum(s.not_available for s in finding.senders if finding.source in (None, s.address))
         if bad:
-            return f"said not available in all {bad:,} frames of {expected}"
+            return f"was sent as not available in all {bad:,} frames of {expected}"
         return f"never had a valid value in {expected}" + (f" ({finding.hint})" if finding.hint else "")
     if finding.verdict == ELSEWHERE:
         return f"is not sent as {expected}, but {finding.hint}"

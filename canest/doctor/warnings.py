@@ -1,4 +1,4 @@
-"""What a user should know beside the numbers: what could not be read, decoded or believed."""
+"""What a user should know beside the numbers: what could not be read, decoded or accepted."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ def interleaved_clocks(clock: Clock) -> str:
     )
 
 
-def stream_warnings(intake: Intake, frozen: Mapping[str, int] | None = None) -> list[str]:
+def stream_warnings(intake: Intake, stuck_ticks: Mapping[str, int] | None = None) -> list[str]:
     """Return what could not be used of all that an intake was given, one sentence each.
 
-    frozen: ticks on which a sensor stood still, though the vehicle did not (`canest.vehicle.stuck_sensor`).
+    stuck_ticks: ticks on which a sensor stood still and the vehicle did not (`canest.vehicle.stuck_sensor`).
     """
     notes = []
     mended = {name: n for name, n in intake.clock.counters.items() if n}
@@ -74,7 +74,7 @@ def stream_warnings(intake: Intake, frozen: Mapping[str, int] | None = None) -> 
     if refused:
         counts = ", ".join(f"{n:,} of {role}" for role, n in sorted(refused.items()))
         notes.append(f"jumps beyond physics, not used: {counts}")
-    for role, ticks in sorted((frozen or {}).items()):
+    for role, ticks in sorted((stuck_ticks or {}).items()):
         seconds = f"{ticks / RATE_HZ:,.1f} s"
         notes.append(f"{role} stood still while the vehicle did not: frozen, taken as silent for {seconds}")
     return notes

@@ -54,7 +54,7 @@ class Feed:
 class GridBlock:
     """Consecutive ticks.
 
-    t_us: int64 (n,), multiples of 20 ms. values: role -> float64 (n,), the held sample, NaN when it said
+    t_us: int64 (n,), multiples of 20 ms. values: role -> float64 (n,), the held sample, NaN when it was
     "not available", is stale, or was never seen. stale: role -> bool (n,), too old, or never seen.
     continues: False when this block does not follow the previous one tick by tick.
     """

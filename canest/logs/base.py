@@ -71,7 +71,7 @@ class LogReader(ABC):
 
     @property
     def bytes_total(self) -> int:
-        """Size of the stored file, 0 when it cannot be told."""
+        """Size of the stored file, 0 when it is not known."""
         return self._source.bytes_total
 
     @property

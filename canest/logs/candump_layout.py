@@ -146,7 +146,8 @@ class Layout:
         micros, bad = decimal.interpreted(rows.field(self.fraction_at, _FRACTION_DIGITS))
         fault |= bad
         t_us = (seconds + np.uint64(self.seconds_base)) * np.uint64(1_000_000) + micros
-        return t_us.view(np.int64)
+        stamps: IntColumn = t_us.view(np.int64)
+        return stamps
 
     def _payload(self, rows: Rows, fault: Words) -> Words:
         halves = np.zeros((rows.count, 2), "<u4")

@@ -30,7 +30,7 @@ _CELL_BYTES_MAX = 1 << 20
 def silenced() -> Iterator[None]:
     """Keep the libraries quiet: what they print and log, and the destructor of what could not be constructed.
 
-    Only for short steps: meanwhile nobody else's output to stdout is heard either.
+    Only for short steps: meanwhile nobody else's output reaches stdout either.
     """
     loggers = [logging.getLogger(name) for name in _LOGGERS]
     enabled = [logger for logger in loggers if not logger.disabled]

@@ -163,7 +163,7 @@ class PythonCanReader(LogReader):
 
         if self._suffix == ".asc" and re.search(rb"(?im)^\s*base\s+\S+\s+timestamps\s+relative", self._head):
             raise LogError(
-                "tells the time from each event to the next", where=str(self.path),
+                "gives the time from each event to the next", where=str(self.path),
                 found="timestamps relative", expected="an export with `timestamps absolute`",
             )  # fmt: skip
         kind = {".asc": can.ASCReader, ".trc": can.TRCReader, ".csv": can.CSVReader}[self._suffix]

@@ -13,7 +13,7 @@ from canest.logs.compression import ARCHIVE_SUFFIXES, Source
 
 _HEAD_BYTES = 1 << 16
 _BLANK = 0x20  #: what stands before it in ASCII steers a terminal
-#: content that tells itself -> suffix under which python-can knows it
+#: content that identifies itself -> suffix under which python-can knows it
 _BINARY = {b"LOGG": ".blf", b"MDF     ": ".mf4", b"UnFinMF ": ".mf4", b"SQLite format 3\0": ".db"}
 _PARQUET = b"PAR1"
 #: editors of another system put it before a text

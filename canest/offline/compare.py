@@ -154,7 +154,7 @@ def _samples(
         ticks_left = grid.ticks_until(intake.clock.last_us, inclusive=True)
         if ticks_left is not None:
             yield from both(ticks_left)
-    notes += log_warnings(reader) + tables.notes() + stream_warnings(intake, plain.stuck_ticks)
+    notes += log_warnings(reader) + tables.warnings() + stream_warnings(intake, plain.stuck_ticks)
 
 
 def _run(entry: _Entry, block: ModelBlock) -> None:

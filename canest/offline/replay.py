@@ -38,7 +38,7 @@ class ReplayResult:
     """What a replay found.
 
     summary: the content of summary.json. notes: what a user should know beside it, one sentence each.
-    innovations: how the estimator's own innovations behave (`nis`, `runs_z`, `windows`), where it says so.
+    innovations: statistics of the estimator's own innovations (`nis`, `runs_z`, `windows`), where it has any.
     """
 
     log: str
@@ -81,13 +81,13 @@ def replay(
         summary["errors"] = score.errors()
     notes = (
         log_warnings(run.reader)
-        + run.table_map.notes()
+        + run.table_map.warnings()
         + stream_warnings(run.pipeline.intake, run.pipeline.stuck_ticks)
     )
     if run.pipeline.updated:
         notes += missing_signal_warnings(config, run.pipeline.intake.received)
-    if doubts := run.pipeline.estimator.doubts():
-        notes.append(doubts)
+    if warning := run.pipeline.estimator.doubts():
+        notes.append(warning)
     if score is not None:
         v = config.vehicle
         notes += score.notes() + score.beyond(v.mass_min_kg, v.mass_max_kg)

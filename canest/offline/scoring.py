@@ -38,10 +38,10 @@ class Reference:
 class Score:
     """Sums errors over all samples, gated ones too, from `after_s` after the first sample on.
 
-    A sample without an estimate or without truth is not counted; `without_estimate` says how many there
-    were of the first kind. Time goes on where the log's clock was set back.
+    A sample without an estimate or without truth is not counted; `without_estimate` counts those of
+    the first kind. Time goes on where the log's clock was set back.
 
-    truth: table by the log's own stamps, interpolated linearly at each sample; what it says of a stamp goes
+    truth: table by the log's own stamps, interpolated linearly at each sample; its row for a stamp goes
     for every sample with that stamp. mass_kg: a constant true mass, wins over the table's.
     """
 

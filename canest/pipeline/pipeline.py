@@ -74,7 +74,7 @@ class Pipeline:
         gate = self.estimator.wants_excitation_gate
         self._model = ModelStream(spec.model, spec.assumed, excitation_gate=gate)
         self._listener = listener
-        self._remembered: tuple[float, float] | None = None
+        self._restored: tuple[float, float] | None = None
         self._mass_kg = math.nan
         self.gates: Counter[str] = Counter()
         self.samples = 0
@@ -116,8 +116,8 @@ class Pipeline:
         return Estimates.concatenate(done)
 
     def restore(self, mass_kg: float, mass_std_kg: float) -> None:
-        """Start from a remembered mass."""
-        self._remembered = mass_kg, mass_std_kg
+        """Start from a mass that was learned before a restart."""
+        self._restored = mass_kg, mass_std_kg
         self.estimator.restore(mass_kg, mass_std_kg)
 
     def snapshot(self) -> dict[str, Any]:
@@ -126,12 +126,12 @@ class Pipeline:
 
     @property
     def decoder(self) -> Decoder:
-        """Return the decoder (its counters tell what the bus carried)."""
+        """Return the decoder (its counters show what the bus carried)."""
         return self.intake.decoder
 
     @property
     def clock(self) -> Clock:
-        """Return the event clock (its counters tell what it had to mend)."""
+        """Return the event clock (its counters show what it had to correct)."""
         return self.intake.clock
 
     @property
@@ -161,7 +161,7 @@ class Pipeline:
             return
         for samples, anew in self._model.process(ticks):
             if anew:
-                self.estimator = carry_over(self._spec.estimator.create(), self._mass_kg, self._remembered)
+                self.estimator = carry_over(self._spec.estimator.create(), self._mass_kg, self._restored)
             self._estimate(samples, done)
 
     def _estimate(self, samples: ModelBlock, done: list[Estimates]) -> None:

@@ -17,8 +17,8 @@ from canest.vehicle.role_sources import speed_in_use
 if TYPE_CHECKING:
     from cantools.database.can import Database
 
-#: how a DBC says that a message is matched by parameter group, and not by its exact identifier
-J1939_DATABASE = 'a DBC that says J1939 (VFrameFormat "J1939PG", or ProtocolType "J1939")'
+#: how a DBC declares a message as J1939, which is matched by parameter group and not by its identifier
+J1939_DATABASE = 'a DBC that declares J1939 (VFrameFormat "J1939PG", or ProtocolType "J1939")'
 
 
 def decoder_for(config: Config) -> Decoder:
@@ -100,7 +100,7 @@ def factor_and_offset(role: str, source: Source, unit: str, where: str = "") -> 
 def resolution_of(config: Config) -> dict[str, float]:
     """Return the steps of the signals in use: ``speed`` (m/s), ``torque`` (N m), ``accelerometer`` (m/s2).
 
-    What a DBC signal's factor says; for table columns, whose resolution nobody declares, typical values.
+    The factor of a DBC signal; for table columns, whose resolution nobody declares, typical values.
     """
     v = config.vehicle
     reference = v.reference_torque_Nm or 2000.0

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 INK, MUTED, GRID = "#1c2733", "#5b697e", "#e6eaf0"
 BLUE, ORANGE, GREEN, RED, VIOLET = "#1d4ed8", "#d97706", "#0f766e", "#dc2626", "#7c3aed"
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif"
-#: curves told apart by colour-blind readers too (Okabe and Ito 2008, darkened where too light)
+#: colours that colour-blind readers can distinguish too (Okabe and Ito 2008, darkened where too light)
 SERIES = (
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9", "#7c3aed", "#8c510a",
     "#475569", "#dc2626", "#65a30d", "#0e7490", "#be185d", "#4338ca", "#a16207",

@@ -230,7 +230,9 @@ def _residual(recorder: Recorder, innovations: dict[str, float]) -> Section:
     ]
     if innovations.get("windows"):
         nis = _or_dash(innovations["nis"], ".2f")
-        rows.append(["normalised innovation squared", nis, "1 when the estimator's doubt is honest"])
+        rows.append(
+            ["normalised innovation squared", nis, "1 when the estimator's standard deviation is right"]
+        )
         runs = _or_dash(innovations["runs_z"], "+.1f")
         rows.append(["runs test of innovations (z)", runs, f"over {innovations['windows']:,.0f} windows"])
     text = "A correlated residual points at something the model lacks: canest diagnose looks for it."

@@ -84,7 +84,7 @@ class FilteredModel:
         was_open = shifted(is_open, self._was_open and grid.continues)
         self._was_open = bool(is_open[-1])
         nothing = constant(math.nan, len(grid))
-        # backwards an accelerometer feels the other way than a speed tells, which has no sign
+        # backwards an accelerometer has the other sign than the speed, which has none
         doubtful = np.isfinite(c.signal(MOTION_JUMP, np.nan)) | (c.gear < 0) | self._gating.slack
         rotating, coasting = raw.rotating_mass_kg, nothing
         if np.count_nonzero(self._gating.coasting):
@@ -117,7 +117,7 @@ class FilteredModel:
         )
 
     def _stopped(self, raw: RawModel) -> BoolColumn:
-        """Return where the vehicle stands, or may: only the engine tells a speed, and turns by itself."""
+        """Return where the vehicle stands, or may: the engine's is the only speed, and it turns by itself."""
         stands: BoolColumn = np.abs(raw.speed_mps) < STANDSTILL_MPS
         return stands | (
             raw.speed_is_engine & np.isnan(raw.speed_mps) & np.isfinite(raw.columns.engine_radps)

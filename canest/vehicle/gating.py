@@ -45,7 +45,7 @@ class Gating:
         self._settle_ticks = round(spec.gates.stale.recovery_s * RATE_HZ)
         self._until_tick = self._slack_until_tick = _NEVER
         self._last_ratio = np.nan
-        #: where the driveline links engine and wheels no more, in the last block (see `_slack`)
+        #: where the driveline does not link engine and wheels, in the last block (see `_slack`)
         self.slack: BoolColumn = constant(False, 0)
         self._coasting = Coasting(spec, at_wheels=model.at_wheels)
         #: where the vehicle coasts with its driveline open, in the last block (see `Coasting`)
@@ -63,7 +63,7 @@ class Gating:
         self.slack = self._slack(grid, raw, causes, tick)
         # until when anything but an open driveline acts, whether or not its gate may close
         acting = np.full(len(grid), _NEVER, np.int64)
-        # backwards: the cause that comes first has the last word
+        # backwards: the cause that comes first is written last
         for gate, closed in reversed(causes):
             if not np.count_nonzero(closed):
                 continue
@@ -162,7 +162,7 @@ class Gating:
     def _disengaged(self, raw: RawModel, has: dict[str, FloatColumn], accel_mps2: FloatColumn) -> BoolColumn:
         c, gates = raw.columns, self._gates.driveline
         closed = ~raw.geared | driveline_open(c, gates.clutch_slip_pct)
-        if "engine_speed" in has:  # also where it was the speed, until the road denied it
+        if "engine_speed" in has:  # also where it was the speed, until the road speed contradicted it
             per_mps = c.ratio / c.radius_m
             wheel = raw.speed_mps * per_mps
             allowed = gates.ratio_mismatch * np.abs(wheel) + 5.0
@@ -222,9 +222,9 @@ class Excitation:
 
 
 def _lateral_mps2(speed_mps: FloatColumn, has: dict[str, FloatColumn]) -> FloatColumn:
-    """Return the lateral acceleration (n,): of the yaw rate, or as felt (with body roll and bank) without."""
-    felt = np.abs(has["lateral_accel"]) if "lateral_accel" in has else constant(math.nan, len(speed_mps))
+    """Return the lateral acceleration (n,): of the yaw rate, else as measured (with body roll and bank)."""
+    measured = np.abs(has["lateral_accel"]) if "lateral_accel" in has else constant(math.nan, len(speed_mps))
     if "yaw_rate" not in has:
-        return felt
+        return measured
     turned = np.abs(speed_mps * has["yaw_rate"])
-    return np.where(np.isnan(turned), felt, turned)
+    return np.where(np.isnan(turned), measured, turned)

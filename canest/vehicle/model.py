@@ -92,7 +92,7 @@ class LongitudinalModel:
         self._late = places.get("vehicle_speed", -1)
         self._shaft = places.get("output_shaft_speed", -1)
         self._engine = places.get("engine_speed", len(places) + 1)
-        self._clutch = ClutchReports(self.vehicle)
+        self._clutch_reports = ClutchReports(self.vehicle)
         self._is_driven = np.array([float(role in _DRIVEN) for role in self.speed_roles])
         self._last_speed_mps = np.nan
         self._monotonic = MonotonicClock()
@@ -131,7 +131,7 @@ class LongitudinalModel:
             per_torque = c.ratio / c.radius_m * np.where(c.torque_Nm < 0, 1.0 / c.efficiency, c.efficiency)
             traction = c.torque_Nm * per_torque
         c.notes["traction_N"] = traction
-        known = self._clutch.known(c)
+        known = self._clutch_reports.reported(c)
         source, finest = self._speed(c, grid, known)
         speed_is_engine, late = (finest >= self._engine) & known, finest == self._late
         self._run("road", c)
@@ -200,7 +200,7 @@ class LongitudinalModel:
         )
 
     def _engine_radps(self, values: Mapping[str, FloatColumn], ratio: FloatColumn) -> FloatColumn:
-        """Return the crank's speed; where no role tells it, what the wheels turn it with."""
+        """Return the crank's speed; where no role gives it, the speed at which the wheels turn it."""
         if "engine_speed" in values:
             return values["engine_speed"] * RADPS_PER_RPM
         per_mps = self.vehicle.final_drive / self.vehicle.wheel_radius_m * ratio
@@ -247,8 +247,8 @@ class LongitudinalModel:
             else:
                 c.extra_N = c.extra_N + torque * self.vehicle.final_drive / c.radius_m
 
-    def _told_by(self, role: str, c: Columns, known: BoolColumn) -> FloatColumn:
-        """Return the speed that a role tells, m/s (n,). known: where one knows when the clutch is open."""
+    def _speed_of(self, role: str, c: Columns, known: BoolColumn) -> FloatColumn:
+        """Return the speed that a role gives, m/s (n,). known: where the state of the clutch is reported."""
         if role == "output_shaft_speed":
             return c.signals[role] * (RADPS_PER_RPM / self.vehicle.final_drive) * c.radius_m
         if role == "engine_speed":
@@ -260,10 +260,10 @@ class LongitudinalModel:
     def _speed(self, c: Columns, ticks: GridBlock, known: BoolColumn) -> tuple[IntColumn, IntColumn]:
         """Set speed and acceleration, from the finest speed that can be relied on.
 
-        Returns which that is, and the finest that has been told so far, as positions in `speed_roles` (n,).
+        Return which that is, and the finest received so far, as positions in `speed_roles` (n,).
         """
         c.speed_mps, source, finest = self._choice.choose(
-            [partial(self._told_by, role, c, known) for role in self.speed_roles], ticks
+            [partial(self._speed_of, role, c, known) for role in self.speed_roles], ticks
         )
         c.notes["driven"] = self._is_driven[source]
         self._run("speed", c)

@@ -1,9 +1,9 @@
 """Refuses samples that jump further than the vehicle can: forged frames, broken sensors.
 
-A sample is compared with the last one that was believed. The longer ago that was, the more it may differ,
-so a value that has really changed (a locked wheel, a sensor that was replaced) is believed again after a
+A sample is compared with the last one that was accepted. The longer ago that was, the more it may differ,
+so a value that has really changed (a locked wheel, a sensor that was replaced) is accepted again after a
 while, and no forged start value keeps the truth out for long. Refused samples never reach the grid; while
-they come, the gate `implausible` is closed, since those that are forged and do not jump cannot be told.
+they come, the gate `implausible` is closed, since forged ones that do not jump cannot be found.
 """
 
 from __future__ import annotations
@@ -54,11 +54,11 @@ LIMITS: dict[str, Limit] = {
     "gps_speed": _ROAD_SPEED,
     # friction follows engine speed and oil temperature, with steps when an auxiliary cuts in
     "engine_friction_pct": Limit(5.0, 15.0),
-    # the full scale of the reported torque is a constant of the engine, but for another rating: that is told
-    # every 5 s and believed the second or third time. A controller that has just woken may say 0
+    # the full scale of the reported torque is a constant of the engine, but for another rating: that is sent
+    # every 5 s and accepted the second or third time. A controller that has just woken may send 0
     "reference_torque": Limit(5.0, 50.0, most=20_000.0, least=50.0),
     "retarder_reference_torque": Limit(5.0, 50.0, most=20_000.0),
-    # a mountain road changes the pressure by 0.05 kPa/s; faster, so that a replaced sensor is believed
+    # a mountain road changes the pressure by 0.05 kPa/s; faster, so that a replaced sensor is accepted
     "barometric_pressure": Limit(2.0, 2.0),
     "ambient_temperature": Limit(3.0, 2.0),
     # rough roads shake the sensor; a vehicle's own acceleration builds up at some 10 m/s3
@@ -75,7 +75,7 @@ def limits_of(roles: Iterable[str], mps_per_shaft_rpm: float) -> dict[str, Limit
 
 
 class RangeRateCheck:
-    """Carries the last believed sample of every limited role; counts what it refused, per role.
+    """Carries the last accepted sample of every limited role; counts what it refused, per role.
 
     limits: role -> Limit. motion: roles that the accelerometer is compared with, or the sensor itself.
     torques: role -> `TorqueDropoutCheck`; what that refuses closes no gate, the torque before it holds.
@@ -157,7 +157,7 @@ class RangeRateCheck:
         return [first + i for i in jumps]
 
     def _walk(self, role: str, limit: Limit, stamps: list[int], values: list[float]) -> list[int]:
-        """Return the positions of samples that jump, each compared with the last believed one."""
+        """Return the positions of samples that jump, each compared with the last accepted one."""
         slack, rate = limit.slack, limit.rate * 1e-6
         before_us, before = self._accepted.get(role, (0, math.nan))
         jumps = []

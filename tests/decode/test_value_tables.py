@@ -164,7 +164,7 @@ def table(path, config):
         for block in reader:
             for role, (_, values) in tables.samples(block).items():
                 found.setdefault(role, []).append(values)
-    return {role: np.concatenate(parts) for role, parts in found.items()}, tables.notes()
+    return {role: np.concatenate(parts) for role, parts in found.items()}, tables.warnings()
 
 
 @pytest.mark.parametrize("quoting", [csv.QUOTE_MINIMAL, csv.QUOTE_ALL])

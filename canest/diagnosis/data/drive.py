@@ -95,7 +95,7 @@ class Drive:
         if not feeds:
             what = "holds no frame that the config's signal map wants"
             raise NothingToDiagnoseError(what, where=str(path))
-        notes = log_warnings(reader) + table.notes() + stream_warnings(intake)
+        notes = log_warnings(reader) + table.warnings() + stream_warnings(intake)
         return Drive(path, config, feeds, why_no_time(intake.clock), notes, channel)
 
     @staticmethod
