@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from canest.core.frames import FrameBlock
-from canest.logs.writer import candump_text, estimates_csv
+from canest.logs.candump_writer import candump_text
+from canest.logs.writer import estimates_csv
 from canest.pipeline.pipeline import Estimates
 from canest.system.atomic_file import not_regular, require_regular
 from canest.system.files import Background, naming

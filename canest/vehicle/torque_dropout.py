@@ -4,10 +4,10 @@ A real torque hole (a shift, a pedal let go) lasts: torque has to come down, to 
 which takes an engine half a second and more. A sample that reads exactly zero while the last one was far
 from it, and is followed within `DROPOUT_US` by one near that last one, is a dropout of the sensor, its
 message or its logger. From the first such zero alone the two look the same, and to wait would delay
-every real hole. So a signal is accepted until it has shown `CONFIRMED` dropouts within `CONFIRMED_US`; from
+every real hole. So a signal is accepted until it has shown `CONFIRMED` dropouts within `CONFIRMED_US`. From
 then on a zero that follows a torque far from it counts only once it has been repeated, or has lasted.
-Meanwhile the torque before it holds. A signal without dropouts is thus never touched, and one report in thousands
-that reads zero does no harm.
+Meanwhile the torque before it holds. A signal without dropouts is thus never touched, and one report in
+thousands that reads zero does no harm.
 """
 
 from __future__ import annotations

@@ -30,9 +30,9 @@ from canest.core.frames import EXTENDED, FrameBlock
 from canest.core.samples import Status
 from canest.decode import Decoder, j1939
 from canest.live import state
+from canest.logs.candump_writer import CandumpWriter
 from canest.logs.reader import open_log
 from canest.logs.truth import read_truth
-from canest.logs.writer import CandumpWriter
 from canest.node.bus_monitor import BusWatch
 from canest.node.node import Node
 from canest.pipeline.pipeline import Estimates, Pipeline
