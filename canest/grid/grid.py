@@ -112,6 +112,10 @@ class Grid:
             return _NOTHING
         return now_us, float(samples[-1])
 
+    def waiting(self, role: str) -> int:
+        """Return how many samples of a role no tick has passed yet."""
+        return len(self._ahead[role][0]) if role in self._ahead else 0
+
     def take(self, feed: Feed) -> list[GridBlock]:
         """Take one stretch of samples; return the runs of ticks it completes.
 

@@ -13,6 +13,7 @@ import numpy as np
 from canest.core.errors import LogError
 from canest.core.frames import FrameBlock
 from canest.core.table_block import TableBlock
+from canest.logs.budget import Meter
 from canest.logs.candump import LINE_CHARS_MAX, SHOWN_CHARS, CandumpParser
 from canest.logs.compression import Source
 
@@ -73,6 +74,11 @@ class LogReader(ABC):
     def bytes_total(self) -> int:
         """Size of the stored file, 0 when it is not known."""
         return self._source.bytes_total
+
+    @property
+    def meter(self) -> Meter:
+        """What reading it has cost so far."""
+        return self._source.meter
 
     @property
     def channels(self) -> Mapping[str, int]:
@@ -181,6 +187,11 @@ class CandumpReader(LogReader):
     def skipped(self) -> list[tuple[int, str, str]]:
         """The first unreadable lines: (number, text, reason)."""
         return self._parser.skipped
+
+    @property
+    def meter(self) -> Meter:
+        """What reading it has cost so far."""
+        return self._source.meter
 
     @property
     def channels(self) -> Mapping[str, int]:

@@ -133,12 +133,12 @@ def sqlite_reader(path: str, log: Path) -> Any:
     reader._conn.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _CELL_BYTES_MAX)
     reader._conn.set_progress_handler(_let_python_look, 100_000)
     reader._cursor.execute("PRAGMA trusted_schema=OFF")
-    _refuse_query(reader, log)
+    refuse_query(reader, log)
     reader.file_size = announced
     return reader
 
 
-def _refuse_query(reader: Any, log: Path) -> None:
+def refuse_query(reader: Any, log: Path) -> None:
     """Refuse a view or a virtual table. Errors: LogError."""
     kinds = reader._cursor.execute(
         "SELECT type, rootpage FROM sqlite_master "

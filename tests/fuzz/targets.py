@@ -212,7 +212,7 @@ def run_bam(data: bytes) -> None:
     _same_samples(samples, [decoder.push(frames[i : i + 1]).samples for i in range(len(frames))])
     counts = once.counters.transport
     assert counts == decoder.counters.transport
-    assert len(once._transport._sessions) <= 64
+    assert once.open_sessions <= 64
     heard = len(samples.get("reference_torque", ([], []))[0])
     assert heard <= counts.get("complete", 0)
 

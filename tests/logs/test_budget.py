@@ -100,7 +100,7 @@ def test_messages_that_are_a_virtual_table_are_refused(tmp_path):
 
 
 def test_a_query_that_gives_no_row_is_stopped(tmp_path, monkeypatch):
-    monkeypatch.setattr("canest.logs.damaged._refuse_query", lambda *_: None)
+    monkeypatch.setattr("canest.logs.damaged.refuse_query", lambda *_: None)
     query = ENDLESS.format(limit="", columns=COLUMNS)
     path = database(tmp_path / "drive.db", f"CREATE VIEW messages AS {query} WHERE ts < 0")
     with log_budget(BRIEF), pytest.raises(LogError, match=r"takes more than 1 s of computing"):
@@ -275,7 +275,7 @@ def test_a_file_that_is_mostly_a_hole_counts_as_what_it_takes_up(tmp_path):
 @contextlib.contextmanager
 def budget_of(path):
     reader = open_log(path)
-    yield reader._source.meter
+    yield reader.meter
     reader.close()
 
 
