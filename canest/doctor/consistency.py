@@ -32,7 +32,7 @@ ROAD_SPEEDS = ("vehicle_speed", "undriven_speed", "gps_speed")
 _SHOWN = 4
 
 
-class Plausibility:
+class ConsistencyCheck:
     """Streams samples; memory does not grow with the log."""
 
     def __init__(self, config: Config) -> None:

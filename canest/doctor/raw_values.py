@@ -169,7 +169,7 @@ class RawSignal:
         return f"signals.{self.role} reads {shown} of the DBC: to go by its labels, paste {map_line(every)}"
 
 
-class RawValues:
+class RawValueCheck:
     """The raw numbers of all signals of a config that have labels or are not J1939."""
 
     def __init__(self, config: Config) -> None:

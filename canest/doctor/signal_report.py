@@ -89,14 +89,14 @@ def _rate_hz(counters: SenderCounters, role: str) -> float | None:
     return (samples - 1) * 1e6 / (last_us - first_us)
 
 
-def judge(finding: RoleReport, source: Source, stale_s: float) -> tuple[str, str]:
+def judge(entry: RoleReport, source: Source, stale_s: float) -> tuple[str, str]:
     """Return the verdict on a role whose samples count for ``stale_s``, and what to do about it."""
-    mine = [s for s in finding.senders if source.source in (None, s.address)]
-    others = [s for s in finding.senders if s not in mine and _is_sound(s)]
-    if finding.values:
+    mine = [s for s in entry.senders if source.source in (None, s.address)]
+    others = [s for s in entry.senders if s not in mine and _is_sound(s)]
+    if entry.values:
         bad = sum(s.not_available + s.error_value for s in mine)
-        if bad > MOSTLY * (bad + finding.values):
-            return OK, f"only {finding.values:,} of {bad + finding.values:,} samples hold a value"
+        if bad > MOSTLY * (bad + entry.values):
+            return OK, f"only {entry.values:,} of {bad + entry.values:,} samples hold a value"
         with_values = [s for s in mine if s.valid]
         if source.source is None and len(with_values) > 1:
             shown = ", ".join(_shown(s.address) for s in with_values)
@@ -111,8 +111,8 @@ def judge(finding: RoleReport, source: Source, stale_s: float) -> tuple[str, str
         return ELSEWHERE, f"{where} sends it with {best.valid:,} values: try source: {where}"
     if mine:
         return SILENT, _why_silent(mine)
-    if finding.senders:
-        shown = ", ".join(_shown(s.address) for s in finding.senders)
+    if entry.senders:
+        shown = ", ".join(_shown(s.address) for s in entry.senders)
         return ABSENT, f"sent by {shown} only, and without a sound value"
     return ABSENT, ""
 
@@ -131,19 +131,19 @@ def _is_sound(sender: Sender) -> bool:
     return sender.valid > 0 and sender.error_value <= SOUND * sender.valid
 
 
-def complaint(finding: RoleReport) -> str:
+def complaint(entry: RoleReport) -> str:
     """Return what is wrong with a role that has no values, as the end of a sentence."""
-    expected = finding.expected
-    if finding.source is not None:
-        expected += f" from {_shown(finding.source)}"
-    if finding.verdict == SILENT:
-        bad = sum(s.not_available for s in finding.senders if finding.source in (None, s.address))
+    expected = entry.expected
+    if entry.source is not None:
+        expected += f" from {_shown(entry.source)}"
+    if entry.verdict == SILENT:
+        bad = sum(s.not_available for s in entry.senders if entry.source in (None, s.address))
         if bad:
             return f"was sent as not available in all {bad:,} frames of {expected}"
-        return f"never had a valid value in {expected}" + (f" ({finding.hint})" if finding.hint else "")
-    if finding.verdict == ELSEWHERE:
-        return f"is not sent as {expected}, but {finding.hint}"
-    return f"was not found as {expected}" + (f" ({finding.hint})" if finding.hint else "")
+        return f"never had a valid value in {expected}" + (f" ({entry.hint})" if entry.hint else "")
+    if entry.verdict == ELSEWHERE:
+        return f"is not sent as {expected}, but {entry.hint}"
+    return f"was not found as {expected}" + (f" ({entry.hint})" if entry.hint else "")
 
 
 def _shown(address: int | None) -> str:

@@ -32,7 +32,7 @@ _STANDS_MPS, _RUNS_RPM = 0.2, 400.0
 _STOOD_S, _SHIFTS = 5.0, 10
 
 
-class Switches:
+class SwitchCheck:
     """Streams samples; memory does not grow with the log."""
 
     def __init__(self, config: Config) -> None:

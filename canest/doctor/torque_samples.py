@@ -23,7 +23,7 @@ _SAME = 0.3
 _FEWEST, _KEPT = 5, 64
 
 
-class StuckTorque:
+class TorqueSampleCheck:
     """Counts samples that differ from both neighbours by the number they read. Streams; memory is bounded."""
 
     def __init__(self, config: Config) -> None:

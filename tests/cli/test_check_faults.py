@@ -12,8 +12,8 @@ from canest.cli import check_view
 from canest.config import load_config, parse_config
 from canest.core.frames import FrameBlock
 from canest.doctor.check import Doctor
-from canest.doctor.switches import Switches
-from canest.doctor.torque_samples import StuckTorque
+from canest.doctor.switches import SwitchCheck
+from canest.doctor.torque_samples import TorqueSampleCheck
 from canest.logs import open_log
 from canest.simulation.run import simulate
 
@@ -99,7 +99,7 @@ def seconds(n: int) -> np.ndarray:
 
 def hints_of_switches(n=600, **values) -> list[str]:
     config = load_config("class8")
-    switches = Switches(config)
+    switches = SwitchCheck(config)
     t_us = seconds(n)
     speed = 10 + 5 * np.sin(t_us / 5e6)
     samples = {
@@ -135,7 +135,7 @@ def test_single_torques_of_a_fixed_number_are_named(number, told, cut):
     t_us = np.arange(1000, dtype=np.int64) * 20_000
     torque = 50 + 20 * np.sin(t_us / 1e6)
     torque[50::100] = number
-    judge = StuckTorque(load_config("class8"))
+    judge = TorqueSampleCheck(load_config("class8"))
     for first in range(0, 1000, cut):
         judge.push({"engine_torque_pct": (t_us[first : first + cut], torque[first : first + cut])})
     (hint,) = judge.hints()
@@ -144,7 +144,7 @@ def test_single_torques_of_a_fixed_number_are_named(number, told, cut):
 
 def test_a_torque_that_passes_zero_is_no_fault():
     t_us = np.arange(5000, dtype=np.int64) * 20_000
-    judge = StuckTorque(load_config("class8"))
+    judge = TorqueSampleCheck(load_config("class8"))
     judge.push({"engine_torque_pct": (t_us, np.round(30 * np.sin(t_us / 1e6)))})
     assert judge.hints() == []
 

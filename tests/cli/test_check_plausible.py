@@ -9,7 +9,7 @@ import pytest
 
 from canest.config import load_config
 from canest.doctor.check import Doctor
-from canest.doctor.consistency import Plausibility
+from canest.doctor.consistency import ConsistencyCheck
 from canest.logs import open_log
 from canest.simulation import simulate
 
@@ -122,7 +122,7 @@ def test_small_blocks_of_a_live_bus_tell_the_same(drive):
 
 
 def test_stamps_that_stand_still_do_not_pile_up():
-    judge = Plausibility(load_config("class8"))
+    judge = ConsistencyCheck(load_config("class8"))
     stamps, rpm = np.zeros(1000, np.int64), np.full(1000, 1200.0)
     tracemalloc.start()
     for _ in range(1000):
