@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from canest.core.errors import LogError, how_to_add
 from canest.core.table_block import TableBlock
+from canest.logs.cells import number_of, seconds_of
 from canest.logs.compression import Source
-from canest.logs.tables import TableReader, number_of, seconds_of
+from canest.logs.table_reader import TableReader
 
 _READ_BYTES = 1 << 20
 

@@ -6,9 +6,10 @@ from collections.abc import Collection
 from pathlib import Path
 
 from canest.core.errors import LogError
-from canest.logs.base import BLOCK_FRAMES, CandumpReader, LogReader
+from canest.logs.base import BLOCK_FRAMES, LogReader
 from canest.logs.candump import CandumpParser, Wanted
 from canest.logs.candump_line import Line, is_ignorable, parse_line
+from canest.logs.candump_reader import CandumpReader
 from canest.logs.compression import ARCHIVE_SUFFIXES, Source
 
 _HEAD_BYTES = 1 << 16
@@ -59,7 +60,7 @@ def open_log(
         return CandumpReader(source, text, CandumpParser(wanted, channel), block_frames)
     text_suffix = _text_format(text, suffix)
     if text_suffix == "table":
-        from canest.logs.tables import CsvReader
+        from canest.logs.csv_table import CsvReader
 
         _refuse_channel(source, channel)
         return CsvReader(source, text, time_column, columns, block_frames, as_text)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from canest.config import Config
+    from canest.offline.replay import Progress
 
-Progress = Callable[[int, int], None]  #: bytes done, bytes in all (0: unknown)
 
 #: "within 5 %" counts from the first moment at which the error stays below for this long (or to the end)
 WITHIN_PCT, WITHIN_HOLD_S = 5.0, 10.0

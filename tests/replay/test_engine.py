@@ -242,7 +242,7 @@ class TestBadInput:
         )
         reason = replay(path, config).summary["reason"]
         assert reason.startswith("reference_torque")
-        assert "vehicle.reference_torque_Nm can say it instead" in reason
+        assert "vehicle.reference_torque_Nm can give it instead" in reason
 
     def test_a_pedal_that_stands_for_the_brake_and_is_not_there_is_the_reason(self, tmp_path):
         path = tmp_path / "trip.csv"
@@ -312,10 +312,10 @@ def test_samples_that_another_address_owns_are_noted():
 def test_reading_in_small_blocks_gives_the_same_file(tmp_path, monkeypatch):
     config = load_config("class8")
     replay(DRIVE, config, output=tmp_path / "a.csv")
-    from canest.logs import base
+    from canest.logs import candump_reader
 
-    monkeypatch.setattr(base, "_TEXT_BYTES", 3000)
-    from canest.pipeline import tables as module
+    monkeypatch.setattr(candump_reader, "_TEXT_BYTES", 3000)
+    from canest.pipeline import table_map as module
 
     small = module.open_log
     monkeypatch.setattr(module, "open_log", lambda *a, **k: small(*a, **k, block_frames=100))
