@@ -44,7 +44,7 @@ def guided(name: str, seconds: float, keep: Path) -> None:
 
     with atheris.instrument_imports(include=["canest"]):
         import canest.live.state
-        import canest.logs.others
+        import canest.logs.python_can
         import canest.pipeline.pipeline  # noqa: F401
     from tests.fuzz.engine import run_one
     from tests.fuzz.targets import all_targets

@@ -24,7 +24,7 @@ import numpy as np
 
 from canest.core.frames import FrameBlock
 from canest.logs import open_log
-from canest.logs.writer import CandumpWriter
+from canest.logs.candump_writer import CandumpWriter
 
 PEER_FRAMES = 100_000
 SHORT_LOG_S = 600.0

@@ -22,6 +22,7 @@ from canest.config.load import load_config
 from canest.core import jit
 from canest.logs.truth import read_truth
 from canest.offline.compare import compare
+from canest.offline.scoring import Reference
 from canest.simulation.run import simulate
 
 WRONG_STARTS_KG = (9000.0, 36000.0)
@@ -44,7 +45,7 @@ def one_drive(job: tuple[Family, int]) -> list[dict[str, Any]]:
         truth = read_truth(next(Path(folder).glob("*.truth.csv")))
         for start in WRONG_STARTS_KG:
             config = load_config("class8", [f"estimator.name={OURS}", f"estimator.initial_mass_kg={start}"])
-            found = compare(config, log, truth=truth, compiled=True).table["estimators"]
+            found = compare(config, log, reference=Reference(truth), compiled=True).table["estimators"]
             rows.append(
                 {
                     "family": family.name,

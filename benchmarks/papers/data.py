@@ -25,7 +25,7 @@ from canest.pipeline.build import build
 from canest.pipeline.intake import Intake
 from canest.simulation import SimulatedDrive, simulate
 from canest.system.shipped_files import find
-from canest.vehicle.model_samples import Regression
+from canest.vehicle.filtered_model import FilteredModel
 
 Column = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -108,7 +108,7 @@ def _drive(
 ) -> Drive:
     spec = build(config)
     intake, grid = Intake(spec.intake), Grid(spec.grid.channels, spec.grid.hold_us)
-    plain, excited = (Regression(spec.model, excitation_gate=gate) for gate in (False, True))
+    plain, excited = (FilteredModel(spec.model, excitation_gate=gate) for gate in (False, True))
     parts: list[tuple[ModelBlock, ModelBlock, dict[str, Column]]] = []
 
     def take(ticks: GridBlock) -> None:

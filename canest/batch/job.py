@@ -39,6 +39,8 @@ class Job:
             return self._run(config, progress)
 
     def _run(self, config: Config, progress: Progress | None) -> ReplayResult:
+        from canest.offline.scoring import Reference
+
         recorder = None
         if self.report is not None:
             # wanted for a report alone
@@ -54,9 +56,7 @@ class Job:
             self.log,
             config,
             output=self.output,
-            truth=truth,
-            mass_kg=self.mass_kg,
-            after_s=self.after_s,
+            reference=Reference(truth, self.mass_kg, self.after_s),
             listener=recorder,
             progress=progress,
             channel=self.channel,

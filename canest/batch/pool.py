@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Outcome:
-    """What became of a job: a result, or the one line that says why there is none."""
+    """What became of a job: a result, or one line with the reason why there is none."""
 
     job: Job
     result: ReplayResult | None = None
@@ -59,7 +59,7 @@ def with_outputs(jobs: Sequence[Job], directory: Path | None, reports: Path | No
 def unique_names(logs: Sequence[Path]) -> list[str]:
     """Return one name per log; logs of one name get their folder's name in front.
 
-    Errors: UsageError when that does not tell them apart.
+    Errors: UsageError when that does not make them differ.
     """
     plain = [log_name(log) for log in logs]
     names = [
@@ -84,7 +84,7 @@ def run_jobs(
     workers: int | None = None,
     done: Callable[[Outcome], None] | None = None,
 ) -> list[Outcome]:
-    """Run every job and return what became of each, in their order; `done` is told as each one ends.
+    """Run every job and return what became of each, in their order; `done` is called as each one ends.
 
     Errors: ConfigError, which ends them all.
     """

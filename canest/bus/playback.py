@@ -10,7 +10,7 @@ from canest.bus.link import require_interface
 from canest.config.bus import Bus
 from canest.core.errors import BusError, LogError, UsageError
 from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
-from canest.logs.lines import CLASSIC_BYTES
+from canest.logs.candump_line import CLASSIC_BYTES
 from canest.logs.reader import open_log
 
 if TYPE_CHECKING:

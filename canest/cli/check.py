@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
-from canest.cli.options import config_option, load, log_budget_option, override_options
+from canest.cli.options import ConfigChoice, config_option, grouped, log_budget_option, override_options
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from canest.config import Config
-    from canest.core.frames import FrameBlock
-    from canest.doctor.check import Report
+    from canest.doctor.check import Doctor, Report
+    from canest.logs.base import LogReader
 
 EPILOG = """\b
 Examples:
@@ -41,20 +39,50 @@ Nothing is ever sent. With --strict the exit code is 1 when something stops the 
 @log_budget_option
 @click.option("-v", "--verbose", is_flag=True, help="Show every role, every sender and every label.")
 @override_options
+@grouped(chosen=ConfigChoice)
 def command(
     log: str | None,
-    config_name: str,
+    chosen: ConfigChoice,
     live: bool,
     seconds: float,
     json_path: str | None,
     strict: bool,
     channel: str | None,
     verbose: bool,
-    overrides: tuple[str, ...],
-    estimator: str | None,
-    initial_mass: float | None,
 ) -> int:
-    """Say whether a config fits a log or a bus: every signal, found or not, from where, how often."""
+    """Check whether a config fits a log or a bus: every signal, found or not, from where, how often."""
+    _refuse_combinations(log, live, channel)
+    config = chosen.load()
+    from canest.bus.link import require_interface
+    from canest.cli.keep import config_files, keep_apart
+    from canest.doctor.check import Doctor
+
+    keep_apart([*config_files(chosen.name, config), ("the log", log)], [("--json", json_path)])
+    require_interface(config.bus, config.at)
+    doctor = Doctor(config)
+    title = _config_line(chosen.name, config)
+    if log is None and not live:
+        _write_json(json_path, chosen.name, {"signals": len(config.signals)})
+        if json_path != "-":
+            print(title)
+        return 0
+    reader = None
+    if log is not None:
+        reader = _read(doctor, config, log, channel)
+    else:
+        _listen(doctor, config, seconds)
+    report = doctor.report(reader)
+    _write_json(json_path, chosen.name, report.to_json())
+    if json_path != "-":
+        from canest.cli.check_view import show
+
+        where = log or f"{config.bus.interface}:{config.bus.channel}"
+        show(report, f"{title}\n{where}: {_received(report)}", verbose)
+    return 1 if strict and not report.ready else 0
+
+
+def _refuse_combinations(log: str | None, live: bool, channel: str | None) -> None:
+    """Refuse options that do not go together. Errors: a usage error."""
     context = click.get_current_context()
     if log is not None and live:
         raise click.UsageError("give a LOG or --live, not both", context)
@@ -62,46 +90,26 @@ def command(
         raise click.UsageError("--channel chooses one interface of a LOG: give the log too", context)
     if not live and context.get_parameter_source("seconds") is not ParameterSource.DEFAULT:
         raise click.UsageError("--seconds is how long to listen: give --live too", context)
-    config = load(config_name, overrides, estimator, initial_mass)
-    from canest.bus.link import require_interface
-    from canest.cli.keep import config_files, keep_apart
-    from canest.doctor.check import Doctor
 
-    keep_apart([*config_files(config_name, config), ("the log", log)], [("--json", json_path)])
-    require_interface(config.bus, config.at)
-    doctor = Doctor(config)
-    if log is None and not live:
-        if json_path is not None:
-            from canest.cli.summary import write_json
 
-            write_json({"config": config_name, "verdict": "ok", "signals": len(config.signals)}, json_path)
-        if json_path != "-":
-            print(_config_line(config_name, config))
-        return 0
-    reader = None
-    if log is not None:
-        from canest.cli.progress import Bar
-        from canest.pipeline.tables import open_whatever
-
-        reader = open_whatever(config, log, channel)
-        with Bar(Path(log).name) as bar:
-            for block in reader:
-                doctor.push(block)
-                bar.update(reader.bytes_done, reader.bytes_total)
-    else:
-        for frames in _listen(config, seconds):
-            doctor.push(frames)
-    report = doctor.report(reader)
+def _write_json(json_path: str | None, config_name: str, content: dict[str, Any]) -> None:
     if json_path is not None:
         from canest.cli.summary import write_json
 
-        write_json({"config": config_name, "verdict": "ok", **report.to_json()}, json_path)
-    if json_path != "-":
-        where = log or f"{config.bus.interface}:{config.bus.channel}"
-        from canest.cli.check_view import show
+        write_json({"config": config_name, "verdict": "ok", **content}, json_path)
 
-        show(report, f"{_config_line(config_name, config)}\n{where}: {_heard(report)}", verbose)
-    return 1 if strict and not report.ready else 0
+
+def _read(doctor: Doctor, config: Config, log: str, channel: str | None) -> LogReader:
+    """Give the doctor a log, and return its reader. Errors: LogError, ConfigError."""
+    from canest.cli.progress import Bar
+    from canest.pipeline.table_map import open_whatever
+
+    reader = open_whatever(config, log, channel)
+    with Bar(Path(log).name) as bar:
+        for block in reader:
+            doctor.push(block)
+            bar.update(reader.bytes_done, reader.bytes_total)
+    return reader
 
 
 def _config_line(name: str, config: Config) -> str:
@@ -118,13 +126,13 @@ def _config_line(name: str, config: Config) -> str:
     return f"{name}: config is right: {where}, estimator {config.estimator.name}, {effects}"
 
 
-def _heard(report: Report) -> str:
+def _received(report: Report) -> str:
     rate = report.frames / report.duration_s if report.duration_s > 0 else 0.0
     return f"{report.frames:,} frames in {report.duration_s:,.1f} s ({rate:,.0f}/s)"
 
 
-def _listen(config: Config, seconds: float) -> Iterator[FrameBlock]:
-    """Yield what the bus carries; nothing is sent. Errors: ConfigError, BusError (never there)."""
+def _listen(doctor: Doctor, config: Config, seconds: float) -> None:
+    """Give the doctor what the bus carries; nothing is sent. Errors: ConfigError, BusError (never there)."""
     import time
 
     from canest.bus.link import open_link, require_frames
@@ -140,7 +148,7 @@ def _listen(config: Config, seconds: float) -> Iterator[FrameBlock]:
         with Share(f"listening on {config.bus.channel}") as share:
             while (passed := time.monotonic() - begin) < seconds:
                 time.sleep(0.02)
-                yield receiver.drain().frames
+                doctor.push(receiver.drain().frames)
                 share.update(passed / seconds)
         if not receiver.opened:
             bus = f"{config.bus.interface}:{config.bus.channel}"

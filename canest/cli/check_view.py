@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from canest.doctor.check import Report
-    from canest.doctor.signal_report import Finding
+    from canest.doctor.signal_report import RoleReport
 
 #: columns of a table that goes to a file or a pipe
 _FILE_WIDTH = 180
-#: narrower terminals do without the columns that say least
+#: narrower terminals do without the least useful columns
 _WIDE = 140
 COLUMNS = ("role", "need", "expected as", "verdict", "from", "rate Hz", "values", "n/a", "error", "range")
 NARROW = ("role", "verdict", "from", "rate Hz", "range")
@@ -32,31 +32,31 @@ def show(report: Report, title: str, verbose: bool = False) -> None:
     console = console_for(highlight=False, width=None if terminal else _FILE_WIDTH)
     console.print(title, soft_wrap=True, markup=False)
     if report.stops:
-        _say(console, "stops", "bold red", report.stops, terminal)
+        _print_sentence(console, "stops", "bold red", report.stops, terminal)
     else:
         ready = f"nothing stops the estimator (at the end: {report.status})"
-        _say(console, "ready", "bold green", ready, terminal)
+        _print_sentence(console, "ready", "bold green", ready, terminal)
     for hint in report.hints:
-        _say(console, "hint", "yellow", hint, terminal)
+        _print_sentence(console, "hint", "yellow", hint, terminal)
     for note in report.notes:
-        _say(console, "note", "dim", note, terminal)
+        _print_sentence(console, "note", "dim", note, terminal)
     if report.samples:
         shares = gate_shares(report.gates, report.samples)
         opened = f"{report.samples:,} samples at 50 Hz, {100 * report.updated / report.samples:.0f} % open"
-        _say(console, "gates", "dim", opened + (f"; closed: {shares}" if shares else ""), terminal)
-    shown = [finding for finding in report.roles if verbose or _matters(finding)]
+        _print_sentence(console, "gates", "dim", opened + (f"; closed: {shares}" if shares else ""), terminal)
+    shown = [entry for entry in report.roles if verbose or _matters(entry)]
     _table(console, shown, verbose)
-    for finding in shown:
-        if finding.labels and (verbose or finding.role in ("gear", "selected_gear")):
-            _say(console, "label", "dim", _labels(finding, verbose), terminal)
-    folded = [finding for finding in report.roles if finding not in shown]
+    for entry in shown:
+        if entry.labels and (verbose or entry.role in ("gear", "selected_gear")):
+            _print_sentence(console, "label", "dim", _labels(entry, verbose), terminal)
+    folded = [entry for entry in report.roles if entry not in shown]
     for what, sound in (("also ok", True), ("without a value, and not needed", False)):
-        names = [finding.role for finding in folded if (finding.verdict == "ok") == sound]
+        names = [entry.role for entry in folded if (entry.verdict == "ok") == sound]
         if names:
-            _say(console, "roles", "dim", f"{what} (-v shows them): {', '.join(names)}", terminal)
+            _print_sentence(console, "roles", "dim", f"{what} (-v shows them): {', '.join(names)}", terminal)
 
 
-def _say(console: Console, head: str, colour: str, text: str, terminal: bool) -> None:
+def _print_sentence(console: Console, head: str, colour: str, text: str, terminal: bool) -> None:
     """Print one sentence: on a terminal wrapped under itself, into a file as one line."""
     from rich.table import Table
     from rich.text import Text
@@ -71,14 +71,14 @@ def _say(console: Console, head: str, colour: str, text: str, terminal: bool) ->
     console.print(grid)
 
 
-def _matters(finding: Finding) -> bool:
+def _matters(entry: RoleReport) -> bool:
     """Return whether a role is a problem, or one that nothing works without."""
-    if finding.need == "optional":
-        return bool(finding.hint) or finding.verdict == "elsewhere"
+    if entry.need == "optional":
+        return bool(entry.hint) or entry.verdict == "elsewhere"
     return True
 
 
-def _table(console: Console, findings: list[Finding], verbose: bool) -> None:
+def _table(console: Console, entries: list[RoleReport], verbose: bool) -> None:
     from rich import box
     from rich.table import Table
     from rich.text import Text
@@ -93,32 +93,32 @@ def _table(console: Console, findings: list[Finding], verbose: bool) -> None:
             no_wrap=name in ("role", "verdict"),
             overflow="fold",
         )
-    for finding in findings:
-        for row in _rows(finding, verbose or finding.verdict != "ok"):
+    for entry in entries:
+        for row in _rows(entry, verbose or entry.verdict != "ok"):
             # names are the user's: as text, since a bracket in one is no markup
             table.add_row(*(Text.assemble(row.get(name, "")) for name in columns))
     console.print(table)
 
 
-def _rows(finding: Finding, everyone: bool) -> Iterator[dict[str, str | Text]]:
+def _rows(entry: RoleReport, everyone: bool) -> Iterator[dict[str, str | Text]]:
     """Yield the rows of one role: as the config expects it, then, for ``everyone``, whoever else sends it."""
     from rich.text import Text
 
-    mild = finding.need in ("optional", "ratio")  # there may be another way to the ratio
-    colour = "green" if finding.verdict == "ok" else "yellow" if mild else "red"
-    expected = finding.expected + (f" @0x{finding.source:02X}" if finding.source is not None else "")
-    unit = f" {finding.unit}" if finding.unit else ""
+    mild = entry.need in ("optional", "ratio")  # there may be another way to the ratio
+    colour = "green" if entry.verdict == "ok" else "yellow" if mild else "red"
+    expected = entry.expected + (f" @0x{entry.source:02X}" if entry.source is not None else "")
+    unit = f" {entry.unit}" if entry.unit else ""
     head: dict[str, str | Text] = {
-        "role": finding.role,
-        "need": finding.need,
+        "role": entry.role,
+        "need": entry.need,
         "expected as": expected,
-        "verdict": Text(finding.verdict, colour),
-        "range": "" if finding.low is None else f"{finding.low:.4g} .. {finding.high:.4g}{unit}",
+        "verdict": Text(entry.verdict, colour),
+        "range": "" if entry.low is None else f"{entry.low:.4g} .. {entry.high:.4g}{unit}",
     }
     # an 11-bit identifier has no address, nor has a column of a table
-    without_address = "table" if finding.from_table else "its id"
-    mine = [s for s in finding.senders if finding.source in (None, s.address)]
-    others = [s for s in finding.senders if s not in mine] if everyone else []
+    without_address = "table" if entry.from_table else "its id"
+    mine = [s for s in entry.senders if entry.source in (None, s.address)]
+    others = [s for s in entry.senders if s not in mine] if everyone else []
     if not mine:
         yield head | {"from": "-"}
     for index, sender in enumerate([*mine, *others]):
@@ -132,13 +132,13 @@ def _rows(finding: Finding, everyone: bool) -> Iterator[dict[str, str | Text]]:
         }
 
 
-def _labels(finding: Finding, verbose: bool) -> str:
+def _labels(entry: RoleReport, verbose: bool) -> str:
     """Return what a role's raw numbers or texts are called, how often they came and what they count as."""
-    shown = finding.labels if verbose else finding.labels[:_LABELS]
+    shown = entry.labels if verbose else entry.labels[:_LABELS]
     parts = []
     for label in shown:
         name = repr(label.label) if label.label == label.raw else f"{label.raw} {label.label}".strip()
         value = "no value" if label.value is None else f"{label.value:g}"
         parts.append(f"{name} is {value} ({label.count:,} times)")
-    left = len(finding.labels) - len(shown)
-    return f"{finding.role}: " + ", ".join(parts) + (f" and {left} more" if left else "")
+    left = len(entry.labels) - len(shown)
+    return f"{entry.role}: " + ", ".join(parts) + (f" and {left} more" if left else "")

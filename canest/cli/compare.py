@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from canest.cli.options import config_option, load, log_budget_option, override_options, truth_options
+from canest.cli.options import (
+    ConfigChoice,
+    TruthChoice,
+    config_option,
+    grouped,
+    log_budget_option,
+    override_options,
+    truth_options,
+)
 from canest.system import terminal
 
 if TYPE_CHECKING:
@@ -41,15 +49,11 @@ _FILE_WIDTH = 160
 @click.option("--channel", metavar="NAME", help="Use this interface of the log only.")
 @log_budget_option
 @click.option("--compiled/--interpreted", default=None, help="Kernels by numba or not (default: by length).")
+@grouped(chosen=ConfigChoice, truth=TruthChoice)
 def command(
     log: str,
-    config_name: str,
-    truth: str | None,
-    mass_kg: float | None,
-    after_s: float,
-    overrides: tuple[str, ...],
-    estimator: str | None,
-    initial_mass: float | None,
+    chosen: ConfigChoice,
+    truth: TruthChoice,
     only: str | None,
     json_path: str | None,
     report: str | None,
@@ -57,9 +61,9 @@ def command(
     compiled: bool | None,
 ) -> int:
     """Run every estimator on one log and compare each with the truth."""
-    if truth is None and mass_kg is None:
+    if truth.truth is None and truth.mass_kg is None:
         raise click.UsageError("give the truth: --truth CSV, --truth auto or --mass KG")
-    config = load(config_name, overrides, estimator, initial_mass)
+    config = chosen.load()
     names = _known(only) if only is not None else None
     from canest.cli.keep import config_files, keep_apart
     from canest.cli.progress import Bar
@@ -67,24 +71,23 @@ def command(
     from canest.logs.log_names import truth_file
     from canest.logs.truth import read_truth
     from canest.offline.compare import compare
+    from canest.offline.scoring import Reference
 
     if report is not None:
         from canest.report.page import require_packages
 
         require_packages(report)
-    path = truth_file(Path(log), truth)
+    path = truth_file(Path(log), truth.truth)
     keep_apart(
-        [*config_files(config_name, config), ("the log", log), ("the truth", path)],
+        [*config_files(chosen.name, config), ("the log", log), ("the truth", path)],
         [("--json", json_path), ("--report", report)],
     )
     with Bar(Path(log).name) as bar:
         result = compare(
             config,
             log,
-            truth=read_truth(path) if path is not None else None,
-            mass_kg=mass_kg,
+            reference=Reference(read_truth(path) if path is not None else None, truth.mass_kg, truth.after_s),
             names=names,
-            after_s=after_s,
             channel=channel,
             compiled=compiled,
             progress=bar.update,

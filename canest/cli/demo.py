@@ -132,8 +132,8 @@ class _View:
         done = int(moment.event_s / moment.duration_s * self._points)
         bar = "━" * done + "[dim]" + "─" * (self._points - done) + "[/]"
         grid.add_row("drive", f"{moment.event_s:.0f} of {moment.duration_s:.0f} s", "", bar)
-        heard = f"{moment.broadcasts:,} broadcasts heard"
-        footer = f"[{_COLOURS.get(status, 'cyan')}]{status}[/] · {learning} · {heard}"
+        received = f"{moment.broadcasts:,} broadcasts received"
+        footer = f"[{_COLOURS.get(status, 'cyan')}]{status}[/] · {learning} · {received}"
         return Panel(
             grid, title=self._title, subtitle=footer, title_align="left", subtitle_align="left", expand=False
         )

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from canest.cli.options import MASS, config_option, load, log_budget_option, override_options
+from canest.cli.options import (
+    MASS,
+    ConfigChoice,
+    config_option,
+    grouped,
+    log_budget_option,
+    override_options,
+)
 from canest.system import terminal
 
 if TYPE_CHECKING:
@@ -62,17 +69,15 @@ SHOWN = 6
 @click.option("--channel", metavar="NAME", help="Use this interface of the logs only (can0, can1, ...).")
 @log_budget_option
 @override_options
+@grouped(chosen=ConfigChoice)
 def command(
     logs: tuple[str, ...],
-    config_name: str,
+    chosen: ConfigChoice,
     truth: str | None,
     mass_kg: float | None,
     recorded: str | None,
     output: str,
     channel: str | None,
-    overrides: tuple[str, ...],
-    estimator: str | None,
-    initial_mass: float | None,
 ) -> int:
     """Find what the vehicle model lacks in measured data, add it, and show the error before and after."""
     context = click.get_current_context()
@@ -81,7 +86,7 @@ def command(
     from canest.report.page import require_packages
 
     require_packages(Path(output) / "report.html")
-    config = load(config_name, overrides, estimator, initial_mass)
+    config = chosen.load()
     paths = [Path(log) for log in logs] + (_segments(Path(recorded)) if recorded is not None else [])
     if truth not in (None, "auto") and len(paths) > 1:
         raise click.UsageError("one truth cannot fit several logs: use --truth auto", context)
@@ -90,12 +95,12 @@ def command(
     from canest.diagnosis.report.files import CONFIG_NAME, JSON_NAME, REPORT_NAME
 
     keep_apart(
-        config_files(config_name, config)
+        config_files(chosen.name, config)
         + [(f"the log {path}", path) for path in paths]
         + [(f"the truth {path}", path) for path in truths or ()],
         [("-o", Path(output) / name) for name in (JSON_NAME, CONFIG_NAME, REPORT_NAME)],
     )
-    return _diagnose(paths, config, config_name, truths, mass_kg, channel, Path(output))
+    return _diagnose(paths, config, chosen.name, truths, mass_kg, channel, Path(output))
 
 
 def _diagnose(
@@ -156,7 +161,7 @@ def _skipped() -> list[str]:
 
 
 def _failures(failed: Sequence[str]) -> int:
-    """Tell which logs could not be used, and why; return the exit code."""
+    """Print which logs could not be used, and why; return the exit code."""
     for reason in failed:
         print(f"error: {reason}", file=sys.stderr)
     return 1 if failed else 0

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
@@ -31,8 +33,71 @@ class Number(click.types.FloatParamType):
         return number
 
 
-#: a mass in tonnes is the mistake to tell
+#: a mass given in tonnes is the mistake to catch
 MASS = Number(50.0, "kg")
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigChoice:
+    """A config, and what this call changes in it: -c, --set, --estimator, --initial-mass."""
+
+    config_name: str | None
+    overrides: tuple[str, ...] = ()
+    estimator: str | None = None
+    initial_mass: float | None = None
+
+    @property
+    def name(self) -> str:
+        """The config's name. Errors: a usage error without -c."""
+        if self.config_name is None:
+            raise click.UsageError("missing option -c CONFIG", click.get_current_context())
+        return self.config_name
+
+    def load(self, *more: str, databases: bool = True) -> Config:
+        """Load the config; ``more``: overrides that come last. Errors: ConfigError, a usage error.
+
+        databases: read the DBC files too.
+        """
+        overrides = (*self.overrides, *more)
+        return load(self.name, overrides, self.estimator, self.initial_mass, databases=databases)
+
+
+@dataclass(frozen=True, slots=True)
+class TruthChoice:
+    """What the estimates are compared with: --truth, --mass, --after."""
+
+    truth: str | None
+    mass_kg: float | None
+    after_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """What is written: -o, --json, --report."""
+
+    output: str | None
+    json_path: str | None
+    report: str | None
+
+
+def grouped(**groups: Any) -> Callable[[F], F]:
+    """Hand a command some of its options as dataclasses: name of the argument -> dataclass.
+
+    An option belongs to the dataclass that has a field of its name. Stands below the options.
+    """
+
+    def decorate(function: F) -> F:
+        @functools.wraps(function)
+        def command(**options: Any) -> Any:
+            made = {
+                name: group(**{field.name: options.pop(field.name) for field in fields(group)})
+                for name, group in groups.items()
+            }
+            return function(**options, **made)
+
+        return command  # type: ignore[return-value]
+
+    return decorate
 
 
 def config_option(required: bool = True) -> Callable[[F], F]:

@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from canest.cli.options import config_option, load, log_budget_option, override_options, truth_options
+from canest.cli.options import (
+    ConfigChoice,
+    Outputs,
+    TruthChoice,
+    config_option,
+    grouped,
+    log_budget_option,
+    override_options,
+    truth_options,
+)
 
 if TYPE_CHECKING:
     from canest.batch.job import Job
@@ -17,7 +27,7 @@ if TYPE_CHECKING:
 
 EPILOG = """\b
 Examples:
-  canest replay drive.log.xz -c class8                     what does this log say?
+  canest replay drive.log.xz -c class8                     mass and grade of this log
   canest replay drive.log -c my.yaml -o est.csv --report est.html
   canest replay drive.log -c my.yaml --truth drive.truth.csv --json -
   canest replay fleet/*.log.gz -c my.yaml -o results/ --truth auto
@@ -29,8 +39,21 @@ Logs: candump text in both its forms, .asc .blf .trc .mf4 .csv .db, and tables (
 plain or compressed (.gz .xz .zst .bz2).
 """
 
-#: of files that hold estimates; what says another format (.xlsx, .csv.gz) would hold csv all the same
+#: of files that hold estimates; a name of another format (.xlsx, .csv.gz) would hold csv all the same
 _TABLE_ENDINGS = (".csv", ".parquet", ".txt", "")
+
+
+@dataclass(frozen=True, slots=True)
+class Playback:
+    """Onto which bus the logs go, and how many times as fast as real time: --to, --speed."""
+
+    bus: str | None
+    speed: float | None
+
+    @property
+    def asked(self) -> bool:
+        """Return whether a bus is to carry the logs."""
+        return self != Playback(None, None)
 
 
 @click.command(epilog=EPILOG)
@@ -61,58 +84,59 @@ _TABLE_ENDINGS = (".csv", ".parquet", ".txt", "")
 @click.option(
     "-j", "--jobs", "workers", type=click.IntRange(1), metavar="N", help="Logs at a time (default: cores)."
 )
+@grouped(chosen=ConfigChoice, outputs=Outputs, truth=TruthChoice, playback=Playback)
 def command(
     logs: tuple[str, ...],
-    config_name: str | None,
-    output: str | None,
-    json_path: str | None,
-    report: str | None,
-    truth: str | None,
-    mass_kg: float | None,
-    after_s: float,
-    estimator: str | None,
-    initial_mass: float | None,
-    overrides: tuple[str, ...],
+    chosen: ConfigChoice,
+    outputs: Outputs,
+    truth: TruthChoice,
+    playback: Playback,
     channel: str | None,
-    bus: str | None,
-    speed: float | None,
     workers: int | None,
 ) -> int:
     """Estimate mass and grade from recorded logs, as fast as they can be read."""
-    playing = bus is not None or speed is not None
-    if playing and output is None and json_path is None and report is None:
-        if config_name is not None:
-            # of no use here, but no reason to be wrong
-            load(config_name, overrides, estimator, initial_mass, databases=False)
-        _play(logs, bus, speed, channel)
+    if playback.asked and outputs == Outputs(None, None, None):
+        if chosen.config_name is not None:
+            chosen.load(databases=False)  # of no use here, but no reason to be wrong
+        _play(logs, playback, channel)
         return 0
-    if output == "-":
+    if outputs.output == "-":
         raise click.UsageError("-o needs the name of a file or directory", click.get_current_context())
-    if config_name is None:
-        raise click.UsageError("missing option -c CONFIG", click.get_current_context())
-    config = load(config_name, overrides, estimator, initial_mass)
+    config = chosen.load()
+    jobs = _with_outputs(_jobs(logs, truth, channel), outputs)
+    _refuse_outputs(jobs, chosen.name, config, outputs.json_path)
+    if playback.asked:  # after all that can be refused has been: a bus cannot take back what it carried
+        _play(logs, playback, channel, quiet=outputs.json_path == "-")
+    if len(jobs) == 1:
+        return _one(jobs[0], config, outputs.json_path)
+    return _many(jobs, config, outputs.json_path, workers)
+
+
+def _jobs(logs: Sequence[str], truth: TruthChoice, channel: str | None) -> list[Job]:
+    """Return one job per log, each with its truth. Errors: UsageError where --truth fits none."""
     from canest.batch.job import Job
     from canest.logs.log_names import truth_beside, truth_file
 
     paths = [Path(log) for log in logs]
     if len(paths) == 1:
-        truths = [truth_file(paths[0], truth)]
-    elif truth in (None, "auto"):
-        truths = [truth_beside(log) if truth else None for log in paths]
-        if truth:
-            _tell_missing(paths, truths)
+        truths = [truth_file(paths[0], truth.truth)]
+    elif truth.truth is None:
+        truths = [None for _ in paths]
+    elif truth.truth == "auto":
+        truths = [truth_beside(log) for log in paths]
+        _report_missing_truths(paths, truths)
     else:
         raise click.UsageError(
             "one truth cannot fit several logs: use --truth auto", click.get_current_context()
         )
-    jobs = [
-        Job(log, truth=found, mass_kg=mass_kg, after_s=after_s, channel=channel)
+    return [
+        Job(log, truth=found, mass_kg=truth.mass_kg, after_s=truth.after_s, channel=channel)
         for log, found in zip(paths, truths, strict=True)
     ]
-    if len(jobs) > 1:
-        _refuse_a_file("-o", output, (".csv", ".parquet"))
-        _refuse_a_file("--report", report, (".html", ".htm"))
-    jobs = _with_outputs(jobs, output, report)
+
+
+def _refuse_outputs(jobs: Sequence[Job], config_name: str, config: Config, json_path: str | None) -> None:
+    """Refuse results that would overwrite an input, and tables of no known format. Errors: UsageError."""
     from canest.cli.keep import config_files, keep_apart
 
     keep_apart(
@@ -129,18 +153,17 @@ def command(
                 f"-o: found the file {job.output}, expected one that ends in .csv or .parquet",
                 click.get_current_context(),
             )
-    if playing:  # after all that can be refused has been: a bus cannot take back what it carried
-        _play(logs, bus, speed, channel, quiet=json_path == "-")
-    if len(jobs) == 1:
-        return _one(jobs[0], config, json_path)
-    return _many(jobs, config, json_path, workers)
 
 
-def _with_outputs(jobs: list[Job], output: str | None, report: str | None) -> list[Job]:
-    """Return the jobs with the files that they are to write."""
+def _with_outputs(jobs: list[Job], outputs: Outputs) -> list[Job]:
+    """Return the jobs with the files that they are to write. Errors: UsageError for a file's name."""
     from dataclasses import replace
 
-    # one log into one file, the usual case, does without the processes that `fleet` brings
+    output, report = outputs.output, outputs.report
+    if len(jobs) > 1:
+        _refuse_a_file("-o", output, (".csv", ".parquet"))
+        _refuse_a_file("--report", report, (".html", ".htm"))
+    # one log into one file, the usual case, does without the processes that `canest.batch.pool` brings
     if len(jobs) > 1 or (output is not None and (output.endswith("/") or Path(output).is_dir())):
         from canest.batch.pool import with_outputs
 
@@ -153,8 +176,8 @@ def _with_outputs(jobs: list[Job], output: str | None, report: str | None) -> li
     return jobs
 
 
-def _tell_missing(logs: list[Path], truths: Sequence[Path | None]) -> None:
-    """Say which logs have no truth beside them. Errors: UsageError when none has."""
+def _report_missing_truths(logs: list[Path], truths: Sequence[Path | None]) -> None:
+    """Print which logs have no truth beside them. Errors: UsageError when none has."""
     lacking = [log.name for log, found in zip(logs, truths, strict=True) if found is None]
     if len(lacking) == len(logs):
         raise click.UsageError("--truth auto: no log has its truth beside it", click.get_current_context())
@@ -206,19 +229,19 @@ def _many(jobs: list[Job], config: Config, json_path: str | None, workers: int |
     return 1 if summary["failed"] else 0
 
 
-def _play(
-    logs: tuple[str, ...], bus: str | None, speed: float | None, channel: str | None, quiet: bool = False
-) -> None:
+def _play(logs: Sequence[str], playback: Playback, channel: str | None, quiet: bool = False) -> None:
+    """Send the logs onto the bus, one after the other. Errors: a usage error, BusError, LogError."""
     context = click.get_current_context()
-    if bus is None:
+    if playback.bus is None:
         raise click.UsageError("--speed needs a bus to play to: --to INTERFACE:CHANNEL", context)
-    if speed is not None and not 0 < speed < float("inf"):
+    speed = 1.0 if playback.speed is None else playback.speed
+    if not 0 < speed < float("inf"):
         raise click.UsageError(f"--speed must be above 0, found {speed:g}", context)
     from canest.bus.playback import play
     from canest.cli.progress import Bar
 
     for log in logs:
         with Bar(f"playing {Path(log).name}") as shown:
-            told = play(log, bus, 1.0 if speed is None else speed, channel=channel, progress=shown.update)
+            result = play(log, playback.bus, speed, channel=channel, progress=shown.update)
         if not quiet:
-            print(told)
+            print(result)

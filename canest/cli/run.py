@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from canest.cli.options import config_option, load, override_options
+from canest.cli.options import ConfigChoice, config_option, grouped, override_options
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -30,17 +30,10 @@ SIGUSR1 writes all counters to the log. See also: canest status, canest monitor,
 @click.option("--listen-only", is_flag=True, help="Send nothing at all, not even an address claim.")
 @click.option("--record", metavar="LOG", help="Write the received frames as a candump log.")
 @click.option("--log-estimates", metavar="CSV", help="Write every estimate (50 Hz) as est.csv.")
-def command(
-    config_name: str,
-    overrides: tuple[str, ...],
-    estimator: str | None,
-    initial_mass: float | None,
-    listen_only: bool,
-    record: str | None,
-    log_estimates: str | None,
-) -> None:
+@grouped(chosen=ConfigChoice)
+def command(chosen: ConfigChoice, listen_only: bool, record: str | None, log_estimates: str | None) -> None:
     """Estimate mass and grade live on a CAN bus and broadcast them there."""
-    changes = list(overrides)
+    changes = []
     if listen_only:
         changes.append("broadcast.listen_only=true")
     if record is not None:
@@ -53,7 +46,7 @@ def command(
     from canest.live.mass_store import place
 
     def read_config() -> Config:
-        return load(config_name, tuple(changes), estimator, initial_mass)
+        return chosen.load(*changes)
 
     config = read_config()
     service = config.service
@@ -63,9 +56,9 @@ def command(
         ("service.metrics_file", service.metrics_file, "RUNTIME_DIRECTORY"),
     ]
     files = [(key, place(name, folder)) for key, name, folder in written if name is not None]
-    keep_apart(config_files(config_name, config), files)
+    keep_apart(config_files(chosen.name, config), files)
     require_files(files)
-    Daemon(config, config_name=config_name, reload=read_config).run()
+    Daemon(config, config_name=chosen.name, reload=read_config).run()
 
 
 def _quoted(text: str) -> str:

@@ -57,7 +57,7 @@ def command(config_name: str | None, socket_name: str | None, as_json: bool, ver
         for answer in answers.values():
             show(answer, verbose)
         if config is not None and not answers:
-            _last_words(config)
+            _print_last_learned(config)
     for problem in problems:
         click.echo(problem, err=True)
     if not paths:
@@ -69,8 +69,8 @@ def command(config_name: str | None, socket_name: str | None, as_json: bool, ver
     return 0 if answers else 1
 
 
-def _last_words(config: Any) -> None:
-    """Say what a daemon that is not running has learned."""
+def _print_last_learned(config: Any) -> None:
+    """Print what a daemon that is not running has learned."""
     import time
 
     from canest.config.state_directory import state_dir

@@ -20,7 +20,7 @@ FloatColumn = NDArray[np.float64]
 BoolColumn = NDArray[np.bool_]
 
 
-class Onward:
+class MonotonicClock:
     """Makes stamps that never go back, block by block: where the clock was set back, time goes on."""
 
     def __init__(self) -> None:

@@ -76,8 +76,8 @@ class CompiledSignal:
     """One signal of one message, with its validity rule and the conversion to its role's unit.
 
     ``scale`` and ``offset`` take raw to the role's unit: raw * scale + offset.
-    A value table stands in the place of the DBC's factor and offset: of raw bits (``values``), which then say
-    what is valid too, or of characters (``texts``, rule ``ascii``).
+    A value table stands in the place of the DBC's factor and offset: of raw bits (``values``), which then
+    decide what is valid too, or of characters (``texts``, rule ``ascii``).
     ``needs`` is the number of payload bytes that must be there.
     """
 

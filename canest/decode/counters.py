@@ -14,7 +14,7 @@ LONGEST_US = 60_000_000
 class SignalCounters:
     """One role as one address sends it.
 
-    Each sample counts once as valid, not_available or error_value; not_owner says how many of them did not
+    Each sample counts once as valid, not_available or error_value; not_owner counts those that did not
     become samples of the role because another address owns it (only without a configured source).
     """
 
@@ -64,7 +64,7 @@ class SenderCounters:
 
     @property
     def not_available(self) -> int:
-        """Samples that said "not available", over all roles."""
+        """Samples sent as "not available", over all roles."""
         return sum(r.not_available for r in self.roles.values())
 
     @property

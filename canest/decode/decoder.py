@@ -86,6 +86,11 @@ class Decoder:
         """Parameter groups that must be received, transport protocol included."""
         return sorted([*self._by_pgn, *self._transport_pgns])
 
+    @property
+    def open_sessions(self) -> int:
+        """Multi-packet messages that are waiting for packets."""
+        return self._transport.open_sessions
+
     def can_filters(self) -> list[tuple[int, int]]:
         """Return (id, mask) pairs for the kernel, flags as in Linux' struct can_filter."""
         exact = [(i, EXTENDED | REMOTE | ID_MASK) for i in sorted(self._by_exact)]

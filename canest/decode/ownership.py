@@ -1,8 +1,8 @@
-"""Who may speak for a role when the config names no source address and several addresses send the group.
+"""Who owns a role when the config names no source address and several addresses send the group.
 
 The first address that sends a valid value owns the role, and keeps it until it has sent no valid value
 for `SILENT_US` of event time; then the next address that does takes over. While nobody owns the role, a
-"not available" from anybody counts as one: it tells that the signal is there without a number. The rule
+"not available" from anybody counts as one: it shows that the signal is there without a number. The rule
 looks at one sample at a time, so it does not depend on how the stream is cut.
 """
 

@@ -43,6 +43,11 @@ class Transport:
         self._sessions: dict[tuple[int, int], _Session] = {}  # (source, destination)
         self.counts: dict[str, int] = {}
 
+    @property
+    def open_sessions(self) -> int:
+        """Return how many messages are waiting for packets."""
+        return len(self._sessions)
+
     def manage(self, t_us: int, source: int, destination: int, length: int, word: int) -> None:
         """Take a TP.CM frame (``word``: its payload as a little-endian integer)."""
         control = word & 0xFF

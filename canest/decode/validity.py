@@ -1,4 +1,4 @@
-"""Validity rules: which raw values of a field are values, and which say "not available" or "error".
+"""Validity rules: which raw values of a field are values, and which mean "not available" or "error".
 
 J1939-71 reserves the top of every field: with a most significant byte of 0xFB and above a raw value is an
 indicator, not a measurement (0xFE error, 0xFF not available); in fields shorter than a byte the two top
@@ -20,7 +20,7 @@ RULES: dict[str, str] = {
     "ascii": "characters of a gear: digits, N, R, P, D and a digit",
 }
 
-#: SPNs whose highest valid raw value is not what their width says
+#: SPNs whose highest valid raw value does not follow from their width
 HIGHEST_BY_SPN = {
     527: 6,  # cruise control states: only 7 is not available
     4154: 7,  # fraction of torque: 0 to 7 eighths in four bits

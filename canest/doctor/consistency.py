@@ -32,7 +32,7 @@ ROAD_SPEEDS = ("vehicle_speed", "undriven_speed", "gps_speed")
 _SHOWN = 4
 
 
-class Plausibility:
+class ConsistencyCheck:
     """Streams samples; memory does not grow with the log."""
 
     def __init__(self, config: Config) -> None:
@@ -46,7 +46,7 @@ class Plausibility:
         self._gears: set[int] = set()
         self._turns: dict[int, FloatColumn] = {}
         self._turns_of = "output_shaft_speed"
-        #: nothing on the bus tells the gear
+        #: no signal carries the gear
         gearless = config.signals.keys().isdisjoint(("gear", "gear_ratio"))
         self._fit = GearFit(config.vehicle.gear_ratios) if gearless else None
         self._reference_Nm: float | None = None
@@ -127,11 +127,14 @@ class Plausibility:
         v = self._vehicle
         hints = self._speed_hints() + self._ratio_hints() + self._table_hints()
         hints += self._unknown_gears()
-        heard, declared = self._reference_Nm, v.reference_torque_Nm
-        if heard is not None and declared is not None and abs(heard / declared - 1) > TORQUE_TOLERANCE:
-            use = "used when heard" if self._uses_reference else "not used: signals maps no reference_torque"
+        received, declared = self._reference_Nm, v.reference_torque_Nm
+        if received is not None and declared is not None and abs(received / declared - 1) > TORQUE_TOLERANCE:
+            use = (
+                "used when received" if self._uses_reference else "not used: signals maps no reference_torque"
+            )
             hints.append(
-                f"the engine says its reference torque is {heard:g} N m ({use}), the config says {declared:g}"
+                f"the engine reports a reference torque of {received:g} N m ({use}), "
+                f"the config has {declared:g}"
             )
         return hints
 
@@ -184,7 +187,7 @@ class Plausibility:
         return f" (at wheel_radius_m {v.wheel_radius_m:g} and final_drive {v.final_drive:g})"
 
     def _speed_hints(self) -> list[str]:
-        v, hints, radius_told = self._vehicle, [], False
+        v, hints, radius_shown = self._vehicle, [], False
         for role in ROAD_SPEEDS:
             if self._pairs[role] < MIN_PAIRS or not self._square[role]:
                 continue
@@ -194,14 +197,14 @@ class Plausibility:
                 continue
             if mistaken := _mistaken_unit(times):
                 hints.append(
-                    f"{role} is {times:.3g} times what the output shaft says, as it is when {mistaken}: "
+                    f"{role} is {times:.3g} times what the output shaft gives, as it is when {mistaken}: "
                     f"look at the unit of signals.{role}"
                 )
-            elif not radius_told:
-                radius_told = True
+            elif not radius_shown:
+                radius_shown = True
                 hints.append(
                     f"{role.replace('_', ' ')} and output shaft agree with wheel_radius_m {radius_m:.3f} "
-                    f"(at final_drive {v.final_drive:g}), the config says {v.wheel_radius_m:g}; or with "
+                    f"(at final_drive {v.final_drive:g}), the config has {v.wheel_radius_m:g}; or with "
                     f"final_drive {v.final_drive / times:.3g} (at wheel_radius_m {v.wheel_radius_m:g})"
                 )
         return hints
@@ -221,7 +224,7 @@ class Plausibility:
                 radius_m, drive = v.wheel_radius_m * 2 / (least + most), v.final_drive * (least + most) / 2
                 return [
                     f"engine and {against} agree with wheel_radius_m {radius_m:.3f} (at final_drive "
-                    f"{v.final_drive:g} and gear_ratios as they are), the config says {v.wheel_radius_m:g}; "
+                    f"{v.final_drive:g} and gear_ratios as they are), the config has {v.wheel_radius_m:g}; "
                     f"or with final_drive {drive:.3g} (at wheel_radius_m {v.wheel_radius_m:g})"
                 ]
         shown = [f"{found[n]:.3g} in gear {n} (gear_ratios: {v.gear_ratios[n]:g})" for n in wrong[:_SHOWN]]
@@ -233,22 +236,22 @@ class Plausibility:
         ]
 
     def _table_hints(self) -> list[str]:
-        """Return what is wrong with a table of which nothing tells the gear."""
+        """Return what is wrong with a gear table where no signal carries the gear."""
         times, commonest = self._fit.mistake() if self._fit is not None else (None, [])
         if not commonest:
             return []
         v, against = self._vehicle, self._turns_of.replace("_", " ")
         listed = ", ".join(f"{ratio:.3g}" for ratio in commonest)
-        told = f"engine and {against} turn mostly in the ratio {listed}, and gear_ratios has nothing near"
+        found = f"engine and {against} turn mostly in the ratio {listed}, and gear_ratios has nothing near"
         if times is None:
-            return [f"{told}: is the table another gearbox's, or final_drive another axle's?"]
+            return [f"{found}: is the table another gearbox's, or final_drive another axle's?"]
         if self._turns_of in ROAD_SPEEDS:
             radius_m = v.wheel_radius_m / times
             return [
-                f"{told}; it would fit with wheel_radius_m {radius_m:.3f} instead of {v.wheel_radius_m:g}, "
+                f"{found}; it would fit with wheel_radius_m {radius_m:.3f} instead of {v.wheel_radius_m:g}, "
                 f"or final_drive {v.final_drive * times:.3g} instead of {v.final_drive:g}"
             ]
-        return [f"{told}; it would fit if all were {times:.3g} times as large"]
+        return [f"{found}; it would fit if all were {times:.3g} times as large"]
 
 
 def _mistaken_unit(times: float) -> str:

@@ -1,4 +1,4 @@
-"""Do engine and road turn as the gear table says, where nothing on the bus tells the gear?"""
+"""Do engine and road turn as the gear table says, where no signal carries the gear?"""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _LEAST, _MOST, _BIN = 0.2, 40.0, 0.01
 _STEADY = 0.004
 #: a table entry accounts for ratios so near to it, bins on either side
 _NEAR_BINS = 2
-#: fewer steady samples tell nothing
+#: fewer steady samples prove nothing
 _FEWEST = 500
 #: a table that fits accounts for most of them; one that does not for hardly more than chance
 _FITS, _FAILS = 0.6, 0.35

@@ -30,7 +30,7 @@ _KEPT = 256
 _SHARE, _TURNS = 0.01, 3
 #: a wide field runs into its reserved range and out of it by steps, as a share of all its numbers
 _STEP = 1 / 16
-#: labels that say that there is no value
+#: labels that mean that there is no value
 _NO_VALUE = re.compile(
     r"n/?a\b|sna\b|not.?avail|nicht.?verf|invalid|ungue?ltig|error|fehler|fault|defe[ck]t|init|reserv"
 )
@@ -133,19 +133,19 @@ class RawSignal:
         shown = ", ".join(
             f"{raw} {self.labels[raw]!r}" if raw in self.labels else str(raw) for raw in good[:4]
         )
-        told = (
+        found = (
             f"signals.{self.role}: {self._reserved:,} of {self._samples:,} samples hold a raw number that "
             f"J1939 reserves ({shown}) and count as no value, but {self._signal.name} is no J1939 "
             "signal and they come in turns with values"
         )
         if len(good) == len(high):
-            return f"{told}: if they are values, paste validity: full"
+            return f"{found}: if they are values, paste validity: full"
         entries = {
             raw: self._signal.offset + self._signal.scale * raw
             for raw in sorted(self._counts)
             if raw not in set(high) - set(good)
         }
-        return f"{told}: if they are values, paste {map_line(entries)}"
+        return f"{found}: if they are values, paste {map_line(entries)}"
 
     def _label_hint(self) -> str:
         """Return a map, where the labels of a gear are other numbers than it counts as."""
@@ -169,7 +169,7 @@ class RawSignal:
         return f"signals.{self.role} reads {shown} of the DBC: to go by its labels, paste {map_line(every)}"
 
 
-class RawValues:
+class RawValueCheck:
     """The raw numbers of all signals of a config that have labels or are not J1939."""
 
     def __init__(self, config: Config) -> None:
@@ -201,7 +201,7 @@ class RawValues:
 
 def text_hints(config: Config, texts: Mapping[str, Mapping[str, int]]) -> list[str]:
     """Return a value table for each column that holds text and has none. texts: column -> text -> cells."""
-    told = []
+    hints = []
     for role, source in config.signals.items():
         if source.column is None or source.map or source.column not in texts:
             continue
@@ -209,8 +209,8 @@ def text_hints(config: Config, texts: Mapping[str, Mapping[str, int]]) -> list[s
         shown = ", ".join(f"{text!r} {count:,} times" for text, count in found[:4])
         meant = {text: number for text, _ in found if (number := meaning(role, text)) is not None}
         line = f"paste {map_line(meant)}" if meant else "it needs map: {TEXT: NUMBER, ...}"
-        told.append(f"signals.{role}: column {source.column} holds text ({shown}): {line}")
-    return told
+        hints.append(f"signals.{role}: column {source.column} holds text ({shown}): {line}")
+    return hints
 
 
 def _used(config: Config, role: str) -> CompiledSignal:
@@ -220,7 +220,7 @@ def _used(config: Config, role: str) -> CompiledSignal:
 
 
 def meaning(role: str, text: str) -> float | None:
-    """Return the number that a label or text most likely means to a role, None for one that does not say."""
+    """Return the number that a label or text most likely means to a role, None for one that means none."""
     word = text.strip()
     if role in TWO_STATE:
         return {"on": 1.0, "true": 1.0, "yes": 1.0, "off": 0.0, "false": 0.0, "no": 0.0}.get(word.casefold())

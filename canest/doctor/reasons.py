@@ -1,4 +1,4 @@
-"""Says in one sentence why there is no estimate."""
+"""Why there is no estimate, in one sentence."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from canest.core.roles import ROLES
 from canest.core.samples import RATE_HZ, STATUS_LABELS, Status
 from canest.doctor.warnings import interleaved_clocks
 from canest.pipeline.build import model_spec
-from canest.vehicle.driveline import CLUTCHES
+from canest.vehicle.driveline import CLUTCH_ROLES
 from canest.vehicle.model import LongitudinalModel
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from canest.grid.clock import Clock
     from canest.logs.base import LogReader
     from canest.pipeline.pipeline import Pipeline
-    from canest.pipeline.tables import TableMap
+    from canest.pipeline.table_map import TableMap
 
 #: a clock that is set back this often, and for this share of its stamps, is not one clock
 _FEW_JUMPS, _JUMPING_SHARE = 10, 0.01
@@ -66,7 +66,9 @@ def needed_roles(config: Config, model: LongitudinalModel) -> dict[str, str]:
     """Return the roles without which nothing is learned -> what else a user should know about one."""
     needed = dict.fromkeys(model.required_roles(), "")
     if "engine_torque_pct" in needed and config.vehicle.reference_torque_Nm is None:
-        without = "torque in percent means nothing without it: vehicle.reference_torque_Nm can say it instead"
+        without = (
+            "torque in percent means nothing without it: vehicle.reference_torque_Nm can give it instead"
+        )
         needed["reference_torque"] = f", and {without}"
     if config.gates.brake.assume_when_pedal_released and "accelerator" in config.signals:
         needed["accelerator"] = ", and gates.brake.assume_when_pedal_released takes that for braking"
@@ -76,39 +78,39 @@ def needed_roles(config: Config, model: LongitudinalModel) -> dict[str, str]:
 def why_no_signal(config: Config, counters: Counters, frames: int) -> str:
     """Return which needed signal never had a value in the log's frames, '' when all had."""
 
-    def dead(role: str) -> str:
+    def problem_of(role: str) -> str:
         if _valid(counters, role):
             return ""
         return f"{describe(config, role)} {_absence(config, counters, role, frames)}"
 
-    return what_lacks(config, LongitudinalModel(model_spec(config)), dead)
+    return what_lacks(config, LongitudinalModel(model_spec(config)), problem_of)
 
 
-def what_lacks(config: Config, model: LongitudinalModel, dead: Callable[[str], str]) -> str:
+def what_lacks(config: Config, model: LongitudinalModel, problem_of: Callable[[str], str]) -> str:
     """Return the first thing that a force cannot be had without, '' when all is there.
 
-    dead: says of a role without a single value what is wrong with it, '' of one that has some.
+    problem_of: what is wrong with a role that has not a single value, '' for one that has some.
     """
     for role, more in needed_roles(config, model).items():
-        if reason := dead(role):
+        if reason := problem_of(role):
             return reason + more
-    speeds = [dead(role) or _clutch_lacks(role, config, dead) for role in model.speed_roles]
+    speeds = [problem_of(role) or _clutch_lacks(role, config, problem_of) for role in model.speed_roles]
     if all(speeds):
         return "no speed: " + "; ".join(speeds)
-    ways = [[reason for role in way if (reason := dead(role))] for way in model.ratio_ways]
+    ways = [[reason for role in way if (reason := problem_of(role))] for way in model.ratio_ways]
     if ways and all(ways):
         return "no gear ratio: " + "; ".join(dict.fromkeys(reason for way in ways for reason in way))
     return ""
 
 
-def _clutch_lacks(role: str, config: Config, dead: Callable[[str], str]) -> str:
-    """Return why an engine's speed tells none of the vehicle, '' where it may."""
+def _clutch_lacks(role: str, config: Config, problem_of: Callable[[str], str]) -> str:
+    """Return why an engine's speed gives none of the vehicle, '' where it may."""
     if role != "engine_speed" or config.vehicle.has_one_gear:
         return ""
-    mapped = [clutch for clutch in CLUTCHES if clutch in config.signals]
-    if any(not dead(clutch) for clutch in mapped):
+    mapped = [clutch for clutch in CLUTCH_ROLES if clutch in config.signals]
+    if any(not problem_of(clutch) for clutch in mapped):
         return ""
-    return f"engine_speed tells none while {' and '.join(mapped)}, which tell of the clutch, have no value"
+    return f"engine_speed gives none while {' and '.join(mapped)}, which report the clutch, have no value"
 
 
 def why_not_learning(run: FinishedRun) -> str:
@@ -150,7 +152,7 @@ def why_hardly_open(pipeline: Pipeline, status: str) -> str:
 
 
 def why_no_time(clock: Clock) -> str:
-    """Return that time stands still, runs backwards or is told by two clocks, '' where it passes."""
+    """Return that time stands still, runs backwards or comes from two clocks, '' where it passes."""
     set_back, stamps = clock.counters["clock_set_back"], clock.stamps
     backward = max(clock.counters["reordered"] + set_back, clock.decreasing)
     if interleaved := interleaved_clocks(clock):
@@ -158,8 +160,8 @@ def why_no_time(clock: Clock) -> str:
     if 2 * backward > stamps:
         # small steps alone, never far back: no clock, but the time from each frame to the next
         differences = "" if set_back else " (candump -t d writes differences, -t a writes times)"
-        told = f"{backward:,} of {stamps:,} stamps lie before one that precedes them"
-        return f"time runs backwards: {told}{differences}"
+        found = f"{backward:,} of {stamps:,} stamps lie before one that precedes them"
+        return f"time runs backwards: {found}{differences}"
     if set_back > max(_FEW_JUMPS, _JUMPING_SHARE * stamps):
         return f"the time stamps jump back {set_back:,} times: out of order, or of two clocks in one log"
     if 2 * clock.counters["gaps"] > stamps > 2:
@@ -197,11 +199,11 @@ def _valid(counters: Counters, role: str) -> int:
 
 def _absence(config: Config, counters: Counters, role: str, frames: int) -> str:
     seen = counters.of_role(role).values()
-    silent, wrong = sum(c.not_available for c in seen), sum(c.error_value for c in seen)
-    if silent and not wrong:
-        return f"said not available in all {silent:,} frames"
-    if silent or wrong:
-        return f"never had a value: {silent:,} frames not available, {wrong:,} in the error range"
+    missing, wrong = sum(c.not_available for c in seen), sum(c.error_value for c in seen)
+    if missing and not wrong:
+        return f"was sent as not available in all {missing:,} frames"
+    if missing or wrong:
+        return f"never had a value: {missing:,} frames not available, {wrong:,} in the error range"
     return f"was never seen in {frames:,} frames"
 
 
@@ -209,7 +211,7 @@ def _lacking_column(run: FinishedRun) -> str:
     held = set(getattr(run.reader, "columns", ()))
     bad: dict[str, int] = getattr(run.reader, "bad_cells", {})
 
-    def dead(role: str) -> str:
+    def problem_of(role: str) -> str:
         if role not in run.table_map.roles:
             return f"{describe(run.config, role)} is no column, and the log is a table"
         column = run.table_map.roles[role][0]
@@ -221,4 +223,4 @@ def _lacking_column(run: FinishedRun) -> str:
             return f"{describe(run.config, role)} holds no number in any of {run.reader.frames:,} rows"
         return ""
 
-    return what_lacks(run.config, LongitudinalModel(model_spec(run.config)), dead)
+    return what_lacks(run.config, LongitudinalModel(model_spec(run.config)), problem_of)

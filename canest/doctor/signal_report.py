@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from canest.decode.value_table import Label
 
 OK, SILENT, ABSENT, ELSEWHERE = "ok", "no value", "not found", "elsewhere"
-#: a signal of which more than this share has no value deserves a word
+#: a signal of which more than this share has no value deserves a hint
 MOSTLY = 0.5
 #: an address whose share of error values is larger sends something else under this group
 SOUND = 0.01
@@ -33,7 +33,7 @@ class Sender:
 
 
 @dataclass(slots=True)
-class Finding:
+class RoleReport:
     """What the log or bus has of one role.
 
     need: "needed", "speed" (one of these is needed), "ratio" (one way to the gear ratio is) or "optional".
@@ -89,14 +89,14 @@ def _rate_hz(counters: SenderCounters, role: str) -> float | None:
     return (samples - 1) * 1e6 / (last_us - first_us)
 
 
-def judge(finding: Finding, source: Source, stale_s: float) -> tuple[str, str]:
+def judge(entry: RoleReport, source: Source, stale_s: float) -> tuple[str, str]:
     """Return the verdict on a role whose samples count for ``stale_s``, and what to do about it."""
-    mine = [s for s in finding.senders if source.source in (None, s.address)]
-    others = [s for s in finding.senders if s not in mine and _is_sound(s)]
-    if finding.values:
+    mine = [s for s in entry.senders if source.source in (None, s.address)]
+    others = [s for s in entry.senders if s not in mine and _is_sound(s)]
+    if entry.values:
         bad = sum(s.not_available + s.error_value for s in mine)
-        if bad > MOSTLY * (bad + finding.values):
-            return OK, f"only {finding.values:,} of {bad + finding.values:,} samples hold a value"
+        if bad > MOSTLY * (bad + entry.values):
+            return OK, f"only {entry.values:,} of {bad + entry.values:,} samples hold a value"
         with_values = [s for s in mine if s.valid]
         if source.source is None and len(with_values) > 1:
             shown = ", ".join(_shown(s.address) for s in with_values)
@@ -111,39 +111,39 @@ def judge(finding: Finding, source: Source, stale_s: float) -> tuple[str, str]:
         return ELSEWHERE, f"{where} sends it with {best.valid:,} values: try source: {where}"
     if mine:
         return SILENT, _why_silent(mine)
-    if finding.senders:
-        shown = ", ".join(_shown(s.address) for s in finding.senders)
+    if entry.senders:
+        shown = ", ".join(_shown(s.address) for s in entry.senders)
         return ABSENT, f"sent by {shown} only, and without a sound value"
     return ABSENT, ""
 
 
 def _why_silent(senders: list[Sender]) -> str:
-    """Return why senders that are heard give no sample of a role, '' when their samples hold no value."""
+    """Return why senders that are received give no sample of a role, '' when their samples hold no value."""
     if all(s.wrong_length >= s.frames for s in senders):
-        return "every frame has another length than the DBC says"
+        return "every frame has another length than the DBC declares"
     if not any(s.not_available + s.error_value for s in senders):
         return "no frame holds it: they end before it, or their multiplexor never selects it"
     return ""
 
 
 def _is_sound(sender: Sender) -> bool:
-    """Return whether an address means what it sends: nobody sends error codes and values in turns."""
+    """Return whether an address sends values: nobody sends error codes and values in turns."""
     return sender.valid > 0 and sender.error_value <= SOUND * sender.valid
 
 
-def complaint(finding: Finding) -> str:
+def complaint(entry: RoleReport) -> str:
     """Return what is wrong with a role that has no values, as the end of a sentence."""
-    expected = finding.expected
-    if finding.source is not None:
-        expected += f" from {_shown(finding.source)}"
-    if finding.verdict == SILENT:
-        bad = sum(s.not_available for s in finding.senders if finding.source in (None, s.address))
+    expected = entry.expected
+    if entry.source is not None:
+        expected += f" from {_shown(entry.source)}"
+    if entry.verdict == SILENT:
+        bad = sum(s.not_available for s in entry.senders if entry.source in (None, s.address))
         if bad:
-            return f"said not available in all {bad:,} frames of {expected}"
-        return f"never had a valid value in {expected}" + (f" ({finding.hint})" if finding.hint else "")
-    if finding.verdict == ELSEWHERE:
-        return f"is not sent as {expected}, but {finding.hint}"
-    return f"was not found as {expected}" + (f" ({finding.hint})" if finding.hint else "")
+            return f"was sent as not available in all {bad:,} frames of {expected}"
+        return f"never had a valid value in {expected}" + (f" ({entry.hint})" if entry.hint else "")
+    if entry.verdict == ELSEWHERE:
+        return f"is not sent as {expected}, but {entry.hint}"
+    return f"was not found as {expected}" + (f" ({entry.hint})" if entry.hint else "")
 
 
 def _shown(address: int | None) -> str:

@@ -8,12 +8,12 @@ import numpy as np
 
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 from canest.doctor.stretches import Samples, Stretches, at, held
-from canest.vehicle.driveline import CLUTCHES, ENGAGED
+from canest.vehicle.driveline import CLUTCH_ROLES, ENGAGED_ROLES
 
 if TYPE_CHECKING:
     from canest.config import Config
 
-#: finest first; the engine's own speed says nothing while the clutch is open
+#: finest first; the engine's own speed means nothing while the clutch is open
 SPEEDS = ("output_shaft_speed", "undriven_speed", "vehicle_speed", "gps_speed")
 TORQUES = ("engine_torque_pct", "engine_torque", "wheel_torque")
 BRAKING = ("brake_switch", "brake_pedal", "parking_brake")
@@ -24,7 +24,7 @@ _LONGEST_US = 20_000_000_000
 #: a vehicle pulls that gets faster by more than this (m/s2) while its torque is above this share; without a
 #: torque, by more than on any slope that it may roll down
 _PULLS_MPS2, _PULLS_SHARE, _ROLLS_MPS2 = 0.3, 0.25, 1.0
-#: an open driveline may carry over a little of a shift: fewer seconds, or a smaller share, say nothing
+#: an open driveline may carry over a little of a shift: fewer seconds, or a smaller share, prove nothing
 _LEAST_S, _SHARE, _ALWAYS = 3.0, 0.5, 0.99
 #: slower it stands; the engine runs above, rpm
 _STANDS_MPS, _RUNS_RPM = 0.2, 400.0
@@ -32,13 +32,13 @@ _STANDS_MPS, _RUNS_RPM = 0.2, 400.0
 _STOOD_S, _SHIFTS = 5.0, 10
 
 
-class Switches:
+class SwitchCheck:
     """Streams samples; memory does not grow with the log."""
 
     def __init__(self, config: Config) -> None:
         self._config = config
         mapped = config.signals
-        self._clutches = [] if config.vehicle.has_one_gear else [r for r in CLUTCHES if r in mapped]
+        self._clutches = [] if config.vehicle.has_one_gear else [r for r in CLUTCH_ROLES if r in mapped]
         opens = [r for r in ("driveline_engaged", "clutch_switch") if r in self._clutches]
         self._watched = [*opens, *(r for r in BRAKING if r in mapped)]
         roles = {*self._watched, *self._clutches, *SPEEDS, *TORQUES, "engine_speed", "gear"}
@@ -48,7 +48,7 @@ class Switches:
         self._pulled_s = dict.fromkeys(self._watched, 0.0)
         self._pulled_on_s = dict.fromkeys(self._watched, 0.0)
         self._most_torque = config.vehicle.reference_torque_Nm or 1.0
-        self._opened, self._heard = False, set[str]()
+        self._opened, self._reported = False, set[str]()
         self._stood_s, self._shifts = 0.0, 0
 
     def push(self, samples: Samples) -> None:
@@ -85,7 +85,7 @@ class Switches:
 
     def _is_on(self, role: str, state: FloatColumn) -> BoolColumn:
         """Return where a brake is on, or a clutch open (n,)."""
-        if role in ENGAGED:
+        if role in ENGAGED_ROLES:
             return np.asarray(state < 0.5)
         if role == "clutch_slip":
             return np.asarray(state > self._config.gates.driveline.clutch_slip_pct)
@@ -112,7 +112,7 @@ class Switches:
     def _note_clutch(self, stamps: IntColumn, mps: FloatColumn, stretch: Samples) -> None:
         for role in self._clutches:
             if role in stretch and np.isfinite(stretch[role][1]).any():
-                self._heard.add(role)
+                self._reported.add(role)
                 self._opened |= bool(self._is_on(role, stretch[role][1]).any())
         if "gear" not in stretch or "engine_speed" not in stretch:
             return
@@ -127,9 +127,9 @@ class Switches:
         pulled_s, on_s = self._pulled_s[role], self._pulled_on_s[role]
         if on_s < _LEAST_S or on_s < _SHARE * pulled_s:
             return ""
-        states = {"driveline_engaged": "says open", "clutch_switch": "says pressed"}
+        states = {"driveline_engaged": "is open", "clutch_switch": "is pressed"}
         found = (
-            f"{role} {states.get(role, 'says on')} in {on_s:,.0f} of {pulled_s:,.0f} s in which the vehicle "
+            f"{role} {states.get(role, 'is on')} in {on_s:,.0f} of {pulled_s:,.0f} s in which the vehicle "
             "pulls"
         )
         if self._on_s[role] >= _ALWAYS * self._known_s[role]:
@@ -140,10 +140,10 @@ class Switches:
         return f"{found}: is it inverted? Then signals.{role} needs invert: {inverted}"
 
     def _never_open(self) -> list[str]:
-        if not self._heard or self._opened or (self._stood_s < _STOOD_S and self._shifts < _SHIFTS):
+        if not self._reported or self._opened or (self._stood_s < _STOOD_S and self._shifts < _SHIFTS):
             return []
         did = f"stood {self._stood_s:.0f} s in gear with its engine running, and shifted {self._shifts} times"
         return [
-            f"{' and '.join(sorted(self._heard))} never said that the clutch is open, though the vehicle "
+            f"{' and '.join(sorted(self._reported))} never reported an open clutch, though the vehicle "
             f"{did}: is it the right signal?"
         ]

@@ -23,7 +23,7 @@ _SAME = 0.3
 _FEWEST, _KEPT = 5, 64
 
 
-class StuckTorque:
+class TorqueSampleCheck:
     """Counts samples that differ from both neighbours by the number they read. Streams; memory is bounded."""
 
     def __init__(self, config: Config) -> None:
@@ -64,7 +64,7 @@ class StuckTorque:
 
     def hints(self) -> list[str]:
         """Return which torques read a fixed number now and then, one sentence each."""
-        told = []
+        found = []
         for role in self._roles:
             for number, count in sorted(self._isolated[role].items(), key=lambda item: -item[1])[:2]:
                 if count < _FEWEST:
@@ -73,8 +73,8 @@ class StuckTorque:
                 what = "exactly zero" if number == 0 else f"exactly {number:g}"
                 what += ", the largest value of all," if extreme else ""
                 share = 100 * count / self._count[role]
-                told.append(
+                found.append(
                     f"{role} reads {what} in {count:,} single samples ({share:.2g} %) whose neighbours do "
                     "not: no torque of the vehicle, but a gap that the sender fills"
                 )
-        return told
+        return found

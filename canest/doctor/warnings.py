@@ -1,4 +1,4 @@
-"""What a user should know beside the numbers: what could not be read, decoded or believed."""
+"""What a user should know beside the numbers: what could not be read, decoded or accepted."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LINES_SHOWN = 3
 _ADDRESSES_SHOWN = 8
 
 
-def log_notes(reader: LogReader) -> list[str]:
+def log_warnings(reader: LogReader) -> list[str]:
     """Return what was wrong with a log that has been read to its end, one sentence each."""
     notes = [f"line {number} skipped: {reason}: {text!r}" for number, text, reason in
              reader.skipped[:_LINES_SHOWN]]  # fmt: skip
@@ -51,10 +51,10 @@ def interleaved_clocks(clock: Clock) -> str:
     )
 
 
-def stream_notes(intake: Intake, frozen: Mapping[str, int] | None = None) -> list[str]:
+def stream_warnings(intake: Intake, stuck_ticks: Mapping[str, int] | None = None) -> list[str]:
     """Return what could not be used of all that an intake was given, one sentence each.
 
-    frozen: ticks on which a sensor stood still, though the vehicle did not (`canest.vehicle.stuck_sensor`).
+    stuck_ticks: ticks on which a sensor stood still and the vehicle did not (`canest.vehicle.stuck_sensor`).
     """
     notes = []
     mended = {name: n for name, n in intake.clock.counters.items() if n}
@@ -70,11 +70,11 @@ def stream_notes(intake: Intake, frozen: Mapping[str, int] | None = None) -> lis
     for role, others in sorted(intake.decoder.counters.contested().items()):
         counts = ", ".join(f"{n:,} from 0x{address or 0:02X}" for address, n in others.items())
         notes.append(f"{role} comes from several addresses: not used {counts}; name one with source:")
-    refused = intake.screen.refused
+    refused = intake.range_rate_check.refused
     if refused:
         counts = ", ".join(f"{n:,} of {role}" for role, n in sorted(refused.items()))
         notes.append(f"jumps beyond physics, not used: {counts}")
-    for role, ticks in sorted((frozen or {}).items()):
+    for role, ticks in sorted((stuck_ticks or {}).items()):
         seconds = f"{ticks / RATE_HZ:,.1f} s"
         notes.append(f"{role} stood still while the vehicle did not: frozen, taken as silent for {seconds}")
     return notes

@@ -23,7 +23,7 @@ _OTHER_IN_A_ROW = 100
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Frames whose stamps never decrease. ``jump`` says how it follows what came before."""
+    """Frames whose stamps never decrease. ``jump``: how it follows what came before."""
 
     frames: FrameBlock
     #: "" continues; "gap" after a silence; "back" when the clock was set back
@@ -33,7 +33,7 @@ class Stretch:
 
 
 class Clock:
-    """Splits blocks into monotone stretches; carries the last stamp; counts what it had to mend."""
+    """Splits blocks into monotone stretches; carries the last stamp; counts what it had to correct."""
 
     def __init__(self, hold_us: int, max_backward_us: int) -> None:
         self.hold_us, self._max_backward_us = hold_us, max_backward_us
@@ -43,7 +43,7 @@ class Clock:
         self.counters = {"reordered": 0, "gaps": 0, "clock_set_back": 0}
         self.of_another_clock = 0  #: frames left out
         self.decreasing = 0  #: stamps before the one that precedes them
-        self.other_addresses: set[int] = set()  #: who sent the frames of another clock, where that is told
+        self.other_addresses: set[int] = set()  #: who sent the frames of another clock, where they are J1939
         self._others = 0  #: of them since the last frame of the one that is followed
 
     def split(self, frames: FrameBlock) -> Iterator[Stretch]:

@@ -54,7 +54,7 @@ class Feed:
 class GridBlock:
     """Consecutive ticks.
 
-    t_us: int64 (n,), multiples of 20 ms. values: role -> float64 (n,), the held sample, NaN when it said
+    t_us: int64 (n,), multiples of 20 ms. values: role -> float64 (n,), the held sample, NaN when it was
     "not available", is stale, or was never seen. stale: role -> bool (n,), too old, or never seen.
     continues: False when this block does not follow the previous one tick by tick.
     """
@@ -111,6 +111,10 @@ class Grid:
         if channel.stale_us < FOREVER_US or stamps[-1] == _NEVER_US:
             return _NOTHING
         return now_us, float(samples[-1])
+
+    def waiting(self, role: str) -> int:
+        """Return how many samples of a role no tick has passed yet."""
+        return len(self._ahead[role][0]) if role in self._ahead else 0
 
     def take(self, feed: Feed) -> list[GridBlock]:
         """Take one stretch of samples; return the runs of ticks it completes.

@@ -20,7 +20,8 @@ from typing import Generic, TypeVar
 
 from canest.core.estimates import Estimates
 from canest.core.frames import FrameBlock
-from canest.logs.writer import candump_text, estimates_csv
+from canest.logs.candump_writer import candump_text
+from canest.logs.writer import estimates_csv
 from canest.system.atomic_file import not_regular, require_regular
 from canest.system.files import Background, file_name_in_errors
 

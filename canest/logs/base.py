@@ -1,9 +1,8 @@
-"""What every log reader offers, and the reader of candump text."""
+"""What every log reader offers."""
 
 from __future__ import annotations
 
 import contextlib
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator, Mapping
 from types import TracebackType
@@ -13,16 +12,11 @@ import numpy as np
 from canest.core.errors import LogError
 from canest.core.frames import FrameBlock
 from canest.core.table_block import TableBlock
-from canest.logs.candump import LINE_CHARS_MAX, SHOWN_CHARS, CandumpParser
+from canest.logs.budget import Meter
 from canest.logs.compression import Source
 
 #: frames per block: large enough that the pipeline's fixed cost per block vanishes, a few MB of columns
 BLOCK_FRAMES = 1 << 17
-#: text parsed at once: fits the second-level cache together with what is made of it
-_TEXT_BYTES = 1 << 19
-
-#: a power cut leaves blocks of zeros where nothing had been written yet; the next line begins behind them
-_NEVER_WRITTEN = re.compile(rb"(\A|\n)\0+")
 
 #: a damaged log may name any number of interfaces
 _CHANNELS_SHOWN = 8
@@ -71,8 +65,13 @@ class LogReader(ABC):
 
     @property
     def bytes_total(self) -> int:
-        """Size of the stored file, 0 when it cannot be told."""
+        """Size of the stored file, 0 when it is not known."""
         return self._source.bytes_total
+
+    @property
+    def meter(self) -> Meter:
+        """What reading it has cost so far."""
+        return self._source.meter
 
     @property
     def channels(self) -> Mapping[str, int]:
@@ -154,75 +153,3 @@ class LogReader(ABC):
 
     @abstractmethod
     def _blocks(self) -> Generator[FrameBlock | TableBlock]: ...
-
-
-class CandumpReader(LogReader):
-    """Candump text, either form."""
-
-    format = "candump"
-
-    def __init__(self, source: Source, head: bytes, parser: CandumpParser, block_frames: int) -> None:
-        super().__init__(source, parser.channel)
-        self._head, self._parser, self._block_frames = head, parser, block_frames
-        if not head:
-            self.kind = "nothing"
-
-    @property
-    def frames(self) -> int:
-        """Well-formed frames so far, delivered or not."""
-        return self._parser.frames
-
-    @property
-    def skipped_lines(self) -> int:
-        """Lines that should be a frame and are not."""
-        return self._parser.skipped_lines
-
-    @property
-    def skipped(self) -> list[tuple[int, str, str]]:
-        """The first unreadable lines: (number, text, reason)."""
-        return self._parser.skipped
-
-    @property
-    def channels(self) -> Mapping[str, int]:
-        """Frames per interface so far."""
-        return self._parser.channels
-
-    def _blocks(self) -> Generator[FrameBlock]:
-        blocks: list[FrameBlock] = []
-        held = 0
-        for block in self._parsed():
-            blocks.append(block)
-            held += len(block)
-            if held >= self._block_frames:
-                yield FrameBlock.concatenate(blocks)
-                blocks, held = [], 0
-        if held:
-            yield FrameBlock.concatenate(blocks)
-
-    def _parsed(self) -> Iterator[FrameBlock]:
-        text, self._head = self._head, b""
-        overlong = False
-        while True:
-            if b"\0" in text and not overlong:
-                text = _NEVER_WRITTEN.sub(rb"\1", text)
-            end = text.rfind(b"\n") + 1
-            if overlong and end:  # the rest of a line already counted
-                text = text[text.find(b"\n") + 1 :]
-                overlong = False
-                continue
-            if end:
-                yield self._parser.parse(text, end)
-                text = text[end:]
-            if len(text) > LINE_CHARS_MAX:
-                if not overlong:
-                    self._parser.skip_line(text[:SHOWN_CHARS], "line too long")
-                overlong, text = True, b""
-            more = self._source.read(_TEXT_BYTES)
-            if not more:
-                break
-            text += more
-        if text and not overlong:
-            if self._source.damage:
-                self._parser.skip_line(text, "cut off by the end of the archive")
-            else:
-                yield self._parser.parse(text + b"\n")

@@ -203,7 +203,7 @@ def stored_bytes(file: BinaryIO) -> int:
     status = os.fstat(file.fileno())
     if status.st_blocks:
         return min(status.st_size, status.st_blocks * 512)
-    try:  # some file systems tell no blocks
+    try:  # some file systems report no blocks
         os.lseek(file.fileno(), 0, os.SEEK_DATA)
     except OSError:  # nothing but a hole, or no regular file
         return 0

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from canest.core import jit
 from canest.core.frames import BoolColumn, FrameBlock, IntColumn
-from canest.logs.layout import Layout, Rows
-from canest.logs.lines import Line, is_ignorable, parse_line
+from canest.logs.candump_layout import Layout, Rows
+from canest.logs.candump_line import Line, is_ignorable, parse_line
 
 NEWLINE = 10
 LINE_CHARS_MAX = 1024  #: the longest line candump writes has some 330 characters
@@ -174,9 +174,9 @@ def _parse_rows(
     layout: Layout, chars: NDArray[np.uint8], starts: IntColumn, width: int
 ) -> tuple[FrameBlock, BoolColumn]:
     if jit.enabled():
-        from canest.logs import compiled  # numba
+        from canest.logs import candump_kernel
 
-        return compiled.parse(layout, chars, starts)
+        return candump_kernel.parse(layout, chars, starts)
     if starts[-1] - starts[0] == (len(starts) - 1) * (width + 1):  # back to back already: no need to copy
         return layout.parse(Rows(chars[starts[0] :], len(starts), width + 1))
     return layout.parse(Rows.gather(chars, starts, width))

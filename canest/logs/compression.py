@@ -1,6 +1,6 @@
 """Bytes of a file, decompressed as they are read; what a damaged archive still holds is delivered.
 
-The kind of archive is told by its first bytes, never by its name. Memory stays bounded: compressed bytes are
+The kind of archive is known by its first bytes, never by its name. Memory stays bounded: compressed bytes are
 fed in small pieces, and of what makes a gigabyte of a kilobyte no more comes out at once than is wanted.
 """
 

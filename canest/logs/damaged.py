@@ -27,10 +27,10 @@ _CELL_BYTES_MAX = 1 << 20
 
 
 @contextlib.contextmanager
-def hushed() -> Iterator[None]:
+def silenced() -> Iterator[None]:
     """Keep the libraries quiet: what they print and log, and the destructor of what could not be constructed.
 
-    Only for short steps: meanwhile nobody else's output to stdout is heard either.
+    Only for short steps: meanwhile nobody else's output reaches stdout either.
     """
     loggers = [logging.getLogger(name) for name in _LOGGERS]
     enabled = [logger for logger in loggers if not logger.disabled]
@@ -46,14 +46,14 @@ def hushed() -> Iterator[None]:
             logger.disabled = False
 
 
-def hushed_messages(reader: Iterable[Any]) -> Iterator[Any]:
+def quiet_messages(reader: Iterable[Any]) -> Iterator[Any]:
     """Yield what a reader of python-can yields, before whatever it raises."""
-    with hushed():
+    with silenced():
         messages = iter(reader)
     while True:
         held: list[Any] = []
         damage: Exception | None = None
-        with hushed():
+        with silenced():
             try:
                 held.extend(itertools.islice(messages, _MESSAGES))
             except Exception as error:  # whatever a damaged file makes of it
@@ -133,12 +133,12 @@ def sqlite_reader(path: str, log: Path) -> Any:
     reader._conn.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _CELL_BYTES_MAX)
     reader._conn.set_progress_handler(_let_python_look, 100_000)
     reader._cursor.execute("PRAGMA trusted_schema=OFF")
-    _refuse_query(reader, log)
+    refuse_query(reader, log)
     reader.file_size = announced
     return reader
 
 
-def _refuse_query(reader: Any, log: Path) -> None:
+def refuse_query(reader: Any, log: Path) -> None:
     """Refuse a view or a virtual table. Errors: LogError."""
     kinds = reader._cursor.execute(
         "SELECT type, rootpage FROM sqlite_master "

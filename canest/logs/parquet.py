@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from canest.core.errors import LogError
 from canest.core.table_block import TableBlock
+from canest.logs.cells import number_of, seconds_of
 from canest.logs.compression import Source
-from canest.logs.tables import TableReader, number_of, seconds_of
+from canest.logs.table_reader import TableReader
 from canest.system.installation import how_to_add
 
 _READ_BYTES = 1 << 20

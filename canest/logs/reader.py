@@ -6,14 +6,15 @@ from collections.abc import Collection
 from pathlib import Path
 
 from canest.core.errors import LogError
-from canest.logs.base import BLOCK_FRAMES, CandumpReader, LogReader
+from canest.logs.base import BLOCK_FRAMES, LogReader
 from canest.logs.candump import CandumpParser, Wanted
+from canest.logs.candump_line import Line, is_ignorable, parse_line
+from canest.logs.candump_reader import CandumpReader
 from canest.logs.compression import ARCHIVE_SUFFIXES, Source
-from canest.logs.lines import Line, is_ignorable, parse_line
 
 _HEAD_BYTES = 1 << 16
 _BLANK = 0x20  #: what stands before it in ASCII steers a terminal
-#: content that tells itself -> suffix under which python-can knows it
+#: content that identifies itself -> suffix under which python-can knows it
 _BINARY = {b"LOGG": ".blf", b"MDF     ": ".mf4", b"UnFinMF ": ".mf4", b"SQLite format 3\0": ".db"}
 _PARQUET = b"PAR1"
 #: editors of another system put it before a text
@@ -59,7 +60,7 @@ def open_log(
         return CandumpReader(source, text, CandumpParser(wanted, channel), block_frames)
     text_suffix = _text_format(text, suffix)
     if text_suffix == "table":
-        from canest.logs.tables import CsvReader  # as above
+        from canest.logs.csv_table import CsvReader
 
         _refuse_channel(source, channel)
         return CsvReader(source, text, time_column, columns, block_frames, as_text)
@@ -85,7 +86,7 @@ def _refuse_channel(source: Source, channel: str | None) -> None:
 def _from_python_can(
     source: Source, head: bytes, suffix: str, wanted: Wanted | None, channel: str | None, block_frames: int
 ) -> LogReader:
-    from canest.logs.others import PythonCanReader  # as above
+    from canest.logs.python_can import PythonCanReader
 
     return PythonCanReader(source, head, suffix, wanted, channel, block_frames)
 

@@ -1,13 +1,9 @@
-"""Results as files, streamed: estimates as csv or parquet, frames as a candump log.
-
-A file appears under its name only when it is complete.
-"""
+"""Estimates as files, streamed: csv or parquet. A file appears under its name only when it is complete."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from contextlib import AbstractContextManager, suppress
-from itertools import pairwise
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -15,13 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from canest.core.errors import OutputError
-from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS
-from canest.logs import ascii as text
-from canest.logs.lines import CLASSIC_BYTES
+from canest.logs import text_fields as text
+from canest.logs.growing_result import GrowingResult
 from canest.system.installation import how_to_add
-from canest.system.result_files import open_result, output_errors
 
 if TYPE_CHECKING:
     from canest.core.estimates import Estimates
@@ -31,7 +25,6 @@ HEADER = b"t_s,mass_kg,mass_std_kg,grade,grade_std,status,gate\n"
 MASS_DECIMALS = 1
 GRADE_DECIMALS = 6
 _ROWS_AT_ONCE = 1 << 13
-_FRAMES_AT_ONCE = 1 << 13
 #: rows of one parquet row group
 _ROW_GROUP = 1 << 17
 
@@ -43,7 +36,7 @@ class EstimateWriter(ABC):
     """
 
     def __init__(self, path: Path) -> None:
-        self._out = _Growing(path)
+        self._out = GrowingResult(path)
 
     @abstractmethod
     def write(self, estimates: Estimates) -> None:
@@ -171,112 +164,3 @@ class ParquetEstimateWriter(EstimateWriter):
         self._flush()
         with self._out.errors():
             self._writer.close()
-
-
-class CandumpWriter:
-    """A candump log (its log form); use as a context manager, as `EstimateWriter`."""
-
-    def __init__(self, path: str | Path, channel: str = "can0") -> None:
-        self._out = _Growing(Path(path))
-        self._channel = channel
-
-    def write(self, frames: FrameBlock) -> None:
-        """Append the next frames."""
-        for first in range(0, len(frames), _FRAMES_AT_ONCE):
-            self._out.write(candump_text(frames[first : first + _FRAMES_AT_ONCE], self._channel))
-
-    def __enter__(self) -> CandumpWriter:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is None:
-            self._out.commit()
-        else:
-            self._out.discard()
-
-
-def candump_text(frames: FrameBlock, channel: str = "can0") -> bytes:
-    """Return frames as candump lines: its log form, and its screen form for CAN FD beyond eight bytes.
-
-    A block holds eight bytes of a frame, and no others are made up: the screen form announces the length
-    as sent, and reads back as the same frame.
-    """
-    long = (frames.length > CLASSIC_BYTES) & ((frames.can_id & np.uint32(REMOTE)) == 0)
-    if not long.any():
-        return _log_form(frames, channel)
-    edges = [0, *(np.flatnonzero(long[1:] != long[:-1]) + 1).tolist(), len(frames)]
-    return b"".join(
-        (_screen_form if long[first] else _log_form)(frames[first:end], channel)
-        for first, end in pairwise(edges)
-    )
-
-
-def _screen_form(frames: FrameBlock, channel: str) -> bytes:
-    """Return CAN FD frames with the first eight of their bytes."""
-    columns = (frames.t_us, frames.can_id, frames.length, frames.data)
-    lines = []
-    for t_us, can_id, length, word in zip(*(column.tolist() for column in columns), strict=True):
-        number = f"{can_id & ID_MASK:08X}" if can_id & EXTENDED else f"{can_id & ID_MASK:03X}"
-        payload = word.to_bytes(CLASSIC_BYTES, "little").hex(" ").upper()
-        seconds, micros = divmod(t_us, 1_000_000)
-        lines.append(f"({seconds:010d}.{micros:06d})  {channel}  {number}  [{length}]  {payload}\n")
-    return "".join(lines).encode()
-
-
-def _log_form(frames: FrameBlock, channel: str) -> bytes:
-    count = len(frames)
-    t_us = frames.t_us
-    whole = t_us // 1_000_000
-    error = (frames.can_id & np.uint32(ERROR)) != 0
-    standard = (frames.can_id & np.uint32(EXTENDED | ERROR)) == 0
-    remote = (frames.can_id & np.uint32(REMOTE)) != 0
-    number = (frames.can_id & np.uint32(ID_MASK)) | np.where(error, np.uint32(ERROR), np.uint32(0))
-    identifier = text.hexadecimal(number.astype(">u4").view(np.uint8).reshape(count, 4)).copy()
-    identifier[:, :5][standard] = 0
-    payload = text.hexadecimal(frames.data.astype("<u8").view(np.uint8).reshape(count, 8)).copy()
-    unsent = np.arange(16) >= 2 * frames.length[:, None]
-    payload[unsent | remote[:, None]] = 0
-    request = text.blank_where(text.constant(b"R", count), ~remote)
-    announced = text.digits(frames.length.astype(np.int64), 1)
-    return text.join(
-        [
-            text.constant(b"(", count),
-            text.integer(whole, 10),
-            text.constant(b".", count),
-            text.digits(t_us - whole * 1_000_000, 6),
-            text.constant(f") {channel} ".encode(), count),
-            identifier,
-            text.constant(b"#", count),
-            payload,
-            request,
-            text.blank_where(announced, ~remote),
-            text.constant(b"\n", count),
-        ]
-    )
-
-
-class _Growing:
-    """A result while it grows. Errors: OutputError."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        with self.errors():
-            self._result = open_result(path)
-        self.file = self._result.file
-
-    def errors(self) -> AbstractContextManager[None]:
-        """Turn the system's complaints into one line."""
-        return output_errors(self._path)
-
-    def write(self, data: bytes) -> None:
-        with self.errors():
-            self.file.write(data)
-
-    def commit(self) -> None:
-        with self.errors():
-            self._result.commit()
-
-    def discard(self) -> None:
-        self._result.discard()

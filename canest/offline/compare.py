@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,24 +14,23 @@ from canest.core import jit
 from canest.core.estimates import Estimates
 from canest.core.frames import FloatColumn, FrameBlock
 from canest.core.samples import RATE_HZ, ModelBlock, Status
-from canest.doctor.warnings import log_notes, stream_notes
+from canest.doctor.warnings import log_warnings, stream_warnings
 from canest.estimators.base import REGISTRY, Estimator, create
 from canest.grid.grid import Grid, GridBlock
 from canest.offline.replay import compiling_pays
-from canest.offline.scoring import Score
-from canest.pipeline.assumed_constants import doubting
+from canest.offline.scoring import Reference, Score
+from canest.pipeline.assumed_constants import carry_over
 from canest.pipeline.build import PipelineSpec, build
 from canest.pipeline.intake import Intake
 from canest.pipeline.model_stream import ModelStream
-from canest.pipeline.tables import TableMap, open_for
+from canest.pipeline.table_map import TableMap, open_for
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from canest.config import Config
-    from canest.logs.truth import Truth
+    from canest.offline.replay import Progress
 
-Progress = Callable[[int, int], None]  #: bytes done, bytes in all (0: unknown)
 
 #: "within 5 %" counts from the first moment at which the error stays below for this long (or to the end)
 WITHIN_PCT, WITHIN_HOLD_S = 5.0, 10.0
@@ -71,10 +70,8 @@ def compare(
     config: Config,
     log: str | Path,
     *,
-    truth: Truth | None = None,
-    mass_kg: float | None = None,
+    reference: Reference = Reference(),  # noqa: B008 - frozen
     names: Sequence[str] | None = None,
-    after_s: float = 60.0,
     channel: str | None = None,
     compiled: bool | None = None,
     progress: Progress | None = None,
@@ -101,13 +98,13 @@ def compare(
         for name, entry in entries.items():
             block, again = excited if entry.estimator.wants_excitation_gate else plain
             if again:
-                entry.estimator = doubting(new(name), float(entry.parts[-1].mass_kg[-1]), None)
+                entry.estimator = carry_over(new(name), float(entry.parts[-1].mass_kg[-1]), None)
             _run(entry, block)
     estimates = {name: Estimates.concatenate(entry.parts) for name, entry in entries.items()}
-    score = Score(truth, mass_kg, after_s)
+    score = reference.score()
     times = np.concatenate([b.t_us for b in blocks]) if blocks else np.empty(0, np.int64)
     true_mass, true_grade = score.truth_at(times)
-    scores = {name: Score(truth, mass_kg, after_s) for name in entries}
+    scores = {name: reference.score() for name in entries}
     table = {
         "estimators": {
             name: _row(entry, estimates[name], true_mass, scores[name]) for name, entry in entries.items()
@@ -156,7 +153,7 @@ def _samples(
         ticks_left = grid.ticks_until(intake.clock.last_us, inclusive=True)
         if ticks_left is not None:
             yield from both(ticks_left)
-    notes += log_notes(reader) + tables.notes() + stream_notes(intake, plain.frozen)
+    notes += log_warnings(reader) + tables.warnings() + stream_warnings(intake, plain.stuck_ticks)
 
 
 def _run(entry: _Entry, block: ModelBlock) -> None:

@@ -12,21 +12,19 @@ from typing import TYPE_CHECKING, Any
 from canest.core import jit
 from canest.core.frames import FrameBlock
 from canest.core.samples import STATUS_LABELS
-from canest.doctor.missing_signals import unheard
+from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.reasons import why_unestimated
-from canest.doctor.warnings import log_notes, stream_notes
+from canest.doctor.warnings import log_warnings, stream_warnings
 from canest.logs.compression import ARCHIVE_SUFFIXES
 from canest.logs.writer import open_writer
-from canest.offline.scoring import Score
+from canest.offline.scoring import Reference, Score
 from canest.pipeline.pipeline import Listener, Pipeline
-from canest.pipeline.tables import TableMap, open_for
+from canest.pipeline.table_map import TableMap, open_for
 
 if TYPE_CHECKING:
     from canest.config import Config
     from canest.core.estimates import Estimates
     from canest.logs.base import LogReader
-    from canest.logs.truth import Truth
-
 
 Progress = Callable[[int, int], None]  #: bytes done, bytes in all (0: unknown)
 
@@ -41,7 +39,7 @@ class ReplayResult:
     """What a replay found.
 
     summary: the content of summary.json. notes: what a user should know beside it, one sentence each.
-    innovations: how the estimator's own innovations behave (`nis`, `runs_z`, `windows`), where it says so.
+    innovations: statistics of the estimator's own innovations (`nis`, `runs_z`, `windows`), where it has any.
     """
 
     log: str
@@ -56,23 +54,21 @@ def replay(
     config: Config,
     *,
     output: str | Path | None = None,
-    truth: Truth | None = None,
-    mass_kg: float | None = None,
-    after_s: float = 60.0,
+    reference: Reference | None = None,
     listener: Listener | None = None,
     progress: Progress | None = None,
     channel: str | None = None,
 ) -> ReplayResult:
     """Estimate from one log.
 
-    output: csv or parquet file for the estimates. truth, mass_kg, after_s: see `Score`.
+    output: csv or parquet file for the estimates. reference: what they are compared with.
     listener: gets the model samples with their estimates. channel: this interface of the log only.
     Errors: LogError, ConfigError, OutputError.
     """
     begin = time.perf_counter()
     jit.enable(compiling_pays([Path(log)]))
     run = LogRun(log, config, listener=listener, channel=channel)
-    score = Score(truth, mass_kg, after_s) if truth is not None or mass_kg is not None else None
+    score = reference.score() if reference is not None and reference.known else None
     last: Estimates | None = None
     with closing(run.reader), open_writer(output) if output is not None else nullcontext() as writer:
         for estimates in run.estimates(progress):
@@ -85,12 +81,14 @@ def replay(
     if score is not None:
         summary["errors"] = score.errors()
     notes = (
-        log_notes(run.reader) + run.table_map.notes() + stream_notes(run.pipeline.intake, run.pipeline.frozen)
+        log_warnings(run.reader)
+        + run.table_map.warnings()
+        + stream_warnings(run.pipeline.intake, run.pipeline.stuck_ticks)
     )
     if run.pipeline.updated:
-        notes += unheard(config, run.pipeline.intake.heard)
-    if doubts := run.pipeline.estimator.doubts():
-        notes.append(doubts)
+        notes += missing_signal_warnings(config, run.pipeline.intake.received)
+    if warning := run.pipeline.estimator.doubts():
+        notes.append(warning)
     if score is not None:
         v = config.vehicle
         notes += score.notes() + score.beyond(v.mass_min_kg, v.mass_max_kg)

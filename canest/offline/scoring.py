@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from canest.core.frames import FloatColumn, IntColumn, Onward
+from canest.core.frames import FloatColumn, IntColumn, MonotonicClock
 from canest.logs.truth import Truth
 
 if TYPE_CHECKING:
@@ -17,19 +18,37 @@ if TYPE_CHECKING:
 TRUTH_REACH_US = 200_000
 
 
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """What estimates are compared with; see `Score` for the three."""
+
+    truth: Truth | None = None
+    mass_kg: float | None = None
+    after_s: float = 60.0
+
+    @property
+    def known(self) -> bool:
+        """Return whether there is anything to compare with."""
+        return self.truth is not None or self.mass_kg is not None
+
+    def score(self) -> Score:
+        """Return a fresh score against it."""
+        return Score(self.truth, self.mass_kg, self.after_s)
+
+
 class Score:
     """Sums errors over all samples, gated ones too, from `after_s` after the first sample on.
 
-    A sample without an estimate or without truth is not counted; `without_estimate` says how many there
-    were of the first kind. Time goes on where the log's clock was set back.
+    A sample without an estimate or without truth is not counted; `without_estimate` counts those of
+    the first kind. Time goes on where the log's clock was set back.
 
-    truth: table by the log's own stamps, interpolated linearly at each sample; what it says of a stamp goes
+    truth: table by the log's own stamps, interpolated linearly at each sample; its row for a stamp goes
     for every sample with that stamp. mass_kg: a constant true mass, wins over the table's.
     """
 
     def __init__(self, truth: Truth | None, mass_kg: float | None = None, after_s: float = 60.0) -> None:
         self._truth, self._mass_kg, self.after_s = truth, mass_kg, after_s
-        self._onward = Onward()
+        self._monotonic = MonotonicClock()
         self._first_us: int | None = None
         self._span_us: tuple[int, int] | None = None  # earliest and latest stamp
         self.mass_samples = self.grade_samples = self.without_estimate = 0
@@ -44,7 +63,7 @@ class Score:
             self._first_us = int(estimates.t_us[0])
         first, last = self._span_us or (self._first_us, self._first_us)
         self._span_us = min(first, int(estimates.t_us.min())), max(last, int(estimates.t_us.max()))
-        late = self._onward(estimates.t_us) - self._first_us >= round(self.after_s * 1e6)
+        late = self._monotonic(estimates.t_us) - self._first_us >= round(self.after_s * 1e6)
         if not late.any():
             return
         t_us = estimates.t_us[late]

@@ -1,7 +1,7 @@
-"""Numbers of the config that stand in for constants of the engine, until the bus tells them.
+"""Engine constants that the config assumes until the bus reports them.
 
 An engine sends its reference torque every five seconds, or only after minutes when its controller wakes late.
-What was learned until then is as wrong as the number that stood in.
+What was learned until then is as wrong as the assumed number.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 from canest.estimators.base import Estimator
 from canest.grid.grid import GridBlock
 
-#: what such a number may be off by, as engines are: a share of the reference torque
+#: largest error of an assumed constant that is no contradiction, as a share of the reference torque
 TOLERANCE = 0.01
-#: doubt of a mass that was learned with a wrong one, as a share of it
-DOUBT = 0.5
+#: standard deviation of a mass that was learned with a wrong constant, as a share of it
+MASS_STD_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,35 +47,36 @@ class AssumedConstantsCheck:
         self._assumed = dict(assumed.numbers)
 
     def parts(self, ticks: GridBlock) -> Iterator[tuple[GridBlock, bool]]:
-        """Yield ticks in parts, each with whether it begins where something else is heard than stood in."""
-        begin, refuted = 0, False
-        for at in self._refuted(ticks):
+        """Yield ticks in parts, and whether a report contradicts an assumed constant where each begins."""
+        begin, contradicted = 0, False
+        for at in self._contradictions(ticks):
             before, ticks = ticks.split(at - begin)
             if len(before):
-                yield before, refuted
-            begin, refuted = at, True
-        yield ticks, refuted
+                yield before, contradicted
+            begin, contradicted = at, True
+        yield ticks, contradicted
 
-    def _refuted(self, ticks: GridBlock) -> list[int]:
+    def _contradictions(self, ticks: GridBlock) -> list[int]:
+        """Return the ticks at which a reported constant differs from the assumed one, in order."""
         found = []
         for role, (assumed, tolerance) in list(self._assumed.items()):
-            heard = np.isfinite(ticks.values[role])
-            if heard.any():
+            reported = np.isfinite(ticks.values[role])
+            if reported.any():
                 del self._assumed[role]
-                at = int(heard.argmax())
+                at = int(reported.argmax())
                 if abs(ticks.values[role][at] - assumed) > tolerance:
                     found.append(at)
         return sorted(set(found))
 
 
-def doubting(fresh: Estimator, mass_kg: float, remembered: tuple[float, float] | None) -> Estimator:
-    """Return a fresh estimator that goes on after a wrong number.
+def carry_over(fresh: Estimator, mass_kg: float, restored: tuple[float, float] | None) -> Estimator:
+    """Return the fresh estimator, started from the mass that is left after a wrong assumed constant.
 
-    mass_kg: learned with it, a guess from now on (NaN for none). remembered: mass and std in kg that were
-    given before, from which it begins anew.
+    mass_kg: learned with that constant, a guess from now on (NaN for none). restored: mass and std in kg
+    that a restart gave the stream; they win.
     """
-    if remembered is not None:
-        fresh.restore(*remembered)
+    if restored is not None:
+        fresh.restore(*restored)
     elif math.isfinite(mass_kg):
-        fresh.restore(mass_kg, DOUBT * mass_kg)
+        fresh.restore(mass_kg, MASS_STD_SHARE * mass_kg)
     return fresh

@@ -24,7 +24,7 @@ from canest.pipeline.assumed_constants import AssumedConstants
 from canest.pipeline.signal_map import resolution_of, step_of, wants_of
 from canest.vehicle.butterworth import butterworth, delay_s
 from canest.vehicle.effects import Effect, effect_from_config
-from canest.vehicle.range_rate_check import DOUBT_S, JUMP, MOTION_JUMP, Limit, limits_of
+from canest.vehicle.range_rate_check import JUMP, JUMP_HOLD_S, MOTION_JUMP, Limit, limits_of
 from canest.vehicle.role_sources import motion_roles, ratio_ways, speed_roles, torque_role
 from canest.vehicle.spec import AccelerometerSource, FilterSpec, ModelSpec
 from canest.vehicle.torque_dropout import TorqueLimit, torque_limits
@@ -136,7 +136,7 @@ def grid_spec(config: Config) -> GridSpec:
         stale_us = round(min(stale_limit_s(role, source) * 1e6, FOREVER_US))
         delay_s = source.delay_s + (late_s if role in TORQUE_ROLES else 0.0)
         channels.append(Channel(role, round(delay_s * 1e6), stale_us))
-    channels += [Channel(name, 0, round(DOUBT_S * 1e6)) for name in (JUMP, MOTION_JUMP)]
+    channels += [Channel(name, 0, round(JUMP_HOLD_S * 1e6)) for name in (JUMP, MOTION_JUMP)]
     return GridSpec(tuple(channels), hold_us(config))
 
 

@@ -12,8 +12,8 @@ from canest.decode.decoder import Decoder
 from canest.grid.clock import Clock, Stretch
 from canest.grid.grid import Feed
 from canest.pipeline.build import IntakeSpec
-from canest.vehicle.range_rate_check import Screen
-from canest.vehicle.torque_dropout import TorqueScreen
+from canest.vehicle.range_rate_check import RangeRateCheck
+from canest.vehicle.torque_dropout import TorqueDropoutCheck
 
 
 class Intake:
@@ -22,9 +22,9 @@ class Intake:
     def __init__(self, spec: IntakeSpec) -> None:
         self.decoder = Decoder(spec.wants, spec.databases)
         self.clock = Clock(spec.hold_us, spec.max_backward_us)
-        torque = {role: TorqueScreen(*limit) for role, limit in spec.torque.items()}
-        self.screen = Screen(spec.limits, spec.motion, torque)
-        self.heard: set[str] = set()  #: roles that have had a value
+        torque = {role: TorqueDropoutCheck(*limit) for role, limit in spec.torque.items()}
+        self.range_rate_check = RangeRateCheck(spec.limits, spec.motion, torque)
+        self.received: set[str] = set()  #: roles that have had a value
 
     def frames(self, block: FrameBlock) -> Iterator[Feed]:
         """Yield the stretches of a block of frames."""
@@ -47,9 +47,9 @@ class Intake:
         self, samples: Mapping[str, tuple[IntColumn, FloatColumn]], stretch: Stretch, t_us: IntColumn
     ) -> Feed:
         if stretch.jump == "back":
-            self.screen.restart()
-        kept = self.screen.apply(samples)
-        self.heard.update(r for r in kept.keys() - self.heard if np.isfinite(kept[r][1]).any())
+            self.range_rate_check.restart()
+        kept = self.range_rate_check.apply(samples)
+        self.received.update(r for r in kept.keys() - self.received if np.isfinite(kept[r][1]).any())
         for role in LASTING & kept.keys():
             stamps, values = kept[role]
             known = np.isfinite(values)

@@ -8,24 +8,24 @@ from dataclasses import replace
 from canest.core.samples import ModelBlock
 from canest.grid.grid import GridBlock
 from canest.pipeline.assumed_constants import AssumedConstants, AssumedConstantsCheck
-from canest.vehicle.model_samples import Regression
+from canest.vehicle.filtered_model import FilteredModel
 from canest.vehicle.spec import ModelSpec
 
 
 class ModelStream:
-    """Carries the model of one stream; what was learned with a number that is refuted is void."""
+    """Carries the model of one stream; what was learned with an assumed constant that was wrong is void."""
 
     def __init__(self, model: ModelSpec, assumed: AssumedConstants, *, excitation_gate: bool) -> None:
-        self._regression = Regression(model, excitation_gate=excitation_gate)
+        self._filtered_model = FilteredModel(model, excitation_gate=excitation_gate)
         self._assumed = AssumedConstantsCheck(assumed)
         self._learned = False
-        #: role -> ticks on which it was frozen (see `Frozen`)
-        self.frozen = self._regression.frozen.counts
+        #: role -> ticks on which the sensor was stuck (see `StuckSensor`)
+        self.stuck_ticks = self._filtered_model.stuck_sensor.stuck_ticks
 
     def process(self, ticks: GridBlock) -> Iterator[tuple[ModelBlock, bool]]:
-        """Yield samples, in parts, and whether estimators must begin anew before each (`doubting`)."""
-        for part, refuted in self._assumed.parts(ticks):
-            anew = refuted and self._learned
-            block = self._regression.process(replace(part, continues=False) if anew else part)
+        """Yield samples, in parts, and whether estimators must begin anew before each (`carry_over`)."""
+        for part, contradicted in self._assumed.parts(ticks):
+            anew = contradicted and self._learned
+            block = self._filtered_model.process(replace(part, continues=False) if anew else part)
             self._learned = self._learned or not block.gate.all()
             yield block, anew

@@ -22,7 +22,7 @@ from canest.core.samples import EstimateBlock, ModelBlock
 from canest.decode.decoder import Decoder
 from canest.grid.clock import Clock
 from canest.grid.grid import Feed, Grid, GridBlock
-from canest.pipeline.assumed_constants import doubting
+from canest.pipeline.assumed_constants import carry_over
 from canest.pipeline.build import build
 from canest.pipeline.intake import Intake
 from canest.pipeline.model_stream import ModelStream
@@ -46,7 +46,7 @@ class Pipeline:
         gate = self.estimator.wants_excitation_gate
         self._model = ModelStream(spec.model, spec.assumed, excitation_gate=gate)
         self._listener = listener
-        self._remembered: tuple[float, float] | None = None
+        self._restored: tuple[float, float] | None = None
         self._mass_kg = math.nan
         self.gates: Counter[str] = Counter()
         self.samples = 0
@@ -88,8 +88,8 @@ class Pipeline:
         return Estimates.concatenate(done)
 
     def restore(self, mass_kg: float, mass_std_kg: float) -> None:
-        """Start from a remembered mass."""
-        self._remembered = mass_kg, mass_std_kg
+        """Start from a mass that was learned before a restart."""
+        self._restored = mass_kg, mass_std_kg
         self.estimator.restore(mass_kg, mass_std_kg)
 
     def snapshot(self) -> dict[str, Any]:
@@ -98,18 +98,18 @@ class Pipeline:
 
     @property
     def decoder(self) -> Decoder:
-        """Return the decoder (its counters tell what the bus carried)."""
+        """Return the decoder (its counters show what the bus carried)."""
         return self.intake.decoder
 
     @property
     def clock(self) -> Clock:
-        """Return the event clock (its counters tell what it had to mend)."""
+        """Return the event clock (its counters show what it had to correct)."""
         return self.intake.clock
 
     @property
-    def frozen(self) -> dict[str, int]:
+    def stuck_ticks(self) -> dict[str, int]:
         """Return, by role, the ticks on which a sensor stood still though the vehicle did not."""
-        return dict(self._model.frozen)
+        return dict(self._model.stuck_ticks)
 
     @property
     def gate_counts(self) -> dict[str, int]:
@@ -133,7 +133,7 @@ class Pipeline:
             return
         for samples, anew in self._model.process(ticks):
             if anew:
-                self.estimator = doubting(self._spec.estimator.create(), self._mass_kg, self._remembered)
+                self.estimator = carry_over(self._spec.estimator.create(), self._mass_kg, self._restored)
             self._estimate(samples, done)
 
     def _estimate(self, samples: ModelBlock, done: list[Estimates]) -> None:

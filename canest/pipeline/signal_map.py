@@ -12,8 +12,8 @@ from canest.decode.groups import Want
 from canest.decode.value_table import TextTable, raw_table
 from canest.vehicle.role_sources import speed_in_use
 
-#: how a DBC says that a message is matched by parameter group, and not by its exact identifier
-SAYS_J1939 = 'a DBC that says J1939 (VFrameFormat "J1939PG", or ProtocolType "J1939")'
+#: how a DBC declares a message as J1939, which is matched by parameter group and not by its identifier
+J1939_DATABASE = 'a DBC that declares J1939 (VFrameFormat "J1939PG", or ProtocolType "J1939")'
 
 
 def decoder_for(config: Config) -> Decoder:
@@ -40,7 +40,7 @@ def wants_of(config: Config) -> dict[str, Want]:
                 f"{message.name} is no J1939 message: its identifier holds no source address",
                 where=config.at(f"signals.{role}.source"),
                 found=f"0x{source.source:02X}",
-                expected="no such key" + (f", or {SAYS_J1939}" if message.is_extended_frame else ""),
+                expected="no such key" + (f", or {J1939_DATABASE}" if message.is_extended_frame else ""),
             )
         factor, offset = factor_and_offset(role, source, source.unit or signal.unit or "", where)
         wants[role] = Want(
@@ -85,7 +85,7 @@ def factor_and_offset(role: str, source: Source, unit: str, where: str = "") -> 
 def resolution_of(config: Config) -> dict[str, float]:
     """Return the steps of the signals in use: ``speed`` (m/s), ``torque`` (N m), ``accelerometer`` (m/s2).
 
-    What a DBC signal's factor says; for table columns, whose resolution nobody declares, typical values.
+    The factor of a DBC signal; for table columns, whose resolution nobody declares, typical values.
     """
     v = config.vehicle
     reference = v.reference_torque_Nm or 2000.0

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from canest.core.frames import FloatColumn
 from canest.core.samples import STEP_US
 from canest.report import figure as look
 from canest.report.figure import Rows, numbers, with_gaps
@@ -107,26 +108,53 @@ def _curves(result: Comparison, order: list[str], default: str) -> Section:
         colour = look.SERIES[index % len(look.SERIES)]
         width = 2.4 if name == default else 1.3
         first = len(rows.traces)
-        rows.line(1, x, numbers(mass / 1e3, 3), name, colour, width=width, hover="%{y:.2f} t")
-        rows.line(2, x, numbers(grade * 1e2, 3), name, colour, width=width, hover="%{y:.2f} %",
-                  legend=False)  # fmt: skip
+        rows.line(1, x, numbers(mass / 1e3, 3), name, look.Stroke(colour, width=width), hover="%{y:.2f} t")
+        rows.line(
+            2,
+            x,
+            numbers(grade * 1e2, 3),
+            name,
+            look.Stroke(colour, width=width),
+            hover="%{y:.2f} %",
+            legend=False,
+        )
         if name not in shown:
             for trace in rows.traces[first:]:
                 trace["visible"] = "legendonly"
-    true_mass, true_grade = columns["true mass"], columns["true grade"]
-    if np.isfinite(true_mass).any():
-        rows.line(1, x, numbers(true_mass / 1e3, 3), "truth", look.INK, dash="dash", hover="%{y:.2f} t")
-        low, high = float(np.nanmin(true_mass)) / 1e3, float(np.nanmax(true_mass)) / 1e3
-        rows.axis(1)["range"] = [0.7 * low, 1.35 * high]
-    if np.isfinite(true_grade).any():
-        rows.line(2, x, numbers(true_grade * 1e2, 3), "truth", look.INK, dash="dash", hover="%{y:.2f} %",
-                  legend=False)  # fmt: skip
-        low, high = float(np.nanmin(true_grade)) * 100, float(np.nanmax(true_grade)) * 100
-        rows.axis(2)["range"] = [low - 2.0, high + 2.0]
-    rows.line(3, x, numbers(columns["speed"] * 3.6, 2), "speed", look.MUTED, hover="%{y:.1f} km/h",
-              legend=False)  # fmt: skip
+    _draw_truth(rows, x, columns)
+    rows.line(
+        3,
+        x,
+        numbers(columns["speed"] * 3.6, 2),
+        "speed",
+        look.Stroke(look.MUTED),
+        hover="%{y:.1f} km/h",
+        legend=False,
+    )
     return Section(
         "Mass and grade over the drive",
         text="The nearest few are drawn; click a name in the legend to add or remove an estimator.",
         figure=rows.to_json(),
     )
+
+
+def _draw_truth(rows: Rows, x: list[float | None], columns: dict[str, FloatColumn]) -> None:
+    """Draw true mass and grade where they are known, and scale both axes to them."""
+    stroke = look.Stroke(look.INK, dash="dash")
+    true_mass, true_grade = columns["true mass"], columns["true grade"]
+    if np.isfinite(true_mass).any():
+        rows.line(1, x, numbers(true_mass / 1e3, 3), "truth", stroke, hover="%{y:.2f} t")
+        low, high = float(np.nanmin(true_mass)) / 1e3, float(np.nanmax(true_mass)) / 1e3
+        rows.axis(1)["range"] = [0.7 * low, 1.35 * high]
+    if np.isfinite(true_grade).any():
+        rows.line(
+            2,
+            x,
+            numbers(true_grade * 1e2, 3),
+            "truth",
+            stroke,
+            hover="%{y:.2f} %",
+            legend=False,
+        )
+        low, high = float(np.nanmin(true_grade)) * 100, float(np.nanmax(true_grade)) * 100
+        rows.axis(2)["range"] = [low - 2.0, high + 2.0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 INK, MUTED, GRID = "#1c2733", "#5b697e", "#e6eaf0"
 BLUE, ORANGE, GREEN, RED, VIOLET = "#1d4ed8", "#d97706", "#0f766e", "#dc2626", "#7c3aed"
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif"
-#: curves told apart by colour-blind readers too (Okabe and Ito 2008, darkened where too light)
+#: colours that colour-blind readers can distinguish too (Okabe and Ito 2008, darkened where too light)
 SERIES = (
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9", "#7c3aed", "#8c510a",
     "#475569", "#dc2626", "#65a30d", "#0e7490", "#be185d", "#4338ca", "#a16207",
@@ -38,6 +38,15 @@ def with_gaps(stamps: Column, columns: Mapping[str, Column]) -> tuple[Column, di
     breaks = np.flatnonzero((steps > 5 * usual) | (steps < 0)) + 1
     broken = {name: np.insert(column, breaks, np.nan) for name, column in columns.items()}
     return np.insert(stamps, breaks, stamps[breaks - 1]), broken
+
+
+class Stroke(NamedTuple):
+    """How a curve is drawn: ``shape`` "linear" from point to point, or "hv" in steps."""
+
+    colour: str
+    width: float = 1.6
+    dash: str = "solid"
+    shape: str = "linear"
 
 
 class Rows:
@@ -105,20 +114,18 @@ class Rows:
         x: list[float | None],
         y: list[float | None],
         name: str,
-        colour: str,
+        stroke: Stroke,
         *,
-        width: float = 1.6,
-        dash: str = "solid",
-        shape: str = "linear",
         hover: str = "%{y}",
         legend: bool = True,
-        group: str | None = None,
     ) -> None:
-        """Draw a curve."""
+        """Draw a curve; those of one name are shown and hidden together."""
         self.traces.append({
             "type": "scatter", "mode": "lines", "x": x, "y": y, "name": name, "connectgaps": False,
-            "line": {"color": colour, "width": width, "dash": dash, "shape": shape},
-            "hovertemplate": hover, "showlegend": legend, "legendgroup": group or name, **self._at(row),
+            "line": {
+                "color": stroke.colour, "width": stroke.width, "dash": stroke.dash, "shape": stroke.shape,
+            },
+            "hovertemplate": hover, "showlegend": legend, "legendgroup": name, **self._at(row),
         })  # fmt: skip
 
     def band(

@@ -77,7 +77,7 @@ def require_packages(where: str | Path) -> None:
     for package in ("jinja2", "plotly"):
         try:
             found = find_spec(package) is not None
-        except ValueError:  # what Python says of a module that is blocked
+        except ValueError:  # Python's error for a module that is blocked
             found = False
         if not found:
             raise OutputError(

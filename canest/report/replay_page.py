@@ -14,8 +14,8 @@ from canest.core.samples import RATE_HZ
 from canest.pipeline.build import model_spec
 from canest.report import figure as look
 from canest.report.figure import Rows, numbers, with_gaps
-from canest.report.gates import OPEN_COLOUR, spans_of
-from canest.report.gates import look as gate_look
+from canest.report.gate_colours import OPEN_COLOUR, spans_of
+from canest.report.gate_colours import look as gate_look
 from canest.report.page import Card, Page, Section, Table
 from canest.report.recorder import Recorder, residual_N
 from canest.vehicle.model import LongitudinalModel
@@ -123,19 +123,35 @@ def _drive(
         "seconds since the start",
     )
     mass_true, grade_true = score.truth_at(stamps) if score is not None else (None, None)
-    _estimate(rows, 1, x, columns["mass_kg"] / 1e3, columns["mass_std_kg"] / 1e3, "mass", look.BLUE, 3, "t")
+    _estimate(rows, 1, x, columns["mass_kg"] / 1e3, columns["mass_std_kg"] / 1e3, "mass", look.BLUE, "t")
     if mass_true is not None and np.isfinite(mass_true).any():
-        rows.line(1, x, numbers(mass_true / 1e3, 3), "true mass", look.INK, dash="dash", hover="%{y:.2f} t")
+        rows.line(
+            1,
+            x,
+            numbers(mass_true / 1e3, 3),
+            "true mass",
+            look.Stroke(look.INK, dash="dash"),
+            hover="%{y:.2f} t",
+        )
     _fit_mass_axis(rows, columns, config)
-    _estimate(rows, 2, x, columns["grade"] * 1e2, columns["grade_std"] * 1e2, "grade", look.GREEN, 3, "%")
+    _estimate(rows, 2, x, columns["grade"] * 1e2, columns["grade_std"] * 1e2, "grade", look.GREEN, "%")
     if grade_true is not None and np.isfinite(grade_true).any():
-        rows.line(2, x, numbers(grade_true * 1e2, 3), "true grade", look.INK, dash="dash", hover="%{y:.2f} %")
+        rows.line(
+            2,
+            x,
+            numbers(grade_true * 1e2, 3),
+            "true grade",
+            look.Stroke(look.INK, dash="dash"),
+            hover="%{y:.2f} %",
+        )
     _motion(rows, x, columns, config)
     residual = residual_N(
         columns["mass_kg"], columns["accel_mps2"], columns["grade"], columns["mu"], columns["force_N"]
     )
     residual = np.where(columns["gate"] == 0, residual, np.nan)
-    rows.line(7, x, numbers(residual / 1e3, 3), "residual", look.RED, width=1.0, hover="%{y:.2f} kN")
+    rows.line(
+        7, x, numbers(residual / 1e3, 3), "residual", look.Stroke(look.RED, width=1.0), hover="%{y:.2f} kN"
+    )
     size = np.abs(residual[np.isfinite(residual)]) / 1e3
     if len(size):
         limit = 1.4 * float(np.percentile(size, 99.5))
@@ -153,20 +169,45 @@ def _drive(
 
 def _motion(rows: Rows, x: list[float | None], columns: dict[str, FloatColumn], config: Config) -> None:
     """Draw what the model was given, rows 3 to 6; a gap where it is not known."""
-    rows.line(3, x, numbers(columns["raw_speed_mps"] * 3.6, 2), "speed", look.ORANGE, hover="%{y:.1f} km/h")
+    rows.line(
+        3,
+        x,
+        numbers(columns["raw_speed_mps"] * 3.6, 2),
+        "speed",
+        look.Stroke(look.ORANGE),
+        hover="%{y:.1f} km/h",
+    )
     torque = (
         "torque at the wheels" if LongitudinalModel(model_spec(config)).at_wheels else "net engine torque"
     )
-    rows.line(4, x, numbers(columns["raw_torque_Nm"], 0), torque, look.GREEN, width=1.2,
-              hover="%{y:,.0f} N m")  # fmt: skip
+    rows.line(
+        4,
+        x,
+        numbers(columns["raw_torque_Nm"], 0),
+        torque,
+        look.Stroke(look.GREEN, width=1.2),
+        hover="%{y:,.0f} N m",
+    )
     gear = _gear(columns["force_per_torque_1pm"], config)
-    rows.line(5, x, numbers(gear, 0), "gear", look.MUTED, shape="hv", width=1.3)
+    rows.line(5, x, numbers(gear, 0), "gear", look.Stroke(look.MUTED, width=1.3, shape="hv"))
     # the filter repeats the last force where there is none
     known = np.where(np.isfinite(columns["raw_force_N"]), 1e-3, np.nan)
-    rows.line(6, x, numbers(columns["traction_N"] * known, 2), "traction", look.VIOLET, width=1.2,
-              hover="%{y:.1f} kN")  # fmt: skip
-    rows.line(6, x, numbers(columns["force_N"] * known, 2), "net force", look.BLUE, width=1.2,
-              hover="%{y:.1f} kN")  # fmt: skip
+    rows.line(
+        6,
+        x,
+        numbers(columns["traction_N"] * known, 2),
+        "traction",
+        look.Stroke(look.VIOLET, width=1.2),
+        hover="%{y:.1f} kN",
+    )
+    rows.line(
+        6,
+        x,
+        numbers(columns["force_N"] * known, 2),
+        "net force",
+        look.Stroke(look.BLUE, width=1.2),
+        hover="%{y:.1f} kN",
+    )
 
 
 def _estimate(
@@ -177,11 +218,11 @@ def _estimate(
     std: FloatColumn,
     name: str,
     colour: str,
-    digits: int,
     unit: str,
 ) -> None:
-    rows.band(row, x, numbers(value - 2 * std, digits), numbers(value + 2 * std, digits), colour, name)
-    rows.line(row, x, numbers(value, digits), name, colour, hover="%{y:.2f} " + unit)
+    """Draw an estimate with its band of two standard deviations, to three decimals."""
+    rows.band(row, x, numbers(value - 2 * std, 3), numbers(value + 2 * std, 3), colour, name)
+    rows.line(row, x, numbers(value, 3), name, look.Stroke(colour), hover="%{y:.2f} " + unit)
 
 
 def _fit_mass_axis(rows: Rows, columns: dict[str, FloatColumn], config: Config) -> None:
@@ -230,7 +271,9 @@ def _residual(recorder: Recorder, innovations: dict[str, float]) -> Section:
     ]
     if innovations.get("windows"):
         nis = _or_dash(innovations["nis"], ".2f")
-        rows.append(["normalised innovation squared", nis, "1 when the estimator's doubt is honest"])
+        rows.append(
+            ["normalised innovation squared", nis, "1 when the estimator's standard deviation is right"]
+        )
         runs = _or_dash(innovations["runs_z"], "+.1f")
         rows.append(["runs test of innovations (z)", runs, f"over {innovations['windows']:,.0f} windows"])
     text = "A correlated residual points at something the model lacks: canest diagnose looks for it."

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from canest.core.frames import FloatColumn, FrameBlock
-from canest.logs.writer import candump_text
+from canest.logs.candump_writer import candump_text
 from canest.system.generated_files import digest, refuse_edited, stamped
 from canest.system.result_files import write_results
 

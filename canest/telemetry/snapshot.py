@@ -10,7 +10,7 @@ from typing import Any
 
 from canest.core.gates import LABELS
 from canest.core.samples import RATE_HZ
-from canest.doctor.missing_signals import unheard
+from canest.doctor.missing_signals import missing_signal_warnings
 from canest.node.estimate_frame import STATUS_NAMES
 from canest.telemetry.daemon_view import DaemonView
 from canest.telemetry.sender_tables import (
@@ -100,7 +100,7 @@ def _learning(view: DaemonView) -> dict[str, Any]:
     pipeline = view.pipeline
     # a bus that has just been switched on has not carried every signal yet
     settled = pipeline.samples > PATIENCE_TICKS
-    missing = unheard(view.config, pipeline.intake.heard) if settled else []
+    missing = missing_signal_warnings(view.config, pipeline.intake.received) if settled else []
     return {
         "missing_signals": missing,
         "unheard": missing,  # deprecated
@@ -144,11 +144,11 @@ def _senders(view: DaemonView) -> dict[str, Any]:
 
 def _signals(view: DaemonView) -> dict[str, Any]:
     pipeline = view.pipeline
-    stuck_s = {role: round(n / RATE_HZ, 1) for role, n in pipeline.frozen.items()}
+    stuck_s = {role: round(n / RATE_HZ, 1) for role, n in pipeline.stuck_ticks.items()}
     masses = view.node.monitor.other_masses
     return {
         "transport": dict(pipeline.decoder.counters.transport),
-        "implausible_jumps": dict(pipeline.intake.screen.refused),
+        "implausible_jumps": dict(pipeline.intake.range_rate_check.refused),
         "stuck_signals": stuck_s,
         "frozen_signals": stuck_s,  # deprecated
         "masses_of_others_kg": {address(a): m.mass_kg for a, m in sorted(masses.items())},

@@ -46,7 +46,7 @@ class StateChangeLog:
         self._log("contested-signals", contested, bad=True, unless_first=not contested)
         faster = ", ".join(sorted(map(sender_name, view.sender_rates.faster)))
         self._log("senders-faster-than-usual", faster or "none", bad=bool(faster), unless_first=not faster)
-        stuck = ", ".join(sorted(view.pipeline.frozen))
+        stuck = ", ".join(sorted(view.pipeline.stuck_ticks))
         self._log("frozen-signals", stuck, bad=True, unless_first=not stuck)
 
     def _log(self, event: str, value: object, *, bad: bool = False, unless_first: bool = False) -> None:

@@ -1,4 +1,4 @@
-"""Brakes whose signal is lost while they act: silence does not say that it is over."""
+"""Brakes whose signal is lost while they act: silence does not mean that braking is over."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from canest.core.samples import RATE_HZ, STEP_US
 from canest.grid.grid import GridBlock
 from canest.vehicle.spec import ModelSpec
 
-#: for so long a brake is taken to act on as it did last; a controller that stays dead brakes no more
-LOST_S = 60.0
+#: for so long, s, a lost brake holds its last value; a controller that stays dead brakes no more
+HOLD_S = 60.0
 _NEVER = -(1 << 62)
 
 
-class LostBrakes:
+class BrakeHold:
     """Carries the last known value of every brake and retarder; repeats it where it is lost while it acts."""
 
     def __init__(self, spec: ModelSpec) -> None:
@@ -52,5 +52,5 @@ class LostBrakes:
         at = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(len(values)), -1))
         before = np.where(at >= 0, values[at], last)
         lost = tick - np.where(at >= 0, tick[at], last_tick)
-        acts = (np.abs(before) > level) & (lost <= LOST_S * RATE_HZ)
+        acts = (np.abs(before) > level) & (lost <= HOLD_S * RATE_HZ)
         return np.where(acts, before, values)

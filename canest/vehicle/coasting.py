@@ -20,7 +20,7 @@ from canest.vehicle.model import RawModel
 from canest.vehicle.spec import ModelSpec
 
 #: gates that an open driveline closes by itself
-PARTED_BY = (Gate.SHIFT, Gate.DRIVELINE)
+OPEN_DRIVELINE_GATES = (Gate.SHIFT, Gate.DRIVELINE)
 _ENGAGED = "driveline_engaged"
 _NEVER = -(1 << 62)
 #: speeds of one gear apart by this share are not synchronous; gears are three times that apart and more
@@ -49,7 +49,7 @@ class Coasting:
         acts_until: until which tick something else acts on it, or has left its traces, by each tick's causes.
         An open driveline may be a clutch that slips. So it has to have been closed since the last stop, the
         engine does not turn with the wheels, and it is in a shift, which is soon over, or idles. Brakes
-        of which nobody tells would be a hill. And a speed that its sender smooths, as wheel-based ones are,
+        that no signal reports would be a hill. And a speed that its sender smooths, as wheel-based ones are,
         still shows the pull of the gear before: only the output shaft's counts.
         """
         engaged = grid.values.get(_ENGAGED)
@@ -58,7 +58,10 @@ class Coasting:
         if not grid.continues:
             self._closed_tick = self._stood_tick = self._acts_until_tick = _NEVER
         opened = engaged < 0.5
-        closed, stood = engaged >= 0.5, ~(raw.speed_mps > self._standstill_mps)  # also where nobody knows
+        closed, stood = (
+            engaged >= 0.5,
+            ~(raw.speed_mps > self._standstill_mps),
+        )  # also where no speed is known
         if not np.count_nonzero(opened):  # as a rule
             self._closed_tick = _last(tick, closed, self._closed_tick)
             self._stood_tick = _last(tick, stood, self._stood_tick)
@@ -76,21 +79,21 @@ class Coasting:
         self._closed_tick, self._stood_tick = int(closed_at[-1]), int(stood_at[-1])
         self._acts_until_tick = int(until[-1])
         alone = ~_with_wheels(raw) & (self._idles(raw) | _shifts(raw, tick - closed_at))
-        alone = alone & self._told(raw) & raw.by_shaft
+        alone = alone & self._brakes_reported(raw) & raw.speed_is_shaft
         coasting: BoolColumn = opened & (closed_at > stood_at) & (tick >= until) & alone
         return coasting
 
-    def _told(self, raw: RawModel) -> BoolColumn:
-        """Return where somebody tells whether the brakes are on (n,)."""
-        told = constant(False, len(raw.columns))
+    def _brakes_reported(self, raw: RawModel) -> BoolColumn:
+        """Return where any signal reports whether the brakes are on (n,)."""
+        reported = constant(False, len(raw.columns))
         for role in self._brakes:
-            told = told | np.isfinite(raw.columns.signal(role, math.nan))
-        return told
+            reported = reported | np.isfinite(raw.columns.signal(role, math.nan))
+        return reported
 
     def _idles(self, raw: RawModel) -> BoolColumn:
         """Return where the engine gives no more than its auxiliaries take, as far as known (n,)."""
         c = raw.columns
-        if self._at_wheels:  # nobody tells what the crank gives
+        if self._at_wheels:  # no signal reports what the crank gives
             return constant(False, len(c))
         reference = c.signal("reference_torque", self._reference_Nm)
         idles: BoolColumn = np.abs(c.torque_Nm) <= _IDLE_SHARE * reference

@@ -1,4 +1,4 @@
-"""What an engine rubs between the steps in which it is reported.
+"""Engine friction between the steps in which it is reported.
 
 SPN 514 comes in steps of 1 % of the reference torque: up to half of one is 2 % of what a light truck needs
 on the level, and as it follows engine speed it does not average out. Where it steps it is known to lie
@@ -25,7 +25,7 @@ _SCATTER = 0.2
 
 
 class EngineFriction:
-    """Learns friction (any unit) over engine speed from where its reports step, and tells what is between.
+    """Learns friction (any unit) over engine speed from where its reports step, and interpolates between.
 
     step: resolution of the report. A line counts only as far as the report allows: half a step each way.
     """

@@ -58,7 +58,7 @@ class TurningGate(GateSection):
 
 
 class ExcitationGate(Section):
-    """Too little variation of the force to tell mass from grade (for methods that wind up)."""
+    """Too little variation of the force to separate mass from grade (for methods that wind up)."""
 
     #: None: on for the estimators that need it, off for those that handle it themselves
     enabled: bool | None = None
@@ -71,7 +71,7 @@ class Gates(Section):
     """All gates, by name.
 
     Shifts and the driveline recover while the filter settles (0.6 s at 2 Hz): a launch is little else than
-    the seconds between shifts, and its torque tells more of the mass than minutes of steady driving.
+    the seconds between shifts, and its torque shows more of the mass than minutes of steady driving.
     """
 
     shift: ShiftGate = empty_section()

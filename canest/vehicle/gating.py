@@ -13,8 +13,8 @@ from canest.core.frames import BoolColumn, FloatColumn
 from canest.core.gates import Gate
 from canest.core.samples import GRAVITY_MPS2, RATE_HZ, STEP_US
 from canest.grid.grid import GridBlock
-from canest.vehicle.coasting import PARTED_BY, Coasting
-from canest.vehicle.driveline import ROAD_SPEED_LATE_S, parted
+from canest.vehicle.coasting import OPEN_DRIVELINE_GATES, Coasting
+from canest.vehicle.driveline import ROAD_SPEED_LATE_S, driveline_open
 from canest.vehicle.model import LongitudinalModel, RawModel
 from canest.vehicle.range_rate_check import JUMP, MAX_ACCEL_MPS2, SPEED_SLACK_MPS
 from canest.vehicle.spec import ModelSpec
@@ -45,7 +45,7 @@ class Gating:
         self._settle_ticks = round(spec.gates.stale.recovery_s * RATE_HZ)
         self._until_tick = self._slack_until_tick = _NEVER
         self._last_ratio = np.nan
-        #: where the driveline links engine and wheels no more, in the last block (see `_slack`)
+        #: where the driveline does not link engine and wheels, in the last block (see `_slack`)
         self.slack: BoolColumn = constant(False, 0)
         self._coasting = Coasting(spec, at_wheels=model.at_wheels)
         #: where the vehicle coasts with its driveline open, in the last block (see `Coasting`)
@@ -63,13 +63,13 @@ class Gating:
         self.slack = self._slack(grid, raw, causes, tick)
         # until when anything but an open driveline acts, whether or not its gate may close
         acting = np.full(len(grid), _NEVER, np.int64)
-        # backwards: the cause that comes first has the last word
+        # backwards: the cause that comes first is written last
         for gate, closed in reversed(causes):
             if not np.count_nonzero(closed):
                 continue
             dwell = self._dwell_ticks.get(gate)
             ends = np.where(closed, tick + (dwell or 1), _NEVER)
-            if gate not in PARTED_BY:
+            if gate not in OPEN_DRIVELINE_GATES:
                 acting = np.maximum(acting, ends)
             if dwell is not None:
                 code = np.where(closed, np.uint8(gate), code)
@@ -87,16 +87,16 @@ class Gating:
 
         Only asked for where the speed is the engine's, through the gear: then it is no speed of the vehicle.
         """
-        if not np.count_nonzero(raw.by_engine):
+        if not np.count_nonzero(raw.speed_is_engine):
             return constant(False, len(grid))
         until = np.full(len(grid), self._slack_until_tick if grid.continues else _NEVER, np.int64)
         for gate, closed in causes:
             if gate in (Gate.SHIFT, Gate.DRIVELINE):
                 ends = tick + 1 + self._dwell_ticks.get(gate, 0)
-                until = np.maximum(until, np.where(closed & raw.by_engine, ends, _NEVER))
+                until = np.maximum(until, np.where(closed & raw.speed_is_engine, ends, _NEVER))
         until = np.maximum.accumulate(until)
         self._slack_until_tick = int(until[-1])
-        slack: BoolColumn = raw.by_engine & (tick < until)
+        slack: BoolColumn = raw.speed_is_engine & (tick < until)
         return slack
 
     def _causes(
@@ -161,13 +161,13 @@ class Gating:
 
     def _disengaged(self, raw: RawModel, has: dict[str, FloatColumn], accel_mps2: FloatColumn) -> BoolColumn:
         c, gates = raw.columns, self._gates.driveline
-        closed = ~raw.geared | parted(c, gates.clutch_slip_pct)
-        if "engine_speed" in has:  # also where it was the speed, until the road denied it
+        closed = ~raw.geared | driveline_open(c, gates.clutch_slip_pct)
+        if "engine_speed" in has:  # also where it was the speed, until the road speed contradicted it
             per_mps = c.ratio / c.radius_m
             wheel = raw.speed_mps * per_mps
             allowed = gates.ratio_mismatch * np.abs(wheel) + 5.0
-            if np.count_nonzero(raw.late):
-                allowed = allowed + raw.late * ROAD_SPEED_LATE_S * np.abs(accel_mps2) * per_mps
+            if np.count_nonzero(raw.speed_is_late):
+                allowed = allowed + raw.speed_is_late * ROAD_SPEED_LATE_S * np.abs(accel_mps2) * per_mps
             wrong = np.abs(c.engine_radps - wheel) > allowed
             closed = closed | (wrong & np.isfinite(c.engine_radps) & np.isfinite(wheel) & (c.ratio > 0))
         return closed
@@ -222,9 +222,9 @@ class Excitation:
 
 
 def _lateral_mps2(speed_mps: FloatColumn, has: dict[str, FloatColumn]) -> FloatColumn:
-    """Return the lateral acceleration (n,): of the yaw rate, or as felt (with body roll and bank) without."""
-    felt = np.abs(has["lateral_accel"]) if "lateral_accel" in has else constant(math.nan, len(speed_mps))
+    """Return the lateral acceleration (n,): of the yaw rate, else as measured (with body roll and bank)."""
+    measured = np.abs(has["lateral_accel"]) if "lateral_accel" in has else constant(math.nan, len(speed_mps))
     if "yaw_rate" not in has:
-        return felt
+        return measured
     turned = np.abs(speed_mps * has["yaw_rate"])
-    return np.where(np.isnan(turned), felt, turned)
+    return np.where(np.isnan(turned), measured, turned)

@@ -1,4 +1,4 @@
-"""Which gear is engaged, and its ratio: as the transmission tells it, from the table, or from two speeds."""
+"""Which gear is engaged, and its ratio: as the transmission sends it, from the table, or from two speeds."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from canest.core.frames import FloatColumn, IntColumn
 from canest.decode.validity import GEAR_PARK
 from canest.vehicle.facts import Vehicle
 
-#: a shaft slower than this tells nothing about the ratio, rpm
+#: a shaft slower than this gives no ratio, rpm
 MIN_SHAFT_RPM = 50.0
 #: neutral and park, as gear numbers
 _NOTHING_ENGAGED = (0.0, GEAR_PARK)
@@ -20,7 +20,7 @@ _NOTHING_ENGAGED = (0.0, GEAR_PARK)
 RATIO_SNAP = 0.05
 
 
-class Gearbox:
+class GearRatio:
     """A vehicle's table of gears."""
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -42,7 +42,7 @@ class Gearbox:
         if ratio is None:
             ratio = self._by_shafts(values, n)
         elif np.count_nonzero(unknown := np.isnan(ratio)):
-            if gear is not None:  # whoever knows the gear knows that nothing is engaged
+            if gear is not None:  # the gear is known: nothing is engaged
                 unknown = unknown & ~np.isin(gear, _NOTHING_ENGAGED)
             ratio = np.where(unknown, self._by_shafts(values, n), ratio)
         if gear is None:

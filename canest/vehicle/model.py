@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from canest.core.columns import constant, shifted
-from canest.core.frames import BoolColumn, FloatColumn, IntColumn, Onward
+from canest.core.frames import BoolColumn, FloatColumn, IntColumn, MonotonicClock
 from canest.core.roles import RADPS_PER_RPM
 from canest.core.samples import STEP_S
 from canest.grid.grid import GridBlock
-from canest.vehicle.driveline import Clutch, engines_speed
+from canest.vehicle.driveline import ClutchReports, road_speed_of_engine
 from canest.vehicle.friction import EngineFriction
-from canest.vehicle.gear_ratio import Gearbox
+from canest.vehicle.gear_ratio import GearRatio
 from canest.vehicle.range_rate_check import MAX_SPEED_MPS
 from canest.vehicle.role_sources import AT_WHEELS, ratio_ways, speed_roles, torque_role
 from canest.vehicle.spec import ModelSpec
@@ -48,8 +48,8 @@ class RawModel:
     """The unfiltered model of consecutive ticks, all columns (n,); units as in `ModelBlock`.
 
     usable: every needed number is there. geared: the ratio from crank to wheel is known (or not needed).
-    by_shaft: the speed is the gearbox's output shaft's. by_engine: the best one is the engine's through the
-    gear. late: it is the road's, of a rare message.
+    speed_is_shaft: the speed comes from the gearbox's output shaft. speed_is_engine: the finest speed so
+    far comes from the engine, through the gear. speed_is_late: it is the road speed of a rare message.
     """
 
     columns: Columns
@@ -62,9 +62,9 @@ class RawModel:
     wheel_mass_kg: FloatColumn
     usable: BoolColumn
     geared: BoolColumn
-    by_shaft: BoolColumn
-    by_engine: BoolColumn
-    late: BoolColumn
+    speed_is_shaft: BoolColumn
+    speed_is_engine: BoolColumn
+    speed_is_late: BoolColumn
 
 
 class LongitudinalModel:
@@ -83,7 +83,7 @@ class LongitudinalModel:
             stage: [e for e in self.effects if e.stage == stage]
             for stage in ("geometry", "crank", "driveline", "speed", "road")
         }
-        self._gearbox = Gearbox(self.vehicle)
+        self._gear_ratio = GearRatio(self.vehicle)
         step = spec.friction_step_pct if "engine_speed" in self.roles else None
         self._friction = None if step is None else EngineFriction(step)
         self._clutch_slip_pct = spec.gates.driveline.clutch_slip_pct
@@ -92,10 +92,10 @@ class LongitudinalModel:
         self._late = places.get("vehicle_speed", -1)
         self._shaft = places.get("output_shaft_speed", -1)
         self._engine = places.get("engine_speed", len(places) + 1)
-        self._clutch = Clutch(self.vehicle)
+        self._clutch_reports = ClutchReports(self.vehicle)
         self._is_driven = np.array([float(role in _DRIVEN) for role in self.speed_roles])
         self._last_speed_mps = np.nan
-        self._onward = Onward()
+        self._monotonic = MonotonicClock()
         self._first_us: int | None = None
 
     def required_roles(self) -> tuple[str, ...]:
@@ -131,9 +131,9 @@ class LongitudinalModel:
             per_torque = c.ratio / c.radius_m * np.where(c.torque_Nm < 0, 1.0 / c.efficiency, c.efficiency)
             traction = c.torque_Nm * per_torque
         c.notes["traction_N"] = traction
-        known = self._clutch.known(c)
+        known = self._clutch_reports.reported(c)
         source, finest = self._speed(c, grid, known)
-        by_engine, late = (finest >= self._engine) & known, finest == self._late
+        speed_is_engine, late = (finest >= self._engine) & known, finest == self._late
         self._run("road", c)
         # torque measured at the wheels has already accelerated everything before them
         before = 0.0 if self.at_wheels else c.crank_inertia_kgm2 * c.ratio * c.ratio * c.efficiency
@@ -155,9 +155,9 @@ class LongitudinalModel:
             wheel_mass_kg=wheels,
             usable=usable,
             geared=geared,
-            by_shaft=source == self._shaft,
-            by_engine=by_engine,
-            late=late,
+            speed_is_shaft=source == self._shaft,
+            speed_is_engine=speed_is_engine,
+            speed_is_late=late,
         )
 
     # -- the steps ---------------------------------------------------------------------------------
@@ -168,10 +168,10 @@ class LongitudinalModel:
 
     def _columns(self, grid: GridBlock) -> Columns:
         n, v = len(grid), self.vehicle
-        onward_us = self._onward(grid.t_us)  # where the clock was set back, the vehicle drove on
+        onward_us = self._monotonic(grid.t_us)  # where the clock was set back, the vehicle drove on
         if self._first_us is None:
             self._first_us = int(onward_us[0])
-        ratio, gear = self._gearbox.of(grid.values, n)
+        ratio, gear = self._gear_ratio.of(grid.values, n)
         efficiency = constant(v.driveline_efficiency, n)
         for number, value in v.gear_efficiency.items():
             efficiency = np.where(gear == number, value, efficiency)
@@ -200,7 +200,7 @@ class LongitudinalModel:
         )
 
     def _engine_radps(self, values: Mapping[str, FloatColumn], ratio: FloatColumn) -> FloatColumn:
-        """Return the crank's speed; where no role tells it, what the wheels turn it with."""
+        """Return the crank's speed; where no role gives it, the speed at which the wheels turn it."""
         if "engine_speed" in values:
             return values["engine_speed"] * RADPS_PER_RPM
         per_mps = self.vehicle.final_drive / self.vehicle.wheel_radius_m * ratio
@@ -247,12 +247,12 @@ class LongitudinalModel:
             else:
                 c.extra_N = c.extra_N + torque * self.vehicle.final_drive / c.radius_m
 
-    def _told_by(self, role: str, c: Columns, known: BoolColumn) -> FloatColumn:
-        """Return the speed that a role tells, m/s (n,). known: where one knows when the clutch is open."""
+    def _speed_of(self, role: str, c: Columns, known: BoolColumn) -> FloatColumn:
+        """Return the speed that a role gives, m/s (n,). known: where the state of the clutch is reported."""
         if role == "output_shaft_speed":
             return c.signals[role] * (RADPS_PER_RPM / self.vehicle.final_drive) * c.radius_m
         if role == "engine_speed":
-            return np.where(known, engines_speed(c, self._clutch_slip_pct), np.nan)
+            return np.where(known, road_speed_of_engine(c, self._clutch_slip_pct), np.nan)
         if role == "vehicle_speed":  # counted at the wheels (SPN 84), with the radius that was declared
             return c.signals[role] * (c.radius_m / self.vehicle.wheel_radius_m)
         return c.signals[role]
@@ -260,10 +260,10 @@ class LongitudinalModel:
     def _speed(self, c: Columns, ticks: GridBlock, known: BoolColumn) -> tuple[IntColumn, IntColumn]:
         """Set speed and acceleration, from the finest speed that can be relied on.
 
-        Returns which that is, and the finest that has been told so far, as positions in `speed_roles` (n,).
+        Return which that is, and the finest received so far, as positions in `speed_roles` (n,).
         """
         c.speed_mps, source, finest = self._choice.choose(
-            [partial(self._told_by, role, c, known) for role in self.speed_roles], ticks
+            [partial(self._speed_of, role, c, known) for role in self.speed_roles], ticks
         )
         c.notes["driven"] = self._is_driven[source]
         self._run("speed", c)

@@ -1,9 +1,9 @@
 """Refuses samples that jump further than the vehicle can: forged frames, broken sensors.
 
-A sample is compared with the last one that was believed. The longer ago that was, the more it may differ,
-so a value that has really changed (a locked wheel, a sensor that was replaced) is believed again after a
+A sample is compared with the last one that was accepted. The longer ago that was, the more it may differ,
+so a value that has really changed (a locked wheel, a sensor that was replaced) is accepted again after a
 while, and no forged start value keeps the truth out for long. Refused samples never reach the grid; while
-they come, the gate `implausible` is closed, since those that are forged and do not jump cannot be told.
+they come, the gate `implausible` is closed, since forged ones that do not jump cannot be found.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 from canest.core.columns import shifted
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn
-from canest.vehicle.torque_dropout import TorqueScreen
+from canest.vehicle.torque_dropout import TorqueDropoutCheck
 
 Samples = dict[str, tuple[IntColumn, FloatColumn]]
 
@@ -27,9 +27,9 @@ MAX_ACCEL_MPS2 = 12.0
 MAX_SPEED_MPS = 150.0
 #: two speeds of one vehicle may differ by noise, rounding to a mile per hour and timing
 SPEED_SLACK_MPS = 1.5
-#: channels that are 1 for `DOUBT_S` after a sample was refused, any one or one of the motion
+#: channels that are 1 for `JUMP_HOLD_S` after a sample was refused, any one or one of the motion
 JUMP, MOTION_JUMP = "implausible_jump", "implausible_motion"
-DOUBT_S = 1.0
+JUMP_HOLD_S = 1.0
 _FEW = 50  #: samples of one role up to which walking them is faster than columns (both give the same bits)
 
 
@@ -54,11 +54,11 @@ LIMITS: dict[str, Limit] = {
     "gps_speed": _ROAD_SPEED,
     # friction follows engine speed and oil temperature, with steps when an auxiliary cuts in
     "engine_friction_pct": Limit(5.0, 15.0),
-    # the full scale of the reported torque is a constant of the engine, but for another rating: that is told
-    # every 5 s and believed the second or third time. A controller that has just woken may say 0
+    # the full scale of the reported torque is a constant of the engine, but for another rating: that is sent
+    # every 5 s and accepted the second or third time. A controller that has just woken may send 0
     "reference_torque": Limit(5.0, 50.0, most=20_000.0, least=50.0),
     "retarder_reference_torque": Limit(5.0, 50.0, most=20_000.0),
-    # a mountain road changes the pressure by 0.05 kPa/s; faster, so that a replaced sensor is believed
+    # a mountain road changes the pressure by 0.05 kPa/s; faster, so that a replaced sensor is accepted
     "barometric_pressure": Limit(2.0, 2.0),
     "ambient_temperature": Limit(3.0, 2.0),
     # rough roads shake the sensor; a vehicle's own acceleration builds up at some 10 m/s3
@@ -74,26 +74,26 @@ def limits_of(roles: Iterable[str], mps_per_shaft_rpm: float) -> dict[str, Limit
     return {role: every[role] for role in roles if role in every}
 
 
-class Screen:
-    """Carries the last believed sample of every limited role; counts what it refused, per role.
+class RangeRateCheck:
+    """Carries the last accepted sample of every limited role; counts what it refused, per role.
 
     limits: role -> Limit. motion: roles that the accelerometer is compared with, or the sensor itself.
-    torques: role -> `TorqueScreen`; what that refuses closes no gate, the torque before it holds.
+    torques: role -> `TorqueDropoutCheck`; what that refuses closes no gate, the torque before it holds.
     """
 
     def __init__(
         self,
         limits: Mapping[str, Limit],
         motion: Collection[str] = (),
-        torques: Mapping[str, TorqueScreen] | None = None,
+        torques: Mapping[str, TorqueDropoutCheck] | None = None,
     ) -> None:
         self._limits, self._motion, self._torques = limits, motion, torques or {}
-        self._believed: dict[str, tuple[int, float]] = {}
+        self._accepted: dict[str, tuple[int, float]] = {}
         self.refused: Counter[str] = Counter()
 
     def restart(self) -> None:
         """Forget the last samples: the clock was set back, their stamps mean nothing any more."""
-        self._believed.clear()
+        self._accepted.clear()
         for torque in self._torques.values():
             torque.restart()
 
@@ -145,21 +145,21 @@ class Screen:
         """Return the positions of finite samples that jump: in columns as far as none does."""
         if not len(values):
             return []
-        before_us, before = self._believed.get(role, (int(t_us[0]), float(values[0])))
+        before_us, before = self._accepted.get(role, (int(t_us[0]), float(values[0])))
         steps = values - shifted(values, before)
         allowed = limit.slack + limit.rate * 1e-6 * (t_us - shifted(t_us, before_us))
         size = np.abs(values)
         far = (np.abs(steps) > allowed) | (size > limit.most) | (size < limit.least)
         first = int(far.argmax()) if far.any() else len(far)
         if first:
-            self._believed[role] = int(t_us[first - 1]), float(values[first - 1])
+            self._accepted[role] = int(t_us[first - 1]), float(values[first - 1])
         jumps = self._walk(role, limit, t_us[first:].tolist(), values[first:].tolist())
         return [first + i for i in jumps]
 
     def _walk(self, role: str, limit: Limit, stamps: list[int], values: list[float]) -> list[int]:
-        """Return the positions of samples that jump, each compared with the last believed one."""
+        """Return the positions of samples that jump, each compared with the last accepted one."""
         slack, rate = limit.slack, limit.rate * 1e-6
-        before_us, before = self._believed.get(role, (0, math.nan))
+        before_us, before = self._accepted.get(role, (0, math.nan))
         jumps = []
         for i, (stamp, value) in enumerate(zip(stamps, values, strict=True)):
             if not -math.inf < value < math.inf:
@@ -170,5 +170,5 @@ class Screen:
             else:
                 before_us, before = stamp, value
         if before == before:  # noqa: PLR0124 - NaN alone is not equal to itself
-            self._believed[role] = before_us, before
+            self._accepted[role] = before_us, before
         return jumps

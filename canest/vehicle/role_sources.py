@@ -1,11 +1,11 @@
-"""Which of the roles that a config maps tell torque, speed and gear ratio."""
+"""Which of the roles that a config maps give torque, speed and gear ratio."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 
 from canest.core.errors import ConfigError
-from canest.vehicle.driveline import CLUTCHES
+from canest.vehicle.driveline import CLUTCH_ROLES
 from canest.vehicle.facts import Vehicle
 from canest.vehicle.range_rate_check import SPEED_ORDER
 
@@ -14,7 +14,7 @@ AT_WHEELS = ("wheel_torque", "half_shaft_torque_left")
 
 
 def torque_role(roles: Collection[str], vehicle: Vehicle) -> str:
-    """Return the role that tells the torque: the nearest to the wheels. Errors: ConfigError for none."""
+    """Return the role that gives the torque: the nearest to the wheels. Errors: ConfigError for none."""
     for role in ("wheel_torque", "half_shaft_torque_left", "engine_torque", "engine_torque_pct"):
         if role == "half_shaft_torque_left" and "half_shaft_torque_right" not in roles:
             continue
@@ -36,7 +36,7 @@ def torque_role(roles: Collection[str], vehicle: Vehicle) -> str:
 
 
 def speed_in_use(roles: Collection[str], vehicle: Vehicle) -> str:
-    """Return the role that tells the speed as long as it is heard, '' for none."""
+    """Return the role that gives the speed as long as it is received, '' for none."""
     return next(iter(_speeds(roles, vehicle)), "")
 
 
@@ -46,7 +46,7 @@ def motion_roles(roles: Collection[str], vehicle: Vehicle) -> set[str]:
 
 
 def speed_roles(roles: Collection[str], vehicle: Vehicle) -> tuple[str, ...]:
-    """Return the roles that tell the speed, the finest first. Errors: ConfigError for none."""
+    """Return the roles that give the speed, the finest first. Errors: ConfigError for none."""
     found = _speeds(roles, vehicle)
     if found:
         return found
@@ -57,22 +57,22 @@ def speed_roles(roles: Collection[str], vehicle: Vehicle) -> tuple[str, ...]:
             expected="output_shaft_speed, vehicle_speed or another speed",
         )
     raise ConfigError(
-        "engine_speed is the only speed, and nothing tells when the clutch is open",
+        "engine_speed is the only speed, and no signal shows when the clutch is open",
         where="signals",
-        expected=f"vehicle_speed or another speed, or one of {', '.join(CLUTCHES)}",
+        expected=f"vehicle_speed or another speed, or one of {', '.join(CLUTCH_ROLES)}",
     )
 
 
 def _speeds(roles: Collection[str], vehicle: Vehicle) -> tuple[str, ...]:
-    rigid = vehicle.has_one_gear or any(role in roles for role in CLUTCHES)
-    # where nothing tells when the clutch is open, any other speed is nearer to the truth
+    rigid = vehicle.has_one_gear or any(role in roles for role in CLUTCH_ROLES)
+    # where no signal shows when the clutch is open, any other speed is nearer to the truth
     return tuple(r for r in SPEED_ORDER if r in roles and (rigid or r != "engine_speed"))
 
 
 def ratio_ways(roles: Collection[str], vehicle: Vehicle, torque: str) -> tuple[tuple[str, ...], ...]:
-    """Return the ways to the gear ratio, each the roles that it takes; none where it need not be told.
+    """Return the ways to the gear ratio, each the roles that it takes; none where none is needed.
 
-    Errors: ConfigError where there are gears to tell apart and nothing that could.
+    Errors: ConfigError where there are several gears and no signal of which one is in.
     """
     gears, has = vehicle.gear_ratios, roles
     ways: list[tuple[str, ...]] = [("gear_ratio",)] if "gear_ratio" in has else []
@@ -86,7 +86,7 @@ def ratio_ways(roles: Collection[str], vehicle: Vehicle, torque: str) -> tuple[t
         ways += [("engine_speed", role) for role in ("output_shaft_speed", "vehicle_speed") if role in has]
     if not ways:
         raise ConfigError(
-            f"nothing tells which of the {len(gears)} vehicle.gear_ratios is engaged",
+            f"no signal shows which of the {len(gears)} vehicle.gear_ratios is engaged",
             where="signals",
             expected="gear_ratio, gear, or engine_speed with output_shaft_speed or vehicle_speed",
         )

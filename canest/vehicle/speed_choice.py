@@ -1,4 +1,4 @@
-"""Which of several signals tells the speed.
+"""Which of several signals gives the speed.
 
 No two speeds of a vehicle agree: tyres wear and slip, sensors round. Where one takes over from another, the
 step between them is no acceleration, though 0.1 m/s in a tick looks like 5 m/s2: a sender that comes and goes
@@ -40,28 +40,28 @@ class SpeedChoice:
 
     def _begin(self) -> None:
         self._taken, self._last_mps = _NONE, np.nan
-        self._heard = [False] * len(self._roles)
+        self._received = [False] * len(self._roles)
         self._lost_tick = [_NEVER] * len(self._roles)
 
     def choose(
-        self, told: Sequence[Callable[[], FloatColumn]], ticks: GridBlock
+        self, candidates: Sequence[Callable[[], FloatColumn]], ticks: GridBlock
     ) -> tuple[FloatColumn, IntColumn, IntColumn]:
         """Return the speed, NaN where none is there or another one steps in, and which one it is, both (n,).
 
-        Third comes the finest that has ever been told (n,): one that is mapped and never sent does not count.
+        Third comes the finest that has ever been received (n,): one that is mapped and never sent is none.
 
-        told: gives the speed (n,) of each role, NaN where it is not known; the engine's only where it counts.
+        candidates: give the speed (n,) of each role, NaN where it is unknown, or the engine's does not count.
         """
         if not ticks.continues:
             self._begin()
         tick = ticks.t_us // STEP_US
-        speeds = [told[0]()]
+        speeds = [candidates[0]()]
         reliable = [self._reliable(0, ~np.isnan(speeds[0]), tick)]
         usual = self._taken == 0 and np.count_nonzero(reliable[0]) == len(tick)
         for k, role in enumerate(self._roles[1:], 1):
             if usual and role == "engine_speed":  # has no past to remember
                 continue
-            speeds.append(told[k]())
+            speeds.append(candidates[k]())
             reliable.append(self._reliable(k, ~np.isnan(speeds[-1]), tick))
         if usual:
             self._last_mps = float(speeds[0][-1])
@@ -93,9 +93,9 @@ class SpeedChoice:
         """Return where a speed is there and has been for a while, or always (n,)."""
         if self._roles[k] == "engine_speed":
             return there
-        if self._heard[k] and np.count_nonzero(there) == len(there):
+        if self._received[k] and np.count_nonzero(there) == len(there):
             return there & (tick - self._lost_tick[k] > BACK_S * RATE_HZ)
-        heard = np.logical_or.accumulate(there) | self._heard[k]
-        lost = np.maximum.accumulate(np.where(heard & ~there, tick, self._lost_tick[k]))
-        self._heard[k], self._lost_tick[k] = bool(heard[-1]), int(lost[-1])
+        received = np.logical_or.accumulate(there) | self._received[k]
+        lost = np.maximum.accumulate(np.where(received & ~there, tick, self._lost_tick[k]))
+        self._received[k], self._lost_tick[k] = bool(received[-1]), int(lost[-1])
         return there & (tick - lost > BACK_S * RATE_HZ)

@@ -36,11 +36,11 @@ _NO_WITNESS = ("engine_speed", "gps_speed")
 _ACCELEROMETER = "longitudinal_accel"
 
 
-class Frozen:
-    """Watches the accelerometer by the speed in use; counts the ticks on which it was frozen."""
+class StuckSensor:
+    """Watches the accelerometer by the speed in use; counts the ticks on which it was stuck."""
 
     def __init__(self, spec: ModelSpec) -> None:
-        self.counts: Counter[str] = Counter()
+        self.stuck_ticks: Counter[str] = Counter()
         source, self._speed = spec.accelerometer, speed_in_use(spec.roles, spec.vehicle)
         self._watches = source is not None and self._speed not in ("", *_NO_WITNESS)
         if source is None or not self._watches:
@@ -54,19 +54,19 @@ class Frozen:
         self._quickest = 0.0
 
     def silence(self, ticks: GridBlock) -> GridBlock:
-        """Return the ticks with a frozen accelerometer, and what comes with it, as stale."""
+        """Return the ticks with a stuck accelerometer, and what comes with it, as stale."""
         if not self._watches:
             return ticks
-        frozen = self._frozen(ticks)
-        found = int(np.count_nonzero(frozen))
+        stuck = self._stuck(ticks)
+        found = int(np.count_nonzero(stuck))
         if not found:
             return ticks
-        self.counts[_ACCELEROMETER] += found
-        values = {role: np.where(frozen, np.nan, ticks.values[role]) for role in self._mates}
-        stale = {role: ticks.stale[role] | frozen for role in self._mates}
+        self.stuck_ticks[_ACCELEROMETER] += found
+        values = {role: np.where(stuck, np.nan, ticks.values[role]) for role in self._mates}
+        stale = {role: ticks.stale[role] | stuck for role in self._mates}
         return replace(ticks, values={**ticks.values, **values}, stale={**ticks.stale, **stale})
 
-    def _frozen(self, ticks: GridBlock) -> BoolColumn:
+    def _stuck(self, ticks: GridBlock) -> BoolColumn:
         """Return where it has stood for long while the speed has changed quickly (n,)."""
         changes = self._changes(ticks)
         stood = self._stood(ticks)
@@ -94,7 +94,7 @@ class Frozen:
         return stood
 
     def _changes(self, ticks: GridBlock) -> FloatColumn:
-        """Return by how much the speed says that the acceleration has changed, m/s2 (n,)."""
+        """Return by how much the acceleration has changed according to the speed, m/s2 (n,)."""
         if not ticks.continues:
             self._past[:] = np.nan
         speed = np.concatenate((self._past, self._scale * ticks.values[self._speed]))

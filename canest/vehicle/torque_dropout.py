@@ -3,11 +3,11 @@
 A real torque hole (a shift, a pedal let go) lasts: torque has to come down, to stay, and to build up again,
 which takes an engine half a second and more. A sample that reads exactly zero while the last one was far
 from it, and is followed within `DROPOUT_US` by one near that last one, is a dropout of the sensor, its
-message or its logger. From the first such zero alone the two cannot be told apart, and to wait would delay
-every real hole. So a signal is believed until it has shown `PROVEN` dropouts within `PROVEN_US`; from then
-on a zero that follows a torque far from it counts only once it has been repeated, or has lasted. Meanwhile
-the torque before it holds. A signal without dropouts is thus never touched, and one report in thousands
-that reads zero does no harm.
+message or its logger. From the first such zero alone the two look the same, and to wait would delay
+every real hole. So a signal is accepted until it has shown `CONFIRMED` dropouts within `CONFIRMED_US`. From
+then on a zero that follows a torque far from it counts only once it has been repeated, or has lasted.
+Meanwhile the torque before it holds. A signal without dropouts is thus never touched, and one report in
+thousands that reads zero does no harm.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from canest.vehicle.facts import Vehicle
 
 #: a dropout is at most so many reports long, and its neighbours lie at most so far apart
 DROPOUT_REPORTS, DROPOUT_US = 3, 450_000
-#: so many dropouts within so long prove that a signal has them
-PROVEN, PROVEN_US = 2, 60_000_000
+#: so many dropouts within so long confirm that a signal has them
+CONFIRMED, CONFIRMED_US = 2, 60_000_000
 #: the torques before and after a dropout differ by this share of the smaller at most
 _ALIKE = 0.5
 #: nearer to zero no dropout bends a mass: percent of the reference torque, or what pushes the empty vehicle
@@ -42,7 +42,7 @@ _WHEELS = ("wheel_torque", "half_shaft_torque_left", "half_shaft_torque_right")
 _FEW = 50  #: samples up to which walking them is faster than columns (both give the same bits)
 
 
-class TorqueScreen:
+class TorqueDropoutCheck:
     """Carries what one torque signal last read, and its latest dropouts.
 
     far: torques up to this are near zero. most: no torque is larger. ends: values that mean "no value".
@@ -56,8 +56,8 @@ class TorqueScreen:
     def restart(self) -> None:
         """Forget the last samples: the clock was set back, their stamps mean nothing any more."""
         self._before_us, self._before = 0, 0.0
-        self._zeros = 0  #: reports of zero since, not yet believed to be a torque
-        self._dropouts: deque[int] = deque(maxlen=PROVEN)
+        self._zeros = 0  #: reports of zero since, not yet accepted as a torque
+        self._dropouts: deque[int] = deque(maxlen=CONFIRMED)
 
     def refused(self, t_us: IntColumn, values: FloatColumn) -> BoolColumn | None:
         """Return which samples are no torque (n,), None when all are; "not available" stays as it is."""
@@ -102,7 +102,7 @@ class TorqueScreen:
             elif value == 0.0 and abs(self._before) > self._far:
                 if self._may_be_dropout(stamp):
                     self._zeros += 1
-                    if self._proven(stamp):
+                    if self._confirmed(stamp):
                         refused.append(row)
                 else:
                     self._before_us, self._before, self._zeros = stamp, 0.0, 0
@@ -122,13 +122,13 @@ class TorqueScreen:
         alike = abs(value - self._before) <= _ALIKE * nearer
         return nearer > self._far and alike and stamp - self._before_us <= DROPOUT_US
 
-    def _proven(self, stamp: int) -> bool:
+    def _confirmed(self, stamp: int) -> bool:
         """Return whether the signal has had dropouts enough lately."""
-        return len(self._dropouts) == PROVEN and stamp - self._dropouts[0] <= PROVEN_US
+        return len(self._dropouts) == CONFIRMED and stamp - self._dropouts[0] <= CONFIRMED_US
 
 
 class TorqueLimit(NamedTuple):
-    """What a torque may read; see `TorqueScreen`. All in the unit of the role."""
+    """What a torque may read; see `TorqueDropoutCheck`. All in the unit of the role."""
 
     far: float
     most: float = math.inf

@@ -11,7 +11,7 @@ import pytest
 
 from canest.config import load_config
 from canest.demo import DRIVE
-from canest.doctor.missing_signals import unheard
+from canest.doctor.missing_signals import missing_signal_warnings
 from canest.system.shipped_files import shipped
 
 DATA = Path(__file__).parents[1] / "data"
@@ -293,7 +293,7 @@ def test_a_friction_and_brakes_that_nobody_tells_are_told(canest, tmp_path):
     whole = tmp_path / "whole.log"
     with lzma.open(DRIVE, "rt") as file:
         whole.write_text("".join(file.readlines()[:20_000]))
-    assert not any("nobody tells" in hint for hint in report(canest, whole, "-c", "class8")["hints"])
+    assert not any("no signal reports" in hint for hint in report(canest, whole, "-c", "class8")["hints"])
 
 
 def test_a_time_in_milliseconds_is_refused_at_once(canest, tmp_path):
@@ -310,20 +310,20 @@ def test_a_time_in_milliseconds_is_refused_at_once(canest, tmp_path):
     [
         (("brake_switch", "brake_pedal"), "No such role is mapped: SPN 597 is in CCVS1"),
         (("brake_switch",), None),  # the pedal tells
-        (("engine_friction_pct",), "nobody tells the engine's friction"),
+        (("engine_friction_pct",), "no signal reports the engine's friction"),
     ],
 )
 def test_what_no_role_maps_is_told_as_what_nobody_sends(roles, told):
     config = load_config("class8")
     kept = {role: source for role, source in config.signals.items() if role not in roles}
-    hints = unheard(config.model_copy(update={"signals": kept}), kept)
+    hints = missing_signal_warnings(config.model_copy(update={"signals": kept}), kept)
     assert (len(hints) == 1 and told in hints[0]) if told else not hints
-    assert not unheard(config, config.signals)
+    assert not missing_signal_warnings(config, config.signals)
 
 
 def test_a_pedal_that_counts_as_braking_needs_no_brake():
     config = load_config("bmw-i3")
-    assert not unheard(config, config.signals)
+    assert not missing_signal_warnings(config, config.signals)
 
 
 def test_an_engine_speed_alone_tells_no_speed_while_nobody_tells_of_the_clutch(canest, tmp_path):
@@ -331,4 +331,4 @@ def test_an_engine_speed_alone_tells_no_speed_while_nobody_tells_of_the_clutch(c
     frame = "(1700000000.{:06d}) can0 0CF00400#F07D9128A000F0FF\n"
     some.write_text("".join(frame.format(20_000 * n) for n in range(40)))
     told = report(canest, "-c", "class8", some)["stops"]
-    assert "engine_speed tells none while driveline_engaged and lockup_engaged and clutch_slip" in told
+    assert "engine_speed gives none while driveline_engaged and lockup_engaged and clutch_slip" in told

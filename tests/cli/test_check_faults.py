@@ -12,8 +12,8 @@ from canest.cli import check_view
 from canest.config import load_config, parse_config, read_databases
 from canest.core.frames import FrameBlock
 from canest.doctor.check import Doctor
-from canest.doctor.switches import Switches
-from canest.doctor.torque_samples import StuckTorque
+from canest.doctor.switches import SwitchCheck
+from canest.doctor.torque_samples import TorqueSampleCheck
 from canest.logs import open_log
 from canest.simulation import simulate
 
@@ -51,7 +51,7 @@ def test_a_config_that_fits_is_ready(drive):
 def test_an_inverted_driveline_is_not_ready_and_named(drive):
     found = report(drive, "signals.driveline_engaged.invert=true")
     assert not found.ready and "driveline" in found.stops
-    assert any("driveline_engaged says open" in h and h.endswith("invert: false") for h in found.hints)
+    assert any("driveline_engaged is open" in h and h.endswith("invert: false") for h in found.hints)
 
 
 def test_hardly_any_open_sample_is_not_ready(canest, drive):
@@ -68,7 +68,7 @@ def test_hardly_any_open_sample_is_not_ready(canest, drive):
     assert done.code == 1 and found["ready"] is False
     assert 0 < found["updated"] < 0.05 * found["samples"]
     assert found["stops"].startswith("hardly any sample may be learned from, ")
-    assert any("brake_switch says on" in h for h in found["hints"])
+    assert any("brake_switch is on" in h for h in found["hints"])
 
 
 def test_a_missing_gear_table_is_measured(drive):
@@ -99,7 +99,7 @@ def seconds(n: int) -> np.ndarray:
 
 def hints_of_switches(n=600, **values) -> list[str]:
     config = load_config("class8")
-    switches = Switches(config)
+    switches = SwitchCheck(config)
     t_us = seconds(n)
     speed = 10 + 5 * np.sin(t_us / 5e6)
     samples = {
@@ -115,14 +115,14 @@ def hints_of_switches(n=600, **values) -> list[str]:
 
 def test_a_brake_that_is_always_on_is_named():
     (told,) = hints_of_switches(brake_switch=1.0)
-    assert "brake_switch says on" in told and "all the time" in told
+    assert "brake_switch is on" in told and "all the time" in told
     assert hints_of_switches(brake_switch=0.0) == []
 
 
 def test_a_clutch_that_never_opens_is_named():
     standing = {"vehicle_speed": 0.0, "engine_speed": 600.0, "gear": 1.0, "driveline_engaged": 1.0}
     (told,) = hints_of_switches(**standing)
-    assert "driveline_engaged never said that the clutch is open" in told
+    assert "driveline_engaged never reported an open clutch" in told
     opens = np.ones(600)
     opens[300:] = 0.0
     assert hints_of_switches(**{**standing, "driveline_engaged": opens}) == []
@@ -135,7 +135,7 @@ def test_single_torques_of_a_fixed_number_are_named(number, told, cut):
     t_us = np.arange(1000, dtype=np.int64) * 20_000
     torque = 50 + 20 * np.sin(t_us / 1e6)
     torque[50::100] = number
-    judge = StuckTorque(load_config("class8"))
+    judge = TorqueSampleCheck(load_config("class8"))
     for first in range(0, 1000, cut):
         judge.push({"engine_torque_pct": (t_us[first : first + cut], torque[first : first + cut])})
     (hint,) = judge.hints()
@@ -144,7 +144,7 @@ def test_single_torques_of_a_fixed_number_are_named(number, told, cut):
 
 def test_a_torque_that_passes_zero_is_no_fault():
     t_us = np.arange(5000, dtype=np.int64) * 20_000
-    judge = StuckTorque(load_config("class8"))
+    judge = TorqueSampleCheck(load_config("class8"))
     judge.push({"engine_torque_pct": (t_us, np.round(30 * np.sin(t_us / 1e6)))})
     assert judge.hints() == []
 

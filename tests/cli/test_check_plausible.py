@@ -9,7 +9,7 @@ import pytest
 
 from canest.config import load_config
 from canest.doctor.check import Doctor
-from canest.doctor.consistency import Plausibility
+from canest.doctor.consistency import ConsistencyCheck
 from canest.logs import open_log
 from canest.simulation import simulate
 
@@ -69,7 +69,7 @@ def test_gears_of_another_gearbox(drive):
 def test_without_an_output_shaft_all_gears_off_alike_are_one_wheel_radius(drive):
     (told,) = hints(drive, "vehicle.wheel_radius_m=0.56", without=("gear_ratio", "output_shaft_speed"))
     assert "engine and vehicle speed agree with wheel_radius_m 0.500" in told
-    assert "the config says 0.56" in told
+    assert "the config has 0.56" in told
 
 
 GEARLESS = ("gear_ratio", "gear", "output_shaft_speed")
@@ -105,9 +105,9 @@ def test_a_speed_in_another_unit(drive, role, scale, mistake):
 
 def test_a_reference_torque_that_nobody_listens_to(drive):
     wrong = "vehicle.reference_torque_Nm=1500"
-    assert "2100 N m (used when heard), the config says 1500" in hints(drive, wrong)[0]
+    assert "2100 N m (used when received), the config has 1500" in hints(drive, wrong)[0]
     (told,) = hints(drive, wrong, without=("reference_torque",))
-    assert "2100 N m (not used: signals maps no reference_torque), the config says 1500" in told
+    assert "2100 N m (not used: signals maps no reference_torque), the config has 1500" in told
     assert hints(drive, without=("reference_torque",)) == []
 
 
@@ -122,7 +122,7 @@ def test_small_blocks_of_a_live_bus_tell_the_same(drive):
 
 
 def test_stamps_that_stand_still_do_not_pile_up():
-    judge = Plausibility(load_config("class8"))
+    judge = ConsistencyCheck(load_config("class8"))
     stamps, rpm = np.zeros(1000, np.int64), np.full(1000, 1200.0)
     tracemalloc.start()
     for _ in range(1000):

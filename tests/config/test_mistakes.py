@@ -379,12 +379,12 @@ def test_a_model_without_torque_or_speed_says_what_it_needs() -> None:
         (
             without("gear_ratio:", "gear:", "output_shaft_speed:", "vehicle_speed:"),
             "signals:",
-            "signals: nothing tells which of the 10 vehicle.gear_ratios is engaged, expected gear_ratio",
+            "signals: no signal shows which of the 10 vehicle.gear_ratios is engaged, expected gear_ratio",
         ),
         (
             without(*(s for s in speeds if s != "engine_speed:"), "driveline_", "lockup_", "clutch_"),
             "signals:",
-            "signals: engine_speed is the only speed, and nothing tells when the clutch is open, expected",
+            "signals: engine_speed is the only speed, and no signal shows when the clutch is open, expected",
         ),
         (without("reference_torque"), "vehicle:", "vehicle.reference_torque_Nm: is missing"),
     ):

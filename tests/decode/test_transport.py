@@ -254,5 +254,5 @@ def test_noise_never_raises_and_memory_is_bounded():
             )
         else:
             transport.packet(t_us, source, destination, 8, rng.getrandbits(64))
-        assert len(transport._sessions) <= MAX_SESSIONS
+        assert transport.open_sessions <= MAX_SESSIONS
     assert transport.counts["evicted"] > 0

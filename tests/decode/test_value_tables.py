@@ -11,7 +11,7 @@ from canest.config import parse_config, read_databases
 from canest.core.errors import ConfigError
 from canest.core.frames import FrameBlock
 from canest.pipeline.signal_map import decoder_for
-from canest.pipeline.tables import TableMap, open_for
+from canest.pipeline.table_map import TableMap, open_for
 
 DBC = """VERSION ""
 BU_: X
@@ -165,7 +165,7 @@ def table(path, config):
         for block in reader:
             for role, (_, values) in tables.samples(block).items():
                 found.setdefault(role, []).append(values)
-    return {role: np.concatenate(parts) for role, parts in found.items()}, tables.notes()
+    return {role: np.concatenate(parts) for role, parts in found.items()}, tables.warnings()
 
 
 @pytest.mark.parametrize("quoting", [csv.QUOTE_MINIMAL, csv.QUOTE_ALL])

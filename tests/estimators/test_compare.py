@@ -10,6 +10,7 @@ from canest.core.errors import ConfigError
 from canest.estimators.base import REGISTRY
 from canest.logs.truth import Truth
 from canest.offline.compare import _time_to, compare
+from canest.offline.scoring import Reference
 from canest.simulation.run import simulate
 
 COLUMNS = {
@@ -39,7 +40,9 @@ def drive(tmp_path_factory):
 
 def test_every_name_has_a_row_with_the_contracts_columns(drive):
     log, truth = drive
-    result = compare(load_config("class8.yaml"), log, truth=truth, after_s=20.0, compiled=False)
+    result = compare(
+        load_config("class8.yaml"), log, reference=Reference(truth, after_s=20.0), compiled=False
+    )
     rows = result.table["estimators"]
     assert list(rows) == list(REGISTRY)
     assert result.table["default"] == load_config("class8.yaml").estimator.name
@@ -56,7 +59,9 @@ def test_an_estimator_without_its_signal_says_so_instead_of_a_number(drive):
     config = load_config("class8.yaml")
     signals = {k: v for k, v in config.signals.items() if k != "longitudinal_accel"}
     blind = config.model_copy(update={"signals": signals})
-    rows = compare(blind, log, truth=truth, names=["pmg", "resistance4", "rls"], compiled=False).table
+    rows = compare(
+        blind, log, reference=Reference(truth), names=["pmg", "resistance4", "rls"], compiled=False
+    ).table
     for name in ("pmg", "resistance4"):
         row = rows["estimators"][name]
         assert "accelerometer" in row["note"]
@@ -117,7 +122,9 @@ def test_a_log_that_teaches_nothing_has_no_mass_errors(tmp_path):
     )
     parked.write(tmp_path)
     log = next(tmp_path.glob("*.log"))
-    result = compare(load_config("class8.yaml"), log, mass_kg=18_000.0, names=["ekf"], after_s=0.0)
+    result = compare(
+        load_config("class8.yaml"), log, reference=Reference(mass_kg=18_000.0, after_s=0.0), names=["ekf"]
+    )
     row = result.table["estimators"]["ekf"]
     assert row["note"] == "never learned from this log"
     assert row["mass_rms_pct"] is None

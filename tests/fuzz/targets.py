@@ -31,9 +31,9 @@ from canest.core.frames import EXTENDED, FrameBlock
 from canest.core.samples import Status
 from canest.decode import Decoder, j1939
 from canest.live import state
+from canest.logs.candump_writer import CandumpWriter
 from canest.logs.reader import open_log
 from canest.logs.truth import read_truth
-from canest.logs.writer import CandumpWriter
 from canest.node.bus_monitor import BusMonitor
 from canest.node.node import Node
 from canest.pipeline.pipeline import Pipeline
@@ -213,7 +213,7 @@ def run_bam(data: bytes) -> None:
     _same_samples(samples, [decoder.push(frames[i : i + 1]).samples for i in range(len(frames))])
     counts = once.counters.transport
     assert counts == decoder.counters.transport
-    assert len(once._transport._sessions) <= 64
+    assert once.open_sessions <= 64
     heard = len(samples.get("reference_torque", ([], []))[0])
     assert heard <= counts.get("complete", 0)
 

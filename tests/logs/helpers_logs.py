@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from canest.core.frames import ERROR, EXTENDED, FrameBlock
 from canest.logs import LogReader, open_log
-from canest.logs.lines import Line, is_ignorable, parse_line
+from canest.logs.candump_line import Line, is_ignorable, parse_line
 
 DATA = Path(__file__).resolve().parent.parent / "data"
 

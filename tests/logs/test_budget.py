@@ -100,7 +100,7 @@ def test_messages_that_are_a_virtual_table_are_refused(tmp_path):
 
 
 def test_a_query_that_gives_no_row_is_stopped(tmp_path, monkeypatch):
-    monkeypatch.setattr("canest.logs.damaged._refuse_query", lambda *_: None)
+    monkeypatch.setattr("canest.logs.damaged.refuse_query", lambda *_: None)
     query = ENDLESS.format(limit="", columns=COLUMNS)
     path = database(tmp_path / "drive.db", f"CREATE VIEW messages AS {query} WHERE ts < 0")
     with log_budget(BRIEF), pytest.raises(LogError, match=r"takes more than 1 s of computing"):
@@ -148,7 +148,7 @@ def test_a_library_that_loops_is_stopped_though_it_swallows_errors(tmp_path, mon
                         pass
             yield
 
-    monkeypatch.setattr("canest.logs.others.blf_reader", Loops)
+    monkeypatch.setattr("canest.logs.python_can.blf_reader", Loops)
     path = tmp_path / "drive.blf"
     path.write_bytes(blf(blf_object()))
     before = signal.getsignal(signal.SIGVTALRM)
@@ -166,7 +166,7 @@ def endless_frames(monkeypatch, path):
             while True:
                 yield can.Message(timestamp=1.0, arbitration_id=1, data=bytes(8), channel=0)
 
-    monkeypatch.setattr("canest.logs.others.blf_reader", Endless)
+    monkeypatch.setattr("canest.logs.python_can.blf_reader", Endless)
     path.write_bytes(blf(blf_object()))
     return path
 
@@ -208,7 +208,7 @@ def test_memory_is_refused_while_a_library_takes_it(tmp_path, monkeypatch):
                 np.frombuffer(bytearray(hoard[-1]), np.uint8)[:] = 1
             yield
 
-    monkeypatch.setattr("canest.logs.others.blf_reader", Hoards)
+    monkeypatch.setattr("canest.logs.python_can.blf_reader", Hoards)
     path = tmp_path / "drive.blf"
     path.write_bytes(blf(blf_object()))
     with log_budget(LogBudget(memory_mb=200)), pytest.raises(LogError, match="more than 200 MB of memory"):
@@ -223,7 +223,7 @@ def test_memory_far_beyond_is_refused_by_the_kernel(tmp_path, monkeypatch):
             bytearray(1 << 33)
             yield
 
-    monkeypatch.setattr("canest.logs.others.blf_reader", Grabs)
+    monkeypatch.setattr("canest.logs.python_can.blf_reader", Grabs)
     path = tmp_path / "drive.blf"
     path.write_bytes(blf(blf_object()))
     with pytest.raises(
@@ -275,7 +275,7 @@ def test_a_file_that_is_mostly_a_hole_counts_as_what_it_takes_up(tmp_path):
 @contextlib.contextmanager
 def budget_of(path):
     reader = open_log(path)
-    yield reader._source.meter
+    yield reader.meter
     reader.close()
 
 

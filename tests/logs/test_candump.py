@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from canest.core import jit
 from canest.core.errors import LogError
 from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
-from canest.doctor.warnings import log_notes
+from canest.doctor.warnings import log_warnings
 from canest.logs import open_log
 from canest.logs.candump import SKIPPED_SHOWN, CandumpParser
 from logs.helpers_logs import DATA, FRAMES, assert_same, log_form, one_by_one, read_all, screen_form
@@ -373,7 +373,7 @@ def test_every_bad_line_has_its_number_told_and_endless_ones_their_count(tmp_pat
     log.write_text("".join("garbage\n" if n % 9 == 0 else good.format(n) for n in range(1, 601)))
     reader = open_log(log)
     assert sum(len(block) for block in reader) == 600 - 66
-    told = log_notes(reader)[3]
+    told = log_warnings(reader)[3]
     assert told.startswith("63 more lines skipped: 36, 45, 54, ") and told.endswith(
         ", 441, 450 and 16 after them"
     )

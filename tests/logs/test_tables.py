@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from canest.core.errors import LogError
-from canest.doctor.warnings import log_notes
+from canest.doctor.warnings import log_warnings
 from canest.logs import LogReader, TableBlock, open_log
-from canest.logs.splitting import LINE_CHARS_MAX
+from canest.logs.line_splitting import LINE_CHARS_MAX
 from canest.logs.truth import read_truth
 
 
@@ -45,7 +45,7 @@ def test_text_in_a_cell_is_told_with_the_first_row_that_has_it(tmp_path):
     assert np.isnan(block.columns["v"]).tolist() == [True] * 4 + [False]
     assert (reader.bad_cells, reader.text_cells) == ({"v": 4}, {"v": (2, 4, "abc")})
     told = "column v: 2 cells hold text and count as not available, first in row 4: 'abc'"
-    assert log_notes(reader) == [told]
+    assert log_warnings(reader) == [told]
     path = tmp_path / "a.parquet"
     pq.write_table(pa.table({"t_s": [0.1, 0.2, 0.3], "v": ["1.5", "abc", None]}), path)
     block, reader = read(path)

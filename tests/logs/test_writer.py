@@ -21,7 +21,8 @@ from canest.core.estimates import Estimates
 from canest.core.frames import EXTENDED, FrameBlock
 from canest.core.gates import LABELS
 from canest.logs.candump import CandumpParser
-from canest.logs.writer import CandumpWriter, candump_text, open_writer
+from canest.logs.candump_writer import CandumpWriter, candump_text
+from canest.logs.writer import open_writer
 from logs.helpers_logs import DATA, FRAMES, LONG_FRAMES, assert_same, log_form
 
 STATUS = ["unestimated", "converging", "valid"]
@@ -287,7 +288,7 @@ def test_what_is_no_file_is_refused_in_one_line(tmp_path, kind):
 @pytest.mark.parametrize("redirection", [">", ">>", "| cat >"])
 def test_standard_output_is_written_as_it_stands(tmp_path, redirection):
     code = (
-        "from canest.logs.writer import CandumpWriter; from canest.core.frames import FrameBlock\n"
+        "from canest.logs.candump_writer import CandumpWriter; from canest.core.frames import FrameBlock\n"
         "with CandumpWriter('/dev/stdout') as out: out.write(FrameBlock.from_frames([(0, 1, b'')]))"
     )
     path, link = tmp_path / "out", Path("/dev/stdout").readlink()

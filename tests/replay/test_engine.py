@@ -14,7 +14,7 @@ from canest.core.estimates import Estimates
 from canest.demo import DRIVE
 from canest.logs.truth import Truth
 from canest.offline.replay import compiling_pays, replay
-from canest.offline.scoring import Score
+from canest.offline.scoring import Reference, Score
 
 DATA = Path(__file__).parents[1] / "data"
 KENWORTH = DATA / "kenworth" / "normal.log.xz"
@@ -121,7 +121,7 @@ def write_table(path: Path, mass_kg: float = 1600.0, changed: dict[int, str] | N
 class TestTables:
     def test_units_are_converted_and_the_mass_found(self, tmp_path):
         config = parse_config(TABLE_CONFIG)
-        result = replay(write_table(tmp_path / "trip.csv"), config, mass_kg=1600.0)
+        result = replay(write_table(tmp_path / "trip.csv"), config, reference=Reference(mass_kg=1600.0))
         assert result.summary["frames"] == 1800
         assert result.summary["samples"] == pytest.approx(9000, abs=10)
         assert result.summary["mass_kg"] == pytest.approx(1600, rel=0.06)
@@ -242,7 +242,7 @@ class TestBadInput:
         )
         reason = replay(path, config).summary["reason"]
         assert reason.startswith("reference_torque")
-        assert "vehicle.reference_torque_Nm can say it instead" in reason
+        assert "vehicle.reference_torque_Nm can give it instead" in reason
 
     def test_a_pedal_that_stands_for_the_brake_and_is_not_there_is_the_reason(self, tmp_path):
         path = tmp_path / "trip.csv"
@@ -312,10 +312,10 @@ def test_samples_that_another_address_owns_are_noted():
 def test_reading_in_small_blocks_gives_the_same_file(tmp_path, monkeypatch):
     config = load_config("class8")
     replay(DRIVE, config, output=tmp_path / "a.csv")
-    from canest.logs import base
+    from canest.logs import candump_reader
 
-    monkeypatch.setattr(base, "_TEXT_BYTES", 3000)
-    from canest.pipeline import tables as module
+    monkeypatch.setattr(candump_reader, "_TEXT_BYTES", 3000)
+    from canest.pipeline import table_map as module
 
     small = module.open_log
     monkeypatch.setattr(module, "open_log", lambda *a, **k: small(*a, **k, block_frames=100))

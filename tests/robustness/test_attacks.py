@@ -100,7 +100,7 @@ def test_random_payloads_from_the_right_addresses_leave_a_valid_mass(config, fra
     pipeline, attacked = estimated(config, merged(frames, forged))
     assert_sane(config, attacked)
     assert deviation_pct(clean[1], attacked) < MOST_PCT
-    assert pipeline.intake.screen.refused["output_shaft_speed"] > 0
+    assert pipeline.intake.range_rate_check.refused["output_shaft_speed"] > 0
     # a forged brake has precedence, and under full load one is forged at every tick
     assert pipeline.gates["brake" if per_s == FULL_LOAD_PER_S else "implausible"] > 0
 

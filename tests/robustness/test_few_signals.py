@@ -17,7 +17,7 @@ from canest.system.shipped_files import shipped
 from .attacks import estimated
 
 SHAFTS = ("output_shaft_speed", "undriven_speed")
-CLUTCHES = ("shift_in_process", "driveline_engaged", "lockup_engaged", "clutch_slip")
+CLUTCH_ROLES = ("shift_in_process", "driveline_engaged", "lockup_engaged", "clutch_slip")
 ETC1, ETC2, EBC2, VDC2 = 0xF002, 0xF005, 0xFEBF, 0xF009  #: PGN
 MORE = ("gear_ratio", "gear", "longitudinal_accel", "yaw_rate", "altitude")
 
@@ -36,7 +36,7 @@ def drive():
 
 @pytest.mark.parametrize(
     "silent",
-    [SHAFTS, (*SHAFTS, "vehicle_speed"), (*SHAFTS, *CLUTCHES), (*SHAFTS, *CLUTCHES, *MORE)],
+    [SHAFTS, (*SHAFTS, "vehicle_speed"), (*SHAFTS, *CLUTCH_ROLES), (*SHAFTS, *CLUTCH_ROLES, *MORE)],
     ids=["no shaft", "engine speed only", "no word of the clutch", "EEC1 and CCVS1 only"],
 )
 def test_a_change_of_load_is_found(drive, silent):

@@ -12,7 +12,7 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-from canest.logs.writer import candump_text
+from canest.logs.candump_writer import candump_text
 from canest.simulation import simulate
 
 PERIOD_S = 20.0

@@ -15,10 +15,10 @@ from canest.core.errors import ConfigError
 from canest.core.gates import Gate
 from canest.pipeline.build import model_spec
 from canest.pipeline.signal_map import resolution_of
+from canest.vehicle.filtered_model import FilteredModel
 from canest.vehicle.model import LongitudinalModel
-from canest.vehicle.model_samples import Regression
 from canest.vehicle.role_sources import motion_roles, speed_roles
-from canest.vehicle.stuck_sensor import Frozen
+from canest.vehicle.stuck_sensor import StuckSensor
 
 RATIO = 4.0 * FINAL_DRIVE
 N = 100
@@ -111,7 +111,7 @@ def test_without_a_word_of_the_clutch_an_engine_that_differs_tells(engine_mps, a
         "gear_ratio": np.full(N, 4.0),
         "vehicle_speed": road,
     }
-    gate = Regression(model_spec(config(list(values)))).process(ticks(values, N)).gate
+    gate = FilteredModel(model_spec(config(list(values)))).process(ticks(values, N)).gate
     assert (gate[-1] == Gate.DRIVELINE) == parted
 
 
@@ -123,7 +123,7 @@ def test_an_engine_that_the_road_denies_drives_nothing(clutch, engine_mps) -> No
     """Whatever the clutch says of itself: its torque is not at the wheels, or the road speed is frozen."""
     values = TRUCK | {"engine_speed": rpm(engine_mps), "vehicle_speed": 8.0} | clutch
     del values["driveline_engaged"]
-    gate = Regression(model_spec(config(list(values)))).process(ticks(values, N)).gate
+    gate = FilteredModel(model_spec(config(list(values)))).process(ticks(values, N)).gate
     assert gate[-1] == Gate.DRIVELINE
 
 
@@ -132,7 +132,7 @@ def test_where_the_road_takes_over_from_the_engine_the_step_between_them_teaches
     t = np.arange(2 * N) * 0.02
     engine_mps = 8.0 + np.maximum(t - 2.0, 0.0) * 3.0  # a clutch that begins to slip
     values = TRUCK | {"engine_speed": rpm(1.0) * engine_mps, "vehicle_speed": 8.0}
-    block = Regression(model_spec(config(list(values)))).process(ticks(values, 2 * N))
+    block = FilteredModel(model_spec(config(list(values)))).process(ticks(values, 2 * N))
     assert (block.gate[:100] == 0)[-1]
     by_road = block.raw_speed_mps == 8.0
     assert by_road[-1]
@@ -146,7 +146,7 @@ def test_what_is_not_used_as_a_speed_is_none_for_screen_and_watch_either() -> No
     assert motion_roles(*facts(config([*roles, "clutch_slip"]))) == {"engine_speed", "longitudinal_accel"}
     speed = 10.0 - 3.0 * np.clip(np.arange(300) * 0.02 - 3.0, 0.0, 2.0)
     values = {"engine_torque": 0.0, "engine_speed": 900.0, "vehicle_speed": speed, "longitudinal_accel": 0.1}
-    silent = Frozen(model_spec(config(roles))).silence(ticks(values, 300))
+    silent = StuckSensor(model_spec(config(roles))).silence(ticks(values, 300))
     assert np.isnan(silent.values["longitudinal_accel"][-1])
 
 

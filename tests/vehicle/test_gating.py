@@ -12,7 +12,7 @@ from vehicle_helpers import FINAL_DRIVE, RADIUS_M, config, ticks
 from canest.core.gates import Gate
 from canest.core.samples import ModelBlock
 from canest.pipeline.build import model_spec
-from canest.vehicle.model_samples import Regression
+from canest.vehicle.filtered_model import FilteredModel
 
 V = 15.0
 SHAFT_RPM = V / RADIUS_M * FINAL_DRIVE * 30 / math.pi
@@ -51,7 +51,7 @@ class Drive:
 
     def __init__(self, signals: dict[str, Any] | None = None, **more: Any) -> None:
         self.signals = DRIVING if signals is None else signals
-        self.regression = Regression(model_spec(config(list(self.signals), **more)))
+        self.regression = FilteredModel(model_spec(config(list(self.signals), **more)))
         self.next = 0
         self.go(100)
 

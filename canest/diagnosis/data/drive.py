@@ -12,20 +12,20 @@ import numpy as np
 from canest.config.schema import Config
 from canest.core.errors import LogError
 from canest.core.estimates import Estimates
-from canest.core.frames import BoolColumn, FloatColumn, Onward
+from canest.core.frames import BoolColumn, FloatColumn, MonotonicClock
 from canest.core.samples import STEP_US, ModelBlock
 from canest.core.table_block import TableBlock
 from canest.doctor.reasons import why_no_time
-from canest.doctor.warnings import log_notes, stream_notes
+from canest.doctor.warnings import log_warnings, stream_warnings
 from canest.grid.grid import Feed, Grid, GridBlock
 from canest.logs.log_names import log_name
 from canest.pipeline.build import grid_spec, intake_spec, model_spec
 from canest.pipeline.intake import Intake
 from canest.pipeline.pipeline import Pipeline
-from canest.pipeline.tables import TableMap, open_for
+from canest.pipeline.table_map import TableMap, open_for
 from canest.vehicle.butterworth import Filter
 from canest.vehicle.effects import Effect
-from canest.vehicle.model_samples import Regression
+from canest.vehicle.filtered_model import FilteredModel
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Run:
     @property
     def t_s(self) -> FloatColumn:
         """Seconds that had passed since the first tick, whatever the log's clock was set to (n,)."""
-        return np.asarray((Onward()(self.samples.t_us) - self.samples.t_us[0]) * 1e-6)
+        return np.asarray((MonotonicClock()(self.samples.t_us) - self.samples.t_us[0]) * 1e-6)
 
     @property
     def begins(self) -> BoolColumn:
@@ -96,7 +96,7 @@ class Drive:
         if not feeds:
             what = "holds no frame that the config's signal map wants"
             raise NothingToDiagnoseError(what, where=str(path))
-        notes = log_notes(reader) + table.notes() + stream_notes(intake)
+        notes = log_warnings(reader) + table.warnings() + stream_warnings(intake)
         return Drive(path, config, feeds, why_no_time(intake.clock), notes, channel)
 
     @staticmethod
@@ -108,7 +108,7 @@ class Drive:
     def run(self, effects: Sequence[Effect], *, config: Config | None = None) -> Run:
         """Run the model with exactly these effects (the config's own are not added)."""
         changed = self.with_effects(config or self.config, effects)
-        regression = Regression(model_spec(changed))
+        regression = FilteredModel(model_spec(changed))
         parts: list[ModelBlock] = []
         raws: list[dict[str, Any]] = []
         for ticks in self._ticks(changed, effects):

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from canest.core.estimates import Estimates
-from canest.core.frames import FloatColumn, Onward
+from canest.core.frames import FloatColumn, MonotonicClock
 from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.run import Diagnosis
 from canest.diagnosis.search.choice import Chosen
 from canest.diagnosis.search.dependence import Cause, binned, cause_of, causes
 from canest.diagnosis.search.gauss_newton import fit_on
-from canest.report.figure import BLUE, GREEN, INK, MUTED, ORANGE, Rows, numbers
+from canest.report.figure import BLUE, GREEN, INK, MUTED, ORANGE, Rows, Stroke, numbers
 from canest.report.panels import Panels
 
 BEFORE, AFTER = ORANGE, BLUE
@@ -53,7 +53,7 @@ def over_time(diagnosis: Diagnosis) -> str:
             "legendgroup": name, "hoverinfo": "skip", "xaxis": "x", "yaxis": "y",
         })  # fmt: skip
         x, y = _broken(t, _smoothed(seen))
-        rows.line(1, numbers(x, 1), numbers(y, 0), name, colour, width=2.0, hover="%{y:.0f} N")
+        rows.line(1, numbers(x, 1), numbers(y, 0), name, Stroke(colour, width=2.0), hover="%{y:.0f} N")
     rows.axis(1)["zeroline"] = True
     return rows.to_json()
 
@@ -97,19 +97,19 @@ def mass_and_grade(diagnosis: Diagnosis, drive: int) -> str:
     sides: list[tuple[str, Sequence[Estimates], str]] = [("before", diagnosis.estimates_before, BEFORE)]
     if diagnosis.search.chosen:
         sides.append(("after", diagnosis.estimates_after, AFTER))
-    t_us = Onward()(part.run.samples.t_us)
+    t_us = MonotonicClock()(part.run.samples.t_us)
     keep = _thinned(len(t_us))
     x = numbers((t_us[keep] - t_us[0]) * 1e-6, 1)
     reference = part.reference
     settled: list[FloatColumn] = []
     for name, estimates, colour in sides:
         e = estimates[drive]
-        t = numbers((Onward()(e.t_us)[_thinned(len(e))] - t_us[0]) * 1e-6, 1)
+        t = numbers((MonotonicClock()(e.t_us)[_thinned(len(e))] - t_us[0]) * 1e-6, 1)
         mass, std = e.mass_kg[_thinned(len(e))] / 1e3, e.mass_std_kg[_thinned(len(e))] / 1e3
         rows.band(1, t, numbers(mass - 2 * std, 3), numbers(mass + 2 * std, 3), colour, name)
-        rows.line(1, t, numbers(mass, 3), name, colour, hover="%{y:.2f} t")
+        rows.line(1, t, numbers(mass, 3), name, Stroke(colour), hover="%{y:.2f} t")
         grade = 100 * e.grade[_thinned(len(e))]
-        rows.line(2, t, numbers(grade, 3), name, colour, hover="%{y:.2f} %", legend=False, width=1.2)
+        rows.line(2, t, numbers(grade, 3), name, Stroke(colour, width=1.2), hover="%{y:.2f} %", legend=False)
         late = slice(len(mass) // 2, None)
         settled += [(mass - 2 * std)[late], (mass + 2 * std)[late]]
     if reference.mass_kg is not None:
@@ -119,16 +119,27 @@ def mass_and_grade(diagnosis: Diagnosis, drive: int) -> str:
             x,
             numbers(reference.mass_kg[keep] / 1e3, 3),
             "known mass",
-            INK,
-            dash="dash",
+            Stroke(INK, dash="dash"),
             hover="%{y:.2f} t",
         )
     if reference.grade is not None:
-        rows.line(2, x, numbers(100 * reference.grade[keep], 3), "known grade", INK, dash="dash", width=1.2,
-                  hover="%{y:.2f} %")  # fmt: skip
+        rows.line(
+            2,
+            x,
+            numbers(100 * reference.grade[keep], 3),
+            "known grade",
+            Stroke(INK, width=1.2, dash="dash"),
+            hover="%{y:.2f} %",
+        )
     elif reference.kind != "none":
-        rows.line(2, x, numbers(100 * reference.sin_beta[keep], 3), "reference grade", GREEN, dash="dot",
-                  width=1.2, hover="%{y:.2f} %")  # fmt: skip
+        rows.line(
+            2,
+            x,
+            numbers(100 * reference.sin_beta[keep], 3),
+            "reference grade",
+            Stroke(GREEN, width=1.2, dash="dot"),
+            hover="%{y:.2f} %",
+        )
     _fit(rows, settled)
     return rows.to_json()
 

@@ -16,7 +16,7 @@ import numpy as np
 from canest.config.schema import Config
 from canest.config.sections import Source
 from canest.core.errors import ConfigError
-from canest.core.frames import ERROR, EXTENDED, REMOTE, FloatColumn, IntColumn, Onward
+from canest.core.frames import ERROR, EXTENDED, REMOTE, FloatColumn, IntColumn, MonotonicClock
 from canest.core.table_block import TableBlock
 from canest.decode.database import is_j1939
 from canest.decode.decoder import Decoder
@@ -26,7 +26,7 @@ from canest.diagnosis.data.least_squares import held_out
 from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.search.forward_selection import Search
 from canest.logs.reader import open_log
-from canest.pipeline.tables import open_for
+from canest.pipeline.table_map import open_for
 
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message
@@ -102,7 +102,7 @@ def held_on_windows(problem: Problem, drives: list[tuple[IntColumn, FloatColumn]
     columns = []
     for part, (t_us, value) in zip(problem.parts, drives, strict=True):
         good = np.isfinite(value)
-        t_us, value = Onward()(t_us)[good], value[good]
+        t_us, value = MonotonicClock()(t_us)[good], value[good]
         if len(t_us) < MIN_SAMPLES:
             return None
         centre_us = part.run.samples.t_us[0] + (part.windows.t_s * 1e6).astype(np.int64)

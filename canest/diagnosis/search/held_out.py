@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from canest.core.estimates import Estimates
-from canest.core.frames import BoolColumn, FloatColumn, IntColumn, Onward
+from canest.core.frames import BoolColumn, FloatColumn, IntColumn, MonotonicClock
 from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.data.residual_windows import CHUNK_S
 from canest.diagnosis.search.forward_selection import Search
@@ -152,7 +152,7 @@ def score(problem: Problem, folds: Sequence[Fold]) -> tuple[Score, FloatColumn, 
             e = part.drive.estimate(fold.effects)
             if len(shown) == i:
                 shown.append(e)
-            passed_us = Onward()(e.t_us)
+            passed_us = MonotonicClock()(e.t_us)
             t = (passed_us - passed_us[0]) * 1e-6
             counted = (t > SETTLE_S) & np.isfinite(e.mass_kg)
             if not several and not fold.judged.all():
@@ -161,7 +161,7 @@ def score(problem: Problem, folds: Sequence[Fold]) -> tuple[Score, FloatColumn, 
             if np.isfinite(e.mass_kg).any():
                 last.append(float(e.mass_kg[np.isfinite(e.mass_kg)][-1]))
             reference = part.reference  # which is of what the ticks show, not of when they are
-            ticks_us = Onward()(part.run.samples.t_us) - round(part.run.behind_s * 1e6)
+            ticks_us = MonotonicClock()(part.run.samples.t_us) - round(part.run.behind_s * 1e6)
             if reference.mass_kg is not None:
                 carried_kg = reference.mass_kg + added_kg(fold.effects, part.run.samples.t_us)
                 true = np.interp(passed_us, ticks_us, carried_kg)

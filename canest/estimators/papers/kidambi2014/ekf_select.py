@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from canest.core.frames import FloatColumn, Onward
+from canest.core.frames import FloatColumn, MonotonicClock
 from canest.core.samples import STEP_S, STEP_US, EstimateBlock, ModelBlock
 from canest.estimators.papers.kidambi2014.ekf import EkfBase, EkfOptions
 from canest.estimators.papers.kidambi2014.ekf_filter import EkfCore, Rows
@@ -60,14 +60,14 @@ class EkfSelect(EkfBase):
         self._selected: tuple[float, float] | None = None  # 1/m and its variance at the last agreement
         self._next_us: int | None = None
         # a clock set back must not keep the next filter waiting until it has caught up
-        self._onward = Onward()
+        self._monotonic = MonotonicClock()
 
     def _update(self, block: ModelBlock) -> EstimateBlock:
         rows = Rows(block, self._before)
         self._before = rows.after
         every_us = round(self.options.every_s / STEP_S) * STEP_US
         parts = [np.empty((4, 0))]
-        stamps = self._onward(block.t_us)
+        stamps = self._monotonic(block.t_us)
         times = stamps[rows.at]
         if self._next_us is None and len(block):
             self._next_us = int(stamps[0]) + every_us

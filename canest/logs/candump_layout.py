@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, BoolColumn, FrameBlock, IntColumn
-from canest.logs.lines import STANDARD_ID_MAX, Line
+from canest.logs.candump_line import STANDARD_ID_MAX, Line
 from canest.logs.swar import ALL_BITS, ZERO_CHARS, Words, decimal, hex_bytes
 
 _WORD = 8
@@ -77,7 +77,7 @@ class Layout:
     fixed: tuple[tuple[int, np.uint64, np.uint64], ...]  #: (offset, mask, value) of the fixed characters
     seconds_at: int
     seconds_digits: int
-    seconds_base: int  #: seconds told by the digits in front of the last eight, which are fixed
+    seconds_base: int  #: seconds of the digits in front of the last eight, which are fixed
     fraction_at: int
     id_at: int
     id_digits: int
@@ -130,9 +130,9 @@ class Layout:
         return FrameBlock(t_us, can_id, np.full(rows.count, self.length, np.uint8), data), fault == 0
 
     def _identifiers(self, rows: Rows, fault: Words) -> NDArray[np.uint32]:
-        reversed_id, bad = hex_bytes(rows.field(self.id_at, self.id_digits))
+        reversed_id, bad = hex_bytes.interpreted(rows.field(self.id_at, self.id_digits))
         fault |= bad
-        can_id: NDArray[np.uint32] = reversed_id.byteswap()
+        can_id: NDArray[np.uint32] = reversed_id.astype(np.uint32).byteswap()
         if self.id_digits == _STANDARD_DIGITS:
             fault |= can_id > STANDARD_ID_MAX
         else:
@@ -141,18 +141,21 @@ class Layout:
         return can_id | np.uint32(REMOTE) if self.remote else can_id
 
     def _stamps(self, rows: Rows, fault: Words) -> IntColumn:
-        seconds, bad = decimal(rows.field(self.seconds_at, self.seconds_digits))
+        seconds, bad = decimal.interpreted(rows.field(self.seconds_at, self.seconds_digits))
         fault |= bad
-        micros, bad = decimal(rows.field(self.fraction_at, _FRACTION_DIGITS))
+        micros, bad = decimal.interpreted(rows.field(self.fraction_at, _FRACTION_DIGITS))
         fault |= bad
         t_us = (seconds + np.uint64(self.seconds_base)) * np.uint64(1_000_000) + micros
-        return t_us.view(np.int64)
+        stamps: IntColumn = t_us.view(np.int64)
+        return stamps
 
     def _payload(self, rows: Rows, fault: Words) -> Words:
         halves = np.zeros((rows.count, 2), "<u4")
         for first in range(0, 0 if self.remote else self.length, 4):
             at = self.data_at + first * self.data_step
-            four, bad = hex_bytes(rows.four_bytes(at, self.data_step, min(4, self.length - first)))
+            four, bad = hex_bytes.interpreted(
+                rows.four_bytes(at, self.data_step, min(4, self.length - first))
+            )
             fault |= bad
             if first < _WORD:
                 halves[:, first // 4] = four

@@ -47,7 +47,7 @@ _WHITE = b" \t\r\n\x0b\x0c"
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A well-formed line: the frame, and where its parts stood (for `canest.logs.layout`)."""
+    """A well-formed line: the frame, and where its parts stood (for `canest.logs.candump_layout`)."""
 
     t_us: int
     can_id: int

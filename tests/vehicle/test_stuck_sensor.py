@@ -12,7 +12,7 @@ from vehicle_helpers import FINAL_DRIVE, RADIUS_M, config, ticks
 from canest.config.schema import Config
 from canest.grid.grid import GridBlock
 from canest.pipeline.build import model_spec
-from canest.vehicle.stuck_sensor import Frozen
+from canest.vehicle.stuck_sensor import StuckSensor
 
 N = 1000
 T_S = np.arange(N) * 0.02
@@ -80,14 +80,17 @@ def silent(before: GridBlock, after: GridBlock) -> dict[str, np.ndarray]:
     ids=["moving", "all still", "coarse", "standing", "jump", "alone"],
 )
 def test_a_speed_that_may_be_true_is_left_alone(shaft: np.ndarray, undriven: np.ndarray) -> None:
-    judge, block = Frozen(model_spec(mapped())), drive(output_shaft_speed=shaft, undriven_speed=undriven)
+    sensor, block = (
+        StuckSensor(model_spec(mapped())),
+        drive(output_shaft_speed=shaft, undriven_speed=undriven),
+    )
     block = ticks(block.values | {"engine_speed": SHAFT}, N)
-    assert silent(block, judge.silence(block)) == {}
-    assert not judge.counts
+    assert silent(block, sensor.silence(block)) == {}
+    assert not sensor.stuck_ticks
 
 
 @pytest.mark.parametrize(
-    ("speed", "felt", "told"),
+    ("speed", "felt", "stuck"),
     [
         (BRAKED, FELT, False),
         (BRAKED, frozen(FELT), True),
@@ -96,18 +99,18 @@ def test_a_speed_that_may_be_true_is_left_alone(shaft: np.ndarray, undriven: np.
     ],
     ids=["feels", "frozen", "slow", "jump"],
 )
-def test_an_accelerometer_that_feels_no_brake_is_frozen(
-    speed: np.ndarray, felt: np.ndarray, told: bool
+def test_an_accelerometer_that_shows_no_braking_is_taken_as_stuck(
+    speed: np.ndarray, felt: np.ndarray, stuck: bool
 ) -> None:
-    judge = Frozen(model_spec(mapped()))
+    sensor = StuckSensor(model_spec(mapped()))
     shaft = (speed + NOISE) * RPM_PER_MPS
     block = drive(output_shaft_speed=shaft, engine_speed=shaft, longitudinal_accel=felt, undriven_speed=speed)
-    lost = silent(block, judge.silence(block))
-    assert set(lost) == ({"longitudinal_accel", "yaw_rate"} if told else set())
-    if told:  # a second of 1.5 m/s2 at the latest, and to the end
+    lost = silent(block, sensor.silence(block))
+    assert set(lost) == ({"longitudinal_accel", "yaw_rate"} if stuck else set())
+    if stuck:  # a second of 1.5 m/s2 at the latest, and to the end
         assert 12.0 < T_S[lost["yaw_rate"][0]] < 13.0
         assert lost["yaw_rate"][-1] == N - 1
-        assert judge.counts == {"longitudinal_accel": len(lost["yaw_rate"])}
+        assert sensor.stuck_ticks == {"longitudinal_accel": len(lost["yaw_rate"])}
 
 
 def test_any_cut_gives_the_same_bits() -> None:
@@ -119,15 +122,15 @@ def test_any_cut_gives_the_same_bits() -> None:
         undriven_speed=gone,
         longitudinal_accel=frozen(FELT, 400, 950),
     )
-    whole = Frozen(model_spec(mapped())).silence(block)
+    whole = StuckSensor(model_spec(mapped())).silence(block)
     assert len(silent(block, whole)) == 2
     rng = np.random.default_rng(11)
     for pieces in (2, 5, 40, 400):
         cuts = np.sort(rng.choice(np.arange(1, N), pieces, replace=False))
-        judge, rest, at, parts = Frozen(model_spec(mapped())), block, 0, []
+        sensor, rest, at, parts = StuckSensor(model_spec(mapped())), block, 0, []
         for cut in [*cuts.tolist(), N]:
             part, rest = rest.split(cut - at)
             at = cut
-            parts.append(judge.silence(part))
+            parts.append(sensor.silence(part))
         for role, column in whole.values.items():
             assert column.tobytes() == np.concatenate([p.values[role] for p in parts]).tobytes(), role

@@ -17,14 +17,14 @@ from canest.logs.reader import open_log
 from canest.pipeline.build import intake_spec
 from canest.pipeline.pipeline import Pipeline
 from canest.vehicle import torque_dropout as module
-from canest.vehicle.torque_dropout import TorqueScreen
+from canest.vehicle.torque_dropout import TorqueDropoutCheck
 
 EEC1_US = 20_000
 PROVE = [60.0, 0.0, 60.0, 0.0]  # two dropouts
 
 
 def passed(values, period_us=EEC1_US, screen=None):
-    screen = screen or TorqueScreen(far=5.0, most=124.0)
+    screen = screen or TorqueDropoutCheck(far=5.0, most=124.0)
     t_us = period_us * np.arange(1, len(values) + 1, dtype=np.int64)
     refused = screen.refused(t_us, np.array(values))
     return list(values) if refused is None else np.array(values)[~refused].tolist()
@@ -65,7 +65,7 @@ def test_a_zero_that_ends_somewhere_else_proves_nothing():
 
 
 def test_dropouts_of_minutes_ago_prove_nothing():
-    screen = TorqueScreen(far=5.0)
+    screen = TorqueDropoutCheck(far=5.0)
     assert passed([*PROVE, 60.0], screen=screen) == [*PROVE, 60.0]
     late = np.array([600_000_000, 600_020_000]), np.array([60.0, 0.0])
     assert screen.refused(*late) is None
@@ -99,7 +99,7 @@ def test_tables_too(source, end):
         f"dbc: []\nsignals: {{{source}, vehicle_speed: {{column: v, unit: km/h}}}}\n"
     )
     (limit,) = intake_spec(config).torque.values()
-    screen = TorqueScreen(*limit)
+    screen = TorqueDropoutCheck(*limit)
     assert passed([90.0, end, 91.0], screen=screen) == [90.0, 91.0]
 
 
@@ -114,7 +114,7 @@ def test_any_cut_refuses_the_same_samples(steps, cuts, few):
     values = np.array([value for _, value in steps])
 
     def refused(edges):
-        screen, parts = TorqueScreen(far=5.0, most=124.0), []
+        screen, parts = TorqueDropoutCheck(far=5.0, most=124.0), []
         for a, b in pairwise(edges):
             found = screen.refused(t_us[a:b], values[a:b])
             parts.append(np.zeros(b - a, bool) if found is None else found)
@@ -134,7 +134,7 @@ FRAMES = FrameBlock.concatenate(list(open_log(DRIVE)))
 
 def masses(frames):
     pipeline = Pipeline(CONFIG)
-    return float(pipeline.push(frames).mass_kg[-1]), pipeline.intake.screen.refused
+    return float(pipeline.push(frames).mass_kg[-1]), pipeline.intake.range_rate_check.refused
 
 
 @pytest.mark.parametrize("raw", [125, 250])

@@ -25,7 +25,7 @@ from vehicle_helpers import (
 from canest.core.gates import Gate
 from canest.core.samples import GRAVITY_MPS2, STEP_S
 from canest.pipeline.build import model_spec
-from canest.vehicle.model_samples import Regression
+from canest.vehicle.filtered_model import FilteredModel
 
 RATIO = 2.0 * FINAL_DRIVE
 ROLES = ("engine_torque", "vehicle_speed")
@@ -65,7 +65,7 @@ def test_the_relation_holds_exactly_for_constant_mass_and_grade(
     speed = 15 + np.cumsum(accel) * STEP_S
     torque = torque_for(speed, mass_kg, grade, crr_per_mps)
     effects = [{"effect": "rolling_resistance_speed", "crr_per_mps": crr_per_mps}] if crr_per_mps else []
-    regression = Regression(
+    regression = FilteredModel(
         model_spec(
             config(ROLES, effects, vehicle=FIXED_GEAR, filter={"order": order, "cutoff_hz": cutoff_hz})
         )
@@ -88,7 +88,7 @@ def test_the_relation_holds_exactly_for_constant_mass_and_grade(
 
 def test_the_filtered_acceleration_is_the_difference_of_the_filtered_speed() -> None:
     speed = 15 + np.cumsum(np.random.default_rng(3).standard_normal(100)) * 0.01
-    block = Regression(model_spec(config(ROLES, vehicle=FIXED_GEAR))).process(
+    block = FilteredModel(model_spec(config(ROLES, vehicle=FIXED_GEAR))).process(
         ticks({"engine_torque": 500.0, "vehicle_speed": speed}, 100)
     )
     assert block.accel_mps2[0] == 0.0
@@ -103,7 +103,7 @@ def test_damage_leaves_no_trace_in_the_filters(role: str, damage: float) -> None
     values = dict(zip(roles, (500.0, 15.0, 0.2, 15.0), strict=True))
     column = np.full(300, values[role])
     column[50:60] = damage
-    block = Regression(model_spec(config(roles, vehicle=FIXED_GEAR))).process(
+    block = FilteredModel(model_spec(config(roles, vehicle=FIXED_GEAR))).process(
         ticks(values | {role: column}, 300)
     )
     assert np.isfinite(block.speed_mps).all()
@@ -125,10 +125,10 @@ def test_a_lost_torque_stops_neither_speed_nor_acceleration() -> None:
     torque[100:300] = math.nan
     roles = (*ROLES, "longitudinal_accel")
     values = {"engine_torque": torque, "vehicle_speed": speed, "longitudinal_accel": 0.5}
-    whole = Regression(model_spec(config(roles, vehicle=FIXED_GEAR))).process(
+    whole = FilteredModel(model_spec(config(roles, vehicle=FIXED_GEAR))).process(
         ticks(values | {"engine_torque": 500.0}, 400)
     )
-    lost = Regression(model_spec(config(roles, vehicle=FIXED_GEAR))).process(ticks(values, 400))
+    lost = FilteredModel(model_spec(config(roles, vehicle=FIXED_GEAR))).process(ticks(values, 400))
     np.testing.assert_array_equal(lost.speed_mps, whole.speed_mps)
     np.testing.assert_array_equal(lost.accel_mps2, whole.accel_mps2)
     assert lost.ax_ok.all()
@@ -136,7 +136,7 @@ def test_a_lost_torque_stops_neither_speed_nor_acceleration() -> None:
 
 
 def test_standing_and_what_is_not_measured() -> None:
-    block = Regression(model_spec(config(ROLES, vehicle=FIXED_GEAR))).process(
+    block = FilteredModel(model_spec(config(ROLES, vehicle=FIXED_GEAR))).process(
         ticks({"engine_torque": 0.0, "vehicle_speed": [0.0, 0.1, 0.3, math.nan]}, 4)
     )
     assert block.stopped.tolist() == [True, True, False, False]
@@ -153,7 +153,7 @@ def test_backwards_an_accelerometer_is_not_used() -> None:
         "gear": [1.0, 1.0, -1.0],
         "longitudinal_accel": 0.2,
     }
-    block = Regression(model_spec(config(roles))).process(ticks(signals, 3))
+    block = FilteredModel(model_spec(config(roles))).process(ticks(signals, 3))
     assert block.ax_ok.tolist() == [True, True, False]
 
 
@@ -175,7 +175,7 @@ def test_an_engines_speed_is_not_the_vehicles_in_a_shift_or_until_it_has_settled
         "shift_in_process": shift,
         "longitudinal_accel": np.full(n, 0.2),
     }
-    regression = Regression(model_spec(config(roles, gates={"shift": {"recovery_s": 1.0}})))
+    regression = FilteredModel(model_spec(config(roles, gates={"shift": {"recovery_s": 1.0}})))
     used = []
     for a, b in pairwise(marks):
         part = ticks({k: v[a:b] for k, v in values.items()}, b - a, a, continues=a > 0)
@@ -185,7 +185,7 @@ def test_an_engines_speed_is_not_the_vehicles_in_a_shift_or_until_it_has_settled
 
 
 def test_a_slope_sensor_gives_the_tangent() -> None:
-    block = Regression(model_spec(config((*ROLES, "pitch"), vehicle=FIXED_GEAR))).process(
+    block = FilteredModel(model_spec(config((*ROLES, "pitch"), vehicle=FIXED_GEAR))).process(
         ticks({"engine_torque": 0.0, "vehicle_speed": 5.0, "pitch": [0.05, -0.1]})
     )
     assert block.slope == pytest.approx([math.tan(0.05), math.tan(-0.1)])

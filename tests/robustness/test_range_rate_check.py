@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from canest.vehicle import range_rate_check as module
-from canest.vehicle.range_rate_check import JUMP, MOTION_JUMP, Limit, Screen
+from canest.vehicle.range_rate_check import JUMP, MOTION_JUMP, Limit, RangeRateCheck
 
 
 def column(pairs):
@@ -23,7 +23,7 @@ def passed(screen, pairs):
 
 
 def screen():
-    return Screen({"x": Limit(slack=1.0, rate=10.0)}, {"x"})
+    return RangeRateCheck({"x": Limit(slack=1.0, rate=10.0)}, {"x"})
 
 
 def test_one_wild_sample_is_refused_and_told():
@@ -45,7 +45,7 @@ def test_a_forged_first_sample_does_not_keep_the_truth_out():
 @pytest.mark.parametrize("n", [20, 200])  # walked, and in columns
 def test_an_impossible_first_sample_keeps_nothing_out(n):
     pairs = [(0, 1e300), *((100_000 * k, 5.0) for k in range(1, n))]
-    screened = Screen({"x": Limit(slack=1.0, rate=10.0, most=150.0)})
+    screened = RangeRateCheck({"x": Limit(slack=1.0, rate=10.0, most=150.0)})
     assert passed(screened, pairs) == pairs[1:]
     assert screened.refused["x"] == 1
 
@@ -53,7 +53,7 @@ def test_an_impossible_first_sample_keeps_nothing_out(n):
 @pytest.mark.parametrize("n", [20, 200])
 def test_a_controller_that_wakes_with_zero_keeps_nothing_out(n):
     pairs = [(0, 0.0), *((100_000 * k, 2100.0) for k in range(1, n))]
-    screened = Screen({"x": Limit(slack=5.0, rate=5.0, least=50.0)})
+    screened = RangeRateCheck({"x": Limit(slack=5.0, rate=5.0, least=50.0)})
     assert passed(screened, pairs) == pairs[1:]
 
 

@@ -16,8 +16,9 @@ from canest.core.frames import FloatColumn, IntColumn
 from canest.core.table_block import TableBlock
 from canest.decode.value_table import Label, TextTable
 from canest.logs.candump import SHOWN_CHARS
+from canest.logs.cells import number_of
 from canest.logs.reader import open_log
-from canest.logs.tables import TEXTS_KEPT, number_of
+from canest.logs.table_reader import TEXTS_KEPT
 from canest.pipeline.signal_map import factor_and_offset
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ class TableMap:
 
     @property
     def text_columns(self) -> list[str]:
-        """Those of them that are read as text, since a value table says what they mean."""
+        """Those of them that are read as text, since a value table gives their meaning."""
         return [self.roles[role][0] for role in self.values]
 
     def labels(self, role: str) -> list[Label]:
@@ -76,17 +77,17 @@ class TableMap:
             for cell, count, number in numbers
         ]
 
-    def notes(self) -> list[str]:
+    def warnings(self) -> list[str]:
         """Return which cells no value table lists, one sentence for each role."""
-        told = []
+        warnings = []
         for role, count in self.without_value.items():
             unlisted = [cell for cell in self.seen[role] if np.isnan(self.values[role].number(cell))]
             shown = ", ".join(map(_shown, unlisted[:_SHOWN])) + (", ..." if unlisted[_SHOWN:] else "")
-            told.append(
+            warnings.append(
                 f"column {self.roles[role][0]}: {count:,} cells are not in signals.{role}.map and count as "
                 f"not available: {shown}"
             )
-        return told
+        return warnings
 
     def samples(self, block: TableBlock) -> dict[str, tuple[IntColumn, FloatColumn]]:
         """Return the samples of a block, per role; columns that the table lacks give none.

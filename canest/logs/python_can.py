@@ -19,10 +19,10 @@ from canest.core.errors import LogError
 from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.logs.base import LogReader
 from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
+from canest.logs.candump_line import CLASSIC_BYTES
 from canest.logs.compression import Source
-from canest.logs.damaged import blf_reader, hushed, hushed_messages, sqlite_reader
-from canest.logs.lines import CLASSIC_BYTES
-from canest.logs.textlines import Lines, in_plain_words
+from canest.logs.damaged import blf_reader, quiet_messages, silenced, sqlite_reader
+from canest.logs.python_can_lines import Lines, in_plain_words
 from canest.system.installation import how_to_add
 
 _TEXT_BYTES = 1 << 18
@@ -131,7 +131,7 @@ class PythonCanReader(LogReader):
         make: Any = {".blf": blf_reader, ".mf4": can.MF4Reader, ".db": of_database}[self._suffix]
         source = file.name if self._suffix == ".db" else file  # sqlite opens by name only
         damage, announced = "", 0
-        with hushed():
+        with silenced():
             try:
                 reader = self._reader(make, source)
             except (LogError, MemoryError):
@@ -144,7 +144,7 @@ class PythonCanReader(LogReader):
             try:
                 announced = getattr(reader, "file_size", 0)
                 with reader:
-                    yield from hushed_messages(reader)
+                    yield from quiet_messages(reader)
             except MemoryError:
                 raise
             except Exception as error:  # as above
@@ -164,7 +164,7 @@ class PythonCanReader(LogReader):
 
         if self._suffix == ".asc" and re.search(rb"(?im)^\s*base\s+\S+\s+timestamps\s+relative", self._head):
             raise LogError(
-                "tells the time from each event to the next", where=str(self.path),
+                "gives the time from each event to the next", where=str(self.path),
                 found="timestamps relative", expected="an export with `timestamps absolute`",
             )  # fmt: skip
         kind = {".asc": can.ASCReader, ".trc": can.TRCReader, ".csv": can.CSVReader}[self._suffix]

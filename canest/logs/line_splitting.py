@@ -14,8 +14,8 @@ _TEXT_BYTES = 1 << 18
 def text_lines(source: Source, head: bytes, cut_off: Callable[[str], None]) -> Iterator[str]:
     """Yield the lines of a log without their ends; ``head``: what was read of it before.
 
-    Of a line beyond `LINE_CHARS_MAX` a little more than that stands for the whole. cut_off: is told what a
-    damaged archive holds of its last line, instead.
+    Of a line beyond `LINE_CHARS_MAX` a little more than that stands for the whole. cut_off: called with
+    what a damaged archive holds of its last line, instead.
     """
     text, overlong = head, False
     while text:

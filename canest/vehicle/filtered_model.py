@@ -11,20 +11,20 @@ from canest.core.frames import BoolColumn, FloatColumn
 from canest.core.gates import Gate
 from canest.core.samples import STEP_S, ModelBlock
 from canest.grid.grid import GridBlock
-from canest.vehicle.brake_hold import LostBrakes
+from canest.vehicle.brake_hold import BrakeHold
 from canest.vehicle.butterworth import Filter
 from canest.vehicle.gating import Excitation, Gating
 from canest.vehicle.model import LongitudinalModel, RawModel
 from canest.vehicle.range_rate_check import MAX_SPEED_MPS, MOTION_JUMP
 from canest.vehicle.spec import ModelSpec
-from canest.vehicle.stuck_sensor import Frozen
+from canest.vehicle.stuck_sensor import StuckSensor
 from canest.vehicle.working_columns import Columns
 
 #: slower than this (m/s) the vehicle stands: speed sensors give no pulses below
 STANDSTILL_MPS = 0.2
 
 
-class _Held:
+class _LastUsable:
     """A column whose unusable samples repeat the last usable one, so that a filter never meets a NaN."""
 
     def __init__(self) -> None:
@@ -43,20 +43,20 @@ class _Held:
         return filled, usable & ~before
 
 
-class Regression:
+class FilteredModel:
     """Carries the filters, the gates and the last filtered speed; block in, `ModelBlock` out."""
 
     def __init__(self, spec: ModelSpec, *, excitation_gate: bool = False) -> None:
         self.model = LongitudinalModel(spec)
         self._gating = Gating(spec, self.model)
-        self.frozen = Frozen(spec)
-        self._brakes = LostBrakes(spec)
+        self.stuck_sensor = StuckSensor(spec)
+        self._brakes = BrakeHold(spec)
         wanted = spec.gates.low_excitation.enabled
         use = excitation_gate if wanted is None else wanted
         self._excitation = Excitation(spec) if use else None
         names = ("speed", "force", "traction", "aero", "mu", "accelerometer", "undriven")
         self._filters = {n: Filter(spec.filter.order, spec.filter.cutoff_hz) for n in names}
-        self._held = {n: _Held() for n in names}
+        self._last_usable = {n: _LastUsable() for n in names}
         self._last_filtered_mps = np.nan
         self._was_open = False
         #: the model's working columns of the last block (for reports and the diagnosis)
@@ -65,7 +65,7 @@ class Regression:
     @np.errstate(all="ignore")  # signals may be any float: what is no sane number closes a gate
     def process(self, grid: GridBlock) -> ModelBlock:
         """Turn a block of ticks into model samples."""
-        grid = self._brakes.fill(self.frozen.silence(grid))
+        grid = self._brakes.fill(self.stuck_sensor.silence(grid))
         raw = self.model.process(grid)
         self.last_columns = c = raw.columns
         moving = np.abs(raw.speed_mps) <= MAX_SPEED_MPS  # known, whatever becomes of the torque
@@ -84,7 +84,7 @@ class Regression:
         was_open = shifted(is_open, self._was_open and grid.continues)
         self._was_open = bool(is_open[-1])
         nothing = constant(math.nan, len(grid))
-        # backwards an accelerometer feels the other way than a speed tells, which has no sign
+        # backwards an accelerometer has the other sign than the speed, which has none
         doubtful = np.isfinite(c.signal(MOTION_JUMP, np.nan)) | (c.gear < 0) | self._gating.slack
         rotating, coasting = raw.rotating_mass_kg, nothing
         if np.count_nonzero(self._gating.coasting):
@@ -117,9 +117,11 @@ class Regression:
         )
 
     def _stopped(self, raw: RawModel) -> BoolColumn:
-        """Return where the vehicle stands, or may: only the engine tells a speed, and turns by itself."""
+        """Return where the vehicle stands, or may: the engine's is the only speed, and it turns by itself."""
         stands: BoolColumn = np.abs(raw.speed_mps) < STANDSTILL_MPS
-        return stands | (raw.by_engine & np.isnan(raw.speed_mps) & np.isfinite(raw.columns.engine_radps))
+        return stands | (
+            raw.speed_is_engine & np.isnan(raw.speed_mps) & np.isfinite(raw.columns.engine_radps)
+        )
 
     def _rolling(self, c: Columns, grid: GridBlock) -> FloatColumn:
         """Return the rolling resistance coefficient, filtered where an effect lets it change."""
@@ -131,7 +133,7 @@ class Regression:
     def _filtered(
         self, name: str, x: FloatColumn, usable: BoolColumn, grid: GridBlock
     ) -> tuple[FloatColumn, BoolColumn]:
-        filled, start = self._held[name].fill(x, usable)
+        filled, start = self._last_usable[name].fill(x, usable)
         if not grid.continues:
             start = start.copy()
             start[0] = True

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable
 
 from canest.logs.compression import Source
-from canest.logs.splitting import text_lines
+from canest.logs.line_splitting import text_lines
 
 _HEADER_LINES_MAX = 200
 #: ends python-can's search for an .asc header, which otherwise swallows a line behind it
@@ -33,7 +33,7 @@ _NO_NUMBER = re.compile(r"invalid literal for int.*?: (.*)|could not convert str
 
 
 def in_plain_words(error: Exception) -> str:
-    """Return what Python says of a line that holds no frame, for people who do not write Python."""
+    """Return Python's error for a line that holds no frame, in words for people who do not write Python."""
     text = str(error).replace("\n", " ")[:200]
     if match := _UNPACKED.match(text):
         return "too many fields" if match[1] == "too many" else "too few fields"
@@ -47,7 +47,7 @@ def in_plain_words(error: Exception) -> str:
 class Lines:
     """The lines of a source as a text file that python-can accepts, able to show the header again.
 
-    number, current: the line handed out last. skip: is told, when the next one is asked for, of a line that
+    number, current: the line handed out last. skip: called, when the next line is asked for, with one that
     should hold a frame and that nobody has claimed.
     """
 
@@ -71,7 +71,7 @@ class Lines:
         next(self, None)
 
     def claim(self) -> None:
-        """Say that the current line became a frame, or has been counted already."""
+        """Mark the current line: it became a frame, or has been counted already."""
         self._claimed = True
 
     def __iter__(self) -> Lines:

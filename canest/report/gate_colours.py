@@ -7,7 +7,7 @@ from canest.core.gates import LABELS
 #: gate -> (colour, what it means to a reader)
 LOOKS: dict[str, tuple[str, str]] = {
     "stale": ("#7c3aed", "a needed signal is too old"),
-    "invalid": ("#9333ea", "a needed signal says not available"),
+    "invalid": ("#9333ea", "a needed signal is not available"),
     "reverse": ("#64748b", "reversing"),
     "low_speed": ("#64748b", "standing or crawling"),
     "brake": ("#dc2626", "braking"),

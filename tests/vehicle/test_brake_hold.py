@@ -12,7 +12,7 @@ from vehicle_helpers import config, ticks
 
 from canest.core.samples import RATE_HZ
 from canest.pipeline.build import model_spec
-from canest.vehicle.brake_hold import LOST_S, LostBrakes
+from canest.vehicle.brake_hold import HOLD_S, BrakeHold
 
 ACTING = [
     ("brake_switch", 1.0),
@@ -37,7 +37,7 @@ def test_it_goes_on_until_it_is_heard_again(role: str, value: float, stale: bool
 def test_a_controller_that_stays_dead_brakes_no_more() -> None:
     drive = Drive(None)
     drive.go(20, brake_switch=1.0)
-    assert "OPEN" in names(drive.go(round((LOST_S + 5) * RATE_HZ), brake_switch=math.nan))
+    assert "OPEN" in names(drive.go(round((HOLD_S + 5) * RATE_HZ), brake_switch=math.nan))
 
 
 def test_a_clock_set_back_does_not_release_it() -> None:
@@ -45,7 +45,7 @@ def test_a_clock_set_back_does_not_release_it() -> None:
     drive.go(20, brake_switch=1.0)
     drive.next = -100_000
     assert names(drive.go(50, gap=True, brake_switch=math.nan)) == {"BRAKE"}
-    drive.go(round(LOST_S * RATE_HZ), brake_switch=math.nan)
+    drive.go(round(HOLD_S * RATE_HZ), brake_switch=math.nan)
     assert "OPEN" in names(drive.go(100, brake_switch=math.nan))
 
 
@@ -70,7 +70,7 @@ def test_any_cut_fills_the_same() -> None:
 
     def filled(edges: list[int]) -> bytes:
         signals = ["retarder_torque_pct", "engine_torque", "vehicle_speed", "gear"]
-        brakes = LostBrakes(model_spec(config(signals)))
+        brakes = BrakeHold(model_spec(config(signals)))
         parts = []
         for a, b in pairwise(edges):
             block = ticks({r: v[a:b] for r, v in roles.items()}, b - a, first=a)

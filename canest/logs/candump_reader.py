@@ -1,0 +1,88 @@
+"""The reader of candump text: cuts it into whole lines, and joins the parsed frames to blocks."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Generator, Iterator, Mapping
+
+from canest.core.frames import FrameBlock
+from canest.logs.base import LogReader
+from canest.logs.candump import LINE_CHARS_MAX, SHOWN_CHARS, CandumpParser
+from canest.logs.compression import Source
+
+#: text parsed at once: fits the second-level cache together with what is made of it
+_TEXT_BYTES = 1 << 19
+#: a power cut leaves blocks of zeros where nothing had been written yet; the next line begins behind them
+_NEVER_WRITTEN = re.compile(rb"(\A|\n)\0+")
+
+
+class CandumpReader(LogReader):
+    """Candump text, either form."""
+
+    format = "candump"
+
+    def __init__(self, source: Source, head: bytes, parser: CandumpParser, block_frames: int) -> None:
+        super().__init__(source, parser.channel)
+        self._head, self._parser, self._block_frames = head, parser, block_frames
+        if not head:
+            self.kind = "nothing"
+
+    @property
+    def frames(self) -> int:
+        """Well-formed frames so far, delivered or not."""
+        return self._parser.frames
+
+    @property
+    def skipped_lines(self) -> int:
+        """Lines that should be a frame and are not."""
+        return self._parser.skipped_lines
+
+    @property
+    def skipped(self) -> list[tuple[int, str, str]]:
+        """The first unreadable lines: (number, text, reason)."""
+        return self._parser.skipped
+
+    @property
+    def channels(self) -> Mapping[str, int]:
+        """Frames per interface so far."""
+        return self._parser.channels
+
+    def _blocks(self) -> Generator[FrameBlock]:
+        blocks: list[FrameBlock] = []
+        held = 0
+        for block in self._parsed():
+            blocks.append(block)
+            held += len(block)
+            if held >= self._block_frames:
+                yield FrameBlock.concatenate(blocks)
+                blocks, held = [], 0
+        if held:
+            yield FrameBlock.concatenate(blocks)
+
+    def _parsed(self) -> Iterator[FrameBlock]:
+        text, self._head = self._head, b""
+        overlong = False
+        while True:
+            if b"\0" in text and not overlong:
+                text = _NEVER_WRITTEN.sub(rb"\1", text)
+            end = text.rfind(b"\n") + 1
+            if overlong and end:  # the rest of a line already counted
+                text = text[text.find(b"\n") + 1 :]
+                overlong = False
+                continue
+            if end:
+                yield self._parser.parse(text, end)
+                text = text[end:]
+            if len(text) > LINE_CHARS_MAX:
+                if not overlong:
+                    self._parser.skip_line(text[:SHOWN_CHARS], "line too long")
+                overlong, text = True, b""
+            more = self._source.read(_TEXT_BYTES)
+            if not more:
+                break
+            text += more
+        if text and not overlong:
+            if self._source.damage:
+                self._parser.skip_line(text, "cut off by the end of the archive")
+            else:
+                yield self._parser.parse(text + b"\n")
