@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from canest.core import jit
 from canest.core.samples import STEP_US, ModelBlock, VehicleFacts
-from canest.estimators.base import REGISTRY, create
+from canest.estimators.registry import BUILT_IN, create
 from canest.estimators.papers.kidambi2014.ekf_filter import ekf_steps
 from canest.estimators.papers.rhode2013.multiple_forgetting import MultipleForgetting
 from canest.estimators.papers.rhode2013.rsvd import Rsvd
@@ -169,7 +169,7 @@ def main() -> int:
         for name, action in kernels(n).items():
             results.setdefault(f"kernel  {name}", []).append(best(action, n))
         block = samples(n)
-        for name in REGISTRY:
+        for name in BUILT_IN:
             count = n if compiled or name not in ("rtls", "rgtls", "ekf-select") else n // 5
             method = create(name, FACTS)
             part = block[:count]

@@ -37,7 +37,7 @@ def _start_possible(config: Config) -> None:
 
 
 def _estimator_known(config: Config) -> None:
-    from canest.estimators.base import require_known
+    from canest.estimators.registry import require_known
 
     try:
         require_known(config.estimator.name, where="")

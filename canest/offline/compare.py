@@ -14,7 +14,8 @@ from canest.core import jit
 from canest.core.frames import FloatColumn, FrameBlock
 from canest.core.samples import RATE_HZ, ModelBlock, Status
 from canest.doctor.warnings import log_notes, stream_notes
-from canest.estimators.base import REGISTRY, Estimator, create
+from canest.estimators import registry
+from canest.estimators.base import Estimator
 from canest.grid.grid import Grid, GridBlock
 from canest.offline.scoring import Score
 from canest.pipeline.assumed_constants import doubting
@@ -78,7 +79,7 @@ def compare(
     compiled: bool | None = None,
     progress: Progress | None = None,
 ) -> Comparison:
-    """Run the estimators ``names`` (all by default) on one log.
+    """Run the estimators ``names`` (all by default, those of other packages too) on one log.
 
     The options of the config belong to its own estimator; the others run with their defaults. compiled:
     None decides by the length of the log. Errors: LogError, ConfigError (an unknown name).
@@ -90,11 +91,13 @@ def compare(
     chosen = spec.estimator
 
     def new(name: str) -> Estimator:
-        return chosen.create() if name == chosen.name else create(name, chosen.facts)
+        return chosen.create() if name == chosen.name else registry.create(name, chosen.facts)
 
-    entries = {name: _Entry(new(name)) for name in (names or REGISTRY)}
+    entries = {name: _Entry(new(name)) for name in (names or registry.names())}
     blocks: list[ModelBlock] = []
     notes: list[str] = []
+    if not names:
+        notes += [f"estimator {name} is left out: {why}" for name, why in registry.skipped().items()]
     if compiled and not on:
         notes.append("--compiled: numba is not there, or has nowhere to keep what it compiles: interpreted")
     for plain, excited in _samples(config, spec, log, channel, progress, notes):

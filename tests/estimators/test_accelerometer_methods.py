@@ -9,7 +9,7 @@ import pytest
 
 from canest.core.gates import Gate
 from canest.core.samples import Status
-from canest.estimators.base import create
+from canest.estimators.registry import create
 
 from .synthetic import FACTS, drive, with_columns
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from canest.estimators.base import create
+from canest.estimators.registry import create
 from canest.estimators.canest_0_1 import states as k
 
 from .momentum import FACTS, trip

@@ -10,7 +10,7 @@ import pytest
 
 from canest.core.gates import Gate
 from canest.core.samples import EstimateBlock, Status
-from canest.estimators.base import create
+from canest.estimators.registry import create
 from canest.estimators.canest_0_1 import states as k
 from canest.estimators.canest_0_1.output import mass_of
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from canest.core.samples import Status
-from canest.estimators.base import create
+from canest.estimators.registry import create
 from canest.estimators.canest_0_1 import states as at
 from canest.estimators.canest_0_1.hearing import hears
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from canest.core.samples import STEP_S, Status
-from canest.estimators.base import create
+from canest.estimators.registry import create
 
 from .synthetic import FACTS, cut, drive, join, with_columns
 

@@ -10,7 +10,7 @@ import pytest
 
 from canest.core import jit
 from canest.core.samples import Status
-from canest.estimators.base import create
+from canest.estimators.registry import create
 from canest.estimators.papers.vahidi2005.rls import matrix_rls
 
 from .synthetic import FACTS, drive, with_columns

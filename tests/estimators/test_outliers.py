@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from canest.estimators.base import create
+from canest.estimators.registry import create
 from canest.estimators.papers.outliers import OutlierOptions, OutlierStage, RunningMoments, outliers
 
 from .synthetic import FACTS, drive, with_columns

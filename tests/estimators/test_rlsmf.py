@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from canest.estimators.base import create
+from canest.estimators.registry import create
 from canest.estimators.papers.rhode2013.multiple_forgetting import MultipleForgetting
 from canest.estimators.papers.vahidi2005.rlsmf import forget_each
 

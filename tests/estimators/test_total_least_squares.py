@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from canest.core.errors import ConfigError
-from canest.estimators.base import create
+from canest.estimators.registry import create
 from canest.estimators.papers.rhode2013.rsvd import Rsvd
 from canest.estimators.papers.rhode2013.tls_math import (
     NoiseScale,
