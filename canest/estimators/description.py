@@ -13,6 +13,15 @@ from pydantic.fields import FieldInfo
 
 from canest.estimators.options import Options
 
+#: what a year stands for where a source is named
+PAPERS = {
+    "2005": "Vahidi, Stefanopoulou and Peng, Recursive least squares with forgetting for online estimation of "
+    "vehicle mass and road grade",
+    "2013": "Rhode and Gauterin, Online estimation of vehicle driving resistance parameters with recursive "
+    "least squares and recursive total least squares",
+    "2014": "Kidambi, Harne, Fujii, Pietron and Wang, Methods in vehicle mass and road grade estimation",
+}
+
 _SIGNS = {"gt": "> ", "ge": "≥ ", "lt": "< ", "le": "≤ "}
 
 
@@ -96,3 +105,14 @@ def _section(annotation: Any) -> type[BaseModel] | None:
     union = get_origin(annotation) in (Union, types.UnionType)
     choices = get_args(annotation) if union else (annotation,)
     return next((c for c in choices if isinstance(c, type) and issubclass(c, BaseModel)), None)
+
+
+def shown(value: Any) -> str:
+    """Return a default as a config would write it."""
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list):
+        return "[" + ", ".join(shown(item) for item in value) + "]"
+    return f"{value:g}" if isinstance(value, float) else str(value)
