@@ -15,8 +15,8 @@ from canest.estimators.options import Options
 
 #: what a year stands for where a source is named
 PAPERS = {
-    "2005": "Vahidi, Stefanopoulou and Peng, Recursive least squares with forgetting for online estimation of "
-    "vehicle mass and road grade",
+    "2005": "Vahidi, Stefanopoulou and Peng, Recursive least squares with forgetting for online estimation "
+    "of vehicle mass and road grade",
     "2013": "Rhode and Gauterin, Online estimation of vehicle driving resistance parameters with recursive "
     "least squares and recursive total least squares",
     "2014": "Kidambi, Harne, Fujii, Pietron and Wang, Methods in vehicle mass and road grade estimation",

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import doctest
 import importlib
-import doctest
-import importlib
 import subprocess
 import sys
 

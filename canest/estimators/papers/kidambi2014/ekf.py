@@ -10,8 +10,10 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+import numpy as np
 from pydantic import field_validator
 
+from canest.core.frames import FloatColumn
 from canest.core.samples import RATE_HZ, EstimateBlock, ModelBlock, VehicleFacts
 from canest.estimators.description import Description, option
 from canest.estimators.papers.inverse_mass import InverseMassEstimator, InverseMassOptions
@@ -84,6 +86,17 @@ class Ekf(EkfBase):
 
     def _start(self, theta: tuple[float, float], variance: tuple[float, float]) -> None:
         self._core = EkfCore(self.options, self.box, theta, variance)
+
+    @property
+    def state(self) -> FloatColumn:
+        """Return v (m/s), 1/m (1/kg) and sin(beta + beta_mu) after the last sample, shape (3,)."""
+        return np.array(self._core.state[:3])
+
+    @property
+    def covariance(self) -> FloatColumn:
+        """Return P of the state, shape (3, 3), before its scaling by how well the innovations fit it."""
+        p11, p12, p13, p22, p23, p33 = self._core.state[3:9]
+        return np.array([[p11, p12, p13], [p12, p22, p23], [p13, p23, p33]])
 
     def _update(self, block: ModelBlock) -> EstimateBlock:
         rows = Rows(block, self._before)
