@@ -6,6 +6,7 @@ import doctest
 import importlib
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import padasip as pa
@@ -311,3 +312,11 @@ def test_examples_in_docstrings_are_right(module):
     found = doctest.testmod(importlib.import_module(f"canest.estimators.plain.{module}"))
     assert found.attempted
     assert not found.failed
+
+
+def test_the_pages_example_runs(capsys):
+    page = (Path(__file__).parents[2] / "docs" / "estimators.md").read_text(encoding="utf-8")
+    code = page.split("```python\n")[1].split("```")[0]
+    exec(compile(code, "docs/estimators.md", "exec"), {})
+    first = capsys.readouterr().out.splitlines()[0]
+    np.testing.assert_allclose(np.fromstring(first.strip("[]"), sep=" "), [2.0, -0.7], atol=0.01)

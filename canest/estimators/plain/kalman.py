@@ -98,7 +98,7 @@ class EKF:
             return self.theta
         inputs = None if phi is None else np.asarray(phi, np.float64)
         if outputs.ndim > 2 or (inputs is not None and len(np.atleast_1d(inputs)) != len(outputs)):
-            _refuse("shapes do not fit", f"y {outputs.shape}, phi {np.shape(phi)}", "as many rows of both")
+            _refuse("shapes do not fit", f"y {outputs.shape}, phi {inputs.shape}", "as many rows of both")
         found = []
         for n, row in enumerate(outputs):
             u = None if inputs is None else inputs[n]

@@ -210,7 +210,7 @@ class BatchLS(PlainEstimator):
     def _learn(self, y: FloatColumn, rows: FloatColumn) -> FloatColumn:
         found = np.empty(rows.shape)
         for i, row in enumerate(np.column_stack((rows, y))):
-            self._factor = np.linalg.qr(np.vstack((self._factor, row)), mode="r")
+            self._factor = np.asarray(np.linalg.qr(np.vstack((self._factor, row)), mode="r"))
             self._theta = self._solution()
             found[i] = self._theta
         return found

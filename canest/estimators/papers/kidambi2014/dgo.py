@@ -63,7 +63,7 @@ class Dgo(ChunkedEstimator):
 
     def __init__(self, name: str, facts: VehicleFacts, options: Mapping[str, Any] | None = None) -> None:
         super().__init__(name, facts, options)
-        self.options: Any = parse(self.description.options, options)
+        self.options: Any = parse(DgoOptions, options)
         known = facts.initial_mass_kg is not None
         spread = prior_mass_std_kg(facts)
         self._assume(prior_mass_kg(facts), 0.05 * prior_mass_kg(facts) if known else spread)
