@@ -29,7 +29,7 @@ def rows(n=400, seed=3):
 def run(scale, start=(0.3, -0.2), p=(4.0, 0.5, 9.0), n=400):
     phi1, phi2, y = rows(n)
     state = [*start, *p, 1.0]
-    known = Known.room(n)
+    known = Known.empty(n)
     columns = (y.tolist(), phi1.tolist(), phi2.tolist())
     matrix_rls.interpreted(*columns, Scale(*scale), FREE, 0.002, state, known)
     return known.columns(), np.array(state)
@@ -95,7 +95,7 @@ def test_vector_forgetting_is_equation_12_in_matrices():
     state = [0.3, -0.2, 4.0, 0.5, 9.0, 1.0]
     columns = [c.tolist() for c in (phi[2], phi[0], phi[1])]
     scale = Scale(1 / one**2, 1 / (one * two), 1 / two**2)
-    matrix_rls.interpreted(*columns, scale, FREE, 0.002, state, Known.room(50))
+    matrix_rls.interpreted(*columns, scale, FREE, 0.002, state, Known.empty(50))
     np.testing.assert_allclose(state[:2], theta, rtol=1e-9)
     np.testing.assert_allclose(state[2:5], [p[0, 0], p[0, 1], p[1, 1]], rtol=1e-9)
 
@@ -155,7 +155,7 @@ def test_wind_up_is_bounded_in_days_without_excitation():
     state = [4.7e-5, 0.0, 1e-6, 0.0, 10.0, 1e-3]
     limits = Limits(2.5e-5, 1.4e-4, -0.3, 0.3, 1e-3, 1e3)
     columns = ([0.0] * n, [0.0] * n, [-9.8] * n)
-    matrix_rls.interpreted(*columns, Scale(*[1 / 0.9] * 3), limits, 0.002, state, Known.room(n))
+    matrix_rls.interpreted(*columns, Scale(*[1 / 0.9] * 3), limits, 0.002, state, Known.empty(n))
     assert np.isfinite(state).all()
     assert state[2] <= 1e-3
     assert not jit.enabled()

@@ -143,7 +143,7 @@ def test_rls_is_padasips():
 def test_two_parameters_are_the_full_estimators_kernels(kind):
     y, phi = rows(200, 2)
     columns = [y.tolist(), phi[:, 0].tolist(), phi[:, 1].tolist()]
-    known = Known.room(len(y))
+    known = Known.empty(len(y))
     if kind in ("rls", "vector"):
         one, two = 0.99, 0.95 if kind == "vector" else 0.99
         plain = VectorRLS([one, two], P0=4.0) if kind == "vector" else RLS(0.99, P0=4.0)

@@ -47,7 +47,7 @@ def run(phi1, phi2, y, p=(4.0, 9.0), joint=False):
     state = [0.3, -0.2, p[0] / ONE, p[1] / TWO, 1.0]
     columns = [c.tolist() for c in (y, phi1, phi2)]
     forgetting = Forgetting(joint, 1 / ONE, 1 / TWO)
-    forget_each.interpreted(*columns, forgetting, FREE, 0.002, state, Known.room(len(y)))
+    forget_each.interpreted(*columns, forgetting, FREE, 0.002, state, Known.empty(len(y)))
     return np.array(state)
 
 

@@ -17,7 +17,7 @@ from canest.core.frames import FloatColumn
 from canest.core.samples import RATE_HZ, EstimateBlock, ModelBlock, VehicleFacts
 from canest.estimators.autocorrelation import AutocorrelationInflation
 from canest.estimators.description import option
-from canest.estimators.kernel_arrays import Container, room, take
+from canest.estimators.kernel_arrays import Container, outputs, unpack
 from canest.estimators.papers.inverse_mass import InverseMassEstimator, InverseMassOptions
 from canest.estimators.papers.outliers import OutlierOptions, OutlierStage
 from canest.estimators.papers.prior import P_LIMIT, PRIOR_NOISE_MPS2, prior_mass_kg
@@ -66,13 +66,13 @@ class Known(NamedTuple):
     var2: Container
 
     @staticmethod
-    def room(k: int) -> Known:
+    def empty(k: int) -> Known:
         """Return containers for k rows."""
-        return Known(*room(k, 4))
+        return Known(*outputs(k, 4))
 
     def columns(self) -> FloatColumn:
         """Return theta1, theta2, var1, var2, shape (4, k)."""
-        return np.stack([take(column) for column in self])
+        return np.stack([unpack(column) for column in self])
 
 
 class TwoParameter(InverseMassEstimator):

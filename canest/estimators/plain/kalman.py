@@ -96,9 +96,10 @@ class EKF:
             if not np.isnan(outputs).all():
                 self.correct(outputs, phi)
             return self.theta
-        inputs = None if phi is None else np.asarray(phi, np.float64)
-        if outputs.ndim > 2 or (inputs is not None and len(np.atleast_1d(inputs)) != len(outputs)):
-            _refuse("shapes do not fit", f"y {outputs.shape}, phi {inputs.shape}", "as many rows of both")
+        inputs = None if phi is None else np.atleast_1d(np.asarray(phi, np.float64))
+        if outputs.ndim > 2 or (inputs is not None and len(inputs) != len(outputs)):
+            shapes = f"y {outputs.shape}, phi {None if inputs is None else inputs.shape}"
+            _refuse("shapes do not fit", shapes, "as many rows of both")
         found = []
         for n, row in enumerate(outputs):
             u = None if inputs is None else inputs[n]

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from canest.core import jit
 from canest.core.frames import FloatColumn
-from canest.estimators.kernel_arrays import Container, give, room, state_in, state_out, take
+from canest.estimators.kernel_arrays import Container, outputs, pack, state_in, state_out, unpack
 from canest.estimators.papers.rhode2013.multiple_forgetting import MultipleForgetting
 from canest.estimators.plain.base import P0, PlainEstimator
 
@@ -26,12 +26,12 @@ class _MatrixForgetting(PlainEstimator):
     @property
     def theta(self) -> FloatColumn:
         """Return the estimate after the last row, shape (k,)."""
-        return take(self._theta)
+        return unpack(self._theta)
 
     @property
     def P(self) -> FloatColumn:
         """Return the covariance after the last row, over the variance of y's noise, shape (k, k)."""
-        return take(self._p).reshape(self._k, self._k)
+        return unpack(self._p).reshape(self._k, self._k)
 
     def _scale(self, k: int) -> FloatColumn:
         """Return what the elements of P are multiplied with after a row, (k, k)."""
@@ -44,10 +44,10 @@ class _MatrixForgetting(PlainEstimator):
 
     def _learn(self, y: FloatColumn, rows: FloatColumn) -> FloatColumn:
         n, k = rows.shape
-        (out,), theta, p = room(n * k, 1), state_in(self._theta), state_in(self._p)
-        rank_one_updates(*give(y, rows, self._scales), theta, p, state_in([0.0] * k), out)
+        (out,), theta, p = outputs(n * k, 1), state_in(self._theta), state_in(self._p)
+        rank_one_updates(*pack(y, rows, self._scales), theta, p, state_in([0.0] * k), out)
         self._theta, self._p = state_out(theta), state_out(p)
-        return take(out).reshape(n, k)
+        return unpack(out).reshape(n, k)
 
 
 class RLS(_MatrixForgetting):

@@ -17,7 +17,7 @@ from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2, STEP_S, EstimateBlock, ModelBlock, Status, VehicleFacts
 from canest.estimators.chunked import ChunkedEstimator
 from canest.estimators.description import Description, option
-from canest.estimators.kernel_arrays import Container, give, room, state_in, state_out, take
+from canest.estimators.kernel_arrays import Container, outputs, pack, state_in, state_out, unpack
 from canest.estimators.options import Options, parse
 from canest.estimators.papers.inverse_mass import GRADE_LIMIT_TEXT
 from canest.estimators.papers.kidambi2014.ekf_filter import Rows
@@ -86,15 +86,15 @@ class Dgo(ChunkedEstimator):
         rows, n = Rows(block, self._before), len(block)
         self._before = rows.after
         low, high = theta2_range(self.options.grade_limit)
-        out, state = room(len(rows.at), 2), state_in(self._state)
-        columns = give(rows.speed, rows.force / self._mass_kg, rows.fresh)
+        out, state = outputs(len(rows.at), 2), state_in(self._state)
+        columns = pack(rows.speed, rows.force / self._mass_kg, rows.fresh)
         gains = Gains(self.options.k1, self.options.k2, -GRAVITY_MPS2 * high, -GRAVITY_MPS2 * low)
         observe(*columns, gains, state, *out)
         self._state = state_out(state)
-        theta2 = np.clip(take(out[0]) / rows.phi2, low, high)
+        theta2 = np.clip(unpack(out[0]) / rows.phi2, low, high)
         grade = grade_of(theta2, rows.mu, self.options.grade_limit)
         by_mass = rows.force / GRAVITY_MPS2 * (self._mass_std_kg / self._mass_kg**2)
-        by_speed = (self.options.k1 + 1.0) / GRAVITY_MPS2 * np.sqrt(take(out[1]))
+        by_speed = (self.options.k1 + 1.0) / GRAVITY_MPS2 * np.sqrt(unpack(out[1]))
         std = grade_std_of(grade, theta2, np.sqrt(by_mass * by_mass + by_speed * by_speed))
         numbers = np.concatenate(
             (self._held, np.stack((grade, np.minimum(std, self.options.grade_limit)))), axis=1

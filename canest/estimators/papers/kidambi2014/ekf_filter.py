@@ -16,7 +16,7 @@ from canest.core import jit
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.samples import GRAVITY_MPS2, STEP_S, ModelBlock
 from canest.estimators.autocorrelation import AutocorrelationInflation
-from canest.estimators.kernel_arrays import Container, give, room, state_in, state_out, take
+from canest.estimators.kernel_arrays import Container, outputs, pack, state_in, state_out, unpack
 from canest.estimators.papers.inverse_mass import Box
 from canest.estimators.papers.prior import P_LIMIT, VARIANCE_ALPHA
 from canest.estimators.papers.two_parameter import Limits
@@ -105,13 +105,13 @@ class EkfCore:
         theta1, theta2, their variances, and the element of P that belongs to theta1.
         """
         part = slice(begin, end)
-        out, state = room(end - begin, 6), state_in(self.state)
+        out, state = outputs(end - begin, 6), state_in(self.state)
         columns = (rows.speed, rows.force, rows.aero, rows.phi2, rows.fresh)
-        samples = Samples(*give(*(column[part] for column in columns)))
+        samples = Samples(*pack(*(column[part] for column in columns)))
         ekf_steps(samples, self._noise, self._limits, state, Filtered(*out))
         self.state = state_out(state)
-        known = np.stack([take(c) for c in (*out[:4], out[2])])
-        known[2:4] *= take(out[4]) * self._inflation(take(out[5]))
+        known = np.stack([unpack(c) for c in (*out[:4], out[2])])
+        known[2:4] *= unpack(out[4]) * self._inflation(unpack(out[5]))
         return known
 
 

@@ -16,7 +16,7 @@ from canest.core.frames import FloatColumn, IntColumn
 from canest.core.samples import GRAVITY_MPS2, STEP_S, EstimateBlock, ModelBlock, VehicleFacts
 from canest.estimators.autocorrelation import AutocorrelationInflation
 from canest.estimators.description import Description, option
-from canest.estimators.kernel_arrays import Container, give, room, state_in, state_out, take
+from canest.estimators.kernel_arrays import Container, outputs, pack, state_in, state_out, unpack
 from canest.estimators.papers.kinematic import has_accelerometer
 from canest.estimators.papers.measured_grade import MeasuredGrade, MeasuredGradeOptions
 from canest.estimators.papers.prior import P_LIMIT, PRIOR_NOISE_N, VARIANCE_ALPHA, prior_mass_kg
@@ -90,16 +90,16 @@ class Pmg(MeasuredGrade):
     def _masses(self, block: ModelBlock) -> tuple[IntColumn, FloatColumn]:
         at = np.flatnonzero(usable(block) & has_accelerometer(block))
         felt = block.accelerometer_mps2[at] - (GRAVITY_MPS2 * self._pitch) * block.accel_mps2[at]
-        out, state = room(len(at), 2), state_in(self._state)
-        columns = give(felt + GRAVITY_MPS2 * block.mu[at], block.force_N[at])
+        out, state = outputs(len(at), 2), state_in(self._state)
+        columns = pack(felt + GRAVITY_MPS2 * block.mu[at], block.force_N[at])
         learn_mass(*columns, self._filter, state, *out)
         self._state = state_out(state)
-        masses = take(out[0])
+        masses = unpack(out[0])
         before = np.concatenate(([self._mass_kg], masses))[: len(masses)]
         if len(masses):
             self._mass_kg = float(masses[-1])
         wider = self._inflation(block.force_N[at] - before * (felt + GRAVITY_MPS2 * block.mu[at]))
-        return at, np.stack((masses, np.minimum(np.sqrt(take(out[1]) * wider), self._spread)))
+        return at, np.stack((masses, np.minimum(np.sqrt(unpack(out[1]) * wider), self._spread)))
 
 
 @jit.kernel

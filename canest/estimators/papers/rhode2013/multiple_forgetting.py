@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from canest.core import jit
 from canest.core.frames import FloatColumn
-from canest.estimators.kernel_arrays import Container, give, room, state_in, state_out, take
+from canest.estimators.kernel_arrays import Container, outputs, pack, state_in, state_out, unpack
 from canest.estimators.papers.prior import VARIANCE_ALPHA
 
 
@@ -46,18 +46,18 @@ class MultipleForgetting:
     @property
     def p(self) -> FloatColumn:
         """Return the diagonal of P after the last row, (n,)."""
-        return take(self._q) * self._forgetting
+        return unpack(self._q) * self._forgetting
 
     def add(self, a: FloatColumn, b: FloatColumn) -> tuple[FloatColumn, FloatColumn]:
         """Take rows A (k, n), B (k,); return X and the variance of each parameter after each row, (k, n)."""
         k, n = a.shape
-        x, variance = room(k * n, 2)
+        x, variance = outputs(k * n, 2)
         now, q, noise = state_in(self._x), state_in(self._q), state_in(self._noise)
         work = state_in([0.0] * n)
         state = State(now, q, noise, work)
-        forget_each_of_n(*give(a, b), Constants(*give(*self._constants)), self._joint, state, x, variance)
+        forget_each_of_n(*pack(a, b), Constants(*pack(*self._constants)), self._joint, state, x, variance)
         self._x, self._q, self._noise = state_out(now), state_out(q), state_out(noise)
-        return take(x).reshape(k, n), take(variance).reshape(k, n) * self._forgetting
+        return unpack(x).reshape(k, n), unpack(variance).reshape(k, n) * self._forgetting
 
 
 class State(NamedTuple):

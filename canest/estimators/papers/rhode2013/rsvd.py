@@ -9,7 +9,7 @@ import numpy as np
 
 from canest.core import jit
 from canest.core.frames import FloatColumn
-from canest.estimators.kernel_arrays import Container, give, room, state_in, state_out, take
+from canest.estimators.kernel_arrays import Container, outputs, pack, state_in, state_out, unpack
 
 #: sweeps of Jacobi rotations per row; the matrix is almost diagonal, two or three are enough
 MAX_SWEEPS = 12
@@ -57,13 +57,13 @@ class Rsvd:
         (k,); A^T A, (k, n, n); the sum of the weights, (k,).
         """
         n, k = self.n, len(z)
-        (rows,) = give(z)
-        found = Decompositions(*(room(k * size, 1)[0] for size in (n, 1, n * n, 1)))
+        (rows,) = pack(z)
+        found = Decompositions(*(outputs(k * size, 1)[0] for size in (n, 1, n * n, 1)))
         state = State(*(state_in(c) for c in self._state))
         work = state_in([0.0] * ((n + 1) * (n + 2)))
         append_rows(rows, k, n + 1, self.forgetting, state, work, found)
         self._state = [state_out(c) for c in state]
-        x, smallest, gram, weight = (take(c) for c in found)
+        x, smallest, gram, weight = (unpack(c) for c in found)
         return x.reshape(k, n), smallest, gram.reshape(k, n, n), weight
 
 

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 from canest.core import jit
 from canest.core.frames import FloatColumn
 from canest.estimators.description import Description, option
-from canest.estimators.kernel_arrays import Container, give, state_in, state_out
+from canest.estimators.kernel_arrays import Container, pack, state_in, state_out
 from canest.estimators.papers.prior import VARIANCE_ALPHA
 from canest.estimators.papers.two_parameter import Known, Limits, TwoParameter, TwoParameterOptions
 
@@ -65,8 +65,8 @@ class _MatrixRls(TwoParameter):
         self._state = [*theta, *p, variance]
 
     def _learn(self, y: FloatColumn, phi1: FloatColumn, phi2: FloatColumn) -> FloatColumn:
-        known, state = Known.room(len(y)), state_in(self._state)
-        matrix_rls(*give(y, phi1, phi2), self._scale(), self._limits, VARIANCE_ALPHA, state, known)
+        known, state = Known.empty(len(y)), state_in(self._state)
+        matrix_rls(*pack(y, phi1, phi2), self._scale(), self._limits, VARIANCE_ALPHA, state, known)
         self._state = state_out(state)
         return known.columns()
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 from canest.core import jit
 from canest.core.frames import FloatColumn
 from canest.estimators.description import Description, option
-from canest.estimators.kernel_arrays import Container, give, state_in, state_out
+from canest.estimators.kernel_arrays import Container, pack, state_in, state_out
 from canest.estimators.papers.prior import VARIANCE_ALPHA
 from canest.estimators.papers.two_parameter import Known, Limits, TwoParameter, TwoParameterOptions
 
@@ -77,8 +77,8 @@ class Rlsmf(TwoParameter):
         self._state = [*theta, p[0] * inverse1, p[2] * inverse2, variance]
 
     def _learn(self, y: FloatColumn, phi1: FloatColumn, phi2: FloatColumn) -> FloatColumn:
-        out, state = Known.room(len(y)), state_in(self._state)
-        forget_each(*give(y, phi1, phi2), self._forgetting, self._limits, VARIANCE_ALPHA, state, out)
+        out, state = Known.empty(len(y)), state_in(self._state)
+        forget_each(*pack(y, phi1, phi2), self._forgetting, self._limits, VARIANCE_ALPHA, state, out)
         self._state = state_out(state)
         known = out.columns()
         known[2] *= self.options.forgetting_mass
