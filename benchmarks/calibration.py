@@ -26,7 +26,7 @@ from canest.config.load import load_config
 from canest.core import jit
 from canest.core.frames import FloatColumn
 from canest.core.samples import EstimateBlock, ModelBlock, Status, VehicleFacts
-from canest.estimators.base import create
+from canest.estimators.registry import create
 from canest.pipeline.build import facts_of
 from canest.pipeline.pipeline import Pipeline
 from canest.simulation.run import simulate

@@ -21,11 +21,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from canest.core import jit
 from canest.core.samples import STEP_US, ModelBlock, VehicleFacts
-from canest.estimators.base import REGISTRY, create
-from canest.estimators.papers.kidambi2014.ekf_filter import ekf_steps
+from canest.estimators.papers.kidambi2014.ekf_filter import Filtered, Noise, Samples, ekf_steps
 from canest.estimators.papers.rhode2013.multiple_forgetting import MultipleForgetting
 from canest.estimators.papers.rhode2013.rsvd import Rsvd
-from canest.estimators.papers.vahidi2005.rlsmf import forget_each
+from canest.estimators.papers.two_parameter import Known, Limits
+from canest.estimators.papers.vahidi2005.rlsmf import Forgetting, forget_each
+from canest.estimators.registry import BUILT_IN, create
 
 FACTS = VehicleFacts(7_000.0, 40_000.0, has_accelerometer=True)
 #: rows at a time, as the estimators take them (they stay in the processor's cache)
@@ -99,7 +100,7 @@ def kernels(n: int) -> dict[str, Callable[[], object]]:
     y, phi1, second = wrap(block.accel_mps2), wrap(block.force_N), wrap(phi2)
     out = [wrap(np.zeros(n)) for _ in range(6)]
     rlsmf = wrap(np.array([4.5e-5, 0.006, 1e-7, 10.0, 1e-3]))
-    bounds = (2.5e-5, 1.4e-4, -0.25, 0.25)
+    bounds, forgetting = (2.5e-5, 1.4e-4, -0.25, 0.25), Forgetting(False, 1 / 0.999, 1 / 0.99)
     speed, aero, fresh = wrap(block.speed_mps), wrap(block.aero_N), wrap(np.zeros(n))
     ekf = wrap(np.array([0.0, 4.5e-5, 0.006, 0.0, 0.0, 0.0, 1e-10, 0.0, 1e-2, 1.0, 1.0]))
     a = np.column_stack((np.full(n, 9.8), block.accel_mps2, 9.8 * block.speed_mps, block.aero_N))
@@ -110,12 +111,12 @@ def kernels(n: int) -> dict[str, Callable[[], object]]:
     z = np.column_stack((block.force_N / 300.0, phi2 / 1e-4, block.accel_mps2 / 0.05))
     return {
         "RLSMF, 2 parameters": lambda: forget_each(
-            y, phi1, second, False, 1 / 0.999, 1 / 0.99, *bounds, 1e-6, 1e3, 2e-3, rlsmf, *out[:4]
+            y, phi1, second, forgetting, Limits(*bounds, 1e-6, 1e3), 2e-3, rlsmf, Known(*out[:4])
         ),
         "RLSMF, 4 parameters": lambda: each(lambda p: four.add(a[p], b[p]), pieces),
         "EKF": lambda: ekf_steps(
-            speed, phi1, aero, second, fresh, 0.02, 1e-7, 1e-15, 2e-7, 1e-3, 150.0, *bounds, 1e-8, 1.0, 2e-3,
-            ekf, *out,
+            Samples(speed, phi1, aero, second, fresh), Noise(1e-7, 1e-15, 2e-7, 1e-3),
+            Limits(*bounds, 1e-8, 1.0), ekf, Filtered(*out),
         ),
         "RGTLS": lambda: each(lambda p: svd.add(z[p]), pieces),
     }  # fmt: skip
@@ -169,7 +170,7 @@ def main() -> int:
         for name, action in kernels(n).items():
             results.setdefault(f"kernel  {name}", []).append(best(action, n))
         block = samples(n)
-        for name in REGISTRY:
+        for name in BUILT_IN:
             count = n if compiled or name not in ("rtls", "rgtls", "ekf-select") else n // 5
             method = create(name, FACTS)
             part = block[:count]

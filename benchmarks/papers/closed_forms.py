@@ -1,12 +1,9 @@
-"""What the figures need beside canest: a filter's order from two frequencies, the data correction of TLS."""
+"""A filter's order and cut-off from two frequencies."""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from canest.core.frames import FloatColumn
 from canest.core.samples import RATE_HZ
 
 
@@ -22,10 +19,3 @@ def order_and_cutoff(
     order = max(1, math.ceil(math.log10(gain) / (2 * math.log10(warp))))
     scale = (10 ** (pass_dB / 10) - 1) ** (-1 / (2 * order))
     return order, math.atan(math.tan(math.pi * pass_hz / RATE_HZ) * scale) * RATE_HZ / math.pi
-
-
-def correction(a: FloatColumn, b: FloatColumn) -> FloatColumn:
-    """Return the TLS data correction [dA dB] = [A B] v v^T of 2013, eq. 6 (no U needed), shape (m, q)."""
-    z = np.column_stack((a, b))
-    v = np.linalg.svd(z)[2][-1]
-    return np.asarray(np.outer(z @ v, v))

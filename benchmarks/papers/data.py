@@ -16,7 +16,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from canest.config import Config, parse_config, read_databases
 from canest.core.frames import FrameBlock
 from canest.core.samples import GRAVITY_MPS2, STEP_S, STEP_US, EstimateBlock, ModelBlock, VehicleFacts
-from canest.estimators.base import Estimator, create
+from canest.estimators.base import Estimator
+from canest.estimators.registry import create
 from canest.grid.grid import Grid, GridBlock
 from canest.logs.reader import open_log
 from canest.logs.truth import read_truth

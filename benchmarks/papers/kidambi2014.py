@@ -9,7 +9,7 @@ import numpy as np
 from data import Drive, errors, estimate, recorded, simulated
 from page import Page, axes, plt
 
-from canest.estimators.base import create
+from canest.estimators.registry import create
 
 TRUE_KG, SETTLED_S = 2_309.0, 25.0
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {

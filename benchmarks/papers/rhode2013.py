@@ -8,7 +8,8 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from closed_forms import correction, order_and_cutoff
+from batch_tls import correction
+from closed_forms import order_and_cutoff
 from data import Drive, simulated
 from page import Page, axes
 

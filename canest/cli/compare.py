@@ -107,7 +107,7 @@ def command(
 
 def _known(only: str) -> list[str]:
     """Return the names of --only. Errors: ConfigError for one that no estimator has."""
-    from canest.estimators.base import require_known
+    from canest.estimators.registry import require_known
 
     names = [name.strip() for name in only.split(",")]
     for name in names:

@@ -22,6 +22,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "run": ("run", "Estimate live on a CAN bus and put the result back on it."),
     "replay": ("replay", "Estimate from recorded logs, as fast as they can be read."),
     "compare": ("compare", "Run every estimator on one log and compare it with the truth."),
+    "estimators": ("estimators", "Show the estimators there are, and their options."),
     "diagnose": ("diagnose", "Find what the vehicle model lacks in measured data, and add it."),
     "simulate": ("simulate", "Make a log with known truth from a scenario."),
     "status": ("status", "Show how a running daemon is doing."),

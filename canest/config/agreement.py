@@ -38,7 +38,7 @@ def _start_possible(vehicle: Vehicle, estimator: EstimatorSection) -> None:
 
 def _estimator_known(estimator: EstimatorSection) -> None:
     # numpy comes with it, which takes as long to import as the config
-    from canest.estimators.base import require_known
+    from canest.estimators.registry import require_known
 
     try:
         require_known(estimator.name, where="")

@@ -10,7 +10,7 @@ from canest.config.meanings import SOURCE_MEANINGS, meaning
 from canest.config.schema import Config
 from canest.config.sections import Source
 from canest.core.roles import ROLES
-from canest.estimators.base import REGISTRY
+from canest.estimators.registry import names
 
 
 def json_schema() -> dict[str, Any]:
@@ -27,7 +27,7 @@ def json_schema() -> dict[str, Any]:
     entry = {"anyOf": [{"$ref": "#/$defs/Source"}, {"type": "null"}]}  # null takes a role away
     signals["additionalProperties"] = entry  # a role of an effect's own
     signals["properties"] = {r.name: {**entry, "description": _role(r.text, r.unit)} for r in ROLES.values()}
-    models["EstimatorSection"]["properties"]["name"]["enum"] = list(REGISTRY)
+    models["EstimatorSection"]["properties"]["name"]["enum"] = names()
     _name_bounds(schema)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from canest.estimators.base import REGISTRY
+from canest.estimators.registry import BUILT_IN
 
 RECOVERY = "stays closed this long after its cause has cleared, s"
 ENABLED = "false: this gate never closes"
@@ -47,7 +47,7 @@ MEANINGS: dict[str, str] = {
     "gates.low_excitation.enabled": "null: on for the estimators that wind up without excitation",
     "gates.low_excitation.window_s": "how far back variation counts, s",
     "gates.low_excitation.force_share": "least standard deviation of the force, as share of the weight",
-    "estimator.name": "one of " + ", ".join(REGISTRY),
+    "estimator.name": "one of " + ", ".join(BUILT_IN),
     "estimator.initial_mass_kg": "start value, kg; null: the estimator chooses",
     "estimator.initial_grade": "start value, ratio",
     "estimator.options": "the estimator's own options; see estimators.md",

@@ -1,4 +1,4 @@
-"""How many of the rows are news: innovations that keep their sign say the same thing again.
+"""Inflation of variances by autocorrelation, from how often the innovations change their sign.
 
 P times the noise variance (Ljung) counts every row as independent. Rows at 50 Hz behind a low-pass of a
 few hertz are not: the innovation stays on one side of zero for many rows. White noise has one run of a
@@ -13,8 +13,8 @@ import numpy as np
 from canest.core.frames import FloatColumn
 
 
-class Runs:
-    """Counts rows and runs since the start of learning; carries both over blocks."""
+class AutocorrelationInflation:
+    """Counts rows and runs of one sign since the start of learning; carries both over blocks."""
 
     def __init__(self) -> None:
         self._rows, self._runs, self._positive = 0, 1, False

@@ -12,21 +12,21 @@ from canest.core.frames import FloatColumn
 Container = Any  #: list[float] interpreted, float64 array compiled
 
 
-def give(*columns: FloatColumn) -> list[Container]:
+def pack(*columns: FloatColumn) -> list[Container]:
     """Return the columns (any shape, flattened row by row) as the containers kernels index fastest."""
     if jit.enabled():
         return [np.ascontiguousarray(c, np.float64).ravel() for c in columns]
     return [c.ravel().tolist() for c in columns]
 
 
-def room(n: int, count: int) -> list[Container]:
+def outputs(n: int, count: int) -> list[Container]:
     """Return ``count`` containers of length ``n`` for a kernel to fill."""
     if jit.enabled():
         return [np.empty(n) for _ in range(count)]
     return [[0.0] * n for _ in range(count)]
 
 
-def take(container: Container) -> FloatColumn:
+def unpack(container: Container) -> FloatColumn:
     """Return what a kernel filled as a float64 column."""
     return np.asarray(container, np.float64)
 

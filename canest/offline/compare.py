@@ -15,7 +15,8 @@ from canest.core.estimates import Estimates
 from canest.core.frames import FloatColumn, FrameBlock
 from canest.core.samples import RATE_HZ, ModelBlock, Status
 from canest.doctor.warnings import log_warnings, stream_warnings
-from canest.estimators.base import REGISTRY, Estimator, create
+from canest.estimators import registry
+from canest.estimators.base import Estimator
 from canest.grid.grid import Grid, GridBlock
 from canest.offline.replay import compiling_pays
 from canest.offline.scoring import Reference, Score
@@ -76,7 +77,7 @@ def compare(
     compiled: bool | None = None,
     progress: Progress | None = None,
 ) -> Comparison:
-    """Run the estimators ``names`` (all by default) on one log.
+    """Run the estimators ``names`` (all by default, those of other packages too) on one log.
 
     The options of the config belong to its own estimator; the others run with their defaults. compiled:
     None decides by the length of the log. Errors: LogError, ConfigError (an unknown name).
@@ -86,11 +87,13 @@ def compare(
     chosen = spec.estimator
 
     def new(name: str) -> Estimator:
-        return chosen.create() if name == chosen.name else create(name, chosen.facts)
+        return chosen.create() if name == chosen.name else registry.create(name, chosen.facts)
 
-    entries = {name: _Entry(new(name)) for name in (names or REGISTRY)}
+    entries = {name: _Entry(new(name)) for name in (names or registry.names())}
     blocks: list[ModelBlock] = []
     notes: list[str] = []
+    if not names:
+        notes += [f"estimator {name} is left out: {why}" for name, why in registry.skipped().items()]
     if compiled and not on:
         notes.append("--compiled: numba is not there, or has nowhere to keep what it compiles: interpreted")
     for plain, excited in _samples(config, spec, log, channel, progress, notes):

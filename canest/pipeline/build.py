@@ -18,7 +18,8 @@ from canest.core.errors import ConfigError
 from canest.core.roles import ROLES, conversion
 from canest.core.samples import VehicleFacts
 from canest.decode.groups import Want
-from canest.estimators.base import Estimator, create
+from canest.estimators.base import Estimator
+from canest.estimators.registry import create
 from canest.grid.grid import FOREVER_US, Channel
 from canest.pipeline.assumed_constants import AssumedConstants
 from canest.pipeline.signal_map import resolution_of, step_of, wants_of

@@ -9,7 +9,7 @@ import pytest
 
 from canest.core.gates import Gate
 from canest.core.samples import Status
-from canest.estimators.base import create
+from canest.estimators.registry import create
 
 from .synthetic import FACTS, drive, with_columns
 
@@ -31,11 +31,12 @@ def test_pmg_grade_goes_on_while_the_driveline_gates_are_closed():
 
 def test_pmg_innovation_uses_the_mass_before_the_update():
     """2014, eq. 17 prints m_k on its own right-hand side: one step by hand with m_{k-1}."""
-    from canest.estimators.papers.kidambi2014.pmg import learn_mass
+    from canest.estimators.papers.kidambi2014.pmg import MassFilter, learn_mass
 
     state = [10_000.0, 4.0, 0.0, 0.0, 0.01, 4e4, 10.0, 1.0]
     mass, variance = [0.0], [0.0]
-    learn_mass.interpreted([0.5], [9_000.0], 0.99, 0.0, 1.0, 1e6, 1e9, 0.0, state, mass, variance)
+    settings = MassFilter(forgetting=0.99, beta=0.0, low=1.0, high=1e6, top=1e9)
+    learn_mass.interpreted([0.5], [9_000.0], settings, state, mass, variance)
     rho = 10.0 / np.sqrt(0.01 * 4e4)
     gain = 4.0 * 0.5 / (0.99 + 0.25 * 4.0)
     assert mass[0] == pytest.approx(10_000.0 + gain * rho * (9_000.0 - 5_000.0), rel=1e-12)

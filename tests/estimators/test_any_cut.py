@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from canest.core import jit
 from canest.core.gates import Gate
 from canest.core.samples import Status
-from canest.estimators.base import REGISTRY, create
+from canest.estimators.registry import BUILT_IN, create
 
 from .synthetic import FACTS, cut, drive, join, with_columns
 
-PAPERS = [name for name in REGISTRY if name != "canest"]
+PAPERS = [name for name in BUILT_IN if name != "canest"]
 CASES = [(name, {}) for name in PAPERS] + [
     ("rlsmf", {"regression": "integrated"}),
     ("rls", {"start": "batch", "outliers": {"batch": 20}}),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from canest.estimators.base import create
 from canest.estimators.canest_0_1 import states as k
+from canest.estimators.registry import create
 
 from .momentum import FACTS, trip
 

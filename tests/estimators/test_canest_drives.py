@@ -10,9 +10,9 @@ import pytest
 
 from canest.core.gates import Gate
 from canest.core.samples import EstimateBlock, Status
-from canest.estimators.base import create
 from canest.estimators.canest_0_1 import states as k
 from canest.estimators.canest_0_1.output import mass_of
+from canest.estimators.registry import create
 
 from .momentum import FACTS, flat, hills, pulses, steady, trip
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from canest.core.samples import Status
-from canest.estimators.base import create
 from canest.estimators.canest_0_1 import states as at
 from canest.estimators.canest_0_1.hearing import hears
+from canest.estimators.registry import create
 
 from .momentum import FACTS, trip
 

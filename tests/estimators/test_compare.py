@@ -7,7 +7,7 @@ import pytest
 
 from canest.config import load_config
 from canest.core.errors import ConfigError
-from canest.estimators.base import REGISTRY
+from canest.estimators.registry import BUILT_IN
 from canest.logs.truth import Truth
 from canest.offline.compare import _time_to, compare
 from canest.offline.scoring import Reference
@@ -44,7 +44,7 @@ def test_every_name_has_a_row_with_the_contracts_columns(drive):
         load_config("class8.yaml"), log, reference=Reference(truth, after_s=20.0), compiled=False
     )
     rows = result.table["estimators"]
-    assert list(rows) == list(REGISTRY)
+    assert list(rows) == list(BUILT_IN)
     assert result.table["default"] == load_config("class8.yaml").estimator.name
     for name, row in rows.items():
         assert set(row) == COLUMNS

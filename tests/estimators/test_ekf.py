@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from canest.core.samples import STEP_S, Status
-from canest.estimators.base import create
+from canest.estimators.registry import create
 
 from .synthetic import FACTS, cut, drive, join, with_columns
 
@@ -41,9 +41,8 @@ def test_without_drag_the_filter_is_a_kalman_filter():
     method.update(block)
     theta = (1 / 18_000.0, 0.006 / np.sqrt(1 + 0.006**2))
     x, p = kalman(block, theta, variance, q, r)
-    state = np.array(method._core.state)
-    np.testing.assert_allclose(state[:3], x, rtol=1e-9)
-    np.testing.assert_allclose(state[6:9], [p[1, 1], p[1, 2], p[2, 2]], rtol=1e-8)
+    np.testing.assert_allclose(method.state, x, rtol=1e-9)
+    np.testing.assert_allclose(method.covariance[1:, 1:], p[1:, 1:], rtol=1e-8)
 
 
 def test_drag_enters_the_jacobian_at_the_filters_own_speed():
@@ -95,7 +94,7 @@ def test_filters_go_on_starting_every_five_seconds_after_the_clock_was_set_back(
     found = join([method.update(part) for part in cut(with_columns(block, t_us=back), edges)])
     # the step back itself takes no time, so that filters start a tick later
     assert found["mass_kg"] == pytest.approx(expected.mass_kg, rel=1e-2)
-    assert len(method._filters) == method.options.filters
+    assert method.running == method.options.filters
 
 
 def test_selection_does_not_trust_copies_of_one_guess():

@@ -10,12 +10,13 @@ import pytest
 
 from canest.core import jit
 from canest.core.samples import Status
-from canest.estimators.base import create
-from canest.estimators.papers.vahidi2005.rls import matrix_rls
+from canest.estimators.papers.two_parameter import Known, Limits
+from canest.estimators.papers.vahidi2005.rls import Scale, matrix_rls
+from canest.estimators.registry import create
 
 from .synthetic import FACTS, drive, with_columns
 
-FREE = (-1e9, 1e9, -1e9, 1e9, np.inf, np.inf)
+FREE = Limits(-1e9, 1e9, -1e9, 1e9, np.inf, np.inf)
 
 
 def rows(n=400, seed=3):
@@ -28,9 +29,10 @@ def rows(n=400, seed=3):
 def run(scale, start=(0.3, -0.2), p=(4.0, 0.5, 9.0), n=400):
     phi1, phi2, y = rows(n)
     state = [*start, *p, 1.0]
-    out = [[0.0] * n for _ in range(4)]
-    matrix_rls.interpreted(y.tolist(), phi1.tolist(), phi2.tolist(), *scale, *FREE, 0.002, state, *out)
-    return np.array(out), np.array(state)
+    known = Known.empty(n)
+    columns = (y.tolist(), phi1.tolist(), phi2.tolist())
+    matrix_rls.interpreted(*columns, Scale(*scale), FREE, 0.002, state, known)
+    return known.columns(), np.array(state)
 
 
 def weighted_batch(k, forgetting, start=(0.3, -0.2), p=(4.0, 0.5, 9.0)):
@@ -91,10 +93,9 @@ def test_vector_forgetting_is_equation_12_in_matrices():
         p = inverse @ (np.eye(2) - np.outer(gain, phi)) @ p @ inverse
     phi = rows(50)
     state = [0.3, -0.2, 4.0, 0.5, 9.0, 1.0]
-    out = [[0.0] * 50 for _ in range(4)]
     columns = [c.tolist() for c in (phi[2], phi[0], phi[1])]
-    scale = (1 / one**2, 1 / (one * two), 1 / two**2)
-    matrix_rls.interpreted(*columns, *scale, *FREE, 0.002, state, *out)
+    scale = Scale(1 / one**2, 1 / (one * two), 1 / two**2)
+    matrix_rls.interpreted(*columns, scale, FREE, 0.002, state, Known.empty(50))
     np.testing.assert_allclose(state[:2], theta, rtol=1e-9)
     np.testing.assert_allclose(state[2:5], [p[0, 0], p[0, 1], p[1, 1]], rtol=1e-9)
 
@@ -152,12 +153,9 @@ def test_constant_grade_without_noise_gives_the_truth(name, within):
 def test_wind_up_is_bounded_in_days_without_excitation():
     n = 200_000
     state = [4.7e-5, 0.0, 1e-6, 0.0, 10.0, 1e-3]
-    out = [np.zeros(n) for _ in range(4)]
-    zeros = np.zeros(n)
-    scale = (1 / 0.9,) * 3
-    arguments = (zeros, zeros, np.full(n, -9.8), *scale, 2.5e-5, 1.4e-4, -0.3, 0.3, 1e-3, 1e3, 0.002)
-    lists = [a.tolist() if isinstance(a, np.ndarray) else a for a in arguments]
-    matrix_rls.interpreted(*lists, state, *[o.tolist() for o in out])
+    limits = Limits(2.5e-5, 1.4e-4, -0.3, 0.3, 1e-3, 1e3)
+    columns = ([0.0] * n, [0.0] * n, [-9.8] * n)
+    matrix_rls.interpreted(*columns, Scale(*[1 / 0.9] * 3), limits, 0.002, state, Known.empty(n))
     assert np.isfinite(state).all()
     assert state[2] <= 1e-3
     assert not jit.enabled()

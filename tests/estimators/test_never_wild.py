@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from canest.core import jit
 from canest.core.samples import Status
-from canest.estimators.base import REGISTRY, create
+from canest.estimators.registry import BUILT_IN, create
 
 from .synthetic import FACTS, drive, with_columns
 
-PAPERS = [name for name in REGISTRY if name != "canest"]
+PAPERS = [name for name in BUILT_IN if name != "canest"]
 VARIANTS = [(name, {}) for name in PAPERS] + [
     ("rlsmf", {"regression": "integrated"}),
     ("rlsmf", {"preset": "2005-experiment"}),

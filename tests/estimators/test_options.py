@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from canest.core.errors import ConfigError
-from canest.estimators.base import REGISTRY, create
+from canest.estimators.registry import BUILT_IN, create
 
 from .synthetic import FACTS
 
-PAPERS = [name for name in REGISTRY if name != "canest"]
+PAPERS = [name for name in BUILT_IN if name != "canest"]
 
 
 @pytest.mark.parametrize("name", PAPERS)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from canest.estimators.base import create
 from canest.estimators.papers.outliers import OutlierOptions, OutlierStage, RunningMoments, outliers
+from canest.estimators.registry import create
 
 from .synthetic import FACTS, drive, with_columns
 

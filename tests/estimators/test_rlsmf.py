@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from canest.estimators.base import create
 from canest.estimators.papers.rhode2013.multiple_forgetting import MultipleForgetting
-from canest.estimators.papers.vahidi2005.rlsmf import forget_each
+from canest.estimators.papers.two_parameter import Known, Limits
+from canest.estimators.papers.vahidi2005.rlsmf import Forgetting, forget_each
+from canest.estimators.registry import create
 
 from .synthetic import FACTS, drive
 
-FREE = (-1e9, 1e9, -1e9, 1e9, np.inf, np.inf)
+FREE = Limits(-1e9, 1e9, -1e9, 1e9, np.inf, np.inf)
 ONE, TWO = 0.95, 0.4
 
 
@@ -44,9 +45,9 @@ def by_algorithm_7(a, b, x, p, factors):
 
 def run(phi1, phi2, y, p=(4.0, 9.0), joint=False):
     state = [0.3, -0.2, p[0] / ONE, p[1] / TWO, 1.0]
-    out = [[0.0] * len(y) for _ in range(4)]
     columns = [c.tolist() for c in (y, phi1, phi2)]
-    forget_each.interpreted(*columns, joint, 1 / ONE, 1 / TWO, *FREE, 0.002, state, *out)
+    forgetting = Forgetting(joint, 1 / ONE, 1 / TWO)
+    forget_each.interpreted(*columns, forgetting, FREE, 0.002, state, Known.empty(len(y)))
     return np.array(state)
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from canest.estimators.autocorrelation import Runs
-from canest.estimators.base import create
+from canest.estimators.autocorrelation import AutocorrelationInflation
+from canest.estimators.registry import create
 
 from .synthetic import FACTS, drive, with_columns
 
@@ -17,18 +17,18 @@ def smooth(noise, length):
 
 
 def test_white_noise_is_all_news():
-    factor = Runs()(np.random.default_rng(0).standard_normal(20_000))
+    factor = AutocorrelationInflation()(np.random.default_rng(0).standard_normal(20_000))
     assert factor[-1] == pytest.approx(1.0, abs=0.05)
 
 
 def test_smooth_noise_is_worth_its_runs():
-    factor = Runs()(smooth(np.random.default_rng(0).standard_normal(50_000), 25))
+    factor = AutocorrelationInflation()(smooth(np.random.default_rng(0).standard_normal(50_000), 25))
     assert 4.0 < factor[-1] < 25.0
 
 
 def test_carried_over_blocks():
     x = smooth(np.random.default_rng(1).standard_normal(500), 5)
-    whole, part = Runs(), Runs()
+    whole, part = AutocorrelationInflation(), AutocorrelationInflation()
     expected = whole(x)
     np.testing.assert_array_equal(np.concatenate([part(c) for c in np.split(x, [1, 7, 300])]), expected)
 
@@ -37,7 +37,7 @@ def test_one_outlier_changes_nothing_but_its_own_sign():
     x = smooth(np.random.default_rng(2).standard_normal(5000), 10)
     wild = x.copy()
     wild[2500] = 1e12
-    assert Runs()(wild)[-1] == pytest.approx(Runs()(x)[-1], rel=0.01)
+    assert AutocorrelationInflation()(wild)[-1] == pytest.approx(AutocorrelationInflation()(x)[-1], rel=0.01)
 
 
 def test_mass_errors_of_filtered_noise_are_within_a_few_deviations():

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import runpy
 from pathlib import Path
+from runpy import run_path
 
 import numpy as np
 import pytest
 
 from canest.core.errors import ConfigError
-from canest.estimators.base import create
 from canest.estimators.papers.rhode2013.rsvd import Rsvd
-from canest.estimators.papers.rhode2013.tls_math import (
-    NoiseScale,
-    covariance,
-    solve,
-)
+from canest.estimators.papers.rhode2013.tls_math import NoiseScale, covariance
+from canest.estimators.registry import create
 
 from .synthetic import FACTS, drive
 
-PAPERS = Path(__file__).parents[2] / "benchmarks" / "papers"
-correction = runpy.run_path(str(PAPERS / "closed_forms.py"))["correction"]
+BATCH = run_path(str(Path(__file__).parents[2] / "benchmarks" / "papers" / "batch_tls.py"))
+solve, solve_generalized, correction = (BATCH[name] for name in ("solve", "solve_generalized", "correction"))
 
 TRUTH = np.array([3.0, 12.0, 8.0])
 #: the printed noise covariance of the 2013 paper, eq. 8
@@ -32,14 +28,6 @@ W = np.array(
         [0.0718, -0.0124, -0.1608, 10.6422],
     ]
 )
-
-
-def solve_generalized(a: np.ndarray, b: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """GTLS (2013, Alg. 2; W diagonal: WTLS): return X (n,) and cov(X) (n, n), both in original units."""
-    scale = NoiseScale.of(noise)
-    z = scale.rows(np.column_stack((a, b)))
-    x, cov = solve(z[:, :-1], z[:, -1])
-    return scale.back(x), scale.covariance_back(cov)
 
 
 def data(m=400, noise=None, seed=1):

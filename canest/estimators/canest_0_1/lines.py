@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from canest.core import jit
 from canest.core.frames import FloatColumn
 from canest.core.samples import STEP_S
-from canest.estimators.kernel_arrays import give, state_in, state_out
+from canest.estimators.kernel_arrays import pack as give
+from canest.estimators.kernel_arrays import state_in, state_out
 
 Container = Any  #: list interpreted, array compiled
 

@@ -9,7 +9,7 @@ import numpy as np
 from canest.core import jit
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 from canest.core.samples import GRAVITY_MPS2, STEP_S, ModelBlock
-from canest.estimators.kernel_arrays import Container, give, room, state_in, state_out, take
+from canest.estimators.kernel_arrays import Container, outputs, pack, state_in, state_out, unpack
 from canest.estimators.regression import ACCEL_LIMIT_MPS2
 
 
@@ -42,10 +42,10 @@ class KinematicGrade:
         at = np.flatnonzero(has_accelerometer(block))
         raw = (block.accelerometer_mps2[at] - block.accel_mps2[at]) / GRAVITY_MPS2
         raw = np.clip(raw - self._pitch * block.accel_mps2[at], -1.0, 1.0)
-        out, state = room(len(at), 2), state_in(self._state)
-        calm_average(*give(raw), self._buffer, self._keep, self._calm2, state, *out)
+        out, state = outputs(len(at), 2), state_in(self._state)
+        calm_average(*pack(raw), self._buffer, self._keep, self._calm2, state, *out)
         self._state = state_out(state)
-        return at, take(out[0]), take(out[1])
+        return at, unpack(out[0]), unpack(out[1])
 
 
 @jit.kernel

@@ -9,9 +9,10 @@ Welford's update. The price is the paper's too: what is learned lags by up to on
 from __future__ import annotations
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict
 
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn
+from canest.estimators.description import option
 
 
 class OutlierOptions(BaseModel):
@@ -19,12 +20,9 @@ class OutlierOptions(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    #: rows per batch
-    batch: int = Field(25, ge=3, le=1000)
-    #: radius of the neighbourhood, standard deviations
-    distance: float = Field(1.0, gt=0.0)
-    #: least number of neighbours of a good row
-    neighbours: int = Field(3, ge=1)
+    batch: int = option(25, "rows per batch", ge=3, le=1000)
+    distance: float = option(1.0, "radius of the neighbourhood, standard deviations", gt=0.0)
+    neighbours: int = option(3, "least number of neighbours of a good row", ge=1)
 
 
 class RunningMoments:

@@ -1,112 +1,94 @@
-"""What all estimators of [1/M, sin(beta + beta_mu)] share: start, hold over gates, numbers out.
+"""Estimators of theta = [1/M, sin(beta + beta_mu)] by linear regression: batch start, rows, numbers out.
 
 A method only says how it learns from rows (`_start`, `_learn`); everything a user sees (bounds,
-standard deviations, status, the batch start of section 5.2 of the 2005 paper) is written once, here.
+standard deviations, status, the batch start of section 5.2 of the 2005 paper) is written once.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
 from math import fsum
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
-from pydantic import Field
 
 from canest.core.frames import FloatColumn
 from canest.core.samples import RATE_HZ, EstimateBlock, ModelBlock, VehicleFacts
-from canest.estimators.autocorrelation import Runs
-from canest.estimators.chunked import ChunkedEstimator
-from canest.estimators.hold import rows_until
-from canest.estimators.options import Options, parse
+from canest.estimators.autocorrelation import AutocorrelationInflation
+from canest.estimators.description import option
+from canest.estimators.kernel_arrays import Container, outputs, unpack
+from canest.estimators.papers.inverse_mass import InverseMassEstimator, InverseMassOptions
 from canest.estimators.papers.outliers import OutlierOptions, OutlierStage
-from canest.estimators.regression import (
-    Integrator,
-    Regression,
-    differentiated,
-    grade_of,
-    grade_std_of,
-    theta2_of,
-    theta2_range,
-)
-from canest.estimators.status import StatusTracker
-
-#: acceleration noise that scales prior covariances (P is in units of theta^2 per y^2), m/s2
-PRIOR_NOISE_MPS2 = 0.05
-#: P never exceeds this multiple of the prior's (2005, section 4.1: limit the growth of the covariance)
-P_LIMIT = 10.0
-#: step of the running variance of the innovation: a memory of ten seconds
-VARIANCE_ALPHA = 1.0 / (10.0 * RATE_HZ)
-SQRT12 = float(np.sqrt(12.0))
+from canest.estimators.papers.prior import P_LIMIT, PRIOR_NOISE_MPS2, prior_mass_kg
+from canest.estimators.regression import Integrator, Regression, differentiated
 
 Number = TypeVar("Number", float, FloatColumn)
 
 
-class TwoParameterOptions(Options):
+class TwoParameterOptions(InverseMassOptions):
     """Options that every two-parameter method has."""
 
-    #: eq. 2 (dv/dt) or eq. 24 (speed gained over a sliding window)
-    regression: Literal["differentiated", "integrated"] = "differentiated"
-    #: longest window of the integrated regression
-    window_s: float = Field(1.0, gt=0.02, le=60.0)
-    #: "batch": least squares on the first seconds; "given": the initial mass; "auto": given if there is one
-    start: Literal["auto", "batch", "given"] = "auto"
-    #: length of the batch start (2005, section 5.2: four seconds)
-    batch_s: float = Field(4.0, ge=0.1, le=600.0)
-    #: grades beyond this are projected back (2013, Alg. 8)
-    grade_limit: float = Field(0.25, gt=0.0, le=1.0)
-    #: initial diagonal of P; None: from the spread of the bounds
-    p0: tuple[float, float] | None = None
-    #: distance-based outlier detection before learning (2013, section IV-B), or None
-    outliers: OutlierOptions | None = None
+    regression: Literal["differentiated", "integrated"] = option(
+        "differentiated", "2005, eq. 2 (dv/dt) or eq. 24 (speed gained over a sliding window)"
+    )
+    window_s: float = option(1.0, "longest window of the integrated regression", unit="s", gt=0.02, le=60.0)
+    start: Literal["auto", "batch", "given"] = option(
+        "auto",
+        "batch: least squares on the first seconds; given: the initial mass; auto: given, if there is one",
+    )
+    batch_s: float = option(
+        4.0, "length of the batch start (2005, section 5.2: four seconds)", unit="s", ge=0.1, le=600.0
+    )
+    outliers: OutlierOptions | None = option(
+        None, "distance-based outlier detection before learning (2013, section IV-B)",
+        allowed="null, or the keys below",
+    )  # fmt: skip
 
 
-@dataclass(slots=True)
-class Box:
-    """Bounds of theta for parameter projection, and the variances of a uniform prior over them."""
+class Limits(NamedTuple):
+    """Bounds of theta (projection) and ceilings of the covariance's diagonal, as kernels take them."""
 
-    low: tuple[float, float]
-    high: tuple[float, float]
-
-    @property
-    def variance(self) -> tuple[float, float]:
-        """Return the variance of a uniform distribution over each range."""
-        return (
-            ((self.high[0] - self.low[0]) / SQRT12) ** 2,
-            ((self.high[1] - self.low[1]) / SQRT12) ** 2,
-        )
-
-    def clip(self, theta: tuple[float, float]) -> tuple[float, float]:
-        """Return theta projected onto the box (2013, Alg. 8)."""
-        return (
-            min(max(theta[0], self.low[0]), self.high[0]),
-            min(max(theta[1], self.low[1]), self.high[1]),
-        )
+    low1: float
+    high1: float
+    low2: float
+    high2: float
+    top1: float
+    top2: float
 
 
-class TwoParameter(ChunkedEstimator):
+class Known(NamedTuple):
+    """What a kernel fills: theta and its variances after each row, (k,) each."""
+
+    theta1: Container
+    theta2: Container
+    var1: Container
+    var2: Container
+
+    @staticmethod
+    def empty(k: int) -> Known:
+        """Return containers for k rows."""
+        return Known(*outputs(k, 4))
+
+    def columns(self) -> FloatColumn:
+        """Return theta1, theta2, var1, var2, shape (4, k)."""
+        return np.stack([unpack(column) for column in self])
+
+
+class TwoParameter(InverseMassEstimator):
     """An estimator of [1/M, sin(beta + beta_mu)]; subclasses learn, this class does the rest."""
-
-    Options: ClassVar[type[TwoParameterOptions]] = TwoParameterOptions
 
     def __init__(self, name: str, facts: VehicleFacts, options: Mapping[str, Any] | None = None) -> None:
         super().__init__(name, facts, options)
-        self.options: Any = parse(self.Options, options)
-        low2, high2 = theta2_range(self.options.grade_limit)
-        self.box = Box((1.0 / facts.mass_max_kg, low2), (1.0 / facts.mass_min_kg, high2))
         integrated = self.options.regression == "integrated"
         self._rows = Integrator(self.options.window_s) if integrated else differentiated
         self._outliers = OutlierStage(self.options.outliers, 4) if self.options.outliers else None
-        self._status = StatusTracker(bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
         self._batch: list[FloatColumn] = []
-        self._held = np.full((4, 1), np.nan)  # theta1, theta2 and their variances, then held as numbers
-        self._ready = self._confirmed = False
-        self._theta, self._runs = np.zeros((2, 1)), Runs()
+        self._ready = False
+        self._theta, self._inflation = np.zeros((2, 1)), AutocorrelationInflation()
         given = facts.initial_mass_kg is not None
         if self.options.start == "given" or (self.options.start == "auto" and given):
-            self._start_given(prior_mass_kg(facts))
+            self._begin(prior_mass_kg(facts), None)
 
     # what a method provides
 
@@ -141,17 +123,10 @@ class TwoParameter(ChunkedEstimator):
             y, phi1, phi2 = rows.y[skip:], rows.phi1[skip:], rows.phi2[skip:]
             learned = self._learn(y, phi1, phi2)
             before = np.concatenate((self._theta, learned[:2]), axis=1)[:, :-1]
-            learned[2:] *= self._runs(y - phi1 * before[0] - phi2 * before[1])
+            learned[2:] *= self._inflation(y - phi1 * before[0] - phi2 * before[1])
             self._theta = learned[:2, -1:]
             known = np.concatenate((known, learned), axis=1)
-        numbers = np.concatenate((self._held, self._numbers(known, rows.mu)), axis=1)
-        # the estimate of a sample is that of the last row at or before it (held through gates)
-        count = rows_until(rows.at, len(block))
-        mass, mass_std, grade, grade_std = numbers[:, count]
-        confirmed = ~np.isnan(mass) & (self._confirmed | (count > 0))
-        self._held = numbers[:, -1:]
-        self._confirmed = self._confirmed or bool(known.shape[1] and not np.isnan(known[0, -1]))
-        return EstimateBlock(mass, mass_std, grade, grade_std, self._status.update(confirmed, mass, mass_std))
+        return self._hold(rows.at, self._numbers(known, rows.mu), len(block))
 
     def _good(self, rows: Regression) -> Regression:
         """Drop outliers, where the options ask for it."""
@@ -159,25 +134,6 @@ class TwoParameter(ChunkedEstimator):
             return rows
         at, kept = self._outliers(rows.at, np.stack((rows.y, rows.phi1, rows.phi2, rows.mu), axis=1))
         return Regression(at, kept[:, 0], kept[:, 1], kept[:, 2], kept[:, 3])
-
-    def snapshot(self) -> dict[str, Any]:
-        """Return the mass and its standard deviation, where there is a confirmed one."""
-        mass, std = float(self._held[0, 0]), float(self._held[1, 0])
-        return {"mass_kg": mass, "mass_std_kg": std} if self._confirmed else {}
-
-    def restore(self, mass_kg: float, mass_std_kg: float) -> None:
-        """Start from a remembered mass and its (already widened) standard deviation."""
-        self._start_given(mass_kg, mass_std_kg)
-
-    def _numbers(self, known: FloatColumn, mu: FloatColumn) -> FloatColumn:
-        """Return mass, its std, grade, its std from theta and its variances (first order), shape (4, k)."""
-        theta1, theta2, var1, var2 = known
-        prior1, prior2 = self.box.variance
-        std1, std2 = np.sqrt(np.minimum(var1, prior1)), np.sqrt(np.minimum(var2, prior2))
-        mass = np.clip(1.0 / theta1, self.facts.mass_min_kg, self.facts.mass_max_kg)
-        grade = grade_of(theta2, mu, self.options.grade_limit)
-        mass_std = np.minimum(std1 * mass * mass, (self.facts.mass_max_kg - self.facts.mass_min_kg) / SQRT12)
-        return np.stack((mass, mass_std, grade, grade_std_of(grade, theta2, std2)))
 
     def _prior_p(self, mass_kg: float, std_kg: float | None) -> tuple[float, float]:
         """Return the diagonal of P before any data: what the user or the bounds say, per noise variance."""
@@ -189,22 +145,22 @@ class TwoParameter(ChunkedEstimator):
             var1 = min(var1, (std_kg / (mass_kg * mass_kg)) ** 2)
         return var1 / PRIOR_NOISE_MPS2**2, var2 / PRIOR_NOISE_MPS2**2
 
-    def _prior_theta(self, mass_kg: float) -> tuple[float, float]:
-        grade = self.facts.initial_grade or 0.0
-        return self.box.clip((1.0 / mass_kg, theta2_of(grade, self.facts.rolling_resistance)))
-
-    def _start_given(self, mass_kg: float, std_kg: float | None = None) -> None:
+    def _begin(self, mass_kg: float, std_kg: float | None) -> None:
         """Start from a mass that somebody gave (or remembered)."""
-        theta, (p1, p2) = self._prior_theta(mass_kg), self._prior_p(mass_kg, std_kg)
+        p1, p2 = self._prior_p(mass_kg, std_kg)
         self._prior_information = (1.0 / p1, 1.0 / p2)
-        self._begin(theta, (p1, 0.0, p2), PRIOR_NOISE_MPS2**2)
+        self._begin_at(self._prior_theta(mass_kg), (p1, 0.0, p2), PRIOR_NOISE_MPS2**2)
 
-    def _begin(self, theta: tuple[float, float], p: tuple[float, float, float], variance: float) -> None:
+    def _begin_at(self, theta: tuple[float, float], p: tuple[float, float, float], variance: float) -> None:
         self._start(theta, p, variance)
-        self._theta, self._runs = np.array([[theta[0]], [theta[1]]]), Runs()
+        self._theta, self._inflation = np.array([[theta[0]], [theta[1]]]), AutocorrelationInflation()
         self._ready, self._batch = True, []
-        start = np.array([[theta[0]], [theta[1]], [p[0] * variance], [p[2] * variance]])
-        self._held = self._numbers(start, np.array([self.facts.rolling_resistance]))
+        self._hold_start(theta, (p[0] * variance, p[2] * variance))
+
+    def _ceiling(self, p: tuple[float, float, float]) -> tuple[float, float]:
+        """Return the ceilings of P's diagonal: `P_LIMIT` times the prior's, at least the start's."""
+        top1, top2 = (P_LIMIT * v / PRIOR_NOISE_MPS2**2 for v in self.box.variance)
+        return max(top1, p[0]), max(top2, p[2])
 
     def _fill_batch(self, rows: Regression) -> tuple[FloatColumn, int]:
         """Put rows into the batch until it is full, then start.
@@ -245,12 +201,5 @@ class TwoParameter(ChunkedEstimator):
         p = (n22 / determinant, -n12 / determinant, n11 / determinant)
         errors = (c - a * theta[0] - b * theta[1] for a, b, c in zip(phi1, phi2, y, strict=True))
         variance = fsum(e * e for e in errors) / max(1, len(y) - 2)
-        self._begin(theta, p, variance)
+        self._begin_at(theta, p, variance)
         return (*theta, *self._variances(*p, variance))
-
-
-def prior_mass_kg(facts: VehicleFacts) -> float:
-    """Return the start value of the mass: the user's, else the middle of the bounds."""
-    if facts.initial_mass_kg is not None:
-        return min(max(facts.initial_mass_kg, facts.mass_min_kg), facts.mass_max_kg)
-    return 0.5 * (facts.mass_min_kg + facts.mass_max_kg)

@@ -9,31 +9,38 @@ gives r' = d' - (k1 + 1) r - k2 sgn(e) + e', which decays for k2 above the rate 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from pydantic import Field
 
 from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2, STEP_S, EstimateBlock, ModelBlock, Status, VehicleFacts
 from canest.estimators.chunked import ChunkedEstimator
-from canest.estimators.hold import rows_until
-from canest.estimators.kernel_arrays import Container, give, room, state_in, state_out, take
+from canest.estimators.description import Description, option
+from canest.estimators.kernel_arrays import Container, outputs, pack, state_in, state_out, unpack
 from canest.estimators.options import Options, parse
+from canest.estimators.papers.inverse_mass import GRADE_LIMIT_TEXT
 from canest.estimators.papers.kidambi2014.ekf_filter import Rows
-from canest.estimators.papers.two_parameter import SQRT12, VARIANCE_ALPHA, prior_mass_kg
+from canest.estimators.papers.prior import SQRT12, VARIANCE_ALPHA, prior_mass_kg, prior_mass_std_kg
 from canest.estimators.regression import grade_of, grade_std_of, theta2_of, theta2_range
+from canest.estimators.sample_hold import rows_until
 
 
 class DgoOptions(Options):
     """Observer gains."""
 
-    #: k1, 1/s
-    k1: float = Field(3.0, ge=0.0, le=40.0)
-    #: k2, m/s3: above the fastest change of g sin(beta) to follow
-    k2: float = Field(0.05, ge=0.0, le=10.0)
-    #: grades beyond this are projected back
-    grade_limit: float = Field(0.25, gt=0.0, le=1.0)
+    k1: float = option(3.0, "observer gain", unit="1/s", ge=0.0, le=40.0)
+    k2: float = option(0.05, "above the fastest change of g sin(β) to follow", unit="m/s³", ge=0.0, le=10.0)
+    grade_limit: float = option(0.25, GRADE_LIMIT_TEXT, unit="ratio", gt=0.0, le=1.0)
+
+
+class Gains(NamedTuple):
+    """Gains of the observer and bounds of d^ (m/s2), as the kernel takes them."""
+
+    k1: float
+    k2: float
+    low: float
+    high: float
 
 
 class Dgo(ChunkedEstimator):
@@ -43,14 +50,22 @@ class Dgo(ChunkedEstimator):
     and the observer's own velocity error.
     """
 
-    names = ("dgo",)
+    descriptions = (
+        Description(
+            "dgo",
+            "grade observer for a mass that is given",
+            "2014, eqs. 11-13",
+            needs=("speed", "torque", "estimator.initial_mass_kg (else the middle of the bounds)"),
+            options=DgoOptions,
+        ),
+    )
     estimates_mass = False
 
     def __init__(self, name: str, facts: VehicleFacts, options: Mapping[str, Any] | None = None) -> None:
         super().__init__(name, facts, options)
         self.options: Any = parse(DgoOptions, options)
         known = facts.initial_mass_kg is not None
-        spread = (facts.mass_max_kg - facts.mass_min_kg) / SQRT12
+        spread = prior_mass_std_kg(facts)
         self._assume(prior_mass_kg(facts), 0.05 * prior_mass_kg(facts) if known else spread)
         grade = facts.initial_grade or 0.0
         self._held = np.array([[grade], [self.options.grade_limit / SQRT12]])
@@ -71,15 +86,15 @@ class Dgo(ChunkedEstimator):
         rows, n = Rows(block, self._before), len(block)
         self._before = rows.after
         low, high = theta2_range(self.options.grade_limit)
-        out, state = room(len(rows.at), 2), state_in(self._state)
-        columns = give(rows.speed, rows.force / self._mass_kg, rows.fresh)
-        bounds = (-GRAVITY_MPS2 * high, -GRAVITY_MPS2 * low)
-        observe(*columns, STEP_S, self.options.k1, self.options.k2, *bounds, VARIANCE_ALPHA, state, *out)
+        out, state = outputs(len(rows.at), 2), state_in(self._state)
+        columns = pack(rows.speed, rows.force / self._mass_kg, rows.fresh)
+        gains = Gains(self.options.k1, self.options.k2, -GRAVITY_MPS2 * high, -GRAVITY_MPS2 * low)
+        observe(*columns, gains, state, *out)
         self._state = state_out(state)
-        theta2 = np.clip(take(out[0]) / rows.phi2, low, high)
+        theta2 = np.clip(unpack(out[0]) / rows.phi2, low, high)
         grade = grade_of(theta2, rows.mu, self.options.grade_limit)
         by_mass = rows.force / GRAVITY_MPS2 * (self._mass_std_kg / self._mass_kg**2)
-        by_speed = (self.options.k1 + 1.0) / GRAVITY_MPS2 * np.sqrt(take(out[1]))
+        by_speed = (self.options.k1 + 1.0) / GRAVITY_MPS2 * np.sqrt(unpack(out[1]))
         std = grade_std_of(grade, theta2, np.sqrt(by_mass * by_mass + by_speed * by_speed))
         numbers = np.concatenate(
             (self._held, np.stack((grade, np.minimum(std, self.options.grade_limit)))), axis=1
@@ -97,12 +112,7 @@ def observe(
     speed: Container,
     thrust: Container,
     fresh: Container,
-    step: float,
-    k1: float,
-    k2: float,
-    low: float,
-    high: float,
-    alpha: float,
+    gains: Gains,
     state: Container,
     road: Container,
     square: Container,
@@ -112,6 +122,7 @@ def observe(
     e' dt is the difference of e, so d^ needs no derivative. A fresh row (after a gate) sets v^ to the speed.
     """
     v, d, e, s, first = state
+    k1, k2, low, high = gains
     for k in range(len(speed)):
         y = speed[k]
         if first > 0.0 or fresh[k] > 0.0:
@@ -119,20 +130,20 @@ def observe(
             v = y
             e = 0.0
         else:
-            v += step * (thrust[k] + d)
+            v += STEP_S * (thrust[k] + d)
             now = y - v
-            push = (k1 + 1.0) * (now - e + step * now)
+            push = (k1 + 1.0) * (now - e + STEP_S * now)
             if now > 0.0:
-                push += k2 * step
+                push += k2 * STEP_S
             elif now < 0.0:
-                push -= k2 * step
+                push -= k2 * STEP_S
             d += push
             if d < low:
                 d = low
             elif d > high:
                 d = high
             e = now
-            s += alpha * (e * e - s)
+            s += VARIANCE_ALPHA * (e * e - s)
         road[k] = d
         square[k] = s
     state[0] = v

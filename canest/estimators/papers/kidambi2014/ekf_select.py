@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import Field
 
 from canest.core.frames import FloatColumn, MonotonicClock
 from canest.core.samples import STEP_S, STEP_US, EstimateBlock, ModelBlock
+from canest.estimators.description import Description, option
 from canest.estimators.papers.kidambi2014.ekf import EkfBase, EkfOptions
 from canest.estimators.papers.kidambi2014.ekf_filter import EkfCore, Rows
 
@@ -31,14 +31,18 @@ class EkfSelectOptions(EkfOptions):
         },
     }
 
-    #: a new filter starts this often
-    every_s: float = Field(5.0, ge=0.1, le=3600.0)
-    #: so many run at once; the oldest stops when a new one would be one too many
-    filters: int = Field(5, ge=2, le=50)
-    #: coefficient of variation of their masses below which they agree (eq. 18)
-    variation: float = Field(0.01, gt=0.0, lt=1.0)
-    #: an ensemble whose filters have not narrowed 1/m to this share of its start has agreed on nothing yet
-    narrowed: float = Field(0.5, gt=0.0)
+    every_s: float = option(5.0, "a new filter starts this often", unit="s", ge=0.1, le=3600.0)
+    filters: int = option(
+        5, "so many run at once; the oldest stops when a new one would be one too many", ge=2, le=50
+    )
+    variation: float = option(
+        0.01, "coefficient of variation of their masses below which they agree (eq. 18)", gt=0.0, lt=1.0
+    )
+    narrowed: float = option(
+        0.5,
+        "agreement counts once every filter has narrowed the std of 1/M to this share",
+        gt=0.0,
+    )
 
 
 class EkfSelect(EkfBase):
@@ -51,8 +55,14 @@ class EkfSelect(EkfBase):
     The standard deviation joins that of the oldest filter, which knows most, and the spread of all.
     """
 
-    names = ("ekf-select",)
-    Options = EkfSelectOptions
+    descriptions = (
+        Description(
+            "ekf-select",
+            "concurrent filters, mass where they agree",
+            "2014, eq. 18",
+            options=EkfSelectOptions,
+        ),
+    )
 
     def _start(self, theta: tuple[float, float], variance: tuple[float, float]) -> None:
         self._variance = variance
@@ -61,6 +71,11 @@ class EkfSelect(EkfBase):
         self._next_us: int | None = None
         # a clock set back must not keep the next filter waiting until it has caught up
         self._monotonic = MonotonicClock()
+
+    @property
+    def running(self) -> int:
+        """Return how many filters run at present."""
+        return len(self._filters)
 
     def _update(self, block: ModelBlock) -> EstimateBlock:
         rows = Rows(block, self._before)

@@ -3,17 +3,36 @@
 from __future__ import annotations
 
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 
 from canest.core import jit
 from canest.core.frames import FloatColumn
-from canest.estimators.kernel_arrays import Container, give, room, state_in, state_out, take
+from canest.estimators.kernel_arrays import Container, outputs, pack, state_in, state_out, unpack
 
 #: sweeps of Jacobi rotations per row; the matrix is almost diagonal, two or three are enough
 MAX_SWEEPS = 12
 #: columns count as orthogonal below this cosine
 ORTHOGONAL = 1e-15
+
+
+class State(NamedTuple):
+    """What the kernel carries on: singular values (q,), V (q * q,), A^T A (n * n,), sum of weights (1,)."""
+
+    s: Container
+    v: Container
+    gram: Container
+    weight: Container
+
+
+class Decompositions(NamedTuple):
+    """What the kernel fills for each row: X (n), smallest singular value, A^T A (n * n), sum of weights."""
+
+    x: Container
+    smallest: Container
+    gram: Container
+    weight: Container
 
 
 class Rsvd:
@@ -29,10 +48,7 @@ class Rsvd:
     def __init__(self, n: int, forgetting: float) -> None:
         q = n + 1
         self.n, self.forgetting = n, forgetting
-        self._s = [0.0] * q
-        self._v = np.eye(q).ravel().tolist()
-        self._gram = [0.0] * (n * n)
-        self._weight = [0.0]
+        self._state = [[0.0] * q, np.eye(q).ravel().tolist(), [0.0] * (n * n), [0.0]]
 
     def add(self, z: FloatColumn) -> tuple[FloatColumn, FloatColumn, FloatColumn, FloatColumn]:
         """Take rows [A B], shape (k, q).
@@ -41,32 +57,14 @@ class Rsvd:
         (k,); A^T A, (k, n, n); the sum of the weights, (k,).
         """
         n, k = self.n, len(z)
-        q = n + 1
-        (rows,) = give(z)
-        x, small, gram, weight = room(k * n, 1)[0], room(k, 1)[0], room(k * n * n, 1)[0], room(k, 1)[0]
-        s, v, g, w = (state_in(c) for c in (self._s, self._v, self._gram, self._weight))
-        work = state_in([0.0] * (q * (q + 1)))
-        scale = sqrt(self.forgetting)
-        append_rows(
-            rows,
-            k,
-            q,
-            scale,
-            self.forgetting,
-            ORTHOGONAL,
-            MAX_SWEEPS,
-            s,
-            v,
-            g,
-            w,
-            work,
-            x,
-            small,
-            gram,
-            weight,
-        )
-        self._s, self._v, self._gram, self._weight = (state_out(c) for c in (s, v, g, w))
-        return take(x).reshape(k, n), take(small), take(gram).reshape(k, n, n), take(weight)
+        (rows,) = pack(z)
+        found = Decompositions(*(outputs(k * size, 1)[0] for size in (n, 1, n * n, 1)))
+        state = State(*(state_in(c) for c in self._state))
+        work = state_in([0.0] * ((n + 1) * (n + 2)))
+        append_rows(rows, k, n + 1, self.forgetting, state, work, found)
+        self._state = [state_out(c) for c in state]
+        x, smallest, gram, weight = (unpack(c) for c in found)
+        return x.reshape(k, n), smallest, gram.reshape(k, n, n), weight
 
 
 @jit.kernel
@@ -74,19 +72,10 @@ def append_rows(
     rows: Container,
     count: int,
     q: int,
-    scale: float,
     forgetting: float,
-    orthogonal: float,
-    max_sweeps: int,
-    s: Container,
-    v: Container,
-    g: Container,
-    w: Container,
+    state: State,
     m: Container,
-    x: Container,
-    small: Container,
-    gram: Container,
-    weight: Container,
+    found: Decompositions,
 ) -> None:
     """2013, Alg. 3 and 4 for ``count`` rows; v and m are stored column after column.
 
@@ -94,6 +83,9 @@ def append_rows(
     columns until all are orthogonal (one-sided Jacobi) gives M Q = P N: the new singular values are the
     columns' lengths, and the same rotations applied to V give V Q (line 12). P, and so U, is never formed.
     """
+    s, v, g, w = state
+    x, small, gram, weight = found
+    scale = sqrt(forgetting)
     n = q - 1
     h = q + 1
     for k in range(count):
@@ -107,7 +99,7 @@ def append_rows(
             m[j * h + q] = a
         sweep = 0
         busy = True
-        while busy and sweep < max_sweeps:
+        while busy and sweep < MAX_SWEEPS:
             busy = False
             sweep += 1
             for i in range(n):
@@ -123,7 +115,7 @@ def append_rows(
                         alpha += p * p
                         beta += o * o
                         gamma += p * o
-                    if abs(gamma) > orthogonal * sqrt(alpha * beta):
+                    if abs(gamma) > ORTHOGONAL * sqrt(alpha * beta):
                         busy = True
                         zeta = (beta - alpha) / (2.0 * gamma)
                         if zeta >= 0.0:

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import Field
 
 from canest.core.frames import FloatColumn
+from canest.estimators.description import Description, option
 from canest.estimators.papers.rhode2013.rsvd import Rsvd
 from canest.estimators.papers.rhode2013.tls import GeneralizedOptions, bounded, noise_covariance, prior_rows
 from canest.estimators.papers.rhode2013.tls_math import NoiseScale, covariance
@@ -23,16 +23,27 @@ class RecursiveTlsOptions(GeneralizedOptions):
         "2013": {"forgetting": 0.997**2},
     }
 
-    #: weight of a row's square against the next, as in RLS
-    forgetting: float = Field(0.9995, gt=0.5, le=1.0)
+    forgetting: float = option(0.9995, "weight of a row's square against the next, as in RLS", gt=0.5, le=1.0)
 
 
 class Rtls(TwoParameter):
     """RTLS (2013, Alg. 4) and RGTLS (Alg. 5: rows scaled by W, results carried back)."""
 
-    names: ClassVar[tuple[str, ...]] = ("rtls", "rgtls")
+    descriptions = (
+        Description(
+            "rtls",
+            "recursive total least squares, with forgetting",
+            "2013, Alg. 4",
+            options=RecursiveTlsOptions,
+        ),
+        Description(
+            "rgtls",
+            "recursive total least squares with a noise covariance, with forgetting",
+            "2013, Alg. 5",
+            options=RecursiveTlsOptions,
+        ),
+    )
     wants_excitation_gate = True
-    Options = RecursiveTlsOptions
 
     def _start(self, theta: tuple[float, float], p: tuple[float, float, float], variance: float) -> None:
         self._scale = NoiseScale.of(noise_covariance(self.name, self.options))

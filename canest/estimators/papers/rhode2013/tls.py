@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
 from canest.core.frames import FloatColumn
 from canest.core.samples import RATE_HZ
+from canest.estimators.description import Description, option
 from canest.estimators.papers.rhode2013.tls_math import NoiseScale, spread
 from canest.estimators.papers.two_parameter import TwoParameter, TwoParameterOptions
 
@@ -21,12 +21,9 @@ SOLVE_EVERY = round(RATE_HZ)
 class GeneralizedOptions(TwoParameterOptions):
     """Noise of the two measured columns, from which W is made."""
 
-    #: standard deviation of the known force, N
-    noise_force_N: float = Field(300.0, gt=0.0)
-    #: standard deviation of the acceleration, m/s2
-    noise_accel_mps2: float = Field(0.05, gt=0.0)
-    #: their correlation
-    noise_correlation: float = Field(0.0, gt=-1.0, lt=1.0)
+    noise_force_N: float = option(300.0, "standard deviation of the known force", unit="N", gt=0.0)
+    noise_accel_mps2: float = option(0.05, "standard deviation of the acceleration", unit="m/s²", gt=0.0)
+    noise_correlation: float = option(0.0, "correlation of the two", gt=-1.0, lt=1.0)
 
 
 def noise_covariance(name: str, options: Any) -> FloatColumn:
@@ -55,8 +52,14 @@ class Tls(TwoParameter):
     singular values nor V), so a solution costs a 3 x 3 SVD whatever the length of the drive.
     """
 
-    names: ClassVar[tuple[str, ...]] = ("tls", "gtls")
-    Options = GeneralizedOptions
+    descriptions = (
+        Description(
+            "tls", "total least squares of all rows so far", "2013, Alg. 1", options=GeneralizedOptions
+        ),
+        Description(
+            "gtls", "total least squares with a noise covariance", "2013, Alg. 2", options=GeneralizedOptions
+        ),
+    )
 
     def _start(self, theta: tuple[float, float], p: tuple[float, float, float], variance: float) -> None:
         self._scale = NoiseScale.of(noise_covariance(self.name, self.options))

@@ -1,4 +1,4 @@
-"""Total least squares as formulas: batch solutions, scaling by a noise covariance, parameter covariance.
+"""Total least squares as formulas: scaling by a noise covariance, parameter covariance.
 
 A X ~ B with noise in both; Z = [A B] has n + 1 = q columns. Slips in the 2013 paper, put right here:
 sigma^2 is the *square* of the smallest singular value over m (Alg. 1 line 6, Alg. 4 line 7 lack the
@@ -103,18 +103,3 @@ def spread(
     safe = np.where(definite[..., None, None], core, np.eye(n))
     scale = (1.0 + np.sum(x * x, axis=-1)) * variance
     return np.asarray(scale), np.where(definite[..., None, None], np.linalg.inv(safe), np.inf)
-
-
-def solve(a: FloatColumn, b: FloatColumn) -> tuple[FloatColumn, FloatColumn]:
-    """Basic TLS (2013, Alg. 1): return X (n,) and cov(X) (n, n) of A (m, n), B (m,).
-
-    X is inf where there is no generic solution (V22 = 0).
-    """
-    z = np.column_stack((a, b))
-    _, s, vt = np.linalg.svd(z, full_matrices=len(z) < z.shape[1])
-    v = vt[-1]
-    smallest = s[-1] if len(s) == z.shape[1] else 0.0
-    x = -v[:-1] / v[-1] if v[-1] != 0.0 else np.full(a.shape[1], np.inf)
-    if not np.isfinite(x).all():
-        return x, np.full((a.shape[1], a.shape[1]), np.inf)
-    return x, covariance(x, a.T @ a, np.array(smallest), np.array(float(len(z))))

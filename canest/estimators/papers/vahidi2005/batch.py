@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from canest.core.frames import FloatColumn
-from canest.estimators.papers.two_parameter import TwoParameter
+from canest.estimators.description import Description
+from canest.estimators.papers.two_parameter import TwoParameter, TwoParameterOptions
 
 
 class BatchLs(TwoParameter):
@@ -16,7 +17,11 @@ class BatchLs(TwoParameter):
     keep their own doubt, however small sigma is.
     """
 
-    names = ("batch-ls",)
+    descriptions = (
+        Description(
+            "batch-ls", "least squares over everything so far", "2005, eq. 5", options=TwoParameterOptions
+        ),
+    )
 
     def _start(self, theta: tuple[float, float], p: tuple[float, float, float], variance: float) -> None:
         determinant = p[0] * p[2] - p[1] * p[1]

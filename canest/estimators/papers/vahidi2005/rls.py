@@ -4,21 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import sqrt
-from typing import Any, ClassVar
-
-import numpy as np
-from pydantic import Field
+from typing import Any, ClassVar, NamedTuple
 
 from canest.core import jit
 from canest.core.frames import FloatColumn
-from canest.estimators.kernel_arrays import Container, give, room, state_in, state_out, take
-from canest.estimators.papers.two_parameter import (
-    P_LIMIT,
-    PRIOR_NOISE_MPS2,
-    VARIANCE_ALPHA,
-    TwoParameter,
-    TwoParameterOptions,
-)
+from canest.estimators.description import Description, option
+from canest.estimators.kernel_arrays import Container, pack, state_in, state_out
+from canest.estimators.papers.prior import VARIANCE_ALPHA
+from canest.estimators.papers.two_parameter import Known, Limits, TwoParameter, TwoParameterOptions
 
 
 class RlsOptions(TwoParameterOptions):
@@ -31,8 +24,7 @@ class RlsOptions(TwoParameterOptions):
         "2013": {"forgetting": 0.997},
     }
 
-    #: lambda, weight of a row against the next
-    forgetting: float = Field(0.9995, gt=0.0, le=1.0)
+    forgetting: float = option(0.9995, "λ, weight of a row against the next", gt=0.0, le=1.0)
 
 
 class RlsVectorOptions(TwoParameterOptions):
@@ -46,10 +38,16 @@ class RlsVectorOptions(TwoParameterOptions):
         "2005-experiment": {"forgetting_mass": 0.95, "forgetting_grade": 0.4},
     }
 
-    #: lambda_1, of 1/M
-    forgetting_mass: float = Field(0.9998, gt=0.0, le=1.0)
-    #: lambda_2, of sin(beta + beta_mu)
-    forgetting_grade: float = Field(0.998, gt=0.0, le=1.0)
+    forgetting_mass: float = option(0.9998, "λ₁, of 1/M", gt=0.0, le=1.0)
+    forgetting_grade: float = option(0.998, "λ₂, of sin(β + β_mu)", gt=0.0, le=1.0)
+
+
+class Scale(NamedTuple):
+    """What the elements of P are multiplied with after every row."""
+
+    p11: float
+    p12: float
+    p22: float
 
 
 class _MatrixRls(TwoParameter):
@@ -57,32 +55,37 @@ class _MatrixRls(TwoParameter):
 
     wants_excitation_gate = True
 
-    def _scale(self) -> tuple[float, float, float]:
+    def _scale(self) -> Scale:
         """Return what P11, P12 and P22 are multiplied with after an update."""
         raise NotImplementedError
 
     def _start(self, theta: tuple[float, float], p: tuple[float, float, float], variance: float) -> None:
-        limit = [P_LIMIT * v / PRIOR_NOISE_MPS2**2 for v in self.box.variance]
-        self._ceiling = (max(limit[0], p[0]), max(limit[1], p[2]))
+        low, high = self.box.low, self.box.high
+        self._limits = Limits(low[0], high[0], low[1], high[1], *self._ceiling(p))
         self._state = [*theta, *p, variance]
 
     def _learn(self, y: FloatColumn, phi1: FloatColumn, phi2: FloatColumn) -> FloatColumn:
-        out, state = room(len(y), 4), state_in(self._state)
-        bounds = (self.box.low[0], self.box.high[0], self.box.low[1], self.box.high[1])
-        matrix_rls(*give(y, phi1, phi2), *self._scale(), *bounds, *self._ceiling, VARIANCE_ALPHA, state, *out)
+        known, state = Known.empty(len(y)), state_in(self._state)
+        matrix_rls(*pack(y, phi1, phi2), self._scale(), self._limits, VARIANCE_ALPHA, state, known)
         self._state = state_out(state)
-        return np.stack([take(c) for c in out])
+        return known.columns()
 
 
 class Rls(_MatrixRls):
     """One forgetting factor: 2005, eqs. 6-8 (lambda 1) and 10-11; 2013, Alg. 6."""
 
-    names = ("rls",)
-    Options = RlsOptions
+    descriptions = (
+        Description(
+            "rls",
+            "recursive least squares, one forgetting factor",
+            "2005, eqs. 6-11; 2013, Alg. 6",
+            options=RlsOptions,
+        ),
+    )
 
-    def _scale(self) -> tuple[float, float, float]:
+    def _scale(self) -> Scale:
         inverse = 1.0 / self.options.forgetting
-        return inverse, inverse, inverse
+        return Scale(inverse, inverse, inverse)
 
 
 class RlsVector(_MatrixRls):
@@ -91,12 +94,13 @@ class RlsVector(_MatrixRls):
     The gain is that of eq. 7 on the P that eq. 12 has already discounted (the form of their paper).
     """
 
-    names = ("rls-vector",)
-    Options = RlsVectorOptions
+    descriptions = (
+        Description("rls-vector", "vector-type forgetting", "2005, eq. 12", options=RlsVectorOptions),
+    )
 
-    def _scale(self) -> tuple[float, float, float]:
+    def _scale(self) -> Scale:
         one, two = self.options.forgetting_mass, self.options.forgetting_grade
-        return 1.0 / (one * one), 1.0 / (one * two), 1.0 / (two * two)
+        return Scale(1.0 / (one * one), 1.0 / (one * two), 1.0 / (two * two))
 
 
 @jit.kernel
@@ -104,21 +108,11 @@ def matrix_rls(
     y: Container,
     phi1: Container,
     phi2: Container,
-    scale11: float,
-    scale12: float,
-    scale22: float,
-    low1: float,
-    high1: float,
-    low2: float,
-    high2: float,
-    top1: float,
-    top2: float,
+    scale: Scale,
+    limits: Limits,
     alpha: float,
     state: Container,
-    theta1: Container,
-    theta2: Container,
-    var1: Container,
-    var2: Container,
+    known: Known,
 ) -> None:
     """2005, eqs. 6-8, 10-12, row by row; the state is theta, P (p11, p12, p22) and the noise variance.
 
@@ -128,6 +122,9 @@ def matrix_rls(
     end in overflow ("wind-up", section 4.1).
     """
     a, b, p11, p12, p22, s = state
+    scale11, scale12, scale22 = scale
+    low1, high1, low2, high2, top1, top2 = limits
+    theta1, theta2, var1, var2 = known
     for k in range(len(y)):
         p = phi1[k]
         r = phi2[k]

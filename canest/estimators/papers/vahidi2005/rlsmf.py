@@ -8,21 +8,14 @@ is the Nyquist frequency of its 50 Hz sampling, where no digital Butterworth exi
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
-
-import numpy as np
-from pydantic import Field
+from typing import Any, ClassVar, NamedTuple
 
 from canest.core import jit
 from canest.core.frames import FloatColumn
-from canest.estimators.kernel_arrays import Container, give, room, state_in, state_out, take
-from canest.estimators.papers.two_parameter import (
-    P_LIMIT,
-    PRIOR_NOISE_MPS2,
-    VARIANCE_ALPHA,
-    TwoParameter,
-    TwoParameterOptions,
-)
+from canest.estimators.description import Description, option
+from canest.estimators.kernel_arrays import Container, pack, state_in, state_out
+from canest.estimators.papers.prior import VARIANCE_ALPHA
+from canest.estimators.papers.two_parameter import Known, Limits, TwoParameter, TwoParameterOptions
 
 
 class RlsmfOptions(TwoParameterOptions):
@@ -39,10 +32,16 @@ class RlsmfOptions(TwoParameterOptions):
         "2014": {"forgetting_mass": 0.995, "forgetting_grade": 0.95, "p0": (0.001, 10.0)},
     }
 
-    #: lambda_1, of 1/M
-    forgetting_mass: float = Field(0.999, gt=0.0, le=1.0)
-    #: lambda_2, of sin(beta + beta_mu)
-    forgetting_grade: float = Field(0.99, gt=0.0, le=1.0)
+    forgetting_mass: float = option(0.999, "λ₁, of 1/M", gt=0.0, le=1.0)
+    forgetting_grade: float = option(0.99, "λ₂, of sin(β + β_mu)", gt=0.0, le=1.0)
+
+
+class Forgetting(NamedTuple):
+    """Whether covariances shrink by the joint gain (2013) or each by its own (2005), and 1 / lambda_i."""
+
+    joint: bool
+    inverse1: float
+    inverse2: float
 
 
 class Rlsmf(TwoParameter):
@@ -52,33 +51,38 @@ class Rlsmf(TwoParameter):
     line 4); the parameters move by the joint gain L_new (eq. 23) in both.
     """
 
-    names = ("rlsmf", "rlsmf-n")
+    descriptions = (
+        Description(
+            "rlsmf",
+            "multiple forgetting, each covariance by its own gain",
+            "2005, eqs. 17-23",
+            options=RlsmfOptions,
+        ),
+        Description(
+            "rlsmf-n",
+            "multiple forgetting, by the joint gain, with parameter projection",
+            "2013, Alg. 7 and 8",
+            options=RlsmfOptions,
+        ),
+    )
     wants_excitation_gate = True
-    Options = RlsmfOptions
 
     def _start(self, theta: tuple[float, float], p: tuple[float, float, float], variance: float) -> None:
         o = self.options
-        self._inverse = (1.0 / o.forgetting_mass, 1.0 / o.forgetting_grade)
-        prior = self.box.variance
-        ceiling = [P_LIMIT * v / PRIOR_NOISE_MPS2**2 for v in prior]
-        ceiling = [max(c, q) for c, q in zip(ceiling, (p[0], p[2]), strict=True)]
-        self._ceiling = [c * i for c, i in zip(ceiling, self._inverse, strict=True)]
+        inverse1, inverse2 = 1.0 / o.forgetting_mass, 1.0 / o.forgetting_grade
+        self._forgetting = Forgetting(self.name != "rlsmf", inverse1, inverse2)
+        low, high, (top1, top2) = self.box.low, self.box.high, self._ceiling(p)
+        self._limits = Limits(low[0], high[0], low[1], high[1], top1 * inverse1, top2 * inverse2)
         # the state holds P / lambda, which is what every line of eq. 23 uses
-        self._state = [*theta, p[0] * self._inverse[0], p[2] * self._inverse[1], variance]
+        self._state = [*theta, p[0] * inverse1, p[2] * inverse2, variance]
 
     def _learn(self, y: FloatColumn, phi1: FloatColumn, phi2: FloatColumn) -> FloatColumn:
-        o, n = self.options, len(y)
-        out = room(n, 4)
-        bounds = (self.box.low[0], self.box.high[0], self.box.low[1], self.box.high[1])
-        state = state_in(self._state)
-        joint = self.name != "rlsmf"
-        forget_each(
-            *give(y, phi1, phi2), joint, *self._inverse, *bounds, *self._ceiling, VARIANCE_ALPHA, state, *out
-        )
+        out, state = Known.empty(len(y)), state_in(self._state)
+        forget_each(*pack(y, phi1, phi2), self._forgetting, self._limits, VARIANCE_ALPHA, state, out)
         self._state = state_out(state)
-        known = np.stack([take(c) for c in out])
-        known[2] *= o.forgetting_mass
-        known[3] *= o.forgetting_grade
+        known = out.columns()
+        known[2] *= self.options.forgetting_mass
+        known[3] *= self.options.forgetting_grade
         return known
 
 
@@ -87,21 +91,11 @@ def forget_each(
     y: Container,
     phi1: Container,
     phi2: Container,
-    joint: bool,
-    il1: float,
-    il2: float,
-    low1: float,
-    high1: float,
-    low2: float,
-    high2: float,
-    top1: float,
-    top2: float,
+    forgetting: Forgetting,
+    limits: Limits,
     alpha: float,
     state: Container,
-    theta1: Container,
-    theta2: Container,
-    var1: Container,
-    var2: Container,
+    known: Known,
 ) -> None:
     """2005, eqs. 17-23, row by row, with q_i = P_i / lambda_i carried instead of P_i.
 
@@ -114,6 +108,9 @@ def forget_each(
     1 - L_new,i phi_i = (1 + w_j) / (1 + w_1 + w_2): each covariance shrinks less than by its own gain.
     """
     a, b, q1, q2, s = state
+    joint, il1, il2 = forgetting
+    low1, high1, low2, high2, top1, top2 = limits
+    theta1, theta2, var1, var2 = known
     for k in range(len(y)):
         p = phi1[k]
         r = phi2[k]

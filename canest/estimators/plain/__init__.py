@@ -1,0 +1,1 @@
+"""The papers' recursions for a regression of your own, without vehicle, gates or bounds."""
