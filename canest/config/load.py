@@ -65,10 +65,15 @@ def parse_config(
         raise _no_sections("nothing" if raw is None else type(raw).__name__, where)
     changed = {key: (options or {}).get(key, "--set") for key in _apply_overrides(raw, overrides)}
     origins = Origins(where, lines, {tuple(key.split(".")): option for key, option in changed.items()})
+    return validated(raw, origins)
+
+
+def validated(raw: Mapping[str, Any], origins: Origins) -> Config:
+    """Return the config of sections and keys; ``origins`` locates them. Errors: ConfigError."""
     try:
         config = Config.model_validate(raw)
     except ValidationError as error:
-        raise _explain(error, origins) from error
+        raise explained(error, origins) from error
     config.note_origins(origins)
     return config
 
@@ -108,14 +113,15 @@ def _apply_overrides(raw: dict[str, Any], overrides: Iterable[str]) -> set[str]:
     return changed
 
 
-def _explain(error: ValidationError, origins: Origins) -> ConfigError:
+def explained(error: ValidationError, origins: Origins, section: KeyPath = ()) -> ConfigError:
+    """Return the first mistake in one line; ``section`` is what was validated, where that is a part."""
     problems = error.errors(include_url=False)
     # a misspelt key is also missing under its right name: what was written tells more
     first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
     cause = first.get("ctx", {}).get("error")
     path = tuple(
         str(p)
-        for p in (*first["loc"], *(cause.keys if isinstance(cause, MisplacedError) else ()))
+        for p in (*section, *first["loc"], *(cause.keys if isinstance(cause, MisplacedError) else ()))
         if p != "[key]"
     )
     key, origin = ".".join(path) or "(whole config)", origins.of(path)

@@ -25,6 +25,7 @@ from canest.diagnosis.search.choice import Tried
 from canest.diagnosis.search.forward_selection import MIN_TORQUE_STEPS, Search
 from canest.diagnosis.search.gauss_newton import fit_on
 from canest.diagnosis.search.held_out import Fold, Score, score, two_folds
+from canest.logs.memory import MemoryLog
 from canest.pipeline.build import effects_of
 from canest.pipeline.pipeline import Estimates
 
@@ -64,10 +65,10 @@ class Diagnosis:
 
 
 def diagnose(
-    paths: Sequence[Path],
+    paths: Sequence[Path | MemoryLog],
     config: Config,
     *,
-    truths: Sequence[Path | None] | None = None,
+    truths: Sequence[Path | MemoryLog | None] | None = None,
     mass_kg: float | None = None,
     channel: str | None = None,
     tell: Tell = lambda _text, _share: None,
@@ -135,9 +136,9 @@ def _too_short(config: Config, problem: Problem, references: list[Reference]) ->
 
 
 def _problem(
-    paths: Sequence[Path],
+    paths: Sequence[Path | MemoryLog],
     config: Config,
-    truths: Sequence[Path | None] | None,
+    truths: Sequence[Path | MemoryLog | None] | None,
     mass_kg: float | None,
     channel: str | None,
     tell: Tell,

@@ -10,6 +10,7 @@ from canest.logs.base import BLOCK_FRAMES, CandumpReader, LogReader
 from canest.logs.candump import CandumpParser, Wanted
 from canest.logs.compression import ARCHIVE_SUFFIXES, Source
 from canest.logs.lines import Line, is_ignorable, parse_line
+from canest.logs.memory import MemoryLog
 
 _HEAD_BYTES = 1 << 16
 _BLANK = 0x20  #: what stands before it in ASCII steers a terminal
@@ -23,7 +24,7 @@ EXPECTED = "candump text, .asc .blf .trc .mf4 .csv .db, or a table (.csv .parque
 
 
 def open_log(
-    path: str | Path,
+    path: str | Path | MemoryLog,
     *,
     wanted: Wanted | None = None,
     channel: str | None = None,
@@ -32,7 +33,7 @@ def open_log(
     as_text: Collection[str] = (),
     block_frames: int = BLOCK_FRAMES,
 ) -> LogReader:
-    """Open a log for one pass over its blocks.
+    """Open a log, in a file or in memory, for one pass over its blocks.
 
     wanted: identifiers uint32 (n,) with flags -> which frames to deliver; all are counted.
     channel: deliver this interface only; None for all.
@@ -42,6 +43,8 @@ def open_log(
 
     Errors: LogError, one line, for what cannot be opened, is no log, or has no interfaces to choose from.
     """
+    if isinstance(path, MemoryLog):
+        return path.open(channel=channel, time_column=time_column, columns=columns, as_text=as_text)
     path = Path(path)
     source = Source(path)
     head = source.read(_HEAD_BYTES)

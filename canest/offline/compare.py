@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from canest.config import Config
+    from canest.logs.memory import MemoryLog
     from canest.logs.truth import Truth
 
 Progress = Callable[[int, int], None]  #: bytes done, bytes in all (0: unknown)
@@ -68,7 +69,7 @@ class _Entry:
 
 def compare(
     config: Config,
-    log: str | Path,
+    log: str | Path | MemoryLog,
     *,
     truth: Truth | None = None,
     mass_kg: float | None = None,
@@ -85,7 +86,7 @@ def compare(
     """
     from canest.offline.replay import compiling_pays
 
-    on = jit.enable(compiling_pays([Path(log)]) if compiled is None else compiled)
+    on = jit.enable(compiling_pays([log]) if compiled is None else compiled)
     spec = build(config)
     chosen = spec.estimator
 
@@ -129,7 +130,7 @@ _Samples = tuple[ModelBlock, bool]  #: and whether estimators must begin anew be
 def _samples(
     config: Config,
     spec: PipelineSpec,
-    log: str | Path,
+    log: str | Path | MemoryLog,
     channel: str | None,
     progress: Progress | None,
     notes: list[str],

@@ -17,6 +17,7 @@ from canest.core.errors import LogError
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 from canest.core.samples import GRAVITY_MPS2, RATE_HZ
 from canest.diagnosis.data.drive import Drive, Run
+from canest.logs.memory import MemoryLog
 from canest.logs.truth import read_truth
 from canest.offline.scoring import Score
 
@@ -54,7 +55,7 @@ class Reference:
 
 
 def reference_for(
-    drive: Drive, run: Run, *, truth: Path | None = None, mass_kg: float | None = None
+    drive: Drive, run: Run, *, truth: Path | MemoryLog | None = None, mass_kg: float | None = None
 ) -> Reference:
     """Return the best reference: truth file, then --mass with the bus' own sensors, then the bus alone.
 
