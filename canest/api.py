@@ -1,6 +1,6 @@
 """The public functions of canest, for notebooks and programs; `import canest` offers them all.
 
-Logs may be files (str or Path, every format that `canest replay` reads), a `FrameBlock`, a `SimulatedDrive`, or
+Logs may be files (every format that `canest replay` reads), a `FrameBlock`, a `SimulatedDrive`, or
 a table: pandas, polars or pyarrow, or a mapping of names to arrays. Configs may be a `Config`, a path, or the
 name of a shipped one ("class8", ...). Packages are imported by the function that needs them.
 """
