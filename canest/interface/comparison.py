@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from canest.core.frames import FloatColumn
-from canest.interface.estimates import Estimates, estimates_of, pandas
-from canest.offline import compare as inner
+from canest.interface.estimates import Estimates, pandas
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,9 +41,3 @@ class Comparison:
     def to_pandas(self) -> pd.DataFrame:
         """Return a pandas table: a row per estimator, a column per number. Errors: UsageError."""
         return pandas().DataFrame.from_dict(self.table["estimators"], orient="index")
-
-
-def comparison_of(found: inner.Comparison) -> Comparison:
-    """Return what the comparison found, with its times in seconds."""
-    estimates = {name: estimates_of(e) for name, e in found.estimates.items()}
-    return Comparison(found.table, estimates, found.true_mass_kg, found.true_grade, found.speed_mps)

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from canest.diagnosis.outcome import document, entries
-from canest.diagnosis.report.revised_config import revised_config
-from canest.interface.estimates import Estimates, estimates_of, pandas
+from canest.interface.estimates import Estimates, pandas
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from canest.config import Config
-    from canest.diagnosis import run as inner
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,17 +50,3 @@ class Diagnosis:
         equivalent (effects that this data cannot separate from it), selected.
         """
         return pandas().DataFrame(self.document["candidates"])
-
-
-def diagnosis_of(found: inner.Diagnosis, names: Sequence[str]) -> Diagnosis:
-    """Return what was found in the logs of these names."""
-    config = revised_config(found)
-    return Diagnosis(
-        found.finding,
-        found.verdict,
-        config.effects[len(found.config.effects) :],
-        document(found, entries(found), names),
-        config,
-        tuple(map(estimates_of, found.estimates_before)),
-        tuple(map(estimates_of, found.estimates_after)),
-    )

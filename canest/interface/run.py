@@ -9,8 +9,9 @@ from typing import Any
 from canest.config.schema import Config
 from canest.core import jit
 from canest.core.samples import EstimateBlock, ModelBlock
-from canest.interface import comparison, diagnosis
-from canest.interface.estimates import Replay, columns_of
+from canest.interface.comparison import Comparison
+from canest.interface.diagnosis import Diagnosis
+from canest.interface.estimates import Replay, columns_of, estimates_of
 from canest.interface.inputs import LogFile, log_of
 from canest.interface.signals import Signals
 from canest.logs.truth import Truth, read_truth
@@ -65,7 +66,7 @@ def compared(
     names: Sequence[str] | None,
     after_s: float,
     channel: str | None,
-) -> comparison.Comparison:
+) -> Comparison:
     """Run many estimators on one log."""
     from canest.estimators.base import require_known
     from canest.offline.compare import compare
@@ -75,7 +76,8 @@ def compared(
     found = compare(
         config, log, truth=_truth(truth), mass_kg=mass_kg, names=names, after_s=after_s, channel=channel
     )
-    return comparison.comparison_of(found)
+    estimates = {name: estimates_of(e) for name, e in found.estimates.items()}
+    return Comparison(found.table, estimates, found.true_mass_kg, found.true_grade, found.speed_mps)
 
 
 def diagnosed(
@@ -85,8 +87,10 @@ def diagnosed(
     mass_kg: float | None,
     channel: str | None,
     passes: int,
-) -> diagnosis.Diagnosis:
+) -> Diagnosis:
     """Diagnose logs of one vehicle together. Errors: LogError where one cannot be read."""
+    from canest.diagnosis.outcome import document, entries
+    from canest.diagnosis.report.revised_config import revised_config
     from canest.diagnosis.run import diagnose
 
     paths = [Path(log) if isinstance(log, str) else log for log in logs]
@@ -99,7 +103,16 @@ def diagnosed(
         mass_kg=mass_kg,
         channel=channel,
     )
-    return diagnosis.diagnosis_of(found, [str(path) for path in paths])
+    revised = revised_config(found)
+    return Diagnosis(
+        found.finding,
+        found.verdict,
+        revised.effects[len(found.config.effects) :],
+        document(found, entries(found), [str(path) for path in paths]),
+        revised,
+        tuple(map(estimates_of, found.estimates_before)),
+        tuple(map(estimates_of, found.estimates_after)),
+    )
 
 
 def signals_of(log: LogFile, config: Config, channel: str | None) -> Signals:
