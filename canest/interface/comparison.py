@@ -26,7 +26,7 @@ class Comparison:
 
     Example:
         >>> import canest
-        >>> drive = canest.simulate("demo")
+        >>> drive = canest.demo_drive()
         >>> both = canest.compare(drive, drive.config, truth=drive.truth, estimators=["canest", "rls"])
         >>> sorted(both.estimates)
         ['canest', 'rls']

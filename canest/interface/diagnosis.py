@@ -29,7 +29,7 @@ class Diagnosis:
 
     Example:
         >>> import canest
-        >>> drive = canest.simulate("torque-gain")
+        >>> drive = canest.demo_drive()
         >>> found = canest.diagnose(drive, drive.config, truth=drive.truth)
         >>> found.document["after"]["residual_rms_N"] <= found.document["baseline"]["residual_rms_N"]
         True

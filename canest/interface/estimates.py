@@ -36,7 +36,7 @@ class Estimates:
 
     Example:
         >>> import canest
-        >>> drive = canest.simulate("demo")
+        >>> drive = canest.demo_drive()
         >>> result = canest.replay(drive, drive.config)
         >>> learned = result.mass_kg[result.gate == canest.Gate.OPEN]
         >>> bool((result.status == canest.Status.VALID).any())
@@ -82,7 +82,7 @@ class Replay(Estimates):
 
     Example:
         >>> import canest
-        >>> drive = canest.simulate("demo")
+        >>> drive = canest.demo_drive()
         >>> result = canest.replay(drive, drive.config, truth=drive.truth)
         >>> result.summary["errors"]["mass_rms_pct"] < 5.0
         True

@@ -25,7 +25,7 @@ class Signals:
 
     Example:
         >>> import canest
-        >>> drive = canest.simulate("demo")
+        >>> drive = canest.demo_drive()
         >>> signals = canest.read_signals(drive, drive.config)
         >>> signals.values["vehicle_speed"].max() < 40
         np.True_

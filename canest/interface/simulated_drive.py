@@ -30,7 +30,7 @@ class SimulatedDrive:
 
     Example:
         >>> import canest
-        >>> drive = canest.simulate("demo", seed=3)
+        >>> drive = canest.demo_drive()
         >>> drive.truth["mass_kg"][0] > 0
         np.True_
     """

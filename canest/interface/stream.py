@@ -26,7 +26,7 @@ class Pipeline:
 
     Example:
         >>> import canest
-        >>> drive = canest.simulate("demo")
+        >>> drive = canest.demo_drive()
         >>> pipeline = canest.Pipeline(drive.config)
         >>> first = pipeline.push(drive.frames[:50_000])
         >>> rest = pipeline.push(drive.frames[50_000:])
