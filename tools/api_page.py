@@ -83,7 +83,7 @@ def signature(name: str, value: Any) -> str:
     shown = (
         f"{name}{inspect.signature(value)}".replace("'", "").replace("(self, ", "(").replace("(self)", "()")
     )
-    return shown.replace("VehicleFacts", "Vehicle")
+    return shown.replace("VehicleFacts", "Vehicle").removesuffix(" -> None" if inspect.isclass(value) else "")
 
 
 def members(cls: type) -> Iterator[tuple[str, Any]]:
@@ -158,7 +158,8 @@ def _entry(name: str, value: Any) -> str:
     if issubclass(value, Exception):
         base = value.__bases__[0].__name__
         return f"### `{name}({base})`\n\nExit code {value.exit_code}. {text_of(doc)}"
-    text = f"### `{name}`\n\n{text_of(doc)}"
+    title = signature(name, value) if name == "Pipeline" else name
+    text = f"### `{title}`\n\n{text_of(doc)}"
     if value.__name__ == "Config":  # its keys have a page of their own
         return (
             text + "\nIts keys are attributes (`config.vehicle.mass_max_kg`); see [config.md](config.md).\n"

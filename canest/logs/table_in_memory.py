@@ -128,9 +128,13 @@ class TableLogReader(TableReader):
 def _names_of(table: Any, where: str) -> list[str]:
     if isinstance(table, Mapping):
         return list(table)
-    # pyarrow's `columns` are the columns, not their names
-    names = getattr(table, "column_names", None) or getattr(table, "columns", None)
-    if names is None or isinstance(table, type) or hasattr(table, "collect"):  # a query of polars
+    names = None
+    if not (
+        isinstance(table, type) or hasattr(table, "collect")
+    ):  # what can be collected is a query, no table
+        # pyarrow's `columns` are the columns, not their names
+        names = getattr(table, "column_names", None) or getattr(table, "columns", None)
+    if names is None:
         raise LogError("no table", where=where, found=type(table).__name__, expected=_EXPECTED)
     return list(names)
 

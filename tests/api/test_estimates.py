@@ -203,6 +203,7 @@ def test_overrides_are_values():
         canest.load_config("class8", {"vehicle.mass_min_kg": 1})
 
 
+@pytest.mark.slow
 def test_diagnosis_of_a_drive_too_short_is_an_object_too():
     scenario = {
         "duration_s": 60, "vehicle": "class8", "mass_kg": 21250, "road": {"kind": "highway"},

@@ -27,7 +27,7 @@ def surface() -> list[str]:
         if inspect.isfunction(value):
             lines.append(TOOL["signature"](name, value))
         elif inspect.isclass(value):
-            lines.append(name)
+            lines.append(TOOL["signature"](name, value) if value is canest.Pipeline else name)
             if dataclasses.is_dataclass(value):
                 public = [f.name for f in dataclasses.fields(value) if not f.name.startswith("_")]
                 lines += [f"{name}.{field}" for field in public]

@@ -82,8 +82,8 @@ def test_pandas_index_is_the_time(expected):
     of = columns()
     micros = np.rint(of.pop("t_s") * 1e6).astype("int64")
     dates = pd.to_datetime(micros, unit="us")
-    for index in (dates, dates.tz_localize("UTC").tz_convert("Asia/Tokyo"), pd.to_timedelta(micros, unit="us"),
-                  pd.Index(micros / 1e6, name="t_s")):  # fmt: skip
+    abroad = dates.tz_localize("UTC").tz_convert("Asia/Tokyo")
+    for index in (dates, abroad, pd.to_timedelta(micros, unit="us"), pd.Index(micros / 1e6, name="t_s")):
         assert_same(canest.estimate(pd.DataFrame(of, index=index), VAN), expected)
 
 
@@ -96,9 +96,8 @@ def test_pandas_own_missing_values_and_text():
     frame["gear"] = pd.Categorical(["D"] * len(frame))
     found = canest.estimate(frame, VAN)
     assert found.summary["status"] == "valid"
-    assert found.summary["notes"] == [
-        "column gear: 4,000 cells hold text and count as not available, first in row 1: 'D'"
-    ]
+    text = "column gear: 4,000 cells hold text and count as not available, first in row 1: 'D'"
+    assert text in found.summary["notes"]
 
 
 def test_table_of_one_row_or_none():
