@@ -112,7 +112,8 @@ def estimate(
 
     Rows may come at 1 to 1000 Hz, evenly or not; between rows a value holds, and 50 Hz samples are made of
     them. Where the config maps a column, the result is bit by bit that of `canest replay` of the same table
-    in a .csv or .parquet file. Else columns are known by the names of roles, in the roles' units.
+    in a .csv or .parquet file. Else columns are known by the names of roles, in the roles' units. The columns
+    in use are copied once, as float64.
 
     Args:
         table: pandas, polars or pyarrow table, or {name: (n,)}. Time is the column t_s (or as the config's
@@ -197,7 +198,9 @@ def diagnose(
     Returns:
         `Diagnosis`: the effects found, errors before and after, the revised config.
 
-    Errors: LogError for logs with too little driving, ConfigError.
+    A log that cannot be read beside others is left out; document["data"]["left_out"] names it.
+
+    Errors: LogError where no log can be read, or all have too little driving; ConfigError.
 
     Example:
         >>> import canest
@@ -214,6 +217,8 @@ def diagnose(
             "logs and truths differ", found=f"{len(several)} and {len(truths)}", expected="pairs"
         )
     pairs = [log_and_config(log, config) for log in several]
+    if any(used != pairs[0][1] for _, used in pairs):
+        raise UsageError("tables of one diagnosis differ", expected="the same columns and rate in all")
     return diagnosed([log for log, _ in pairs], pairs[0][1], truths, mass_kg, channel, _DIAGNOSIS_PASSES)
 
 

@@ -82,7 +82,7 @@ def _step_s(log: TableLog, time_column: str) -> float:
     times = np.array([seconds_of(cell) for cell in cells], float) if isinstance(cells, list) else cells
     steps = np.diff(times)
     steps = steps[np.isfinite(steps) & (steps > 0)]
-    return float(np.median(steps)) if len(steps) else 0.0
+    return round(float(np.median(steps)), 6) if len(steps) else 0.0
 
 
 def _yaml(value: object) -> str:

@@ -33,8 +33,9 @@ class TableLog(MemoryLog):
     def __init__(self, table: Any, name: str = "table") -> None:
         self.name = name
         self._table = table
-        self.names = _names_of(table, name)
-        lengths = {column: len(self._of(column)) for column in self.names}
+        self._keys = {str(key): key for key in _keys_of(table, name)}
+        self.names = list(self._keys)
+        lengths = {column: self._length(column) for column in self.names}
         if len(set(lengths.values())) > 1:
             raise LogError(
                 "the columns differ in length", where=name, found=str(lengths), expected="one length"
@@ -74,9 +75,17 @@ class TableLog(MemoryLog):
         kind = getattr(getattr(index, "dtype", None), "kind", "")  # M: dates, m: durations
         return index if kind in ("M", "m") or getattr(index, "name", None) == time_column else None
 
+    def _length(self, name: str) -> int:
+        try:
+            return len(self._of(name))
+        except TypeError:
+            raise LogError(
+                "no column", where=f"{self.name}: {name}", expected="values, one per row"
+            ) from None
+
     def _of(self, name: str) -> Any:
         try:
-            return self._table[name]
+            return self._table[self._keys.get(name, name)]
         except Exception as error:  # of each library another
             raise LogError("cannot take a column", where=f"{self.name}: {name}", found=str(error)) from None
 
@@ -125,7 +134,7 @@ class TableLogReader(TableReader):
         return numbers
 
 
-def _names_of(table: Any, where: str) -> list[str]:
+def _keys_of(table: Any, where: str) -> list[Any]:
     if isinstance(table, Mapping):
         return list(table)
     names = None

@@ -94,6 +94,7 @@ def test_importing_the_api_leaves_heavy_packages_alone():
     assert set(done.stdout.split()) & (heavy | ours) == set()
 
 
+@pytest.mark.slow
 def test_a_type_checker_sees_every_name(tmp_path):
     names = ", ".join(f"canest.{name}" for name in canest.__all__)
     (tmp_path / "use.py").write_text(

@@ -117,6 +117,7 @@ def test_table_of_one_row_or_none():
         ({"t_s": None}, canest.LogError, "table: the table has no time column 't_s', found 'wheel_torque"),
         ({"vehicle_speed": np.ones(3)}, canest.LogError, "table: the columns differ in length, found"),
         ({"vehicle_speed": np.ones((4000, 2))}, canest.LogError, r"no column of numbers, times or text"),
+        ({"vehicle_speed": 5.0}, canest.LogError, "table: vehicle_speed: no column, expected values"),
         ({"vehicle_speed": np.ones(4000, complex)}, canest.LogError, "complex128 of shape"),
     ],
 )  # fmt: skip
@@ -130,6 +131,19 @@ def test_what_a_table_lacks_is_said(change, error, text):
 def test_what_is_no_table_is_refused(table):
     with pytest.raises(canest.CanestError):
         canest.estimate(table, VAN)
+
+
+def test_columns_may_have_numbers_for_names(expected):
+    pd = pytest.importorskip("pandas")
+    table = pd.DataFrame(columns())
+    table[7] = 1.0
+    assert_same(canest.estimate(table, VAN), expected)
+
+
+def test_tables_of_one_diagnosis_are_alike():
+    other = {name: column[::50] for name, column in columns().items()}
+    with pytest.raises(canest.UsageError, match="tables of one diagnosis differ"):
+        canest.diagnose([columns(), other], VAN)
 
 
 def test_polars_query_is_no_table_yet():
