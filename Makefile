@@ -3,14 +3,23 @@ PYTHON ?= .venv/bin/python
 CMD ?= bash -c 'ip -details link show vcan0'
 
 MINUTES ?= 10
+#: what `make quick` runs: the stages from frames to forces, no slow test, no guest machine
+QUICK ?= $(patsubst %,tests/decode/test_%.py,compiled_signals decoder identifiers transport value_tables) \
+	tests/grid tests/vehicle
 
-.PHONY: demo test lint fuzz vcan guest
+.PHONY: demo quick test lint docs fuzz vcan guest
 demo:            # a bundled drive, live view, no hardware
 	$(PYTHON) -m canest demo
+quick:           # under 30 s on an idle machine with two cores, while you work
+	$(PYTHON) -m pytest -m "not slow and not vcan" $(QUICK)
 test:            # all of it: tests, linters, types, the guest machine
 	$(PYTHON) -m pytest -n 3
-lint:
+lint:            # ruff, mypy, imports of the benchmarks
 	$(PYTHON) -m pytest tests/test_quality.py
+docs:            # writes docs/config.md anew, then checks prose, links and commands of the pages
+	$(PYTHON) tools/config_page.py --write
+	$(PYTHON) tools/prose.py
+	$(PYTHON) -m pytest tests/docs
 fuzz:            # nightly: every parser for MINUTES; what is found joins tests/fuzz/found (needs the extra fuzz)
 	nice $(PYTHON) benchmarks/fuzz.py --minutes $(MINUTES)
 vcan:            # what needs a real SocketCAN bus

@@ -25,25 +25,79 @@ PAGE = Path(__file__).resolve().parent.parent / "docs" / "config.md"
 
 HEAD = """# Config
 
-One YAML file describes a vehicle, where its signals are, and what the daemon does. Unknown keys, numbers
-out of range, units of another dimension and signals that no DBC has are refused with file, line and key;
-`canest check` says so without running anything. `--set dotted.key=value` overrides any key for one call.
+One YAML file describes a vehicle, where its signals are, and what the daemon does. The terms are explained
+in the [glossary](glossary.md).
 
-Start from a shipped config (`class8`, `class8-j1587`, `kenworth`, `bmw-i3`, `testcar`, `vcan`): their names
-work wherever a path does, and `canest config show NAME` prints one to begin with. This page is made by
-`python tools/config_page.py --write`.
+These are refused with file, line and key: unknown keys, numbers out of range, units of another dimension,
+and signals that no DBC has. `canest check` reports them without running anything. `--set dotted.key=value`
+overrides any key for one call.
 
-An editor that speaks yaml-language-server (VS Code with its YAML extension, Neovim, Helix, ...) completes
-and checks keys as they are typed. Write the schema beside the config,
-`canest config schema > canest.schema.json`, and begin the config with this line:
+Start from a shipped config: `class8`, `class8-j1587`, `kenworth`, `bmw-i3`, `testcar` or `vcan`. Their names
+work wherever a path does. `canest config show NAME` prints one as a beginning of your own. This page is made
+by `python tools/config_page.py --write`.
+
+An editor with yaml-language-server (VS Code with its YAML extension, Neovim, Helix, ...) completes and checks
+keys as they are typed. Write the schema beside the config with `canest config schema > canest.schema.json`.
+Begin the config with this line:
 
 ```yaml
 # yaml-language-server: $schema=canest.schema.json
 ```
 
-A config has at most 256 kB, 32 levels, 100 aliases, and 10,000 keys and values (those that aliases repeat
-counted each time); a database at most 16 MB, 4096 bytes in a message and 256 kB in all of them. What is
-beyond is refused before anything is built of it.
+What is larger than these limits is refused before anything is built of it:
+
+| file | limits |
+|---|---|
+| config | 256 kB, 32 levels, 100 aliases, 10,000 keys and values (repetitions by aliases counted each time) |
+| database | 16 MB, 4096 bytes in a message, 256 kB in all messages |
+"""
+
+SIGNALS_TEXT = """
+A role's value is `physical value, converted into the role's unit, * scale + offset`. With `invert`
+it is 1 minus that. The physical value is what the DBC makes of the raw number, or the number in the
+table's cell.
+
+A `map` gives the physical value instead, for example `map: {Gang_1: 1, Gang_2: 2, R: -1, 15: 0}`. The
+numbers are the physical values. A key is one of:
+
+- a label of the DBC (`VAL_`),
+- the text of a table's cell (`D3`, `N`; letter case does not count),
+- a raw number, before the DBC's factor and offset.
+
+What a map does not list has no value. The map alone decides what is valid; with `validity: ascii` its
+keys are the characters. `canest check` shows the labels and texts in a log, and proposes a map. For a
+gear, 0 is neutral, negative is reverse, 126 is park.
+"""
+
+ROLES_TEXT = """
+## Roles
+
+A role is what the estimator needs to know, under a name that no bus gives it. A config needs:
+
+- one torque,
+- one speed,
+- where a vehicle has several gears, one way to the ratio: `gear_ratio`, `gear`, or `engine_speed` with
+  `output_shaft_speed` or `vehicle_speed`.
+
+The messages EEC1 and CCVS1 alone are enough. Every other role improves the estimate or closes a gate,
+except four that only `canest check` shows: `selected_gear`, `input_shaft_speed`, `steering_angle` and
+`reported_mass`.
+
+"""
+
+EFFECTS_TEXT = """## Effects
+
+An effect is what a vehicle may have beyond the plain model: wind, a torque gain, a dragging brake.
+`effects` is a list, for example `effects: [{effect: torque_gain, gain: 0.95}]`, and `canest diagnose`
+writes it. At its neutral value an effect changes nothing.
+
+- `driveline_loss` may name one `gear` of `vehicle.gear_ratios`. Without one it acts in all gears.
+- `switched_load` needs `signal`, the role that switches it. It acts above `threshold` (0.5). Its power
+  follows engine speed to the `exponent` (0; 3 for a fan) and is `power_kW` at `reference_rpm` (1500).
+- `retarder_unreported` acts while its `cause` is on (default `pedal_up`).
+- Both also accept three regimes in place of a role: `pedal_up` (`accelerator`), `brake` (`brake_switch`)
+  and `request` (`retarder_request`).
+
 """
 
 
@@ -137,17 +191,7 @@ def _signals() -> str:
         "`role: {message: EEC1, signal: EngSpeed, source: 0x00}` or `role: {column: v_kmh, unit: km/h}`.\n\n"
     )
     text += _table(["key", "default", "allowed", "meaning"], rows)
-    text += (
-        "\nA role's value is `physical value, converted into the role's unit, * scale + offset`; with\n"
-        "`invert` it is 1 minus that. The physical value is what the DBC makes of the raw number, or the\n"
-        "number in the cell.\n\n"
-        "`map: {Gang_1: 1, Gang_2: 2, R: -1, 15: 0}` stands in its place: a key is a label of the DBC\n"
-        "(`VAL_`), the text of a table's cell (`D3`, `N`; letter case does not count), or a raw number,\n"
-        "before the DBC's factor and offset; the number is the physical value. What a map does not list\n"
-        "holds no value, and the map decides alone what is valid (with `validity: ascii` its keys are the\n"
-        "characters). `canest check` shows the labels and texts that a log holds, and proposes a map.\n"
-        "For a gear, 0 is neutral, negative is reverse, 126 is park.\n"
-    )
+    text += SIGNALS_TEXT
     text += "\nValidity rules:\n\n" + _table(["rule", "accepts"], [[f"`{k}`", v] for k, v in RULES.items()])
     rows = [
         [
@@ -158,13 +202,7 @@ def _signals() -> str:
         ]
         for r in ROLES.values()
     ]
-    text += (
-        "\n## Roles\n\nOne torque and one speed are needed, and where a vehicle has several gears one way "
-        "to the ratio\n(`gear_ratio`, `gear`, or `engine_speed` with `output_shaft_speed` or "
-        "`vehicle_speed`); everything else helps\nor guards, but for "
-        "`selected_gear`, `input_shaft_speed`,\n`steering_angle` and `reported_mass`, which only "
-        "`canest check` shows.\nEEC1 and CCVS1 alone are enough.\n\n"
-    )
+    text += ROLES_TEXT
     text += _table(["role", "unit", "stale after, s", "what it is"], rows)
     rows = [[inside or "none", ", ".join(u for u in units if u)] for inside, units in UNITS.items() if inside]
     return text + "\nUnits that are converted:\n\n" + _table(["into", "from"], rows)
@@ -178,19 +216,7 @@ def _effects() -> str:
             for name, p in effect.parameters.items()
         )
         rows.append([f"`{effect.name}`", parameters, effect.text])
-    text = (
-        "## Effects\n\nA list, e.g. `effects: [{effect: torque_gain, gain: 0.95}]`; `canest diagnose` writes "
-    )
-    text += "it. At its neutral value an effect changes nothing.\n"
-    text += "`driveline_loss` may name one `gear` of `vehicle.gear_ratios`; without one it acts in all.\n"
-    text += (
-        "`switched_load` needs `signal`, the role that switches it: it acts above `threshold` (0.5), with a\n"
-        "power that goes with engine speed to the `exponent` (0; 3 for a fan) and is `power_kW` at\n"
-        "`reference_rpm` (1500). `retarder_unreported` acts while its `cause` is on (default `pedal_up`).\n"
-        "Both know three regimes beside roles: `pedal_up` (`accelerator`), `brake` (`brake_switch`) and\n"
-        "`request` (`retarder_request`).\n\n"
-    )
-    return text + _table(["effect", "parameters", "meaning"], rows)
+    return EFFECTS_TEXT + _table(["effect", "parameters", "meaning"], rows)
 
 
 if __name__ == "__main__":

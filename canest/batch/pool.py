@@ -104,8 +104,10 @@ def _parallel(jobs: list[Job], config: Config, workers: int) -> Iterator[Outcome
     """Run in processes. Should one die (out of memory), the jobs it took along run again one by one."""
     unfinished: list[Job] = []
     with _pool(workers) as pool:
-        futures: dict[Future[Outcome], Job] = {pool.submit(_attempt, job, config): job for job in jobs}
+        futures: dict[Future[Outcome], Job] = {}
         try:
+            for job in jobs:
+                futures[pool.submit(_attempt, job, config)] = job
             for future in as_completed(futures):
                 try:
                     yield future.result()

@@ -55,7 +55,7 @@ def enabled() -> bool:
 class Kernel:
     """A scalar kernel: call it, and it runs compiled when compilation is enabled, else as it stands.
 
-    Callers ask `fast.enabled()` to choose the containers: numpy arrays for a compiled call, lists
+    Callers ask `jit.enabled()` to choose the containers: numpy arrays for a compiled call, lists
     (three times faster to index from CPython) for an interpreted one.
     """
 

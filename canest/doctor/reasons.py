@@ -131,7 +131,7 @@ def why_hardly_open(pipeline: Pipeline, status: str) -> str:
 def why_no_time(clock: Clock) -> str:
     """Return that time stands still, runs backwards or is told by two clocks, '' where it passes."""
     set_back, stamps = clock.counters["clock_set_back"], clock.stamps
-    backward = clock.counters["reordered"] + set_back
+    backward = max(clock.counters["reordered"] + set_back, clock.decreasing)
     if interleaved := interleaved_clocks(clock):
         return interleaved
     if 2 * backward > stamps:

@@ -40,7 +40,7 @@ def log_notes(reader: LogReader) -> list[str]:
 def interleaved_clocks(clock: Clock) -> str:
     """Return that stamps come from two clocks in turn, and what was left out; '' where they do not."""
     others = clock.of_another_clock
-    if not others:
+    if not others or 2 * clock.decreasing > clock.stamps:  # one clock that runs backwards
         return ""
     named = ", ".join(f"0x{address:02X}" for address in sorted(clock.other_addresses)[:_ADDRESSES_SHOWN])
     more = len(clock.other_addresses) - _ADDRESSES_SHOWN

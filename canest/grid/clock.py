@@ -42,6 +42,7 @@ class Clock:
         self.stamps = 0  #: seen so far
         self.counters = {"reordered": 0, "gaps": 0, "clock_set_back": 0}
         self.of_another_clock = 0  #: frames left out
+        self.decreasing = 0  #: stamps before the one that precedes them
         self.other_addresses: set[int] = set()  #: who sent the frames of another clock, where that is told
         self._others = 0  #: of them since the last frame of the one that is followed
 
@@ -65,6 +66,9 @@ class Clock:
     def _split_slowly(self, frames: FrameBlock) -> Iterator[Stretch]:
         """Walk a block that holds a jump: frame by frame, since every clamp moves the reference."""
         t_us, kept = frames.t_us.copy(), np.ones(len(frames), np.bool_)
+        self.decreasing += int(np.count_nonzero(t_us[1:] < t_us[:-1]))
+        if self.last_us is not None:
+            self.decreasing += bool(t_us[0] < self.last_us)
         begin, jump, before = 0, "gap" if self.last_us is None else "", None
         last = int(t_us[0]) if self.last_us is None else self.last_us
         for i, stamp in enumerate(frames.t_us.tolist()):

@@ -7,7 +7,6 @@ import json
 
 import numpy as np
 import pytest
-from canest.simulate import simulate
 
 from canest.cli import check_view
 from canest.config import load_config, parse_config
@@ -16,6 +15,7 @@ from canest.doctor.check import Doctor
 from canest.doctor.switches import Switches
 from canest.doctor.torque_samples import StuckTorque
 from canest.logs import open_log
+from canest.simulation import simulate
 
 SCENARIO = {
     "duration_s": 120,

@@ -32,6 +32,14 @@ def session_of(pid: int) -> list[int]:
     return found
 
 
+def kill_all(pid: int) -> None:
+    """Kill every process of a session at once: stopped first, none can tidy up after another's death."""
+    for number in (signal.SIGSTOP, signal.SIGKILL):
+        for member in session_of(pid):
+            with suppress(ProcessLookupError):
+                os.kill(member, number)
+
+
 def wait_for(condition: Callable[[], object], timeout_s: float = 60.0) -> None:
     end_s = time.monotonic() + timeout_s
     while not condition():
@@ -61,8 +69,7 @@ def fleet(tmp_path):
     wait_for(lambda: out.is_dir() and len(list(out.iterdir())) == 2)
     yield process, out
     over.set()
-    for pid in session_of(process.pid):
-        os.kill(pid, signal.SIGKILL)
+    kill_all(process.pid)
     process.wait(10)
 
 
@@ -78,8 +85,7 @@ def test_workers_end_with_the_process_that_gave_them_work(fleet, number):
 
 def test_what_killed_workers_left_is_removed_by_the_next_run_and_nothing_else(fleet):
     process, out = fleet
-    for pid in session_of(process.pid):
-        os.kill(pid, signal.SIGKILL)
+    kill_all(process.pid)
     process.wait(10)
     wait_for(lambda: not session_of(process.pid), 30)
     left = list(out.iterdir())

@@ -14,34 +14,34 @@ CALLED = """import math
 
 import numpy as np
 
-from canest import fast
+from canest.core import jit
 
 GAIN = {gain}
 
 
-@fast.kernel
+@jit.kernel
 def scaled(x):
     return GAIN * math.{function}(x)
 """
-INDEXED = """from canest import fast
+INDEXED = """from canest.core import jit
 
 FIRST, SECOND = 0, 1
 
 
-@fast.kernel
+@jit.kernel
 def taken(x, i):
     return x[i]
 
 
-@fast.kernel
+@jit.kernel
 def run(x):
     return taken(x, FIRST) + 10.0 * taken(x, SECOND)
 """
-CALLER = """from canest import fast
+CALLER = """from canest.core import jit
 from {called} import scaled
 
 
-@fast.kernel
+@jit.kernel
 def run(x):
     return scaled(x) + 1.0
 """

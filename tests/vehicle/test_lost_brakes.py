@@ -69,7 +69,8 @@ def test_any_cut_fills_the_same() -> None:
     roles = {"retarder_torque_pct": values}
 
     def filled(edges: list[int]) -> bytes:
-        brakes = LostBrakes(model_spec(config(["retarder_torque_pct", "engine_torque", "vehicle_speed"])))
+        signals = ["retarder_torque_pct", "engine_torque", "vehicle_speed", "gear"]
+        brakes = LostBrakes(model_spec(config(signals)))
         parts = []
         for a, b in pairwise(edges):
             block = ticks({r: v[a:b] for r, v in roles.items()}, b - a, first=a)
