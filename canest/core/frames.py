@@ -47,10 +47,12 @@ class Onward:
 class FrameBlock:
     """Frames in order of arrival.
 
-    t_us: int64 (n,), event time in integer microseconds of the log's or the kernel's clock.
-    can_id: uint32 (n,), identifier with the `EXTENDED`, `REMOTE` and `ERROR` flags.
-    length: uint8 (n,), payload bytes as sent (0..8; up to 64 for CAN FD).
-    data: uint64 (n,), the first eight payload bytes, first byte least significant, unused bytes zero.
+    Attributes:
+        t_us: int64 (n,), event time in integer microseconds of the log's or the kernel's clock.
+        can_id: uint32 (n,), identifier with the flags of Linux' can_frame: 0x80000000 for 29 bits
+            (`EXTENDED`), 0x40000000 for a remote request (`REMOTE`), 0x20000000 for an error (`ERROR`).
+        length: uint8 (n,), payload bytes as sent (0..8; up to 64 for CAN FD).
+        data: uint64 (n,), the first eight payload bytes, first byte least significant, unused bytes zero.
     """
 
     t_us: IntColumn

@@ -23,8 +23,13 @@ class Vehicle(facts.Vehicle):
     Example:
         >>> import canest
         >>> van = canest.Vehicle(
-        ...     mass_min_kg=2000, mass_max_kg=3500, wheel_radius_m=0.34, final_drive=3.9,
-        ...     gear_ratios={1: 4.2, 2: 2.4, 3: 1.5, 4: 1.0}, drag_area_m2=1.2, rolling_resistance=0.009,
+        ...     mass_min_kg=2000,
+        ...     mass_max_kg=3500,
+        ...     wheel_radius_m=0.34,
+        ...     final_drive=3.9,
+        ...     gear_ratios={1: 4.2, 2: 2.4, 3: 1.5, 4: 1.0},
+        ...     drag_area_m2=1.2,
+        ...     rolling_resistance=0.009,
         ... )
         >>> van.final_drive
         3.9
