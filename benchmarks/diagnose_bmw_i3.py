@@ -22,7 +22,8 @@ from canest.core import jit
 from canest.diagnosis.data.drive import Drive
 from canest.diagnosis.data.problem import MIN_WINDOWS, Problem
 from canest.diagnosis.data.reference import reference_for
-from canest.diagnosis.outcome import Entry, entries, tells
+from canest.diagnosis.entries import Entry, entries
+from canest.diagnosis.outcome import reference_limits
 from canest.diagnosis.report.format import entry_name, entry_value, interval, score_rows
 from canest.diagnosis.report.revised_config import revised_config
 from canest.diagnosis.run import Diagnosis, diagnose
@@ -159,7 +160,7 @@ def page(d: Diagnosis, found: list[Entry], trips: list[Trip], figure: str, used:
         "",
         f"**{d.finding}** Verdict: {d.verdict}.",
         "",
-        tells(d.references),
+        reference_limits(d.references),
         "",
         "| effect | value ± std | removes | cannot be told from |",
         "|---|---|---|---|",
@@ -191,14 +192,14 @@ def page(d: Diagnosis, found: list[Entry], trips: list[Trip], figure: str, used:
         "",
         f"![Residual and mass of the held-out trips]({figure})",
         "",
-        spread_said(std_b, std_a, iqr_b, iqr_a, len(trips)),
-        *steady_said(d),
+        spread_formatted(std_b, std_a, iqr_b, iqr_a, len(trips)),
+        *steady_formatted(d),
         "",
     ]
     return "\n".join(lines)
 
 
-def spread_said(std_b: float, std_a: float, iqr_b: float, iqr_a: float, n: int) -> str:
+def spread_formatted(std_b: float, std_a: float, iqr_b: float, iqr_a: float, n: int) -> str:
     """Say in words what the spread of the mass does, and what it can be."""
     # the standard deviation of a standard deviation from n normal values
     doubt = std_b / np.sqrt(2 * (n - 1))
@@ -217,7 +218,7 @@ def spread_said(std_b: float, std_a: float, iqr_b: float, iqr_a: float, n: int) 
     )
 
 
-def steady_said(d: Diagnosis) -> list[str]:
+def steady_formatted(d: Diagnosis) -> list[str]:
     """Say why the mass may not move."""
     added = {c.candidate.effect for c in d.search.chosen}
     if not added or not added <= STEADY:
@@ -245,7 +246,9 @@ def main() -> None:
     config = load_config(options.config)
     jit.enable()
     begin = time.monotonic()
-    d = diagnose(paths[0::2], config, tell=lambda text, share: print(f"{share:4.0%} {text}", file=sys.stderr))
+    d = diagnose(
+        paths[0::2], config, progress=lambda text, share: print(f"{share:4.0%} {text}", file=sys.stderr)
+    )
     wall_s = time.monotonic() - begin
     base = effects_of(config)
     sides = (base, effects_of(revised_config(d)))

@@ -15,7 +15,7 @@ import numpy as np
 from canest.config import load_config
 from canest.core.samples import GRAVITY_MPS2
 from canest.diagnosis.data.residual_windows import CHUNK_S
-from canest.diagnosis.outcome import tells
+from canest.diagnosis.outcome import reference_limits
 from canest.diagnosis.report.format import interval
 from canest.diagnosis.run import MIN_CHUNKS, Diagnosis, diagnose
 from canest.diagnosis.search.dependence import causes
@@ -77,7 +77,7 @@ def page(d: Diagnosis, result: ReplayResult) -> str:
         f"{kmh:.0f} km/h, or a slope of {100 * least_N / d.problem.weight_N:.1f} % at",
         f"the {tonnes:.1f} t that fit best.",
         "",
-        tells(d.references),
+        reference_limits(d.references),
         "",
         f"At least {MIN_CHUNKS} blocks are needed before anything is tried; minutes at different speeds,",
         "and a weighbridge ticket (`--mass`), are what would help most.",

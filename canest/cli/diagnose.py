@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from canest.config import Config
-    from canest.diagnosis.outcome import Entry
+    from canest.diagnosis.entries import Entry
     from canest.diagnosis.run import Diagnosis
 
 #: the kernels go over every drive so often, measured by what compiling them saves
@@ -41,7 +41,7 @@ Writes into DIR:
   revised.yaml     the config with what was found, for canest run and replay
   report.html      the same to look at: residuals over time and against their cause
 
-The better the reference, the more can be told: with --mass and --truth single effects, with --mass
+The better the reference, the more can be separated: with --mass and --truth single effects, with --mass
 alone most of them, from the bus alone only what a slope cannot imitate. The report says which it was.
 A log that cannot be read is named, and the exit code is 1; the others are diagnosed all the same.
 """
@@ -115,7 +115,7 @@ def _diagnose(
     from canest.offline.replay import compiling_pays
 
     class Stage(Share):
-        def tell(self, text: str, share: float) -> None:
+        def show(self, text: str, share: float) -> None:
             self._text = text
             self.update(share)
 
@@ -124,18 +124,18 @@ def _diagnose(
     try:
         with Stage("diagnose") as bar:
             diagnosis = diagnose(
-                paths, config, truths=truths, mass_kg=mass_kg, channel=channel, tell=bar.tell
+                paths, config, truths=truths, mass_kg=mass_kg, channel=channel, progress=bar.show
             )
-            bar.tell("writing", 0.95)
+            bar.show("writing", 0.95)
             written = write(diagnosis, config_name, names, output)
     except TooLittleDrivingError as error:
         written = write_empty(error, config, config_name, names, output)
-        print("\n".join([written.finding, "", *_notes(error.notes), _files(written.paths)]))
+        print("\n".join([written.finding, "", *_notes(error.notes), *_skipped(), _files(written.paths)]))
         return _failures(error.failed)
-    _show(diagnosis, written.found)
+    show(diagnosis, written.found)
     for reason in diagnosis.problem.left_out:
         print(f"left out: {reason}")
-    print("\n".join([*_notes(diagnosis.problem.notes), _files(written.paths)]))
+    print("\n".join([*_notes(diagnosis.problem.notes), *_skipped(), _files(written.paths)]))
     if diagnosis.search.chosen:
         print(f"try it: canest replay ANOTHER.log -c {shlex.quote(str(output / 'revised.yaml'))}")
     return _failures(diagnosis.problem.failed)
@@ -146,6 +146,13 @@ def _notes(noted: Mapping[str, Sequence[str]]) -> list[str]:
     from canest.diagnosis.report.files import JSON_NAME
 
     return note_lines(list(zip(short_names(list(noted)), noted.values(), strict=True)), JSON_NAME)
+
+
+def _skipped() -> list[str]:
+    """Return a line for every effect of another package that cannot be used."""
+    from canest.vehicle.effects import skipped_effects
+
+    return [f"skipped the effect {name}: {reason}" for name, reason in skipped_effects().items()]
 
 
 def _failures(failed: Sequence[str]) -> int:
@@ -181,7 +188,7 @@ def _truths(paths: Sequence[Path], truth: str | None) -> list[Path | None] | Non
     return found
 
 
-def _show(diagnosis: Diagnosis, found: Sequence[Entry]) -> None:
+def show(diagnosis: Diagnosis, found: Sequence[Entry]) -> None:
     """Print the finding, before and after, and the best candidates."""
     from rich.table import Table
     from rich.text import Text

@@ -73,8 +73,13 @@ def _gear_known(config: Config, gear: int | None, i: int) -> None:
 
 
 def _roles_known(config: Config, used: dict[str, int]) -> None:
-    for role in config.signals:
-        if role not in ROLES and role not in used:
+    unknown = [role for role in config.signals if role not in ROLES and role not in used]
+    if unknown:
+        from canest.vehicle.effects import plugin_roles  # reads the metadata of all installed packages
+
+        for role in unknown:
+            if role in plugin_roles():
+                continue
             expected = expected_name(role, ROLES, "a role", "docs/config.md")
             raise MisplacedError(f"unknown role, expected {expected}", "signals", role)
     for role, i in used.items():

@@ -89,7 +89,8 @@ def diagnosed(
     passes: int,
 ) -> Diagnosis:
     """Diagnose logs of one vehicle together. Errors: LogError where one cannot be read."""
-    from canest.diagnosis.outcome import document, entries
+    from canest.diagnosis.entries import entries
+    from canest.diagnosis.outcome import document
     from canest.diagnosis.report.revised_config import revised_config
     from canest.diagnosis.run import diagnose
 

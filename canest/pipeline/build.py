@@ -22,7 +22,7 @@ from canest.grid.grid import FOREVER_US, Channel
 from canest.pipeline.assumed_constants import AssumedConstants
 from canest.pipeline.signal_map import databases_of, resolution_of, step_of, wants_of
 from canest.vehicle.butterworth import butterworth, delay_s
-from canest.vehicle.effects.base import Effect, effect_from_config
+from canest.vehicle.effects import Effect, effect_from_config
 from canest.vehicle.range_rate_check import DOUBT_S, JUMP, MOTION_JUMP, Limit, limits_of
 from canest.vehicle.role_sources import motion_roles, ratio_ways, speed_roles, torque_role
 from canest.vehicle.spec import AccelerometerSource, FilterSpec, ModelSpec

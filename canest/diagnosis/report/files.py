@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 from canest.config.schema import Config
 from canest.core.errors import OutputError
 from canest.diagnosis.data.problem import TooLittleDrivingError
-from canest.diagnosis.outcome import Entry, document, empty_document, entries
+from canest.diagnosis.entries import Entry, entries
+from canest.diagnosis.outcome import document, empty_document
 from canest.diagnosis.report.revised_config import revised_config, revised_text
 from canest.diagnosis.run import Diagnosis
 from canest.system.result_files import write_results
@@ -51,10 +52,10 @@ def write(diagnosis: Diagnosis, config_name: str, logs: Sequence[str], directory
 def write_empty(
     error: TooLittleDrivingError, config: Config, config_name: str, logs: Sequence[str], directory: Path
 ) -> Written:
-    """Write what is to be said of logs in which nothing could be measured: the config stays as it was."""
+    """Write the three files of logs in which nothing could be measured: the config stays as it was."""
     from canest.report.page import Page
 
-    finding = f"Nothing can be said of the model: {error.what}, {error.found}; `canest check` tells why."
+    finding = f"Nothing can be said of the model: {error.what}, {error.found}; `canest check` shows why."
     _make(directory)
     paths = _together(
         directory,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from canest.diagnosis.outcome import Entry
+from canest.diagnosis.entries import Entry
 from canest.diagnosis.run import Diagnosis
 from canest.diagnosis.search.held_out import Score
 
@@ -21,7 +21,7 @@ def score_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str, str]]:
     for label, key, form in _SCORES:
         before, after = getattr(diagnosis.before, key), getattr(diagnosis.after, key)
         if before is not None or after is not None:
-            rows.append((label, key, _said(before, form), _said(after, form)))
+            rows.append((label, key, _formatted(before, form), _formatted(after, form)))
     return rows
 
 
@@ -34,7 +34,7 @@ def interval(score: Score, key: str) -> str:
     return f"[{number.format(low)} … {number.format(high)}]"
 
 
-def _said(value: float | None, form: str) -> str:
+def _formatted(value: float | None, form: str) -> str:
     return "-" if value is None else form.format(value)
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from canest.diagnosis.outcome import Entry, dependence, not_tried, tells
+from canest.diagnosis.entries import Entry
+from canest.diagnosis.outcome import dependence, not_tried, reference_limits
 from canest.diagnosis.report import figures
 from canest.diagnosis.report.format import change, entry_name, entry_value, interval, score_rows
-from canest.diagnosis.report.sentences import equivalents_said, said
 from canest.diagnosis.run import Diagnosis
+from canest.diagnosis.sentences import capitalised, describe, describe_equivalents
 from canest.report.figure import BLUE, VIOLET
 from canest.report.page import Card, Page, Section, Table
 
@@ -34,7 +35,7 @@ def report_page(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str
     if diagnosis.search.chosen:
         page.sections.append(_causes(diagnosis))
     page.sections.append(_over_time(diagnosis))
-    page.sections.append(_everything(diagnosis))
+    page.sections.append(_dependence(diagnosis))
     for drive in range(min(DRIVES_SHOWN, len(diagnosis.problem.parts))):
         page.sections.append(_estimates(diagnosis, drive))
     if found:
@@ -119,11 +120,11 @@ def _causes(d: Diagnosis) -> Section:
 
 
 def _over_time(d: Diagnosis) -> Section:
-    text = "One point per second with open gates; the line is a mean over seven. " + _seen(d)
+    text = "One point per second with open gates; the line is a mean over seven. " + _hidden_part(d)
     return Section("Residual over time", text=text, figure=figures.over_time(d))
 
 
-def _seen(d: Diagnosis) -> str:
+def _hidden_part(d: Diagnosis) -> str:
     if all(p.reference.sin_beta_std == 0.0 for p in d.problem.parts):
         return ""
     return "The grade is not known exactly: what changes as slowly as a road may is filtered out here."
@@ -134,7 +135,7 @@ def _notes(d: Diagnosis) -> Section:
     return Section("Notes", text=" · ".join(noted))
 
 
-def _everything(d: Diagnosis) -> Section:
+def _dependence(d: Diagnosis) -> Section:
     rows = [
         [name, f"{100 * shares['before']:.0f} %", f"{100 * shares['after']:.0f} %"]
         for name, shares in dependence(d).items()
@@ -143,7 +144,7 @@ def _everything(d: Diagnosis) -> Section:
     text = (
         f"What is left: {d.after.residual_rms_N:,.0f} N RMS, {size:.2f} % of the weight (as much as a slope "
         f"of {size:.2f} %). The table says which share of the residual a curve over each quantity would "
-        "explain; near zero is what noise looks like. " + _seen(d)
+        "explain; near zero is what noise looks like. " + _hidden_part(d)
     )
     table = Table(["residual explained by", "before", "after"], rows)
     return Section(
@@ -172,13 +173,12 @@ def _candidates(d: Diagnosis, found: Sequence[Entry]) -> Section:
         for e in found
     ]
     rows += [[name, "not tried", "", "", reason] for name, reason in not_tried(d, found).items()]
-    said_all = [
-        f"{said(c)[0].upper()}{said(c)[1:]}: {equivalents_said(c)}." for c in d.search.chosen if c.equivalent
-    ]
+    alike = [f"{capitalised(describe(c))}: {describe_equivalents(c)}." for c in d.search.chosen
+             if describe_equivalents(c)]  # fmt: skip
     text = (
         "Values of the selected effects (●) are fitted together, of their equivalents in their place, of all "
         "others alone. The model column is what the best model with the effect in it removes. "
-        + " ".join(s for s in said_all if not s.endswith(": ."))
+        + " ".join(alike)
     )
     header = ["effect", "value ± standard deviation", "removes", "model", "cannot be told from"]
     return Section("Every effect tried", text=text, table=Table(header, rows, left=(0, 4)))
@@ -192,7 +192,9 @@ def _reference(d: Diagnosis) -> Section:
         for p in d.problem.parts
     ]  # fmt: skip
     header = ["drive", "grade", "known mass", "error of the grade (1 σ)", "open"]
-    return Section("Measured against", text=tells(d.references), table=Table(header, rows, left=(0, 1)))
+    return Section(
+        "Measured against", text=reference_limits(d.references), table=Table(header, rows, left=(0, 1))
+    )
 
 
 def _signals(d: Diagnosis) -> Section:

@@ -6,15 +6,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from canest.config.load import parse_config
 from canest.config.schema import Config
 from canest.core.errors import CanestError, ConfigError
 from canest.core.roles import ROLES
-from canest.diagnosis.run import Diagnosis, revised
+from canest.diagnosis.run import Diagnosis
 from canest.system.shipped_files import shipped
-from canest.vehicle.effects import effect_from_config
+from canest.vehicle.effects import effect_from_config, plugin_roles
 
 _WIDTH = 100
 _INDENT = "  "
@@ -25,11 +26,26 @@ def revised_config(diagnosis: Diagnosis) -> Config:
 
     Errors: ConfigError when the result would not be a valid config.
     """
-    config = revised(diagnosis)
+    config = _with_found(diagnosis)
     used = {effect_from_config(e).signal for e in config.effects}
-    signals = {r: s for r, s in config.signals.items() if r in ROLES or r in used}
+    known = {*ROLES, *used}
+    if not known.issuperset(config.signals):
+        known |= plugin_roles()
+    signals = {r: s for r, s in config.signals.items() if r in known}
     config = config.model_copy(update={"signals": signals, "dbc": _resolvable(config.dbc)})
     return parse_config(_dumped(config), "revised config")
+
+
+def _with_found(diagnosis: Diagnosis) -> Config:
+    """Return the config with the selected effects in its list, values rounded to what is known of them."""
+    base = list(diagnosis.config.effects)
+    added = []
+    for chosen in diagnosis.search.chosen:
+        entry = chosen.effect().to_config()
+        digits = max(0, 2 - int(np.floor(np.log10(max(chosen.std, 1e-12)))))
+        entry[chosen.candidate.parameter] = round(float(entry[chosen.candidate.parameter]), digits)
+        added.append(entry)
+    return diagnosis.config.model_copy(update={"effects": (*base, *added)})
 
 
 def revised_text(diagnosis: Diagnosis, config: Config, original: str, name: str) -> str:
@@ -131,8 +147,8 @@ def _effect_lines(config: Config, notes: Mapping[int, str]) -> str:
 
 
 def _source(source: Any) -> dict[str, Any]:
-    told: dict[str, Any] = source.model_dump(exclude_defaults=True)
-    return told
+    given: dict[str, Any] = source.model_dump(exclude_defaults=True)
+    return given
 
 
 def _flow(value: Any) -> str:
@@ -173,9 +189,9 @@ def _flow_scalar(value: Any) -> str:
 
 def _resolvable(names: Sequence[str]) -> tuple[str, ...]:
     """Return the DBC names so that they are found from any directory: shipped by name, others absolute."""
-    told = []
+    found = []
     for name in names:
         local = Path(name).resolve()
         ours = local.is_file() and local != (shipped("dbc") / name).resolve()
-        told.append(str(local) if ours else name)
-    return tuple(told)
+        found.append(str(local) if ours else name)
+    return tuple(found)

@@ -54,7 +54,7 @@ def rank_bus_signals(config: Config, problem: Problem, search: Search) -> list[R
     used = {(s.message, s.signal, s.source) for s in config.signals.values()} | {
         (None, s.column, None) for s in config.signals.values() if s.column
     }
-    per_drive = [_signals(part.drive.path, config, part.drive.channel) for part in problem.parts]
+    per_drive = [signals_of(part.drive.path, config, part.drive.channel) for part in problem.parts]
     names = set.intersection(*(set(found) for found in per_drive)) if per_drive else set()
     residual = problem.whiten(search.residual_N)
     base = search.local_matrix()
@@ -65,7 +65,7 @@ def rank_bus_signals(config: Config, problem: Problem, search: Search) -> list[R
         source = per_drive[0][name][0]
         if (source.message, source.signal or source.column, source.source) in used:
             continue
-        column = _windowed(problem, [found[name][1:] for found in per_drive])
+        column = held_on_windows(problem, [found[name][1:] for found in per_drive])
         if column is None:
             continue
         tried += 1
@@ -98,7 +98,7 @@ def _switches(column: FloatColumn) -> bool:
     return 0.03 < share < 0.97 and middle < 0.3
 
 
-def _windowed(problem: Problem, drives: list[tuple[IntColumn, FloatColumn]]) -> FloatColumn | None:
+def held_on_windows(problem: Problem, drives: list[tuple[IntColumn, FloatColumn]]) -> FloatColumn | None:
     """Hold samples onto each window's middle; None for a signal that is constant or too rare."""
     columns = []
     for part, (t_us, value) in zip(problem.parts, drives, strict=True):
@@ -117,22 +117,22 @@ def _windowed(problem: Problem, drives: list[tuple[IntColumn, FloatColumn]]) -> 
     return column if np.ptp(column) > 0 else None
 
 
-def _signals(
+def signals_of(
     path: Path | MemoryLog, config: Config, channel: str | None = None
 ) -> dict[str, tuple[Source, IntColumn, FloatColumn]]:
     """Return every decodable signal of a log: name -> (source, stamps, values)."""
-    heard: set[int] = set()
+    seen: set[int] = set()
     with open_for(config, path, channel) as reader:
         if reader.kind == "table":
             return _columns(path, config)
         for block in reader:
             if not isinstance(block, TableBlock):
-                heard.update(np.unique(block.can_id).tolist())
+                seen.update(np.unique(block.can_id).tolist())
     databases = databases_of(config)
     batches: list[_Batch] = []
     sources: dict[str, Source] = {}
     for message in (message for database in databases for message in database.messages):
-        senders = _senders(message, heard)
+        senders = _senders(message, seen)
         if not senders:
             continue
         signals = [s.name for s in message.signals if _decodable(message.name, s.name, databases)]
@@ -184,12 +184,12 @@ def _decodable(message: str, signal: str, databases: Sequence[Database]) -> bool
     return True
 
 
-def _senders(message: Message, heard: set[int]) -> list[int] | list[None]:
+def _senders(message: Message, seen: set[int]) -> list[int] | list[None]:
     """Return the addresses that send a message; None for one that is matched by its whole identifier."""
     if not is_j1939(message):
-        return [None] if exact_id(message) in heard else []
+        return [None] if exact_id(message) in seen else []
     pgn = pgn_of(message.frame_id)
-    data = (i for i in heard if i & EXTENDED and not i & (REMOTE | ERROR) and pgn_of(i) == pgn)
+    data = (i for i in seen if i & EXTENDED and not i & (REMOTE | ERROR) and pgn_of(i) == pgn)
     return sorted({source_of(i) for i in data} - _NOBODY)
 
 

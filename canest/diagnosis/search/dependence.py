@@ -37,39 +37,30 @@ class Binned:
 
 def causes(problem: Problem) -> dict[str, Cause]:
     """Return what the residual may depend on, by name; quantities that this data lacks are left out."""
-    columns: dict[str, tuple[str, Callable[[Run], FloatColumn]]] = {
-        "speed": ("speed, km/h", lambda run: run.samples.speed_mps * 3.6),
-        "torque": ("net torque, N m", lambda run: run.torque_Nm),
-        "gear": ("gear", lambda run: run.gear),
-        "time": ("time since the start, s", lambda run: run.t_s),
-        "distance": ("distance, km", _distance_km),
-        "curvature": ("curvature, 1/km", _curvature_1pkm),
-    }
-    found = {name: Cause(label, _windowed(problem, column)) for name, (label, column) in columns.items()}
-    return {name: c for name, c in found.items() if np.unique(c.values[np.isfinite(c.values)]).size > 1}
+    found = {name: Cause(label, _windowed(problem, column)) for name, (label, column) in _QUANTITIES.items()}
+    return {name: c for name, c in found.items() if _varies(c)}
 
 
 def cause_of(problem: Problem, chosen: Chosen, force_N: FloatColumn) -> Cause:
     """Return the cause of one effect; where there is no single one, the force (n,) that the effect gives."""
-    effect, shape = chosen.candidate.effect, dict(chosen.candidate.shape)
-    known = causes(problem)
-    by_effect = {
-        "headwind": "speed", "drag_area": "speed", "rolling_resistance": "speed",
-        "rolling_resistance_speed": "speed", "brake_drag": "speed", "rolling_warmup": "time",
-        "torque_gain": "torque", "torque_offset": "torque", "wheel_radius": "torque",
-        "driveline_loss": "gear" if shape.get("gear") else "torque",
-    }  # fmt: skip
-    name = by_effect.get(effect)
-    if name in known:
-        return known[str(name)]
-    signal = chosen.effect().signal
-    if signal is not None and effect != "cornering_drag":
+    effect = chosen.effect()
+    quantity = _QUANTITIES.get(effect.caused_by) or _OF_EFFECTS.get(effect.caused_by)
+    if quantity is not None:
+        label, column = quantity
+        cause = Cause(label, _windowed(problem, column))
+        if _varies(cause):
+            return cause
+    signal = effect.signal
+    if signal is not None:
         values = _windowed(problem, lambda run: run.signals.get(signal, np.full(len(run.open), np.nan)))
-        if np.unique(values[np.isfinite(values)]).size > 1:
-            return Cause(signal, values)
-    if effect == "cornering_drag":
-        return Cause("lateral acceleration, m/s²", np.abs(_windowed(problem, _lateral_mps2)))
-    return Cause(f"force that {effect} gives, N", force_N)
+        cause = Cause(signal, values)
+        if _varies(cause):
+            return cause
+    return Cause(f"force that {effect.name} gives, N", force_N)
+
+
+def _varies(cause: Cause) -> bool:
+    return np.unique(cause.values[np.isfinite(cause.values)]).size > 1
 
 
 def binned(x: FloatColumn, y: FloatColumn, chunk: IntColumn) -> Binned:
@@ -130,3 +121,19 @@ def _curvature_1pkm(run: Run) -> FloatColumn:
 
 def _lateral_mps2(run: Run) -> FloatColumn:
     return np.abs(run.samples.yaw_rate_radps * run.samples.speed_mps)
+
+
+_Quantity = tuple[str, Callable[[Run], FloatColumn]]
+#: name -> label and column (ticks,) of what every residual is drawn over
+_QUANTITIES: dict[str, _Quantity] = {
+    "speed": ("speed, km/h", lambda run: run.samples.speed_mps * 3.6),
+    "torque": ("net torque, N m", lambda run: run.torque_Nm),
+    "gear": ("gear", lambda run: run.gear),
+    "time": ("time since the start, s", lambda run: run.t_s),
+    "distance": ("distance, km", _distance_km),
+    "curvature": ("curvature, 1/km", _curvature_1pkm),
+}
+#: the same, of causes that only an effect names
+_OF_EFFECTS: dict[str, _Quantity] = {
+    "lateral_acceleration": ("lateral acceleration, m/s²", _lateral_mps2),
+}

@@ -58,7 +58,7 @@ class Alternatives:
         found = [
             o for o, column in self._offered if o.label != c.label and _mirrors(mine, self._rest(column, []))
         ]
-        return sorted(found, key=lambda c: c.rank)
+        return sorted(found, key=lambda c: c.rarity)
 
     def instead_of(
         self,
@@ -95,7 +95,7 @@ class Alternatives:
             )
             if alike or nearly or allowing or as_good(left, best_left, chunk):
                 found.append(c)
-        return sorted(found, key=lambda c: c.rank)
+        return sorted(found, key=lambda c: c.rarity)
 
     def _left_allowing(self, residual: FloatColumn, columns: list[FloatColumn], best: float) -> FloatColumn:
         """Return the squared held-out residual (n,) with small errors beside the columns.

@@ -127,11 +127,11 @@ class _Errors:
         if not len(errors):
             return {"rms": None, "mean": None}, {}
         rms, mean = _bootstrap(errors, np.concatenate(self._blocks))
-        told: dict[str, float | None] = {
+        of_all: dict[str, float | None] = {
             "rms": float(np.sqrt((errors**2).mean())),
             "mean": float(errors.mean()),
         }
-        return told, {"rms": _interval(rms), "mean": _interval(mean)}
+        return of_all, {"rms": _interval(rms), "mean": _interval(mean)}
 
 
 def score(problem: Problem, folds: Sequence[Fold]) -> tuple[Score, FloatColumn, list[Estimates]]:

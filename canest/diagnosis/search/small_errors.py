@@ -7,23 +7,22 @@ scatter between blocks of the drive tells, and it is they that make it another v
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from canest.config.schema import Config
 from canest.core.frames import FloatColumn, IntColumn
 from canest.diagnosis.data.least_squares import Matrix
+from canest.diagnosis.search.candidates import Candidate
 
 
-def usual_spread(config: Config) -> dict[str, float]:
-    """Return effect -> standard deviation among vehicles and days: of gain, wind (m/s), coefficient.
+def usual_spread(vehicle: object, candidates: Iterable[Candidate]) -> dict[str, float]:
+    """Return effect -> standard deviation among vehicles and days, for what every vehicle has a little of.
 
-    Those of even distributions of torque within 2 %, wind within 3 m/s, rolling resistance within 15 %.
+    vehicle: the config's, which declares what some are a share of.
     """
-    rolling = 0.15 * config.vehicle.rolling_resistance
-    within = {"torque_gain": 0.02, "headwind": 3.0, "rolling_resistance": rolling}
-    return {name: float(width / np.sqrt(3.0)) for name, width in within.items()}
+    spreads = {c.effect: c.info.usual_std(vehicle) for c in candidates}
+    return {name: spread for name, spread in spreads.items() if spread > 0.0}
 
 
 def variance_beside(

@@ -1,57 +1,118 @@
 """Effects: each thing a vehicle may have that the plain model lacks, as one small class.
 
-A config lists them, live, replay and diagnosis read the same list. An effect changes the model's working
-columns; its regressor (what the diagnosis fits) is the change of the model's output per unit of its
-parameter, so nothing about an effect is written down twice. At its neutral value it changes nothing.
+An effect is written down once. Its class says how it changes the model's working columns, its parameters with
+units and bounds, what it means, which signal drives it, how the diagnosis tries it and how a report speaks of
+it. A config lists effects; live, replay and diagnosis read the same list. The diagnosis fits the change of
+the model's output per unit of the first parameter. At its neutral value an effect changes nothing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import cache
-from types import NoneType
-from typing import Any, ClassVar, Literal, get_args, get_type_hints
+from math import sqrt
+from typing import Any, ClassVar, Literal
 
-from canest.core.errors import ConfigError
-from canest.core.nearest_name import expected_name
+from canest.vehicle.effects.trials import DrivenData, Trial
 from canest.vehicle.working_columns import Columns
 
+#: where an effect acts, in the order of the model; "sampling" delays the torque, "load" adds mass
 Stage = Literal["sampling", "geometry", "crank", "driveline", "speed", "road", "load"]
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter of an effect: unit, value of no effect, bounds, and a typical step."""
+    """One number of an effect.
+
+    neutral: the value of no effect. low, high: bounds of a config. step: a change that the model shows, for
+    numerical derivatives. declared: the field of the config's ``vehicle`` that it adds to; the sum is never
+    negative. usual, usual_share: half-width of what every vehicle has and nobody declares, as a number or as
+    a share of ``declared``; 0 for none.
+    """
 
     unit: str
     neutral: float
     low: float
     high: float
     step: float
+    declared: str = ""
+    usual: float = 0.0
+    usual_share: float = 0.0
+
+    def lowest(self, vehicle: object) -> float:
+        """Return the lower bound for a vehicle: no sum with what it declares is negative."""
+        return max(self.low, -float(getattr(vehicle, self.declared))) if self.declared else self.low
+
+    def usual_std(self, vehicle: object) -> float:
+        """Return the standard deviation among vehicles and days (of an even distribution), 0 for none."""
+        width = self.usual_share * float(getattr(vehicle, self.declared)) if self.usual_share else self.usual
+        return width / sqrt(3.0)
 
 
 @dataclass(frozen=True)
 class Effect:
-    """Base of all effects; subclasses are registered by their `name`."""
+    """Base of all effects. A subclass is a frozen dataclass whose fields have defaults.
 
+    A field is a key of the config's entry under the same name; ``on_signal`` is the key ``signal``.
+    """
+
+    #: its name in a config
     name: ClassVar[str] = ""
     stage: ClassVar[Stage] = "road"
+    #: what it means, in one line
     text: ClassVar[str] = ""
-    #: what the diagnosis may fit
+    #: the first is what the diagnosis fits; the others are its shape
     parameters: ClassVar[dict[str, Parameter]] = {}
     #: further numbers of a config entry, with their bounds
     settings: ClassVar[dict[str, Parameter]] = {}
     #: keys without which the effect does nothing
     required: ClassVar[tuple[str, ...]] = ()
 
+    #: how rare it is: of effects that a drive cannot tell apart, the commonest (lowest) is named first
+    rarity: ClassVar[int] = 1000
+    #: whether it scales all traction, as an unknown mass does: it is never found beside one
+    scales_traction: ClassVar[bool] = False
+    #: field that tells apart several of it in one vehicle; "" where there is one at most
+    several_by: ClassVar[str] = ""
+    #: quantity that causes it, over which a report draws the residual; "" for its signal, else its force
+    cause_quantity: ClassVar[str] = ""
+    #: what would separate it from its equivalents; "" where nothing is known
+    separated_by: ClassVar[str] = ""
+    #: why it was not tried, where `trials` gave nothing; "" for: the signal map does not name its signal
+    untried_reason: ClassVar[str] = ""
+
     @property
     def signal(self) -> str | None:
         """Return the role that drives this effect, when it needs one of its own."""
         return None
 
+    @property
+    def caused_by(self) -> str:
+        """Return the quantity that causes it: `cause_quantity`, unless its fields say otherwise."""
+        return self.cause_quantity
+
     def apply(self, c: Columns) -> None:
         """Change the working columns (in place of their arrays, never inside them)."""
+
+    @classmethod
+    def trials(cls, drives: DrivenData) -> Sequence[Trial]:
+        """Return the forms of it that are worth trying on these drives: one, where its signal is mapped."""
+        signal = cls().signal
+        return [Trial(cls.name)] if signal is None or signal in drives.roles else []
+
+    def describe(self, std: float) -> str:
+        """Return it as a part of a sentence. std: of the first parameter."""
+        return f"{self.name.replace('_', ' ')} of {self.amount(std)}"
+
+    def amount(self, std: float) -> str:
+        """Return the first parameter with its standard deviation and unit, e.g. "6.49 ± 0.4 m/s"."""
+        name = self.fitted_parameter()
+        return f"{getattr(self, name):.3g} ± {std:.1g} {self.parameters[name].unit}".strip()
+
+    @classmethod
+    def fitted_parameter(cls) -> str:
+        """Return the name of the parameter that the diagnosis fits."""
+        return next(iter(cls.parameters))
 
     def to_config(self) -> dict[str, Any]:
         """Return this effect as an entry of a config's ``effects:`` list."""
@@ -59,59 +120,6 @@ class Effect:
         return {"effect": self.name} | {
             k.removeprefix("on_"): v for k, v in values.items() if v is not None or k in self.parameters
         }
-
-
-EFFECTS: dict[str, type[Effect]] = {}
-
-
-def register(cls: type[Effect]) -> type[Effect]:
-    """Make an effect known by its name (class decorator)."""
-    EFFECTS[cls.name] = cls
-    return cls
-
-
-def effect_from_config(entry: Mapping[str, Any], where: str = "effects") -> Effect:
-    """Build an effect from its config entry.
-
-    Errors: ConfigError for an unknown effect, key, or a value out of bounds.
-    """
-    values = dict(entry)
-    name = values.pop("effect", None)
-    cls = EFFECTS.get(str(name))
-    if cls is None:
-        expected = expected_name(str(name), EFFECTS, "an effect")
-        raise ConfigError("unknown effect", where=where, found=str(name), expected=expected)
-    hints = _hints(cls.name)
-    known = {f.name.removeprefix("on_"): f.name for f in fields(cls)}
-    for key, value in values.items():
-        if key not in known:
-            expected = expected_name(str(key), sorted(known), f"a key of {name}")
-            raise ConfigError(f"{name}: unknown key {key}", where=where, expected=expected)
-        _check(f"{name}.{key}", value, hints[known[key]], {**cls.parameters, **cls.settings}.get(key), where)
-    for key in cls.required:
-        if values.get(key) is None:
-            raise ConfigError(f"{name}: without {key} it never acts", where=where, expected=f"{key}: ROLE")
-    return cls(**{known[key]: value for key, value in values.items()})
-
-
-@cache
-def _hints(name: str) -> dict[str, Any]:
-    return get_type_hints(EFFECTS[name])
-
-
-def _check(what: str, value: Any, hint: Any, bounds: Parameter | None, where: str) -> None:
-    """Refuse a value that is not of its field's type, or not within its bounds."""
-    kinds = {*get_args(hint)} or {hint}
-    if value is None and NoneType in kinds:
-        return
-    if bounds is not None:
-        wanted = f"{bounds.low:g} to {bounds.high:g} {bounds.unit}".strip()
-        fits = isinstance(value, int | float) and bounds.low <= value <= bounds.high
-    else:
-        wanted = "a whole number" if int in kinds else "a name"
-        fits = isinstance(value, tuple(kinds))
-    if not fits or isinstance(value, bool):
-        raise ConfigError(what, where=where, found=value, expected=wanted)
 
 
 @dataclass(frozen=True)

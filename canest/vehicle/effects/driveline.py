@@ -7,11 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from canest.vehicle.effects.base import Added, Effect, Parameter, Scaled, Stage, register
+from canest.vehicle.effects.base import Added, Effect, Parameter, Scaled, Stage
+from canest.vehicle.effects.trials import DrivenData, Trial
 from canest.vehicle.working_columns import Columns
 
 
-@register
 @dataclass(frozen=True)
 class DrivelineLoss(Effect):
     """Traction lost beyond the declared efficiency, in one gear or in all."""
@@ -19,6 +19,11 @@ class DrivelineLoss(Effect):
     name: ClassVar[str] = "driveline_loss"
     stage: ClassVar[Stage] = "driveline"
     text: ClassVar[str] = "fraction of traction lost beyond the config's efficiency"
+    rarity: ClassVar[int] = 60
+    cause_quantity: ClassVar[str] = "torque"
+    separated_by: ClassVar[str] = "a drive with much overrun, or a coast-down"
+    scales_traction: ClassVar[bool] = True
+    several_by: ClassVar[str] = "gear"
     parameters: ClassVar[dict[str, Parameter]] = {"loss": Parameter("", 0.0, -0.03, 0.5, 0.01)}
     loss: float = 0.0
     gear: int | None = None
@@ -28,8 +33,22 @@ class DrivelineLoss(Effect):
         here = 1.0 if self.gear is None else (c.gear == self.gear)
         c.efficiency = c.efficiency * (1.0 - self.loss * here)
 
+    @property
+    def caused_by(self) -> str:
+        """Return the gear where it is one gear's."""
+        return "gear" if self.gear else self.cause_quantity
 
-@register
+    @classmethod
+    def trials(cls, drives: DrivenData) -> list[Trial]:
+        """Return it for all gears, and for each."""
+        return [Trial(cls.name), *(Trial(f"{cls.name} gear {g}", (("gear", g),)) for g in drives.gears)]
+
+    def describe(self, std: float) -> str:
+        """Return it as a part of a sentence."""
+        place = f"in gear {self.gear}" if self.gear else "in the driveline"
+        return f"{100 * self.loss:.1f} ± {100 * std:.1g} % of traction lost {place}"
+
+
 @dataclass(frozen=True)
 class WheelRadius(Scaled):
     """The rolling radius is not the declared one."""
@@ -38,11 +57,18 @@ class WheelRadius(Scaled):
     stage: ClassVar[Stage] = "geometry"
     text: ClassVar[str] = "true over declared rolling radius"
     column: ClassVar[str] = "radius_m"
+    rarity: ClassVar[int] = 70
+    cause_quantity: ClassVar[str] = "torque"
+    separated_by: ClassVar[str] = "a look at a navigation or undriven-axle speed"
+    scales_traction: ClassVar[bool] = True
     parameters: ClassVar[dict[str, Parameter]] = {"factor": Parameter("", 1.0, 0.7, 1.3, 0.005)}
     factor: float = 1.0
 
+    def describe(self, std: float) -> str:
+        """Return it as a part of a sentence."""
+        return f"a rolling radius {self.factor:.3f} ± {std:.1g} of the declared"
 
-@register
+
 @dataclass(frozen=True)
 class RotatingInertia(Added):
     """More rotating inertia at the crank than declared."""
@@ -51,11 +77,18 @@ class RotatingInertia(Added):
     stage: ClassVar[Stage] = "driveline"
     text: ClassVar[str] = "rotating inertia added at the crank"
     column: ClassVar[str] = "crank_inertia_kgm2"
-    parameters: ClassVar[dict[str, Parameter]] = {"inertia_kgm2": Parameter("kgm2", 0.0, -1.0, 50.0, 0.5)}
+    rarity: ClassVar[int] = 100
+    separated_by: ClassVar[str] = "hard acceleration in low gears"
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "inertia_kgm2": Parameter("kgm2", 0.0, -1.0, 50.0, 0.5, "engine_inertia_kgm2")
+    }
     inertia_kgm2: float = 0.0
 
+    def describe(self, std: float) -> str:
+        """Return it as a part of a sentence."""
+        return f"{self.amount(std)} more rotating inertia at the crank"
 
-@register
+
 @dataclass(frozen=True)
 class WheelSlip(Effect):
     """Driven wheels turn faster than the road passes, in proportion to their traction."""
@@ -63,6 +96,8 @@ class WheelSlip(Effect):
     name: ClassVar[str] = "wheel_slip"
     stage: ClassVar[Stage] = "speed"
     text: ClassVar[str] = "driven-wheel slip per m/s2 of traction"
+    rarity: ClassVar[int] = 160
+    separated_by: ClassVar[str] = "an undriven-axle speed"
     parameters: ClassVar[dict[str, Parameter]] = {"slip_per_mps2": Parameter("s2/m", 0.0, 0.0, 0.2, 0.002)}
     slip_per_mps2: float = 0.0
     settings: ClassVar[dict[str, Parameter]] = {"mass_kg": Parameter("kg", 0.0, 50.0, 500_000.0, 1000.0)}
@@ -75,3 +110,12 @@ class WheelSlip(Effect):
         traction_N = np.nan_to_num(c.notes["traction_N"])  # a speed is known without any torque
         slip = self.slip_per_mps2 * traction_N / mass * c.notes["driven"]
         c.speed_mps = c.speed_mps * (1.0 - slip)
+
+    @classmethod
+    def trials(cls, drives: DrivenData) -> list[Trial]:
+        """Return it with the drives' own mass."""
+        return [Trial(cls.name, (("mass_kg", drives.mass_kg),))]
+
+    def describe(self, std: float) -> str:
+        """Return it as a part of a sentence."""
+        return f"driven-wheel slip of {self.amount(std)}"

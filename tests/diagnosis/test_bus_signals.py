@@ -9,8 +9,8 @@ from canest.config import parse_config
 from canest.config.schema import Source
 from canest.diagnosis.data.drive import Run
 from canest.diagnosis.data.residual_windows import windows_of
-from canest.diagnosis.run import _with_switches
-from canest.diagnosis.search.bus_signals import Ranked, _signals, _windowed
+from canest.diagnosis.search.bus_signals import Ranked, held_on_windows, signals_of
+from canest.diagnosis.search.switches import with_switches
 from canest.pipeline.signal_map import decoder_for
 from canest.system.shipped_files import shipped
 
@@ -40,7 +40,7 @@ def test_messages_that_are_no_j1939_come_under_their_own_identifier(tmp_path):
     log.write_text("".join(f"({0.1 * i:.6f}) can0 {frame}\n" for i in range(9) for frame in frames))
     text = (shipped("configs") / "class8.yaml").read_text()
     config = parse_config(text.replace("[j1939.dbc]", f"[{tmp_path / 'own.dbc'}, j1939.dbc]"))
-    found = _signals(log, config)
+    found = signals_of(log, config)
     assert {"Aux.AcOn", "EEC1.EngSpeed from 0x00"} <= set(found)
     assert not {name for name in found if name.startswith(("Odd", "Aux.AcOn ")) or name.endswith("0xfe")}
     source, stamps, values = found["Aux.AcOn"]
@@ -64,7 +64,7 @@ def test_more_messages_than_one_decoder_takes_and_two_lengths_of_one_group(tmp_p
     log.write_text("".join(lines))
     text = (shipped("configs") / "class8.yaml").read_text()
     config = parse_config(text.replace("[j1939.dbc]", f"[{tmp_path / 'many.dbc'}, j1939.dbc]"))
-    found = _signals(log, config)
+    found = signals_of(log, config)
     assert {f"M{i}.S{i}" for i in range(1, 301)} <= set(found)
     assert {"Short.A from 0x0b", "Long.B from 0x0c", "EEC1.EngSpeed from 0x00"} <= set(found)
     assert found["M300.S300"][2].tolist() == [300 % 256] * 3
@@ -75,7 +75,7 @@ def test_a_signal_is_held_onto_windows_on_both_sides_of_a_clock_set_back():
     run = Run(SimpleNamespace(t_us=t_us), *4 * [None])
     windows = windows_of(np.ones(len(t_us), np.bool_), run.t_s, np.ones(len(t_us), np.bool_))
     problem = SimpleNamespace(parts=[SimpleNamespace(run=run, windows=windows)])
-    column = _windowed(problem, [(t_us[::10], np.arange(500.0))])
+    column = held_on_windows(problem, [(t_us[::10], np.arange(500.0))])
     assert column == pytest.approx(5.0 * np.arange(100) + 2.0, abs=1.0)
 
 
@@ -84,7 +84,7 @@ def test_a_signal_becomes_a_role_of_its_own_whatever_it_is_called():
     assert "clutch_switch" not in config.signals and "pto_state" in config.signals
     columns = ["clutch_switch", "PTO_state", "Aircon [kW]", "aircon (kW)", "[/]"]
     ranked = [Ranked(name, Source(column=name), 0.5, True) for name in columns]
-    extended = _with_switches(config, ranked)
+    extended = with_switches(config, ranked)
     new = {s.column: role for role, s in extended.signals.items() if role not in config.signals}
     roles = ["other_clutch_switch", "other_pto_state", "aircon_kw", "other_aircon_kw", "signal"]
     assert new == dict(zip(columns, roles, strict=True))
@@ -94,6 +94,6 @@ def test_a_table_has_columns_whatever_dbc_its_config_lists(tmp_path):
     log = tmp_path / "trip.csv"
     log.write_text("seconds,v,lamp\n" + "".join(f"{0.1 * i},10,{i % 2}\n" for i in range(9)))
     text = (shipped("configs") / "bmw-i3.yaml").read_text().replace("dbc: []", "dbc: [j1939.dbc]")
-    found = _signals(log, parse_config(text, overrides=["sampling.time_column=seconds"]))
+    found = signals_of(log, parse_config(text, overrides=["sampling.time_column=seconds"]))
     assert set(found) == {"v", "lamp"}
     assert found["lamp"][0].column == "lamp"

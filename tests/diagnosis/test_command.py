@@ -5,10 +5,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from canest.cli.diagnose import _show
+from canest.cli.diagnose import show
 from canest.cli.main import run
 from canest.config import load_config
-from canest.diagnosis.outcome import Entry
+from canest.diagnosis.entries import Entry
 from canest.diagnosis.search.candidates import Candidate
 from canest.vehicle.effects import EFFECTS
 
@@ -152,7 +152,7 @@ def test_a_bracket_in_a_signals_name_is_printed(signal, capsys):
         references=[SimpleNamespace(text="known grade")],
         problem=SimpleNamespace(parts=[None], mass_known=True, rows=9),
     )  # fmt: skip
-    _show(diagnosis, [Entry(candidate, 30.0, 1.0, 0.8, 0.8, True, ())])
+    show(diagnosis, [Entry(candidate, 30.0, 1.0, 0.8, 0.8, True, ())])
     assert f"(signal {signal})" in capsys.readouterr().out
 
 

@@ -8,14 +8,14 @@ import pytest
 from canest.config import load_config
 from canest.core.samples import GRAVITY_MPS2
 from canest.diagnosis.data.drive import Drive
-from canest.diagnosis.data.reference import (
+from canest.diagnosis.data.reference import reference_for
+from canest.diagnosis.data.road_smoother import (
     ACCELEROMETER_STD_MPS2,
     BIAS_STD_MPS2,
     PITCH_STD,
-    _on_ticks,
-    _seconds,
-    _smooth,
-    reference_for,
+    on_ticks,
+    smooth,
+    whole_seconds,
 )
 from canest.simulation import simulate
 
@@ -88,7 +88,7 @@ def test_a_mass_that_is_given_wins_over_the_table_and_the_table_need_not_tell_mo
 
 @pytest.mark.parametrize("gap", [None, 31])
 def test_smoothed_grade_and_its_doubt_are_those_of_the_batch(gap):
-    _, sin_beta, std = _smooth(*road(60, gap), None)
+    _, sin_beta, std = smooth(*road(60, gap), None)
     expected, expected_std = batch(*road(60, gap))
     assert sin_beta == pytest.approx(expected, abs=1e-7)
     assert std == pytest.approx(np.median(expected_std), rel=1e-4)
@@ -96,7 +96,7 @@ def test_smoothed_grade_and_its_doubt_are_those_of_the_batch(gap):
 
 def test_the_right_roughness_of_the_road_is_the_likeliest():
     *seen, walk = road(600)
-    likelihood = [_smooth(*seen, walk * f**2, None)[0] for f in (0.2, 1.0, 5.0)]
+    likelihood = [smooth(*seen, walk * f**2, None)[0] for f in (0.2, 1.0, 5.0)]
     assert likelihood[1] == max(likelihood)
 
 
@@ -104,15 +104,15 @@ def test_no_second_and_no_line_is_drawn_through_a_gap():
     tick = np.concatenate((np.arange(120), np.arange(500, 530), np.arange(700, 800)))
     begins = np.diff(tick, prepend=-1) != 1
     begins[0] = True
-    first, fresh = _seconds(begins)
+    first, fresh = whole_seconds(begins)
     assert first.tolist() == [0, 50, 150, 200] and fresh.tolist() == [False, False, True, False]
-    column = _on_ticks(np.array([1.0, 2.0, 5.0, 7.0]), first, fresh, len(tick))
+    column = on_ticks(np.array([1.0, 2.0, 5.0, 7.0]), first, fresh, len(tick))
     assert column[:150].min() == 1.0 and column[:150].max() == 2.0
     assert column[150:].min() == 5.0 and column[-1] == 7.0
     # a scrap before the first gap has no second of its own
-    first, fresh = _seconds(np.concatenate(([True], begins[101:])))
+    first, fresh = whole_seconds(np.concatenate(([True], begins[101:])))
     assert first.tolist() == [50, 100] and not fresh.any()
-    assert _on_ticks(np.array([5.0, 7.0]), first, fresh, 150)[0] == 5.0
+    assert on_ticks(np.array([5.0, 7.0]), first, fresh, 150)[0] == 5.0
 
 
 def test_a_gap_costs_the_road_beside_it_nothing(tmp_path):

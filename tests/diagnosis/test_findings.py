@@ -7,7 +7,7 @@ import pytest
 
 from canest.cli.main import run
 from canest.config import load_config
-from canest.diagnosis.report.sentences import finding_of
+from canest.diagnosis.sentences import finding_of
 
 DELAYED = {"torque_delay"}  # every simulated engine reports 60 ms late: finding it is right
 

@@ -1,0 +1,42 @@
+"""What other packages add: the objects that their entry points name.
+
+A package declares an entry point in its pyproject.toml, for example
+
+    [project.entry-points."canest.effects"]
+    trailer_drag = "canest_trailer_drag:TrailerDrag"
+
+Reading the metadata of all installed packages costs tens of milliseconds. So a group is read when something
+asks for it, not when canest starts.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+
+@cache
+def load_plugins(group: str) -> tuple[dict[str, object], dict[str, str]]:
+    """Return the objects of an entry point group by name, and what was skipped: name -> why, in one line.
+
+    Skipped is what cannot be imported, and a name that two packages give. Nothing is raised. A group is read
+    once per process; `load_plugins.cache_clear()` forgets it.
+    """
+    from importlib.metadata import EntryPoint, entry_points  # mail, zip, json ...: heavy, and rarely wanted
+
+    found: dict[str, dict[str, EntryPoint]] = {}
+    for entry in entry_points(group=group):
+        package = entry.dist.name if entry.dist is not None else entry.module
+        found.setdefault(entry.name, {})[f"{entry.value} of {package}"] = entry
+    loaded: dict[str, object] = {}
+    skipped: dict[str, str] = {}
+    for name, givers in sorted(found.items()):
+        if len(givers) > 1:
+            skipped[name] = f"several packages give it: {', '.join(sorted(givers))}"
+            continue
+        ((giver, entry),) = givers.items()
+        try:
+            loaded[name] = entry.load()
+        except (Exception, SystemExit) as error:  # whatever a foreign module does when it is imported
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            skipped[name] = f"{giver} cannot be imported: {reason}"
+    return loaded, skipped

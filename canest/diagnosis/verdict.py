@@ -1,0 +1,51 @@
+"""Whether what was found explains the residual, by what is left of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from canest.core.frames import FloatColumn
+from canest.diagnosis.data.problem import Problem
+from canest.diagnosis.search.forward_selection import Search
+from canest.diagnosis.search.gauss_newton import fit_on
+from canest.diagnosis.search.held_out import Score
+from canest.diagnosis.search.joint_fit import MIN_TORQUE_STEPS
+
+#: what is left may wander this much (share of weight) and still count as explained: a slope of 0.04 %
+SMALL_REMAINDER = 4e-4
+#: shares of the first residual's variance that make a verdict
+EXPLAINED_SHARE, PARTLY_SHARE = 0.95, 0.2
+
+
+def verdict_of(problem: Problem, search: Search, before: Score, after: Score) -> str:
+    """Return `explained`, `partly`, `unexplained` or `nothing-to-explain`."""
+    small = little_left(problem, search)
+    if not search.chosen:
+        return "nothing-to-explain" if small else "unexplained"
+    explained = 1.0 - (after.residual_rms_N / max(before.residual_rms_N, 1e-9)) ** 2
+    if small or explained >= EXPLAINED_SHARE:
+        return "explained"
+    return "partly" if explained >= PARTLY_SHARE else "unexplained"
+
+
+def _remainder_N(problem: Problem, search: Search) -> float:
+    """Return how much the remainder wanders from chunk to chunk, in N: noise averages out, causes do not."""
+    left = search.residual_N + _mass_part_N(problem, search)
+    sums = np.bincount(problem.chunk, weights=left)
+    counts = np.maximum(np.bincount(problem.chunk), 1)
+    means = sums / counts
+    noise = left.var() / counts
+    return float(np.sqrt(max(np.mean(means**2 - noise), 0.0)))
+
+
+def little_left(problem: Problem, search: Search) -> bool:
+    """Return whether the remainder wanders by no more than a small slope, or the rounding of torque, does."""
+    rounding_N = MIN_TORQUE_STEPS * problem.torque_step_N
+    return _remainder_N(problem, search) < max(SMALL_REMAINDER * problem.weight_N, rounding_N)
+
+
+def _mass_part_N(problem: Problem, search: Search) -> FloatColumn:
+    if problem.mass_known:
+        return np.zeros(problem.rows)
+    _, taken = fit_on(problem, search.base, search.chosen, np.ones(problem.rows, np.bool_))
+    return -taken
