@@ -83,27 +83,27 @@ def daemon(
     config_name: str, seconds: float, broadcast_hz: float | None, port_to: object, result_to: object
 ) -> None:
     """Run the daemon in this process and report what it cost."""
-    from canest.bus.kernel_drain import ask_for_stamps
+    from canest.bus.kernel_drain import enable_timestamps
     from canest.bus.protocols import Filters, Receiver, Transmitter
-    from canest.bus.socketcan import SocketCanReceiver, SocketCanTransmitter, ask_for_room
+    from canest.bus.socketcan import SocketCanReceiver, SocketCanTransmitter, enlarge_receive_buffer
     from canest.config import load_config
     from canest.live.daemon import Daemon
     from canest.node import node
     from canest.system.journal import Journal
 
     class UdpStandIn(SocketCanReceiver):
-        def _open_socket(self) -> socket.socket:
+        def open_socket(self) -> socket.socket:
             sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
-            ask_for_room(sock)
-            ask_for_stamps(sock)
+            enlarge_receive_buffer(sock)
+            enable_timestamps(sock)
             sock.bind(("127.0.0.1", 0))
             self.sink = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             return sock
 
-        def _index_of_interface(self) -> int:
+        def interface_index(self) -> int:
             return 1
 
-        def _is_up(self) -> bool:
+        def interface_is_up(self) -> bool:
             return True
 
     class UdpSender(SocketCanTransmitter):
@@ -127,8 +127,8 @@ def daemon(
     config = load_config(config_name, changes)
     with Path(os.devnull).open("w") as nowhere:
         running = Daemon(config, journal=Journal(nowhere))
-    port = 0 if has_socketcan() else running.receiver._socket.getsockname()[1]
-    filters = sorted({*running.pipeline.decoder.can_filters(), *running.node.watch.filters()})
+    port = 0 if has_socketcan() else running.receiver.raw_socket.getsockname()[1]
+    filters = sorted({*running.pipeline.decoder.can_filters(), *running.node.monitor.filters()})
     port_to.put((port, filters))
     marks: dict[str, float] = {}
 
@@ -136,7 +136,7 @@ def daemon(
         time.sleep(2.0)  # warm caches, the claim, the first allocations
         marks["cpu"], marks["wall"] = time.process_time(), time.monotonic()
         marks["ticks"], marks["frames"] = running.schedule.ticks, running.pipeline.decoder.counters.frames
-        running.schedule.late = [0] * len(running.schedule.late)
+        running.schedule.lateness_counts = [0] * len(running.schedule.lateness_counts)
         time.sleep(seconds)
         marks["cpu"], marks["wall"] = time.process_time() - marks["cpu"], time.monotonic() - marks["wall"]
         marks["ticks"] = running.schedule.ticks - marks["ticks"]
@@ -145,7 +145,7 @@ def daemon(
 
     threading.Thread(target=measure, daemon=True).start()
     running.run(handle_signals=False)
-    late = running.schedule.late
+    late = running.schedule.lateness_counts
     result_to.put(
         {
             "core_pct": round(100 * marks["cpu"] / marks["wall"], 2),
@@ -165,7 +165,7 @@ def daemon(
 
 def floor(seconds: float, port_to: object, result_to: object) -> None:
     """Only sleep and empty the socket, every 20 ms: what a loop costs here that does nothing."""
-    from canest.bus.kernel_drain import KernelDrain, ask_for_stamps
+    from canest.bus.kernel_drain import KernelDrain, enable_timestamps
     from canest.live.schedule import Schedule
 
     if has_socketcan():
@@ -174,7 +174,7 @@ def floor(seconds: float, port_to: object, result_to: object) -> None:
     else:
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
         sock.bind(("127.0.0.1", 0))
-    ask_for_stamps(sock)
+    enable_timestamps(sock)
     drain, schedule = KernelDrain(sock), Schedule()
     port_to.put((0 if has_socketcan() else sock.getsockname()[1], None))
     end_s = time.monotonic() + 2.0
@@ -182,7 +182,7 @@ def floor(seconds: float, port_to: object, result_to: object) -> None:
         schedule.wait()
         drain.drain()
     cpu_s, wall_s = time.process_time(), time.monotonic()
-    schedule.late, schedule.ticks = [0] * len(schedule.late), 0
+    schedule.lateness_counts, schedule.ticks = [0] * len(schedule.lateness_counts), 0
     while time.monotonic() < wall_s + seconds:
         schedule.wait()
         drain.drain()

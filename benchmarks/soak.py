@@ -70,12 +70,13 @@ def main() -> int:
                     warm = resident_mb(), descriptors(ring)
                 if warm is not None and passed_s >= told_h * 3600:
                     told_h += 1
-                    learned, counted = rig.daemon.memory.learned, rig.daemon.pipeline.decoder.counters
+                    learned = rig.daemon.estimation.mass_store.learned
+                    counted = rig.daemon.pipeline.decoder.counters
                     print(
                         f"{passed_s / 3600:5.1f} h: {resident_mb():.1f} MB ({resident_mb() - warm[0]:+.2f}), "
                         f"{descriptors(ring)} descriptors, {counted.frames:,} frames, "
                         f"learned {learned.mass_kg if learned else 0:,.0f} kg, "
-                        f"failures {rig.daemon.failures}, {time.monotonic() - begin:.0f} s",
+                        f"failures {rig.daemon.estimation.failures}, {time.monotonic() - begin:.0f} s",
                         flush=True,
                     )
             assert warm is not None

@@ -15,7 +15,8 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from canest.config.meanings import SOURCE_MEANINGS, meaning
-from canest.config.schema import Config, Source
+from canest.config.schema import Config
+from canest.config.sections import Source
 from canest.core.roles import ROLES, UNITS
 from canest.decode.validity import RULES
 from canest.vehicle.effects import EFFECTS

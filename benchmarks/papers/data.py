@@ -13,7 +13,7 @@ import yaml
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from canest.config import Config, parse_config
+from canest.config import Config, parse_config, read_databases
 from canest.core.frames import FrameBlock
 from canest.core.samples import GRAVITY_MPS2, STEP_S, STEP_US, EstimateBlock, ModelBlock, VehicleFacts
 from canest.estimators.base import Estimator, create
@@ -62,7 +62,8 @@ class Drive:
 
 def config_of(raw: dict[str, Any], overrides: Iterable[str] = ()) -> Config:
     """Return a config from the mapping that a simulation knows."""
-    return parse_config(yaml.safe_dump({**raw, "estimator": {"name": "rlsmf"}}), overrides=overrides)
+    text = yaml.safe_dump({**raw, "estimator": {"name": "rlsmf"}})
+    return read_databases(parse_config(text, overrides=overrides))
 
 
 def simulated(

@@ -8,15 +8,15 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from closed_forms import correction, order_and_cutoff
 from data import Drive, simulated
 from page import Page, axes
 
 from canest.core import jit
 from canest.estimators.papers.rhode2013.multiple_forgetting import MultipleForgetting
 from canest.estimators.papers.rhode2013.rsvd import Rsvd
-from canest.estimators.papers.rhode2013.tls_math import NoiseScale, correction, covariance
+from canest.estimators.papers.rhode2013.tls_math import NoiseScale, covariance
 from canest.estimators.regression import usable
-from canest.vehicle.butterworth import order_and_cutoff
 
 #: eq. 8
 NOISE = np.array(

@@ -6,15 +6,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canest.core.errors import UsageError
 from canest.logs.budget import LogBudget, current_budget, log_budget
-from canest.logs.compression import ARCHIVE_SUFFIXES
+from canest.logs.log_names import log_name
+from canest.logs.truth import read_truth
+from canest.offline.replay import Progress, ReplayResult, replay
 
 if TYPE_CHECKING:
     from canest.config import Config
-    from canest.offline.replay import Progress, ReplayResult
-
-TRUTH_SUFFIX = ".truth.csv"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +31,7 @@ class Job:
     @property
     def name(self) -> str:
         """The log's name without its suffixes: drive of drive.log.xz."""
-        return name_of(self.log)
+        return log_name(self.log)
 
     def run(self, config: Config, progress: Progress | None = None) -> ReplayResult:
         """Replay the log. Errors: CanestError."""
@@ -41,10 +39,9 @@ class Job:
             return self._run(config, progress)
 
     def _run(self, config: Config, progress: Progress | None) -> ReplayResult:
-        from canest.offline.replay import replay
-
         recorder = None
         if self.report is not None:
+            # wanted for a report alone
             from canest.report.page import require_packages
             from canest.report.recorder import Recorder
 
@@ -52,8 +49,6 @@ class Job:
             recorder = Recorder()
         truth = None
         if self.truth is not None:
-            from canest.logs.truth import read_truth
-
             truth = read_truth(self.truth)
         result = replay(
             self.log,
@@ -67,36 +62,8 @@ class Job:
             channel=self.channel,
         )
         if recorder is not None and self.report is not None:
+            # as above
             from canest.report.replay_page import write_replay_report
 
             write_replay_report(self.report, result, config, recorder, result.score)
         return result
-
-
-def name_of(log: Path) -> str:
-    """Return a log's name without the suffixes of archive and format."""
-    stem = Path(log.stem) if log.suffix.lower() in ARCHIVE_SUFFIXES else log
-    return stem.stem or log.name
-
-
-def truth_beside(log: Path) -> Path | None:
-    """Return NAME.truth.csv beside a log (plain or compressed), None when there is none."""
-    for suffix in ("", *ARCHIVE_SUFFIXES):
-        path = log.with_name(name_of(log) + TRUTH_SUFFIX + suffix)
-        if path.is_file():
-            return path
-    return None
-
-
-def truth_file(log: Path, truth: str | None) -> Path | None:
-    """Return the truth of a log as --truth says: a file, 'auto' for the one beside it, or none.
-
-    Errors: UsageError when 'auto' finds none.
-    """
-    if truth != "auto":
-        return Path(truth) if truth is not None else None
-    found = truth_beside(log)
-    if found is None:
-        expected = log.with_name(name_of(log) + TRUTH_SUFFIX)
-        raise UsageError("--truth auto: no truth beside the log", where=str(log), expected=str(expected))
-    return found

@@ -13,14 +13,16 @@ from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from canest.batch.job import Job, name_of
+from canest.batch.job import Job
+from canest.config.database_files import read_databases
 from canest.core.errors import CanestError, ConfigError, LogError, OutputError, UsageError
+from canest.logs.log_names import log_name
+from canest.offline.scoring import Score
 from canest.system.atomic_file import remove_abandoned, unlink_unfinished
 
 if TYPE_CHECKING:
     from canest.config import Config
     from canest.offline.replay import ReplayResult
-    from canest.offline.scoring import Score
 
 
 @dataclass(slots=True)
@@ -59,7 +61,7 @@ def unique_names(logs: Sequence[Path]) -> list[str]:
 
     Errors: UsageError when that does not tell them apart.
     """
-    plain = [name_of(log) for log in logs]
+    plain = [log_name(log) for log in logs]
     names = [
         f"{log.resolve().parent.name}-{name}" if plain.count(name) > 1 else name
         for log, name in zip(logs, plain, strict=True)
@@ -107,7 +109,7 @@ def _parallel(jobs: list[Job], config: Config, workers: int) -> Iterator[Outcome
         futures: dict[Future[Outcome], Job] = {}
         try:
             for job in jobs:
-                futures[pool.submit(_attempt, job, config)] = job
+                futures[pool.submit(_attempt_elsewhere, job, config)] = job
             for future in as_completed(futures):
                 try:
                     yield future.result()
@@ -120,7 +122,7 @@ def _parallel(jobs: list[Job], config: Config, workers: int) -> Iterator[Outcome
     for job in unfinished:
         with _pool(1) as pool:
             try:
-                yield pool.submit(_attempt, job, config).result()
+                yield pool.submit(_attempt_elsewhere, job, config).result()
             except BrokenProcessPool:
                 _clear([job])
                 yield Outcome(job, error=f"{job.log}: the process that read it was killed (out of memory?)")
@@ -158,6 +160,11 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
+def _attempt_elsewhere(job: Job, config: Config) -> Outcome:
+    """Run a job in a worker, to which a config comes without its databases. Errors: ConfigError."""
+    return _attempt(job, read_databases(config))
+
+
 def _attempt(job: Job, config: Config) -> Outcome:
     """Run a job; whatever goes wrong with this log stays with this log. Errors: ConfigError."""
     try:
@@ -175,8 +182,6 @@ def _attempt(job: Job, config: Config) -> Outcome:
 
 def pooled(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Return the summary of many logs: sums, pooled errors, and each log's own summary under `logs`."""
-    from canest.offline.scoring import Score
-
     results = [o.result for o in outcomes if o.result is not None]
     summary: dict[str, Any] = {
         key: sum(r.summary[key] for r in results) for key in ("frames", "skipped_lines", "samples", "updated")

@@ -65,4 +65,4 @@ class DriverThread:
 def _work(jobs: SimpleQueue[Job | None]) -> None:
     while (job := jobs.get()) is not None:
         job.work()
-        del job  # else it, and the bus it speaks of, would stay until the next one comes
+        del job  # else it, and the bus it refers to, would live until the next one comes

@@ -11,8 +11,8 @@ import sys
 from typing import Any
 
 from canest.config.bus import Bus
-from canest.core.errors import how_to_add
 from canest.core.frames import EXTENDED, ID_MASK
+from canest.system.installation import how_to_add
 
 # Where asammdf is installed, python-can imports it for its log formats: a second and 80 MB that a bus has no
 # need of. Hidden while python-can is imported for the first time, it is not found, which python-can accepts.
@@ -25,17 +25,17 @@ finally:
     if _HIDDEN:
         del sys.modules["asammdf"]
 
-# A bus whose constructor has failed is complained of by its destructor, at every attempt to open it. The
-# exception of the constructor says more, and is told once.
+# The destructor of a bus whose constructor failed logs a warning at every attempt to open it. The exception
+# of the constructor has the reason, and is reported once.
 logging.getLogger("can.bus").addFilter(lambda record: "not properly shut down" not in record.msg)
 
-#: what says that an interface, or its driver, is not installed
+#: errors of an interface, or a driver, that is not installed
 MISSING = (can.CanInterfaceNotImplementedError, ImportError)
 INTERFACES = can.VALID_INTERFACES  #: names, those of installed plugins too
 #: interfaces that hand our own frames back to us although asked not to (python-can 4.6)
 ECHOING = frozenset({"udp_multicast"})
 #: interfaces whose `recv` returns None for input that is no frame (an adapter's answer, a byte of noise), too
-_SKIPPING = frozenset({"slcan", "serial", "udp_multicast"})
+_RETURNS_NONE_FOR_NOISE = frozenset({"slcan", "serial", "udp_multicast"})
 #: extras of ours that bring what an interface of python-can needs
 _EXTRAS = {"udp_multicast": "multicast", "slcan": "serial", "serial": "serial", "robotell": "serial"}
 #: `serial` waits this long (s) for each byte, by default 0.1: no loop has that time
@@ -47,7 +47,7 @@ _LONGEST_LINE = 256  #: bytes of an slcan line, more than CAN FD's 64 bytes take
 _IP_MULTICAST_ALL, _IPV6_MULTICAST_ALL = 49, 29  # linux/in.h, linux/in6.h
 
 
-def driver_of(interface: str) -> str:
+def missing_driver(interface: str) -> str:
     """Return what an interface lacks that cannot be used, and how that is installed where an extra has it."""
     extra = _EXTRAS.get(interface)
     return "its driver" + (f": {how_to_add(extra)}" if extra else "")
@@ -60,7 +60,7 @@ def open_bus(config: Bus) -> can.BusABC:
         options.setdefault("bitrate", config.bitrate)
     bus = can.Bus(interface=config.interface, channel=config.channel, **options)
     if config.interface == "udp_multicast":
-        _keep_other_groups_out(bus)
+        _exclude_other_groups(bus)
     return bus
 
 
@@ -69,12 +69,12 @@ def send_timeout_s(interface: str) -> float:
     return _SEND_TIMEOUT_S.get(interface, 0.0)
 
 
-def more_waits(interface: str, bus: can.BusABC) -> bool:
+def has_more_input(interface: str, bus: can.BusABC) -> bool:
     """Return whether input waits although `recv` returned None (what it returned None for was no frame)."""
-    return interface in _SKIPPING and bool(select.select([bus.fileno()], [], [], 0)[0])
+    return interface in _RETURNS_NONE_FOR_NOISE and bool(select.select([bus.fileno()], [], [], 0)[0])
 
 
-def forget_damaged(bus: can.BusABC) -> None:
+def discard_damaged_line(bus: can.BusABC) -> None:
     """Drop the line that a driver could not read, where it would try that again with every further byte.
 
     python-can 4.6 keeps an slcan line that is no ASCII, and any that never ends.
@@ -84,13 +84,13 @@ def forget_damaged(bus: can.BusABC) -> None:
         line.clear()
 
 
-def has_endless_line(bus: can.BusABC) -> bool:
+def has_overlong_line(bus: can.BusABC) -> bool:
     """Return whether a driver collects a line that is longer than any frame."""
     line = getattr(bus, "_buffer", None)
     return isinstance(line, bytearray) and len(line) > _LONGEST_LINE
 
 
-def is_gone(error: BaseException) -> bool:
+def is_device_failure(error: BaseException) -> bool:
     """Return whether an error is the system's word that the device has failed, not one about what it sent."""
     cause: BaseException | None = error
     while cause is not None:
@@ -102,15 +102,15 @@ def is_gone(error: BaseException) -> bool:
     return False
 
 
-def is_own_error(error: BaseException) -> bool:
-    """Return whether a driver itself says that reading failed; others come of bad input."""
+def is_driver_error(error: BaseException) -> bool:
+    """Return whether a driver itself reports that reading failed; other errors come from bad input."""
     return isinstance(error, can.CanError) and error.__cause__ is None
 
 
 def error_text(error: BaseException) -> str:
     """Return an error in one line, in the words of the system or the driver."""
     text = (error.strerror if isinstance(error, OSError) else "") or str(error)
-    # what is neither of the system nor of python-can is a driver that stumbles: its kind tells half of it
+    # neither of the system nor of python-can: a driver's defect, whose type is part of the reason
     kind = "" if text and isinstance(error, OSError | can.CanError) else type(error).__name__
     return ": ".join(part for part in (kind, " ".join(text.split())) if part)
 
@@ -129,7 +129,7 @@ def message_of(can_id: int, payload: bytes) -> can.Message:
     return can.Message(arbitration_id=can_id & ID_MASK, is_extended_id=bool(can_id & EXTENDED), data=payload)
 
 
-def _keep_other_groups_out(bus: can.BusABC) -> None:
+def _exclude_other_groups(bus: can.BusABC) -> None:
     """Receive our group only: by default Linux delivers every group that any program here has joined."""
     with contextlib.suppress(OSError), socket.socket(fileno=os.dup(bus.fileno())) as sock:  # not on Linux
         if sock.family == socket.AF_INET6:

@@ -71,7 +71,7 @@ class Drained:
 
     frames: in order of arrival. reached_us: event time that has certainly been reached (every frame
     stamped before it is in), None when that is not known. drops: frames lost to a full socket buffer so
-    far (running 32-bit count of the kernel), None when no frame told.
+    far (running 32-bit count of the kernel), None when no frame carried it.
     """
 
     frames: FrameBlock
@@ -79,7 +79,7 @@ class Drained:
     drops: int | None = None
 
 
-def ask_for_stamps(sock: socket.socket) -> None:
+def enable_timestamps(sock: socket.socket) -> None:
     """Switch nanosecond receive stamps and the count of overflow drops on."""
     try:
         sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS_NEW, 1)
@@ -156,7 +156,7 @@ class KernelDrain:
         if self._controllen[:count].min() < _STAMP_SPACE:  # a socket family without stamps
             t_us = np.full(count, now_us, np.int64)
         can_id, length, data = (field[:count].copy() for field in (self._id, self._length, self._data))
-        if self._received[:count].min() < FRAME.itemsize:  # not a whole frame: nothing believable in it
+        if self._received[:count].min() < FRAME.itemsize:  # not a whole frame: its content is undefined
             whole = self._received[:count] == FRAME.itemsize
             t_us, can_id, length, data = t_us[whole], can_id[whole], length[whole], data[whole]
         data &= SENT_BYTES[length]

@@ -7,7 +7,7 @@ import numpy as np
 from canest.core.frames import FrameBlock
 
 
-def in_time(frames: FrameBlock, reached_us: int, max_backward_s: float) -> tuple[FrameBlock, int]:
+def restamp_late_frames(frames: FrameBlock, reached_us: int, max_backward_s: float) -> tuple[FrameBlock, int]:
     """Return the frames, late ones stamped with the time that the ticks have reached, and how many were late.
 
     max_backward_s: beyond it the clock was set, nothing is late.

@@ -31,14 +31,14 @@ def may_transmit(bus: Bus, broadcast: Broadcast) -> bool:
 
 
 def require_interface(bus: Bus, at: Callable[[str], str]) -> None:
-    """Refuse an interface that python-can does not know, and a channel that it can never open.
+    """Refuse an interface that is none of python-can's, and a channel that it can never open.
 
     at: a config's key -> where it was written. Errors: ConfigError with the nearest names.
     """
     if bus.interface == "udp_multicast":
         _require_group(bus.channel, at("bus.channel"))
     if bus.interface == "socketcan" or bus.interface in _VIRTUAL_INTERFACES:
-        return  # python-can takes its time to import, and has nothing to say about these
+        return  # no check of these needs python-can, whose import is slow
     from difflib import get_close_matches
 
     from canest.bus.drivers import INTERFACES

@@ -17,7 +17,7 @@ class Receiver(Protocol):
     """The receiving half of a bus. It has no way to send: a listen-only daemon holds nothing else.
 
     state: "up", "down", "absent", "error-passive" or "bus-off".
-    reason: why it is absent, as the system or the driver says it; '' when nobody said, or it is there.
+    reason: why it is absent, in the words of the system or driver; '' when unknown, or when it is there.
     opened: how often the interface has been opened (a change means: another bus may be behind it).
     counters: what happened, by name.
     """
@@ -28,8 +28,8 @@ class Receiver(Protocol):
     counters: Counter[str]
 
     @property
-    def rest_us(self) -> int:
-        """How long it may be left alone, in microseconds: a beat where nobody knows how much it can hold."""
+    def max_poll_interval_us(self) -> int:
+        """Longest time between two calls of `collect`, us: one tick where the buffer's size is unknown."""
 
     def collect(self) -> bool:
         """Take what has arrived out of the interface's own small buffer; False: `drain` has to follow now."""

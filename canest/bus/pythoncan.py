@@ -16,7 +16,7 @@ from canest.bus import drivers
 from canest.bus.driver_thread import DriverThread, Job
 from canest.bus.kernel_drain import Drained
 from canest.bus.protocols import REOPEN_S, Filters
-from canest.bus.sandbox import refused
+from canest.bus.sandbox import forbidden_sockets
 from canest.config.bus import Bus
 from canest.core.errors import BusError
 from canest.core.frames import ERROR, FrameBlock, frame_of
@@ -30,12 +30,12 @@ _IDS_REMEMBERED = 4096  #: a bus has some hundreds of identifiers, noise has mil
 _MAX_FRAMES = 4096  #: read at once, so that a flood cannot keep a tick from ending
 #: failures in a row, with nothing read and no end of the input in between, that close an interface: more than
 #: a socket or a terminal can hold of damaged input, and as many of a driver's own errors
-_MAX_STUMBLES, _MAX_ERRORS = 2500, 20
-_BEAT_S = 0.05  #: time spent on failures at once
+_MAX_BAD_INPUTS, _MAX_ERRORS = 2500, 20
+_FAILURES_BUDGET_S = 0.05  #: time spent on failures at once
 #: stamps further from the machine's clock may be those of a log that somebody plays at any speed
 _PRESENT_US = 1_000_000
 _STAMP_MAX_S = 9e12  #: what microseconds in 64 bits can hold
-#: how long is waited for an interface to open: at the start, and between two beats. Some take seconds
+#: how long is waited for an interface to open: at the start, and between two ticks. Some take seconds
 _FIRST_OPEN_S, _OPEN_S = 0.25, 0.02
 _CLOSE_S = 0.25  #: how long an adapter may take to be closed before the process ends without it
 _SEND_S = 0.002  #: how long is waited to see whether a frame was sent
@@ -63,21 +63,23 @@ class _Opening:
         except drivers.MISSING as error:
             self.missing, self.reason = error.with_traceback(None), drivers.error_text(error)
         except Exception as error:  # drivers raise anything when a device is not there
-            self.reason = "; ".join(filter(None, (drivers.error_text(error), refused(self._config))))
+            self.reason = "; ".join(
+                filter(None, (drivers.error_text(error), forbidden_sockets(self._config)))
+            )
 
 
 class PythonCanReceiver:
     """Receives from any python-can interface; see `canest.bus.protocols.Receiver`.
 
-    Errors: BusError when python-can does not know the interface or lacks its driver; an interface that is
-    merely not there now is waited for.
+    Errors: BusError when python-can has no such interface or lacks its driver; an interface that is merely
+    absent now is waited for.
     """
 
-    rest_us = STEP_US  # nobody tells how much a driver's buffer holds
+    max_poll_interval_us = STEP_US  # the size of a driver's buffer is not known
 
     def __init__(self, bus: Bus, filters: Filters) -> None:
         self._config = bus
-        # python-can's own filters make recv(0) say "nothing there" for every frame they refuse
+        # python-can's own filters make recv(0) return None, as if nothing waited, for every frame they refuse
         self._filters = [(i & m, m) for i, m in filters]
         self._wanted: dict[int, bool] = {}
         self.state, self.reason = "absent", ""
@@ -89,7 +91,7 @@ class PythonCanReceiver:
         self._failures = 0  #: in a row
         self._rows: list[tuple[int, int, bytes]] = []
         #: the newest stamp less the monotonic time at which it was read: stamps may come from any clock
-        self._ahead_us: int | None = None
+        self._clock_offset_us: int | None = None
         #: frames sent whose echo is to be dropped when it comes
         self._echoes: deque[tuple[int, bytes]] | None = (
             deque(maxlen=64) if bus.interface in drivers.ECHOING else None
@@ -101,14 +103,14 @@ class PythonCanReceiver:
             raise BusError(
                 f"cannot be used ({missing})",
                 where=f"bus.interface {bus.interface}",
-                expected=drivers.driver_of(bus.interface),
+                expected=drivers.missing_driver(bus.interface),
             ) from missing
 
     def collect(self) -> bool:
         """Empty the driver's buffer; see `canest.bus.protocols.Receiver`."""
         if self._bus is None and (self._opening is not None or time.monotonic() >= self._retry_at_s):
             self._open(_OPEN_S)
-        until_s = time.monotonic() + _BEAT_S
+        until_s = time.monotonic() + _FAILURES_BUDGET_S
         for _ in range(_MAX_FRAMES):
             if self._bus is None or not self._read(self._bus):
                 return True
@@ -120,9 +122,9 @@ class PythonCanReceiver:
         """Return what has arrived; see `canest.bus.protocols.Receiver`."""
         before_us = time.monotonic_ns() // 1000
         reached_us = None
-        if self.collect() and self._ahead_us is not None:
+        if self.collect() and self._clock_offset_us is not None:
             # a frame waits before it is read, so the clock of the stamps is at least this far
-            stamping_us = before_us + self._ahead_us
+            stamping_us = before_us + self._clock_offset_us
             if abs(stamping_us - time.time_ns() // 1000) < _PRESENT_US:
                 reached_us = stamping_us - GUARD_US
         rows, self._rows = self._rows, []
@@ -140,14 +142,14 @@ class PythonCanReceiver:
             self._failures = 0
             if message is not None:
                 self._take(message)
-            elif not drivers.more_waits(self._config.interface, bus):
-                if drivers.has_endless_line(bus):
+            elif not drivers.has_more_input(self._config.interface, bus):
+                if drivers.has_overlong_line(bus):
                     self._note_damaged(bus)
                 return False
         except Exception as error:  # drivers raise anything; none of it may end the loop
             self._failures += 1
-            most = _MAX_ERRORS if drivers.is_own_error(error) else _MAX_STUMBLES
-            if drivers.is_gone(error) or self._failures >= most:
+            most = _MAX_ERRORS if drivers.is_driver_error(error) else _MAX_BAD_INPUTS
+            if drivers.is_device_failure(error) or self._failures >= most:
                 self._failed(error)
                 return False
             self._note_damaged(bus)
@@ -161,7 +163,7 @@ class PythonCanReceiver:
             self.counters["damaged_input"] += 1
             return
         row = frame_of(message)
-        self._ahead_us = row[0] - time.monotonic_ns() // 1000
+        self._clock_offset_us = row[0] - time.monotonic_ns() // 1000
         if not self._is_wanted(row[1]):
             return
         if self._echoes and row[1:] in self._echoes:
@@ -180,7 +182,7 @@ class PythonCanReceiver:
 
     def _note_damaged(self, bus: can.BusABC) -> None:
         self.counters["damaged_input"] += 1
-        drivers.forget_damaged(bus)
+        drivers.discard_damaged_line(bus)
 
     def _open(self, wait_s: float) -> Exception | None:
         """Begin to open the interface, or see whether it is open; return what is missing for it for good."""
@@ -241,7 +243,7 @@ class PythonCanTransmitter:
 
         An adapter that takes longer than a moment has the frame in its queue; what becomes of it is counted.
         """
-        receiver = self._receiver  # two halves of one bus
+        receiver = self._receiver  # the transmitter shares the receiver's bus
         if receiver._bus is None:
             self.counters["dropped_interface_absent"] += 1
             return False

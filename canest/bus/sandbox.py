@@ -14,7 +14,7 @@ _HINT = "canest install-service --install -c CONFIG writes a drop-in that allows
 DROP_IN = "network.conf"  #: in the folder canest@NAME.service.d
 
 
-def families(bus: Bus) -> tuple[str, ...]:
+def address_families(bus: Bus) -> tuple[str, ...]:
     """Return the address families, by systemd's names, that an interface opens sockets of; of CAN none."""
     if bus.interface == "udp_multicast":
         return ("AF_INET6" if ":" in bus.channel else "AF_INET",)
@@ -25,7 +25,7 @@ def families(bus: Bus) -> tuple[str, ...]:
 
 def drop_in(config: Config) -> str | None:
     """Return a drop-in for the unit that allows the network a config uses, None where it uses none."""
-    needed = dict.fromkeys(families(config.bus))
+    needed = dict.fromkeys(address_families(config.bus))
     users = [f"bus.interface {config.bus.interface}"] if needed else []
     # frames may come from any node of the network
     addresses = "any" if needed else "localhost"
@@ -40,9 +40,9 @@ def drop_in(config: Config) -> str | None:
     )
 
 
-def refused(bus: Bus, environment: Mapping[str, str] = os.environ) -> str:
-    """Return in plain words that an interface's sockets are forbidden here, '' where they are not."""
-    for family in families(bus):
+def forbidden_sockets(bus: Bus, environment: Mapping[str, str] = os.environ) -> str:
+    """Return one sentence on why this process may not open an interface's sockets, '' where it may."""
+    for family in address_families(bus):
         try:
             socket.socket(getattr(socket, family), socket.SOCK_DGRAM).close()
         except OSError as error:
@@ -51,8 +51,8 @@ def refused(bus: Bus, environment: Mapping[str, str] = os.environ) -> str:
     return ""
 
 
-def explained(error: OSError, family: str, environment: Mapping[str, str] = os.environ) -> str:
-    """Return what went wrong with a socket of an address family, in plain words."""
+def socket_error_text(error: OSError, family: str, environment: Mapping[str, str] = os.environ) -> str:
+    """Return a socket error's text, with the remedy where the systemd unit forbids the address family."""
     if error.errno == errno.EAFNOSUPPORT:
         return _explanation(family, environment)
     return error.strerror or str(error)

@@ -61,10 +61,10 @@ def command(
         raise click.UsageError("give the truth: --truth CSV, --truth auto or --mass KG")
     config = load(config_name, overrides, estimator, initial_mass)
     names = _known(only) if only is not None else None
-    from canest.batch.job import truth_file
     from canest.cli.keep import config_files, keep_apart
     from canest.cli.progress import Bar
     from canest.cli.summary import write_json
+    from canest.logs.log_names import truth_file
     from canest.logs.truth import read_truth
     from canest.offline.compare import compare
 

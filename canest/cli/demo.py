@@ -14,9 +14,10 @@ from canest.system import terminal
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
+    from canest.core.estimates import Estimates
     from canest.demo.session import Moment, Session
     from canest.offline.scoring import Score
-    from canest.pipeline.pipeline import Estimates
+
 
 EPILOG = """\b
 Examples:

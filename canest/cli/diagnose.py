@@ -179,8 +179,8 @@ def _truths(paths: Sequence[Path], truth: str | None) -> list[Path | None] | Non
         return None
     if truth != "auto":
         return [Path(truth)]
-    from canest.batch.job import truth_beside
     from canest.core.errors import LogError
+    from canest.logs.log_names import truth_beside
 
     found = [truth_beside(path) for path in paths]
     if not any(found):

@@ -38,7 +38,7 @@ def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: 
     from canest.decode import j1939
     from canest.telemetry.broadcast_view import LiveView
 
-    config = load(config_name) if config_name is not None else None
+    config = load(config_name, databases=False) if config_name is not None else None
     section = config.bus if config is not None else Bus()
     if bus is not None:
         interface, colon, channel = bus.partition(":")

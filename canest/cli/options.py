@@ -119,11 +119,17 @@ def load(
     overrides: tuple[str, ...] = (),
     estimator: str | None = None,
     initial_mass: float | None = None,
+    *,
+    databases: bool = True,
 ) -> Config:
-    """Load a config with what the command line changes in it. Errors: ConfigError."""
+    """Load a config with what the command line changes in it. Errors: ConfigError.
+
+    databases: read the DBC files too, which commands that decode nothing can do without.
+    """
     from canest.config import load_config
 
-    return load_config(config_name, *changes(config_name, overrides, estimator, initial_mass))
+    changed, options = changes(config_name, overrides, estimator, initial_mass)
+    return load_config(config_name, changed, options, databases=databases)
 
 
 def changes(
@@ -135,7 +141,7 @@ def changes(
     changed, options = list(overrides), {}
     if estimator is not None:
         # the config's options belong to the config's estimator; --set still reaches the new one's
-        if load_config(config_name).estimator.name != estimator:
+        if load_config(config_name, databases=False).estimator.name != estimator:
             changed.insert(0, "estimator.options={}")
         changed.append(f"estimator.name={estimator}")
         options["estimator.name"] = "--estimator"

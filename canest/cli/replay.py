@@ -82,7 +82,8 @@ def command(
     playing = bus is not None or speed is not None
     if playing and output is None and json_path is None and report is None:
         if config_name is not None:
-            load(config_name, overrides, estimator, initial_mass)  # of no use here, but no reason to be wrong
+            # of no use here, but no reason to be wrong
+            load(config_name, overrides, estimator, initial_mass, databases=False)
         _play(logs, bus, speed, channel)
         return 0
     if output == "-":
@@ -90,7 +91,8 @@ def command(
     if config_name is None:
         raise click.UsageError("missing option -c CONFIG", click.get_current_context())
     config = load(config_name, overrides, estimator, initial_mass)
-    from canest.batch.job import Job, truth_beside, truth_file
+    from canest.batch.job import Job
+    from canest.logs.log_names import truth_beside, truth_file
 
     paths = [Path(log) for log in logs]
     if len(paths) == 1:

@@ -50,7 +50,7 @@ def command(
 
     from canest.cli.keep import config_files, keep_apart, require_files
     from canest.live.daemon import Daemon
-    from canest.live.memory import place
+    from canest.live.mass_store import place
 
     def read_config() -> Config:
         return load(config_name, tuple(changes), estimator, initial_mass)

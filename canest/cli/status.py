@@ -26,9 +26,9 @@ Exits 1 when no daemon answers.
 @click.option("-v", "--verbose", is_flag=True, help="Also every sender and every counter.")
 def command(config_name: str | None, socket_name: str | None, as_json: bool, verbose: bool) -> int:
     """Show how a running daemon is doing: bus, rates, gates, estimate, and why it is not valid."""
-    from canest.telemetry.status_socket import ask, find_sockets, socket_path
+    from canest.telemetry.status_socket import find_sockets, read_status, socket_path
 
-    config = load(config_name) if config_name is not None else None
+    config = load(config_name, databases=False) if config_name is not None else None
     if socket_name is not None:
         paths = [Path(socket_name)]
     elif config is not None:
@@ -40,7 +40,7 @@ def command(config_name: str | None, socket_name: str | None, as_json: bool, ver
     problems: list[str] = []
     for path in paths:
         try:
-            answers[str(path)] = ask(path)
+            answers[str(path)] = read_status(path)
         except FileNotFoundError:
             problems.append(f"{path}: no daemon (no such socket)")
         except ConnectionRefusedError:
@@ -73,7 +73,8 @@ def _last_words(config: Any) -> None:
     """Say what a daemon that is not running has learned."""
     import time
 
-    from canest.live.memory import file_name, state_dir
+    from canest.config.state_directory import state_dir
+    from canest.live.mass_store import file_name
     from canest.live.state import peek
 
     path = state_dir(config) / file_name(config)

@@ -7,7 +7,8 @@ from typing import Any, get_args
 from pydantic import BaseModel
 
 from canest.config.meanings import SOURCE_MEANINGS, meaning
-from canest.config.schema import Config, Source
+from canest.config.schema import Config
+from canest.config.sections import Source
 from canest.core.roles import ROLES
 from canest.estimators.base import REGISTRY
 

@@ -9,27 +9,34 @@ from typing import Any, get_args
 import yaml
 from pydantic import ValidationError
 
+from canest.config.database_files import read_databases
 from canest.config.limits import LOADER, read_text, refuse_depth, refuse_excess
 from canest.config.origins import KeyPath, Origins, lines_of
 from canest.config.schema import Config
 from canest.core.errors import ConfigError
 from canest.core.nearest_name import expected_name
-from canest.core.section import MisplacedError
+from canest.core.validation import first_mistake
 from canest.system.shipped_files import find, is_file
 
 
 def load_config(
-    name: str | Path, overrides: Iterable[str] = (), options: Mapping[str, str] | None = None
+    name: str | Path,
+    overrides: Iterable[str] = (),
+    options: Mapping[str, str] | None = None,
+    *,
+    databases: bool = True,
 ) -> Config:
     """Load a config by path or shipped name, with ``dotted.key=value`` overrides (values are YAML).
 
     options: keys that an option of the command line overrides -> that option, for messages (else --set).
+    databases: read the DBC files too, which whoever decodes needs.
     Errors: ConfigError naming file, line and key of the first mistake, and how many more there are.
     """
     path = find("configs", str(name))
     config = parse_config(read_text(path), str(path), overrides, options)
     local = _beside(path, config.dbc)
-    return config if local == config.dbc else config.model_copy(update={"dbc": local})
+    config = config if local == config.dbc else config.model_copy(update={"dbc": local})
+    return read_databases(config) if databases else config
 
 
 def _beside(config: Path, names: Iterable[str]) -> tuple[str, ...]:
@@ -44,7 +51,10 @@ def parse_config(
     overrides: Iterable[str] = (),
     options: Mapping[str, str] | None = None,
 ) -> Config:
-    """Validate YAML text; ``where`` names it in errors, ``options`` as above. Errors: ConfigError."""
+    """Validate YAML text; no file is read. ``where`` names it in errors, ``options`` as above.
+
+    Errors: ConfigError.
+    """
     try:
         _refuse_list(text, where)
         refuse_excess(text, where)
@@ -115,50 +125,19 @@ def _apply_overrides(raw: dict[str, Any], overrides: Iterable[str]) -> set[str]:
 
 def explained(error: ValidationError, origins: Origins, section: KeyPath = ()) -> ConfigError:
     """Return the first mistake in one line; ``section`` is what was validated, where that is a part."""
-    problems = error.errors(include_url=False)
-    # a misspelt key is also missing under its right name: what was written tells more
-    first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
-    cause = first.get("ctx", {}).get("error")
-    path = tuple(
-        str(p)
-        for p in (*section, *first["loc"], *(cause.keys if isinstance(cause, MisplacedError) else ()))
-        if p != "[key]"
-    )
-    key, origin = ".".join(path) or "(whole config)", origins.of(path)
+    mistake = first_mistake(error, section)
+    key, origin = mistake.key or "(whole config)", origins.of(mistake.path)
     if origin.startswith("--") and origin != "--set":  # an option of its own: the key by another name
         key, origin = origin, ""
-    message = first["msg"].removeprefix("Value error, ")
-    if first["type"] == "missing":
-        return ConfigError(f"{key}: is missing", where=origin, expected="a value" + _more(problems))
-    if first["type"] == "extra_forbidden":
-        return ConfigError(f"{key}: unknown key", where=origin, expected=_known_keys(path) + _more(problems))
-    if first["type"] == "value_error":
-        return ConfigError(f"{key}: {message}{_more(problems)}", where=origin)
-    found = first.get("input")
-    shown = _short(found) if isinstance(found, str | int | float) or found is None else type(found).__name__
-    return ConfigError(key, where=origin, found=shown, expected=_plain(message) + _more(problems))
-
-
-_LONGEST_SHOWN = 80
-#: pydantic's words -> words for somebody who writes YAML
-_WORDS = {"a valid ": "a ", "a integer": "a whole number", "a tuple": "a list", "a dictionary": "a section"}
-
-
-def _short(value: str | float | None) -> str | float | None:
-    """Return a value as it was written, a very long one cut: a message stays one line."""
-    text = str(value)
-    return value if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
-
-
-def _plain(message: str) -> str:
-    message = message.removeprefix("Input should be ")
-    for theirs, ours in _WORDS.items():
-        message = message.replace(theirs, ours)
-    return message.partition(", unable")[0].partition(" or instance of")[0]
-
-
-def _more(problems: list[Any]) -> str:
-    return f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    match mistake.kind:
+        case "missing":
+            return ConfigError(f"{key}: is missing", where=origin, expected="a value" + mistake.more)
+        case "unknown key":
+            expected = _known_keys(mistake.path) + mistake.more
+            return ConfigError(f"{key}: unknown key", where=origin, expected=expected)
+        case "contradiction":
+            return ConfigError(f"{key}: {mistake.words}{mistake.more}", where=origin)
+    return ConfigError(key, where=origin, found=mistake.found, expected=mistake.words + mistake.more)
 
 
 def _known_keys(path: KeyPath) -> str:

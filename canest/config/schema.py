@@ -1,142 +1,24 @@
-"""The whole config: all its sections, the smaller ones written out here."""
+"""The whole config: all its sections, and what they must agree on."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, model_validator
+from pydantic import BeforeValidator, PrivateAttr, model_validator
 
 from canest.config.agreement import refuse_contradictions
 from canest.config.bus import Broadcast, Bus
-from canest.config.files import ReadFiles
+from canest.config.databases import Databases
 from canest.config.origins import Origins
-from canest.core.roles import KNOWN_UNITS
-from canest.core.section import MisplacedError, Number, Section, Whole, empty_section
+from canest.config.sections import EstimatorSection, FilterSection, Sampling, Service, Source
+from canest.core.errors import ConfigError
+from canest.core.section import Section, empty_section
 from canest.vehicle.facts import Vehicle
 from canest.vehicle.gate_settings import Gates
 
-Validity = Literal["j1939", "full", "source_address", "gear", "ascii"]
-
-
-def _labels(entries: Any) -> Any:
-    """Return a value table with every key as text: YAML reads ``1`` as a number and ``on`` as true."""
-    if not isinstance(entries, dict):
-        return entries
-    return {_word_of_switch(key) if isinstance(key, bool) else str(key): n for key, n in entries.items()}
-
-
-class Source(Section):
-    """Where one role comes from: a DBC signal, or a column of a decoded table."""
-
-    message: str | None = None
-    signal: str | None = None
-    source: Whole | None = Field(None, ge=0, le=253)
-    column: str | None = None
-    unit: str | None = None
-    #: the value describes the vehicle this much earlier than its frame is stamped
-    delay_s: Number = Field(0.0, ge=0, le=2.0)
-    stale_s: Number | None = Field(None, gt=0)
-    validity: Validity = "j1939"
-    optional: bool = True
-    scale: Number = 1.0
-    offset: Number = 0.0
-    #: label of the DBC or text of the cell, or raw number -> number; what is not listed holds no value
-    map: Annotated[dict[str, Number], BeforeValidator(_labels)] | None = Field(None, min_length=1)
-    invert: bool = False
-
-    @model_validator(mode="after")
-    def _one_source(self) -> Source:
-        dbc = self.message is not None and self.signal is not None
-        if dbc == (self.column is not None) or (self.message is None) != (self.signal is None):
-            raise ValueError("give either message and signal, or column")
-        if self.column is not None and self.source is not None:
-            raise MisplacedError(
-                f"found {self.source}, expected no such key: a column has no address", "source"
-            )
-        if self.scale == 0:
-            raise MisplacedError("found 0, expected a factor: with 0 every value is lost", "scale")
-        if self.unit is not None and self.unit not in KNOWN_UNITS:
-            raise MisplacedError(
-                f"unknown unit, found {self.unit!r}, expected one of {', '.join(KNOWN_UNITS)}", "unit"
-            )
-        return self
-
-
-class Sampling(Section):
-    """The 50 Hz grid."""
-
-    #: ticks go on this long after the last wanted frame, then the grid sleeps until the next one
-    hold_s: Number = Field(2.0, ge=0.1, le=60)
-    #: a stamp that goes back further than this starts a new epoch; less is clamped and counted
-    max_backward_s: Number = Field(0.5, ge=0, le=60)
-    #: name of the time column (seconds) of decoded tables
-    time_column: str = "t_s"
-
-
-class FilterSection(Section):
-    """The Butterworth that the whole regression passes (order and -3 dB frequency)."""
-
-    order: Whole = Field(2, ge=1, le=6)
-    cutoff_hz: Number = Field(2.0, ge=0.05)
-
-    @model_validator(mode="after")
-    def _below_nyquist(self) -> FilterSection:
-        if self.cutoff_hz >= 25:
-            raise MisplacedError(
-                f"found {self.cutoff_hz:g} Hz, expected below 25 Hz, half the 50 Hz sampling rate: "
-                "no digital Butterworth exists there; choose e.g. 2",
-                "cutoff_hz",
-            )
-        return self
-
-
-class EstimatorSection(Section):
-    """Which estimator, from which start, with which of its own options."""
-
-    name: str = "canest"
-    initial_mass_kg: Number | None = Field(None, gt=0)
-    initial_grade: Number | None = Field(None, ge=-0.5, le=0.5)
-    options: dict[str, Any] = Field(default_factory=dict)
-
-
-def _word_of_switch(value: Any) -> Any:
-    """Return the word that was written: YAML reads a bare ``on`` or ``off`` as true or false."""
-    return {True: "on", False: "off"}[value] if isinstance(value, bool) else value
-
-
-def _at_home(path: str) -> str:
-    """Refuse a path that begins with the home of somebody who has none here."""
-    try:
-        Path(path).expanduser()
-    except RuntimeError:
-        home = Path(path).parts[0]
-        raise ValueError(f"found {path!r}, expected a path: its {home} is nobody's home here") from None
-    return path
-
-
-HomePath = Annotated[str, AfterValidator(_at_home)]
-
-
-class Service(Section):
-    """The daemon's life."""
-
-    learn: Annotated[Literal["off", "on", "on+save"], BeforeValidator(_word_of_switch)] = "on+save"
-    #: None: $STATE_DIRECTORY of systemd, else ~/.local/state/canest
-    state_dir: HomePath | None = None
-    save_every_s: Number = Field(60.0, ge=1)
-    #: a remembered mass is restored with at least this much doubt, relative
-    restore_std: Number = Field(0.03, ge=0, le=1)
-    metrics_file: HomePath | None = None
-    metrics_port: Whole | None = Field(None, gt=0, lt=65536)
-    #: candump log of what was received, for replay
-    record: HomePath | None = None
-    #: est.csv of what was estimated
-    log_estimates: HomePath | None = None
-    #: bounded recording of the wanted frames for `canest diagnose --recorded`
-    residual_dir: HomePath | None = None
-    residual_max_mb: Number = Field(200.0, gt=0)
+if TYPE_CHECKING:
+    from cantools.database.can import Database
 
 
 def _named(signals: object) -> object:
@@ -150,7 +32,7 @@ class Config(Section):
     """A whole config."""
 
     _origins: Origins = PrivateAttr(default_factory=Origins)
-    _files: ReadFiles = PrivateAttr(default_factory=ReadFiles)
+    _databases: Databases = PrivateAttr(default_factory=Databases)
 
     vehicle: Vehicle
     dbc: tuple[str, ...] = ("j1939.dbc",)
@@ -168,12 +50,31 @@ class Config(Section):
         """Remember where keys were written, for messages."""
         self._origins = origins
 
-    def read_once(self, read: Callable[[str, str], Any]) -> list[Any]:
-        """Return what ``read`` makes of each file under `dbc` (its name, its place in the config), once."""
-        kept = self._files.kept
-        if self.dbc not in kept:
-            kept[self.dbc] = [read(name, self.at(f"dbc.{i}")) for i, name in enumerate(self.dbc)]
-        return kept[self.dbc]
+    def with_databases(self, databases: Sequence[Database]) -> Config:
+        """Return the same config with the databases of its `dbc` beside it, in that order.
+
+        A config that was loaded from a file has them; `canest.config.read_databases` reads them from files.
+        """
+        config = self.model_copy()
+        config._databases = Databases(self.dbc, databases)
+        return config
+
+    @property
+    def databases(self) -> list[Database]:
+        """The databases of `dbc`, as they were when they were read.
+
+        A daemon makes its pipeline anew after a defect, or when a number is refuted, and must not depend on
+        files that somebody is replacing meanwhile; who wants what is in them now loads the config anew.
+        Errors: ConfigError where a signal needs one and none have been read.
+        """
+        kept = self._databases
+        if kept.names != self.dbc and self.dbc and any(s.message for s in self.signals.values()):
+            raise ConfigError(
+                "its databases have not been read",
+                where=self.at("dbc"),
+                expected="a config of load_config, read_databases or with_databases",
+            )
+        return kept.databases if kept.names == self.dbc else []
 
     def at(self, key: str) -> str:
         """Return a key behind the place where it was written: "truck.yaml:31: signals.gear"."""
@@ -181,5 +82,5 @@ class Config(Section):
 
     @model_validator(mode="after")
     def _sections_agree(self) -> Config:
-        refuse_contradictions(self)
+        refuse_contradictions(self.vehicle, self.signals, self.estimator, self.effects)
         return self

@@ -16,8 +16,6 @@ from __future__ import annotations
 
 import re
 
-from canest.system.installation import command_for
-
 #: what steers a terminal or the order of its letters: control characters (but for tab and line feed), marks
 #: of direction and of no width
 _STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")
@@ -26,11 +24,6 @@ _STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\
 def printable(text: str) -> str:
     """Return text with whatever would steer a terminal as Python writes it."""
     return _STEERING.sub(lambda match: ascii(match[0])[1:-1], text)
-
-
-def how_to_add(extra: str) -> str:
-    """Return how an optional part of canest is installed, fitting how canest itself was."""
-    return command_for(extra)
 
 
 class CanestError(Exception):

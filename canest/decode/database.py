@@ -1,6 +1,6 @@
-"""Loads DBC files with cantools, and finds messages and signals in them or says what is near.
+"""Parses DBC files with cantools, and finds messages and signals in them or says what is near.
 
-cantools is imported at the first load, and only its databases: much of canest needs no DBC, and a replay
+cantools is imported with the first file, and only its databases: much of canest needs no DBC, and a replay
 needs no bus.
 """
 
@@ -8,48 +8,43 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import io
 import sys
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from canest.core.errors import ConfigError
-from canest.decode.database_limits import MOST_FILE_BYTES, refuse_excess
+from canest.decode.database_limits import refuse_excess
 
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal
+#: formats whose files are written in Windows' letters; the others in UTF-8
+_WINDOWS_FORMATS = ("dbc", "sym")
 
-#: file -> its time of change and size when it was looked at, its bytes and what they say
-_parsed: dict[Path, tuple[tuple[int, int], bytes, Database]] = {}
 
+def parse(content: bytes, suffix: str, where: str) -> Database:
+    """Return the database that the bytes of a file hold.
 
-def load(path: str | Path) -> Database:
-    """Return the database of a file (DBC, or another format that cantools reads).
-
-    A file is parsed once: the same object comes back until there is something else in it.
-    Errors: ConfigError for a file that is missing, no database, or one without CAN messages.
+    suffix: of the file's name, .dbc, .kcd, .sym or .arxml. where: names the file in errors.
+    Errors: ConfigError for what is no database, is beyond any limit, or has no CAN messages.
     """
-    file = Path(path).resolve()
-    before = _parsed.get(file)
+    refuse_excess(content, where)
+    cantools_database = _cantools_database()
+    file_format = suffix[1:].lower()
+    encoding = "cp1252" if file_format in _WINDOWS_FORMATS else "utf-8"
     try:
-        status = file.stat()
-        # looked up first: what changes meanwhile is read next time
-        version = status.st_mtime_ns, status.st_size
-        if before is not None and before[0] == version:
-            return before[2]
-        with file.open("rb") as opened:
-            content = opened.read(MOST_FILE_BYTES + 1)
-    except OSError as error:
-        raise _cannot_read(str(path), error) from error
-    same = before is not None and before[1] == content
-    if before is not None and same:
-        found = before[2]
-    else:
-        refuse_excess(content, str(path))
-        found = _parse(file, str(path))
-    _parsed[file] = version, content, found
-    return found
+        text = io.TextIOWrapper(io.BytesIO(content), encoding=encoding, errors="replace")
+        loaded = cantools_database.load(text, file_format)
+    except Exception as error:  # a damaged file meets any exception of cantools' parsers
+        reason = str(error).strip().splitlines() or [type(error).__name__]
+        raise ConfigError(
+            "not a readable database", where=where, found=reason[0], expected="a DBC file"
+        ) from error
+    if not isinstance(loaded, cantools_database.Database) or not loaded.messages:
+        raise ConfigError("database without CAN messages", where=where, expected="a DBC file with messages")
+    database: Database = loaded
+    return database
 
 
 def _cantools_database() -> Any:
@@ -69,27 +64,6 @@ def _cantools_database() -> Any:
         del sys.modules[tester]
     vars(sys.modules["cantools"]).pop("tester", None)
     return database
-
-
-def _parse(path: Path, where: str) -> Database:
-    cantools_database = _cantools_database()
-    try:
-        loaded = cantools_database.load_file(path)
-    except OSError as error:
-        raise _cannot_read(where, error) from error
-    except Exception as error:  # a damaged file meets any exception of cantools' parsers
-        reason = str(error).strip().splitlines() or [type(error).__name__]
-        raise ConfigError(
-            "not a readable database", where=where, found=reason[0], expected="a DBC file"
-        ) from error
-    if not isinstance(loaded, cantools_database.Database) or not loaded.messages:
-        raise ConfigError("database without CAN messages", where=where, expected="a DBC file with messages")
-    database: Database = loaded
-    return database
-
-
-def _cannot_read(where: str, error: OSError) -> ConfigError:
-    return ConfigError("cannot read database", where=where, found=error.strerror or str(error))
 
 
 def find_signal(

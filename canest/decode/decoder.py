@@ -71,6 +71,7 @@ class Decoder:
         self._by_exact = {g.exact_id: g for g in self._groups if g.exact_id is not None}
         self._transport = Transport(self._is_wanted, self._transport_error)
         self.counters.transport = self._transport.counts
+        self._senders: dict[tuple[int, int | None], Sender] = {}
         self._routes: dict[int, _Route] = {}
         self._is_wanted_id: dict[int, bool] = {}  #: identifiers of data frames in short blocks
         self._transport_pgns = (
@@ -205,12 +206,11 @@ class Decoder:
         return None
 
     def _sender(self, group: Group, source: int | None) -> Sender:
-        sender = group.senders.get(source)
+        key = group.number, source  # an exact identifier has no source, so none is a group's number too
+        sender = self._senders.get(key)
         if sender is None:
-            sender = group.senders[source] = Sender(group, source)
-            key = group.pgn if group.pgn is not None else group.exact_id
-            assert key is not None
-            self.counters.senders[key, source] = sender.counters
+            sender = self._senders[key] = Sender(group, source)
+            self.counters.senders[key] = sender.counters
         return sender
 
     def _is_wanted(self, pgn: int, source: int) -> bool:

@@ -16,7 +16,6 @@ from canest.decode.ownership import Owner
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal
 
-    from canest.decode.senders import Sender
     from canest.decode.value_table import TextTable
 
 MAX_GROUPS = 250  #: slots of one byte
@@ -65,7 +64,13 @@ class Group:
     length: int
     selector: tuple[Field, frozenset[int]] | None
     signals: list[WantedSignal] = field(default_factory=list)
-    senders: dict[int | None, Sender] = field(default_factory=dict)
+
+    @property
+    def number(self) -> int:
+        """The parameter group's number, or the exact identifier."""
+        number = self.exact_id if self.pgn is None else self.pgn
+        assert number is not None
+        return number
 
     @property
     def multi_packet(self) -> bool:

@@ -19,6 +19,7 @@ import numpy as np
 from canest.config import load_config
 from canest.config.bus import Bus
 from canest.core.errors import CanestError, UsageError
+from canest.core.estimates import Estimates
 from canest.core.frames import EXTENDED, ID_MASK, FrameBlock
 from canest.demo import DRIVE, TRUTH
 from canest.live.daemon import Daemon
@@ -26,7 +27,6 @@ from canest.logs.reader import open_log
 from canest.logs.truth import read_truth
 from canest.node.estimate_frame import NOT_AVAILABLE_STATUS, Estimate, decode
 from canest.offline.scoring import Score
-from canest.pipeline.pipeline import Estimates
 from canest.pipeline.signal_map import decoder_for
 from canest.system.journal import Journal
 
@@ -37,10 +37,10 @@ if TYPE_CHECKING:
 CONFIG = "class8"
 #: errors are counted from here on: the first half minute is the launch from rest
 AFTER_S = 60.0
-#: event time handed over at once; the daemon's own beat is 20 ms of real time
+#: event time handed over at once; the daemon's own tick is 20 ms of real time
 _STEP_S = 0.01
-#: how long the daemon needs to speak about the last frames, once it has them
-_SPEAK_S = 0.12
+#: how long the daemon needs to broadcast its estimate of the last frames, once it has them
+_BROADCAST_DELAY_S = 0.12
 #: how long a busy machine may get on with none of them
 _STALLED_S = 10.0
 #: how long it may take to claim an address and make sure that nobody uses its group
@@ -49,7 +49,7 @@ _CLAIM_S = 5.0
 
 @dataclass(slots=True)
 class Moment:
-    """What the bus says at one moment of the drive. `estimate` comes from the daemon's broadcast."""
+    """The drive and its broadcast at one moment. `estimate` comes from the daemon's broadcast."""
 
     event_s: float
     duration_s: float
@@ -132,7 +132,7 @@ class Session:
         while self._sent < len(self.frames):
             passed = time.monotonic() - begin
             self._send_until(passed * self.speed)
-            self._hear()
+            self._receive()
             if passed >= due:
                 due = passed + every_s
                 yield self.moment()
@@ -168,7 +168,7 @@ class Session:
         end = time.monotonic() + _CLAIM_S
         while not self._broadcasts and self._failure is None and time.monotonic() < end:
             time.sleep(_STEP_S)
-            self._hear()
+            self._receive()
 
     def _wait_for_the_last(self) -> None:
         """Give a busy machine the time it needs for the last frames, while it gets on with them."""
@@ -178,14 +178,14 @@ class Session:
             now_us = self.daemon.pipeline.clock.last_us
             if now_us != reached_us:
                 reached_us, since = now_us, time.monotonic()
-                patience_s = _SPEAK_S if now_us == self._last_us else _STALLED_S
+                patience_s = _BROADCAST_DELAY_S if now_us == self._last_us else _STALLED_S
             time.sleep(_STEP_S)
-            self._hear()
+            self._receive()
 
     def _work(self) -> None:
         try:
             self.daemon.run(handle_signals=False)
-        except BaseException as error:  # told by `play`
+        except BaseException as error:  # raised by `play`
             self._failure = error
 
     def _send_until(self, event_s: float) -> None:
@@ -205,7 +205,7 @@ class Session:
                 )
             )
 
-    def _hear(self) -> None:
+    def _receive(self) -> None:
         while (message := self._bus.recv(0)) is not None:
             if message.arbitration_id >> 8 & 0x1FFFF != self.config.broadcast.pgn:
                 continue
@@ -214,7 +214,7 @@ class Session:
             if received is not None and received.intact:
                 self._broadcasts += 1
                 over = self._sent == len(self.frames)
-                # the bus is silent then, which the daemon tells: what it said of the drive stands
+                # the bus is silent then, so "not available" follows: keep the last estimate of the drive
                 if not (over and received.estimate.status == NOT_AVAILABLE_STATUS):
                     self._estimate = received.estimate
 

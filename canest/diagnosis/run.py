@@ -10,6 +10,7 @@ import numpy as np
 
 from canest.config.schema import Config
 from canest.core.errors import LogError, UsageError
+from canest.core.estimates import Estimates
 from canest.core.frames import FloatColumn
 from canest.diagnosis.data.drive import Drive, NothingToDiagnoseError
 from canest.diagnosis.data.least_squares import FOLDS
@@ -26,7 +27,6 @@ from canest.diagnosis.sentences import finding_of, too_short_finding
 from canest.diagnosis.verdict import little_left, verdict_of
 from canest.logs.memory import MemoryLog
 from canest.pipeline.build import effects_of
-from canest.pipeline.pipeline import Estimates
 
 #: so many blocks of open driving make a held-out score and its standard error; fewer are an anecdote
 MIN_CHUNKS = FOLDS

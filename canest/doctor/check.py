@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from canest.config.sections import Source
 from canest.core.frames import ERROR, EXTENDED, FloatColumn, FrameBlock, IntColumn
 from canest.core.roles import ROLES
 from canest.core.samples import STATUS_LABELS
@@ -24,13 +25,12 @@ from canest.doctor.torque_samples import StuckTorque
 from canest.doctor.warnings import log_notes, stream_notes
 from canest.pipeline.build import model_spec, stale_limit_s
 from canest.pipeline.pipeline import Pipeline
-from canest.pipeline.signal_map import SAYS_J1939, databases_of, decoder_for
+from canest.pipeline.signal_map import SAYS_J1939, decoder_for
 from canest.pipeline.tables import TableMap, wrong_kind
 from canest.vehicle.model import LongitudinalModel
 
 if TYPE_CHECKING:
     from canest.config import Config
-    from canest.config.schema import Source
     from canest.logs.base import LogReader
 
 Samples = dict[str, tuple[IntColumn, FloatColumn]]
@@ -201,7 +201,7 @@ class Doctor:
         source = self.config.signals[role]
         if source.message is None or source.signal is None:
             return False
-        message, _ = find_signal(databases_of(self.config), source.message, source.signal)
+        message, _ = find_signal(self.config.databases, source.message, source.signal)
         return (
             message.is_extended_frame
             and not is_j1939(message)
@@ -260,11 +260,9 @@ class Doctor:
 
 def _unasked_reference(config: Config) -> dict[str, Source]:
     """Return where an engine would tell its reference torque (SPN 544) that the config does not ask for."""
-    from canest.config.schema import Source
-
     if "engine_torque_pct" not in config.signals or "reference_torque" in config.signals:
         return {}
     told = Source(message="EC1", signal="EngReferenceTorque")
-    known = {m.name: m for database in databases_of(config) for m in database.messages}.get("EC1")
+    known = {m.name: m for database in config.databases for m in database.messages}.get("EC1")
     has = known is not None and is_j1939(known) and any(s.name == told.signal for s in known.signals)
     return {"reference_torque": told} if has else {}

@@ -13,16 +13,16 @@ from canest.core.roles import TWO_STATE
 from canest.decode import j1939
 from canest.decode.compile import FRAME_BYTES, CompiledSignal
 from canest.decode.database import find_signal, is_j1939
-from canest.decode.groups import exact_id
+from canest.decode.groups import build_groups, exact_id
 from canest.decode.validity import GEAR_PARK, gear_of_text, highest_valid
 from canest.decode.value_table import Label, labels_of
-from canest.pipeline.signal_map import databases_of
+from canest.pipeline.signal_map import wants_of
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
     from canest.config import Config
-    from canest.config.schema import Source
+    from canest.config.sections import Source
 
 #: different raw numbers of a signal that are counted
 _KEPT = 256
@@ -174,7 +174,7 @@ class RawValues:
 
     def __init__(self, config: Config) -> None:
         self._signals: dict[str, RawSignal] = {}
-        databases = databases_of(config)
+        databases = config.databases
         for role, source in config.signals.items():
             if source.message is None or source.signal is None:
                 continue
@@ -215,10 +215,7 @@ def text_hints(config: Config, texts: Mapping[str, Mapping[str, int]]) -> list[s
 
 def _used(config: Config, role: str) -> CompiledSignal:
     """Return a role's signal as the config has it decoded."""
-    from canest.decode.groups import build_groups
-    from canest.pipeline.signal_map import wants_of
-
-    (group,) = build_groups({role: wants_of(config)[role]}, databases_of(config))
+    (group,) = build_groups({role: wants_of(config)[role]}, config.databases)
     return group.signals[0].signal
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from canest.core.gates import Gate
 from canest.core.roles import ROLES
@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from canest.config import Config
     from canest.decode.counters import Counters
     from canest.grid.clock import Clock
-    from canest.offline.replay import LogRun
+    from canest.logs.base import LogReader
     from canest.pipeline.pipeline import Pipeline
+    from canest.pipeline.tables import TableMap
 
 #: a clock that is set back this often, and for this share of its stamps, is not one clock
 _FEW_JUMPS, _JUMPING_SHARE = 10, 0.01
@@ -28,7 +29,27 @@ _OPEN_SHARE = 0.05
 _MOST_IN_A_TICK = 200
 
 
-def why_unestimated(run: LogRun) -> str:
+class FinishedRun(Protocol):
+    """A log that has gone through a pipeline: what read it, and what took it."""
+
+    @property
+    def config(self) -> Config:
+        """The config in use."""
+
+    @property
+    def pipeline(self) -> Pipeline:
+        """What made the estimates, at the end of the log."""
+
+    @property
+    def table_map(self) -> TableMap:
+        """Which column of a table is which role."""
+
+    @property
+    def reader(self) -> LogReader:
+        """What read the log, at its end."""
+
+
+def why_unestimated(run: FinishedRun) -> str:
     """Return the reason: a signal that nothing works without, else the gates, else too little data."""
     if not run.reader.frames:
         return "the log is empty: it holds no frames"
@@ -90,7 +111,7 @@ def _clutch_lacks(role: str, config: Config, dead: Callable[[str], str]) -> str:
     return f"engine_speed tells none while {' and '.join(mapped)}, which tell of the clutch, have no value"
 
 
-def why_not_learning(run: LogRun) -> str:
+def why_not_learning(run: FinishedRun) -> str:
     """Return what kept an estimator with all its signals from an estimate."""
     pipeline = run.pipeline
     missing = pipeline.estimator.missing()
@@ -184,7 +205,7 @@ def _absence(config: Config, counters: Counters, role: str, frames: int) -> str:
     return f"was never seen in {frames:,} frames"
 
 
-def _lacking_column(run: LogRun) -> str:
+def _lacking_column(run: FinishedRun) -> str:
     held = set(getattr(run.reader, "columns", ()))
     bad: dict[str, int] = getattr(run.reader, "bad_cells", {})
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from canest.config.schema import Source
+    from canest.config.sections import Source
     from canest.decode.counters import Counters, SenderCounters
     from canest.decode.value_table import Label
 

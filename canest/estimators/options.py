@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from canest.core.errors import ConfigError
 from canest.core.nearest_name import expected_name
+from canest.core.validation import first_mistake
 
 WHERE = "estimator.options"
 
@@ -47,18 +48,10 @@ def parse(model: type[O], options: Mapping[str, Any] | None) -> O:
     try:
         return model(**given)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in first["loc"])
-        where = f"{WHERE}.{key}" if key else WHERE
-        if first["type"] == "extra_forbidden":
-            expected = expected_name(key, model.model_fields, "an option")
-            raise ConfigError("unknown option", where=where, found=key, expected=expected) from None
-        found = first["input"] if key else None
-        raise ConfigError(
-            "wrong value", where=where, found=found, expected=_expectation(first["msg"])
-        ) from None
-
-
-def _expectation(message: str) -> str:
-    """Turn pydantic's sentence ("Input should be greater than 0") into what was expected."""
-    return message.removeprefix("Value error, ").removeprefix("Input should be ")
+        mistake = first_mistake(error)
+        where = f"{WHERE}.{mistake.key}" if mistake.key else WHERE
+        if mistake.kind == "unknown key":
+            expected = expected_name(mistake.key, model.model_fields, "an option")
+            raise ConfigError("unknown option", where=where, found=mistake.key, expected=expected) from None
+        found = mistake.found if mistake.key else None
+        raise ConfigError("wrong value", where=where, found=found, expected=mistake.words) from None

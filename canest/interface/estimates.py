@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from canest.core import estimates as inner
 from canest.core.errors import UsageError
 from canest.core.frames import FloatColumn
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS
-from canest.pipeline import pipeline as inner
 
 if TYPE_CHECKING:
     import pandas as pd

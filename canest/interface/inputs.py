@@ -11,7 +11,8 @@ import yaml
 
 from canest.config.load import load_config
 from canest.config.of_table import config_of_table
-from canest.config.schema import Config, EstimatorSection
+from canest.config.schema import Config
+from canest.config.sections import EstimatorSection
 from canest.core.errors import ConfigError, UsageError
 from canest.core.frames import FrameBlock
 from canest.estimators.base import require_known

@@ -8,6 +8,7 @@ from typing import Any
 
 from canest.config.schema import Config
 from canest.core import jit
+from canest.core.estimates import Estimates
 from canest.core.samples import EstimateBlock, ModelBlock
 from canest.interface.comparison import Comparison
 from canest.interface.diagnosis import Diagnosis
@@ -16,7 +17,6 @@ from canest.interface.inputs import LogFile, log_of
 from canest.interface.signals import Signals
 from canest.logs.truth import Truth, read_truth
 from canest.offline.replay import compiling_pays, replay
-from canest.pipeline.pipeline import Estimates
 
 
 class _Collector:

@@ -29,7 +29,7 @@ _HOMES = ("/home", "/root", "/run/user")
 
 @dataclass(slots=True)
 class Installed:
-    """What was written, and what the user should know or do next."""
+    """What was written, and notes and next steps for the user."""
 
     written: list[Path] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
@@ -148,7 +148,7 @@ def _allow_network(path: Path, done: Installed) -> None:
         config = parse_config(done.config.read_text(encoding="utf-8")) if done.config is not None else None
         content = None if config is None else drop_in(config)
     except (CanestError, UnicodeDecodeError):
-        return  # an older config that is refused: whoever installs is told so
+        return  # an older config that is refused: the command reports so
     there = path.read_text(encoding="utf-8", errors="replace") if path.exists() else None
     if there is not None and there != content:
         needed = "uses no network" if content is None else f"needs {', '.join(content.splitlines()[2:])}"

@@ -6,11 +6,11 @@ import os
 from typing import Any
 
 from canest.config.schema import Config
+from canest.core.estimates import Estimates
 from canest.core.frames import FrameBlock
-from canest.live.memory import place
+from canest.live.mass_store import place
 from canest.live.record import Ring, TextLog, candump_renderer, render_estimates
 from canest.logs.writer import HEADER
-from canest.pipeline.pipeline import Estimates
 from canest.system.files import Background, write_atomically
 from canest.telemetry import metrics
 
@@ -28,7 +28,7 @@ class Outputs:
             self._frames.append(TextLog(path, candump_renderer(channel), background, kind="record"))
         folder = service.residual_dir
         if folder is None and "STATE_DIRECTORY" in os.environ:
-            folder = "recorded"  # a service keeps what it saw: `canest diagnose --recorded`
+            folder = "recorded"  # a service keeps what it received: `canest diagnose --recorded`
         if folder is not None:
             limit = int(service.residual_max_mb * 1e6)
             self._frames.append(Ring(place(folder, "STATE_DIRECTORY"), channel, limit, background))
@@ -40,24 +40,24 @@ class Outputs:
             path = place(service.log_estimates, "STATE_DIRECTORY")
             self._estimates = TextLog(path, render_estimates, background, kind="estimates", header=HEADER)
 
-    def frames(self, frames: FrameBlock, now_s: float) -> None:
-        """Record received frames; an empty block brings what is held to the disk when its time has come."""
+    def add_frames(self, frames: FrameBlock, now_s: float) -> None:
+        """Record received frames; an empty block only writes what is held, when that is due."""
         for log in self._frames:
             log.add(frames, now_s)
 
-    def estimates(self, estimates: Estimates, now_s: float) -> None:
-        """Log estimates; an empty block as for `frames`."""
+    def add_estimates(self, estimates: Estimates, now_s: float) -> None:
+        """Log estimates; an empty block as for `add_frames`."""
         if self._estimates is not None:
             self._estimates.add(estimates, now_s)
 
-    def idle(self, now_s: float) -> None:
-        """Bring what is held to the disk although nothing new comes."""
-        self.frames(FrameBlock.empty(), now_s)
-        self.estimates(Estimates.concatenate([]), now_s)
+    def flush_due(self, now_s: float) -> None:
+        """Write what is held, when that is due, although nothing new comes."""
+        self.add_frames(FrameBlock.empty(), now_s)
+        self.add_estimates(Estimates.concatenate([]), now_s)
 
     @property
     def wants_metrics(self) -> bool:
-        """Return whether anybody reads metrics."""
+        """Return whether a metrics file or port is configured."""
         return self._metrics is not None or self._service.metrics_port is not None
 
     def write_metrics(self, snapshot: dict[str, Any]) -> None:

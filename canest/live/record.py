@@ -18,11 +18,11 @@ from io import FileIO
 from pathlib import Path
 from typing import Generic, TypeVar
 
+from canest.core.estimates import Estimates
 from canest.core.frames import FrameBlock
 from canest.logs.writer import candump_text, estimates_csv
-from canest.pipeline.pipeline import Estimates
 from canest.system.atomic_file import not_regular, require_regular
-from canest.system.files import Background, naming
+from canest.system.files import Background, file_name_in_errors
 
 Block = TypeVar("Block", bound=Sized)
 
@@ -62,11 +62,11 @@ class _Spool(Generic[Block]):
         self._background.submit(self._kind, self._finish)
 
     def _put(self, blocks: list[Block]) -> None:
-        with naming(self._path):
+        with file_name_in_errors(self._path):
             self._write(self._render(blocks))
 
     def _finish(self) -> None:
-        with naming(self._path):
+        with file_name_in_errors(self._path):
             self._end()
 
     def _write(self, text: bytes) -> None:
@@ -127,7 +127,7 @@ class TextLog(_Spool[Block]):
 
     def _take_back(self, begin: int) -> None:
         assert self._file is not None
-        with contextlib.suppress(OSError):  # a device or pipe cannot; what is told is why the write failed
+        with contextlib.suppress(OSError):  # a device or pipe cannot; the error reported is that of the write
             self._file.truncate(begin)
             self._file.seek(begin)
 
@@ -143,7 +143,7 @@ def _open_to_append(path: Path) -> FileIO:
 
 
 class Ring(_Spool[FrameBlock]):
-    """Compressed segments in one folder, together never larger than ``max_bytes``: what the vehicle saw.
+    """Compressed segments in one folder, together never larger than ``max_bytes``: what the bus carried.
 
     Named by time and channel, readable by every command that reads logs; the oldest go first. Those
     of a time yet to come were written before the clock was set back: they go before all others.

@@ -1,7 +1,7 @@
-"""A changed config taken over while the daemon runs: all that it makes anew is built before any is let go.
+"""A changed config put into force while the daemon runs: new parts are built before old ones are dropped.
 
 Whatever takes long (files, validation, databases, the pipeline) is done by a thread of its own, while the
-loop goes on; what touches the bus and the doors is done by the loop, in one go.
+loop goes on; `replacement` touches the bus and the endpoints, so the loop calls it, in one go.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ from canest.bus.protocols import Receiver
 from canest.config.schema import Config
 from canest.node.node import Node, join
 from canest.pipeline.pipeline import Listener, Pipeline
-from canest.pipeline.signal_map import databases_of
-from canest.telemetry.endpoints import Doors
+from canest.system.journal import Journal
+from canest.system.systemd_notify import Notifier
+from canest.telemetry.endpoints import Endpoints
 
 #: sections of a config whose change means to leave the bus and join it anew
-_MAKES_THE_BUS = ("bus", "broadcast", "signals", "dbc")
+_BUS_SECTIONS = ("bus", "broadcast", "signals", "dbc")
 #: sections of a config whose change means to estimate anew, from the mass learned so far
-_MAKES_THE_ESTIMATE = (
+_ESTIMATE_SECTIONS = (
     "bus", "dbc", "signals", "sampling", "vehicle", "effects", "filter", "gates", "estimator",
 )  # fmt: skip
 #: a config that has not been read by then is refused; the largest database takes less
@@ -37,7 +38,7 @@ class Prepared:
 
 
 @dataclass(frozen=True)
-class Renewed:
+class Replacement:
     """The config in force from now on, and what it makes anew: None for what goes on as it is."""
 
     config: Config
@@ -55,41 +56,77 @@ class _Attempt:
 
 
 @dataclass
-class Reloads:
-    """Reads the config in the background, one attempt at a time, and counts what came of it.
+class ConfigReloader:
+    """Reads the config in the background, one attempt at a time; counts, logs and notifies its outcome.
 
-    read: reads the config (None: there is nothing to reload). taken, refused: attempts by their outcome.
-    refused_because: why the newest one was refused, '' when it was taken.
+    read: reads the config (None: there is nothing to reload). accepted, refused: attempts by their outcome.
+    refused_because: why the newest one was refused, '' when it was accepted.
     """
 
     read: Callable[[], Config] | None
-    taken: int = 0
+    journal: Journal
+    notifier: Notifier
+    accepted: int = 0
     refused: int = 0
     refused_because: str = ""
     _attempt: _Attempt | None = None
-    _given_up: list[threading.Thread] = field(default_factory=list)
+    _timed_out: list[threading.Thread] = field(default_factory=list)
 
     @property
     def under_way(self) -> bool:
-        """Return whether an attempt has begun whose outcome nobody has taken yet."""
+        """Return whether an attempt has begun whose outcome has not been fetched."""
         return self._attempt is not None
 
     def begin(self, old: Config, running: Pipeline, listener: Listener, now_s: float) -> None:
         """Start to read the config and to build its pipeline. old, running: what is in force meanwhile.
 
-        listener: of a new pipeline. Errors: TimeoutError while an attempt that was given up still hangs.
+        listener: of a new pipeline. Refused while an attempt that timed out still hangs.
         """
         read = self.read
         if read is None or self.under_way:
             return
-        self._given_up = [thread for thread in self._given_up if thread.is_alive()]
-        if self._given_up:  # a thread for every signal would be more and more of them
-            raise TimeoutError("the config of the reload before is still being read")
+        self.notifier.reloading()
+        try:
+            self._timed_out = [thread for thread in self._timed_out if thread.is_alive()]
+            if self._timed_out:  # a thread for every signal would be more and more of them
+                raise TimeoutError("the config of the reload before is still being read")  # noqa: TRY301
+            self._start(lambda: prepare(old, read, running, listener), now_s)
+        except Exception as error:  # no thread to be had, or one that hangs
+            self.refuse(error)
+
+    def finished(self, now_s: float) -> Prepared | None:
+        """Return the config once it is read, and refuse it if that failed; None while there is none."""
+        outcome = self._outcome(now_s)
+        if isinstance(outcome, Exception):
+            self.refuse(outcome)
+            return None
+        return outcome
+
+    def accept(self, config_name: str) -> None:
+        """Report that the config is in force."""
+        self.accepted += 1
+        self.refused_because = ""
+        self.journal.notice("reloaded", config=config_name)
+        self.notifier.ready()
+
+    def refuse(self, error: Exception) -> None:
+        """Report that the config before stays in force."""
+        self.refused += 1
+        self.refused_because = str(error) or type(error).__name__
+        self.journal.error("reload-refused", error=self.refused_because)
+        self.notifier.ready()
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait for the thread of an attempt (not for the loop: tests)."""
+        if self._attempt is not None and self._attempt.thread is not None:
+            self._attempt.thread.join(timeout_s)
+
+    def _start(self, prepare_config: Callable[[], Prepared], now_s: float) -> None:
         attempt = _Attempt(now_s + LONGEST_S)
 
         def work() -> None:
             try:
-                attempt.outcome = prepare(old, read, running, listener)
+                attempt.outcome = prepare_config()
             except Exception as error:  # whatever is wrong with the new config
                 # its frames hold this attempt, and would keep it and the old pipeline for long
                 attempt.outcome = error.with_traceback(None)
@@ -98,63 +135,47 @@ class Reloads:
         self._attempt = attempt
         attempt.thread.start()
 
-    def outcome(self, now_s: float) -> Prepared | Exception | None:
-        """Return what the attempt has come to, None while it goes on.
-
-        An exception, of any type, is what is wrong with the config; a TimeoutError that it took too long.
-        """
+    def _outcome(self, now_s: float) -> Prepared | Exception | None:
+        """Return the outcome of the attempt, an exception of any type if it failed, None while it goes on."""
         attempt = self._attempt
         if attempt is None or attempt.thread is None:
             return None
         if attempt.outcome is None and attempt.thread.is_alive():
             if now_s < attempt.end_s:
                 return None
-            self._given_up.append(attempt.thread)
+            self._timed_out.append(attempt.thread)
         self._attempt = None
         return attempt.outcome or TimeoutError(f"the config could not be read within {LONGEST_S:g} s")
 
-    def note(self, refused_because: str) -> None:
-        """Count an attempt: '' when it was taken."""
-        self.refused_because = refused_because
-        if refused_because:
-            self.refused += 1
-        else:
-            self.taken += 1
-
-    def wait(self, timeout_s: float) -> None:
-        """Wait for the thread of an attempt (not for the loop: tests)."""
-        if self._attempt is not None and self._attempt.thread is not None:
-            self._attempt.thread.join(timeout_s)
-
 
 def prepare(old: Config, read: Callable[[], Config], running: Pipeline, listener: Listener) -> Prepared:
-    """Read a config, and its databases, and build the pipeline that it asks for, beside what runs.
+    """Read a config, and its databases, and build the pipeline that it asks for, beside the running one.
 
     Errors: whatever is wrong with the config, of any type.
     """
     config = read()
     changed = {part for part in Config.model_fields if getattr(config, part) != getattr(old, part)}
-    if databases_of(config) != running.decoder.databases:  # a file of the same name with other content
+    if config.databases != running.decoder.databases:  # a file of the same name with other content
         changed.add("dbc")
-    following = None
-    if not changed.isdisjoint(_MAKES_THE_ESTIMATE):
-        following = Pipeline(config, listener=listener)
-    return Prepared(config, frozenset(changed), following)
+    new = None
+    if not changed.isdisjoint(_ESTIMATE_SECTIONS):
+        new = Pipeline(config, listener=listener)
+    return Prepared(config, frozenset(changed), new)
 
 
-def renew(prepared: Prepared, running: Pipeline, doors: Doors | None) -> Renewed:
-    """Join the bus anew where that is needed, and let the doors follow, if there are any.
+def replacement(prepared: Prepared, running: Pipeline, endpoints: Endpoints | None) -> Replacement:
+    """Join the bus anew where that is needed, and move the endpoints, if there are any.
 
     Errors: whatever is wrong with the config, of any type; everything is as it was then.
     """
     config, joined = prepared.config, None
-    if not prepared.changed.isdisjoint(_MAKES_THE_BUS):
+    if not prepared.changed.isdisjoint(_BUS_SECTIONS):
         joined = join(config, (prepared.pipeline or running).decoder.can_filters())
     try:
-        if doors is not None:
-            doors.follow(config)
+        if endpoints is not None:
+            endpoints.move(config)
     except Exception:
         if joined is not None:
             joined[0].close()
         raise
-    return Renewed(config, prepared.pipeline, joined)
+    return Replacement(config, prepared.pipeline, joined)

@@ -1,4 +1,4 @@
-"""Learning that survives: the mass of the vehicle, with its doubt and what it belongs to, over a restart.
+"""The state file: the learned mass, its standard deviation and its vehicle, kept over a restart.
 
 Only what was valid is ever saved, and only what is ours, whole, recent enough in format and not from the
 future is restored. Everything else is set aside under another name, never deleted and never used.
@@ -22,11 +22,11 @@ VERSION = 1  #: of the file; another one is never restored
 _MAX_BYTES = 65_536
 _CLOCK_TOLERANCE_S = 60.0  #: a file this far in the future is a clock's adjustment, not a mistake
 
-#: A stop may change the load. The doubt it brings, as a share of the standard deviation of a mass that is
-#: anywhere between empty and full, grows with the time nobody watched: at once STOP_SHARE, all of it in days.
+#: A stop may change the load. It adds a share of the standard deviation of a mass that is anywhere between
+#: empty and full: STOP_SHARE at once, growing with the time since the state was saved to all of it in days.
 STOP_SHARE = 0.05
 STOP_TIME_S = 8 * 3600.0
-#: nobody stops, unloads and drives on in less; a daemon away for longer cannot know
+#: nobody stops, unloads and drives on in less; after a longer pause the load is uncertain
 DRIVING_ON_S = 120.0
 #: the same load weighs this much more or less under another config (effects, radius, efficiency)
 CONFIG_CHANGE_STD = 0.03
@@ -51,7 +51,7 @@ class Learned:
 
 @dataclass(frozen=True, slots=True)
 class Restored:
-    """The outcome of looking for a file: what it holds (or None), and what to say about it ('' nothing)."""
+    """The outcome of looking for a file: what it holds (or None), and a message for the log ('' none)."""
 
     learned: Learned | None
     message: str = ""
@@ -78,7 +78,7 @@ def save(path: Path, learned: Learned) -> None:
 def load(path: Path, config: Config, now_s: float) -> Restored:
     """Look for what was learned of this config's vehicle; never raises.
 
-    A file that must not be used is renamed to NAME.bad-REASON, and the message says why.
+    A file that must not be used is renamed to NAME.bad-REASON, and the message has the reason.
     """
     try:
         content = _content(path)
@@ -86,7 +86,7 @@ def load(path: Path, config: Config, now_s: float) -> Restored:
         return Restored(None)
     except OSError as error:
         return Restored(None, f"{path}: cannot be read ({error.strerror}), starting without it")
-    learned, reason, why = _judge(content[:_MAX_BYTES], config, now_s)
+    learned, reason, why = _checked(content[:_MAX_BYTES], config, now_s)
     if learned is not None:
         return Restored(learned)
     aside = path.with_name(f"{path.name}.bad-{reason}")
@@ -136,7 +136,7 @@ def widened_std_kg(learned: Learned, config: Config, now_s: float) -> float:
     return math.hypot(*parts)
 
 
-def _judge(content: bytes, config: Config, now_s: float) -> tuple[Learned | None, str, str]:
+def _checked(content: bytes, config: Config, now_s: float) -> tuple[Learned | None, str, str]:
     """Return (what it holds, '', '') or (None, reason for the name, reason for a person)."""
     try:
         raw = dict(json.loads(content))
@@ -158,7 +158,7 @@ def _judge(content: bytes, config: Config, now_s: float) -> tuple[Learned | None
     low, high = config.vehicle.mass_min_kg, config.vehicle.mass_max_kg
     if not (low <= learned.mass_kg <= high and learned.mass_std_kg <= high):
         found = f"{learned.mass_kg:g} +- {learned.mass_std_kg:g} kg"
-        return None, "range", f"says {found}, expected {low:g}..{high:g}"
+        return None, "range", f"holds {found}, expected {low:g}..{high:g}"
     return learned, "", ""
 
 

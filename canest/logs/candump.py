@@ -174,7 +174,7 @@ def _parse_rows(
     layout: Layout, chars: NDArray[np.uint8], starts: IntColumn, width: int
 ) -> tuple[FrameBlock, BoolColumn]:
     if jit.enabled():
-        from canest.logs import compiled
+        from canest.logs import compiled  # numba
 
         return compiled.parse(layout, chars, starts)
     if starts[-1] - starts[0] == (len(starts) - 1) * (width + 1):  # back to back already: no need to copy

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from canest.core.errors import LogError, how_to_add
+from canest.core.errors import LogError
 from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.logs.base import LogReader
 from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
@@ -23,6 +23,7 @@ from canest.logs.compression import Source
 from canest.logs.damaged import blf_reader, hushed, hushed_messages, sqlite_reader
 from canest.logs.lines import CLASSIC_BYTES
 from canest.logs.textlines import Lines, in_plain_words
+from canest.system.installation import how_to_add
 
 _TEXT_BYTES = 1 << 18
 _SECONDS_MAX = 9e12

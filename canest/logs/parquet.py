@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.core.errors import LogError, how_to_add
+from canest.core.errors import LogError
 from canest.core.table_block import TableBlock
 from canest.logs.compression import Source
 from canest.logs.tables import TableReader, number_of, seconds_of
+from canest.system.installation import how_to_add
 
 _READ_BYTES = 1 << 20
 

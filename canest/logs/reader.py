@@ -54,7 +54,7 @@ def open_log(
         if head.startswith(magic):
             return _from_python_can(source, head, binary_suffix, wanted, channel, block_frames)
     if head.startswith(_PARQUET):
-        from canest.logs.parquet import ParquetReader
+        from canest.logs.parquet import ParquetReader  # wanted for this format alone
 
         _refuse_channel(source, channel)
         return ParquetReader(source, head, time_column, columns, block_frames, as_text)
@@ -62,7 +62,7 @@ def open_log(
         return CandumpReader(source, text, CandumpParser(wanted, channel), block_frames)
     text_suffix = _text_format(text, suffix)
     if text_suffix == "table":
-        from canest.logs.tables import CsvReader
+        from canest.logs.tables import CsvReader  # as above
 
         _refuse_channel(source, channel)
         return CsvReader(source, text, time_column, columns, block_frames, as_text)
@@ -88,7 +88,7 @@ def _refuse_channel(source: Source, channel: str | None) -> None:
 def _from_python_can(
     source: Source, head: bytes, suffix: str, wanted: Wanted | None, channel: str | None, block_frames: int
 ) -> LogReader:
-    from canest.logs.others import PythonCanReader
+    from canest.logs.others import PythonCanReader  # as above
 
     return PythonCanReader(source, head, suffix, wanted, channel, block_frames)
 

@@ -14,16 +14,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from canest.core.errors import OutputError, how_to_add
+from canest.core.errors import OutputError
 from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS
 from canest.logs import ascii as text
 from canest.logs.lines import CLASSIC_BYTES
+from canest.system.installation import how_to_add
 from canest.system.result_files import open_result, output_errors
 
 if TYPE_CHECKING:
-    from canest.pipeline.pipeline import Estimates
+    from canest.core.estimates import Estimates
+
 
 HEADER = b"t_s,mass_kg,mass_std_kg,grade,grade_std,status,gate\n"
 MASS_DECIMALS = 1

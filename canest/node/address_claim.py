@@ -1,7 +1,7 @@
 """J1939 address claim (SAE J1939-81) as a state machine without input, output or clock.
 
-It is told what arrives and what time it is (microseconds of a monotonic clock), and answers with frames to
-send. It owns an address only after its claim stood 250 ms unopposed; until then, and after it has lost
+Inputs are received claims and requests with the time (microseconds of a monotonic clock); outputs are frames
+to send. It owns an address only after its claim stood 250 ms unopposed; until then, and after it has lost
 every address, nothing may be broadcast. All it sends passes one token bucket, so nobody can make it flood:
 answers that found the bucket empty are merged into one, sent as soon as a token is there.
 """
@@ -25,7 +25,7 @@ FIRST_ADDRESS, LAST_ADDRESS = 128, 247  #: the self-configurable addresses
 _DELAY_STEP_US = 600
 BURST, REFILL_US = 8, 200_000  #: token bucket: at most 8 frames at once, 5 per second in the long run
 #: no tick for this long (SIGSTOP, a suspended machine): somebody may have taken the address meanwhile
-_ASLEEP_US = 2_000_000
+_SUSPENDED_US = 2_000_000
 
 Frame = tuple[int, bytes]  #: identifier with flags, payload
 
@@ -74,7 +74,7 @@ class AddressClaim:
         self._sent_us = 0  #: when the present claim went out
         self._announced = False  #: the present claim has gone out at least once
         self._tokens, self._refilled_us = float(BURST), 0
-        self._awake_us: int | None = None  #: when `poll` was last called
+        self._boottime_us: int | None = None  #: when `poll` was last called
 
     @property
     def address(self) -> int | None:
@@ -88,7 +88,7 @@ class AddressClaim:
         self._claim(self._preferred, now_us)
 
     def on_claim(self, source: int, name: int, now_us: int) -> None:
-        """Somebody claims ``source`` (254: says that it cannot claim any)."""
+        """Handle a claim of ``source`` (254: the sender cannot claim any address)."""
         if source >= NULL_ADDRESS:
             return
         self._taken = {a: n for a, n in self._taken.items() if n != name}  # it has left its old address
@@ -97,10 +97,10 @@ class AddressClaim:
             return
         self.counters["address_contests"] += 1
         if self.name < name:
-            self._due_us = now_us  # ours wins: say so again
+            self._due_us = now_us  # ours wins: repeat the claim
             return
         if self.name == name and self.state is State.OWNED:
-            self._claim(source, now_us)  # who comes second with our NAME hears it, and yields as we would
+            self._claim(source, now_us)  # a second node with our NAME receives it, and yields as we would
             return
         self.counters["addresses_lost"] += 1
         self._lost.add(source)
@@ -114,18 +114,18 @@ class AddressClaim:
             self._claim(following, now_us)
 
     def on_request(self, now_us: int) -> None:
-        """Somebody asks who owns which address: repeat the claim, or that we could not claim."""
+        """Answer a request for address claims: repeat the claim, or that we could not claim."""
         if self.state is not State.IDLE and self._due_us is None:
             self._due_us = now_us + (self._delay_us if self.state is State.CANNOT_CLAIM else 0)
 
-    def poll(self, now_us: int, awake_us: int | None = None) -> list[Frame]:
+    def poll(self, now_us: int, boottime_us: int | None = None) -> list[Frame]:
         """Return the frames to send now; call every tick.
 
-        awake_us: the time of a clock that goes on while the machine is suspended (default: ``now_us`` does).
+        boottime_us: time of a clock that goes on while the machine is suspended (default: ``now_us``).
         """
-        before_us, self._awake_us = self._awake_us, now_us if awake_us is None else awake_us
-        asleep = before_us is not None and self._awake_us - before_us > _ASLEEP_US
-        if asleep and self.state is State.OWNED:
+        before_us, self._boottime_us = self._boottime_us, now_us if boottime_us is None else boottime_us
+        suspended = before_us is not None and self._boottime_us - before_us > _SUSPENDED_US
+        if suspended and self.state is State.OWNED:
             self.counters["reclaimed_after_sleep"] += 1
             self._claim(self._candidate, now_us)
         if self.state is State.CANNOT_CLAIM and self._announced and now_us - self._sent_us >= RETRY_US:
@@ -141,7 +141,7 @@ class AddressClaim:
         return frames
 
     def not_sent(self, now_us: int) -> None:
-        """The bus did not take the frame of the last `poll`: it has to be said again."""
+        """The interface did not take the frame of the last `poll`: it is sent again."""
         self._due_us = now_us
         if self.state is not State.OWNED:
             self._announced = False
@@ -160,7 +160,7 @@ class AddressClaim:
 
     @property
     def _delay_us(self) -> int:
-        """How long we wait before we say that we cannot claim."""
+        """Delay before "cannot claim" is sent."""
         return (self.name * 2654435761 >> 16 & 0xFF) * _DELAY_STEP_US
 
     def _next_address(self) -> int | None:

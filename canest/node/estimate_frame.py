@@ -27,10 +27,10 @@ GRADE_STD_STEP = 0.0004
 NOT_AVAILABLE_STATUS = 3
 NOT_AVAILABLE_GATE = 63
 #: every status in words, by its code
-STATUS_WORDS = (*STATUS_LABELS.values(), "not available")
+STATUS_NAMES = (*STATUS_LABELS.values(), "not available")
 
 _LARGEST_16, _LARGEST_8 = 0xFAFF, 0xFA  #: J1939-71: from 0xFB.. on bytes mean error or not available
-_NONE_16, _NONE_8 = 0xFFFF, 0xFF
+_NOT_AVAILABLE_16, _NOT_AVAILABLE_8 = 0xFFFF, 0xFF
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,23 +59,25 @@ def encode(estimate: Estimate, counter: int, can_id: int) -> bytes:
 
     A standard deviation beyond its range is sent as the largest there is: "at least".
     """
-    mass = _raw(estimate.mass_kg / MASS_STEP_KG, _LARGEST_16, _NONE_16)
-    mass_std = _NONE_8
-    if mass != _NONE_16 and estimate.mass_kg > 0:
+    mass = _raw(estimate.mass_kg / MASS_STEP_KG, _LARGEST_16, _NOT_AVAILABLE_16)
+    mass_std = _NOT_AVAILABLE_8
+    if mass != _NOT_AVAILABLE_16 and estimate.mass_kg > 0:
         mass_std = _raw(
-            min(estimate.mass_std_kg / estimate.mass_kg / MASS_STD_STEP, _LARGEST_8), _LARGEST_8, _NONE_8
+            min(estimate.mass_std_kg / estimate.mass_kg / MASS_STD_STEP, _LARGEST_8),
+            _LARGEST_8,
+            _NOT_AVAILABLE_8,
         )
-    grade = _raw((estimate.grade - GRADE_OFFSET) / GRADE_STEP, _LARGEST_16, _NONE_16)
-    grade_std = _NONE_8
-    if grade != _NONE_16:
-        grade_std = _raw(min(estimate.grade_std / GRADE_STD_STEP, _LARGEST_8), _LARGEST_8, _NONE_8)
+    grade = _raw((estimate.grade - GRADE_OFFSET) / GRADE_STEP, _LARGEST_16, _NOT_AVAILABLE_16)
+    grade_std = _NOT_AVAILABLE_8
+    if grade != _NOT_AVAILABLE_16:
+        grade_std = _raw(min(estimate.grade_std / GRADE_STD_STEP, _LARGEST_8), _LARGEST_8, _NOT_AVAILABLE_8)
     word = mass | mass_std << 16 | grade << 24 | grade_std << 40
     word |= (estimate.status & 3) << 48 | (estimate.gate & 63) << 50 | (counter & 15) << 56
     return (word | checksum(word, can_id) << 60).to_bytes(8, "little")
 
 
 def decode(payload: bytes, can_id: int) -> Received | None:
-    """Return what a frame says; None when it has not eight bytes."""
+    """Return the content of a frame; None when it has not eight bytes."""
     if len(payload) != 8:
         return None
     word = int.from_bytes(payload, "little")

@@ -1,4 +1,4 @@
-"""A well-behaved J1939 node: owns an address before it speaks, answers requests, yields a used group."""
+"""J1939 network management: address before the first broadcast, answers to requests, our own group."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from collections.abc import Set
 from canest.config.bus import Broadcast
 from canest.decode import j1939
 from canest.node.address_claim import CLAIM_PGN, AddressClaim, Frame, encode_name
-from canest.node.bus_monitor import BusWatch, Request
+from canest.node.bus_monitor import BusMonitor, Request
 
-#: before the first broadcast: long enough to hear anybody who sends in our group once a second
+#: before the first broadcast: long enough to receive from anybody who sends in our group once a second
 LISTEN_US = 1_500_000
-#: after a foreign user of our group has fallen silent for this long, the group is free
+#: without a frame from another user of our group for this long, the group is free
 QUIET_US = 60_000_000
 
 _ACKNOWLEDGE_PGN = 0xE800  #: 59392
@@ -21,7 +21,7 @@ _ANSWERS_QUEUED = 8  #: refused requests waiting for their answer; more are drop
 _ANSWER_EVERY_US = 100_000
 
 
-class Citizen:
+class NetworkManagement:
     """Decides when and from which address anything may be sent.
 
     groups: parameter groups that may be asked of us. Times are microseconds of a monotonic clock.
@@ -32,34 +32,34 @@ class Citizen:
         self._groups = groups
         self._own_pgn = broadcast.pgn
         self.counters: Counter[str] = Counter()
-        #: groups of ours that were requested since the last look; the broadcaster takes them
+        #: groups of ours that were requested since they were last sent; the broadcaster sends them
         self.requested: set[int] = set()
         self.group_user: int | None = None  #: address that uses our group since before we did
         self._listening_since_us = 0
-        self._spoken = False
+        self._has_sent = False
         #: requester and group of the directed requests since the last `refusals`, each once
         self._directed: dict[tuple[int, int], None] = {}
         self._answers: deque[tuple[int, int]] = deque()
         self._answer_at_us = 0
 
     def start(self, now_us: int) -> None:
-        """The bus is there (again): claim an address, listen before speaking."""
+        """Claim an address and listen before the first broadcast; called whenever the bus was opened."""
         self._listening_since_us = now_us
-        self._spoken = False
+        self._has_sent = False
         self.claim.start(now_us)
 
-    def observe(self, watch: BusWatch, now_us: int) -> None:
-        """Take what the last frames said to nodes."""
-        for source, name in watch.claims:
+    def observe(self, monitor: BusMonitor, now_us: int) -> None:
+        """Handle the claims and requests among the last frames."""
+        for source, name in monitor.claims:
             self.claim.on_claim(source, name, now_us)
-        for request in watch.requests:
+        for request in monitor.requests:
             if request.destination in (j1939.GLOBAL_ADDRESS, self.claim.address):
-                self._requested(request, now_us)
-        self._watch_group(watch, now_us)
+                self._handle_request(request, now_us)
+        self._update_group_user(monitor, now_us)
 
-    def poll(self, now_us: int, awake_us: int | None = None) -> list[Frame]:
+    def poll(self, now_us: int, boottime_us: int | None = None) -> list[Frame]:
         """Return the claims to send now (times as in `AddressClaim.poll`)."""
-        return self.claim.poll(now_us, awake_us)
+        return self.claim.poll(now_us, boottime_us)
 
     def refusals(self, now_us: int, available: Set[int]) -> list[Frame]:
         """Return the acknowledgments due: each directed request is owed an answer (SAE J1939-21, PGN 59392).
@@ -83,15 +83,15 @@ class Citizen:
         payload = bytes([_NACK, 0xFF, 0xFF, 0xFF, requester]) + pgn.to_bytes(3, "little")
         return [(j1939.pack(_ACKNOWLEDGE_PGN, address), payload)]
 
-    def address_to_speak_from(self, now_us: int) -> int | None:
-        """Return the address to broadcast from, None while we have to be silent."""
-        if self.silence(now_us):
+    def broadcast_address(self, now_us: int) -> int | None:
+        """Return the address to broadcast from, None while nothing may be sent."""
+        if self.silence_reason(now_us):
             return None
-        self._spoken = True
+        self._has_sent = True
         return self.claim.address
 
-    def silence(self, now_us: int) -> str:
-        """Return in plain words why nothing is broadcast ('' when something is)."""
+    def silence_reason(self, now_us: int) -> str:
+        """Return one sentence on why nothing is broadcast ('' when something is)."""
         if self.claim.address is None:
             return f"no address ({self.claim.reason or self.claim.state.value})"
         if self.group_user is not None:
@@ -100,7 +100,7 @@ class Citizen:
             return "listening before the first broadcast"
         return ""
 
-    def _requested(self, request: Request, now_us: int) -> None:
+    def _handle_request(self, request: Request, now_us: int) -> None:
         if request.pgn == CLAIM_PGN:
             self.counters["requests_for_claim"] += 1
             self.claim.on_request(now_us)
@@ -111,12 +111,12 @@ class Citizen:
         if request.destination != j1939.GLOBAL_ADDRESS:
             self._directed[request.source, request.pgn] = None
 
-    def _watch_group(self, watch: BusWatch, now_us: int) -> None:
-        for source in [s for s, heard in watch.group_users.items() if now_us - heard > QUIET_US]:
-            del watch.group_users[source]
-        others = [s for s in watch.group_users if s != self.claim.address]
+    def _update_group_user(self, monitor: BusMonitor, now_us: int) -> None:
+        for source in [s for s, received in monitor.group_users.items() if now_us - received > QUIET_US]:
+            del monitor.group_users[source]
+        others = [s for s in monitor.group_users if s != self.claim.address]
         if not others:
             self.group_user = None
-        elif not self._spoken:
+        elif not self._has_sent:
             self.group_user = others[0]
-        # who comes after us is reported, but does not silence us: else one forged frame could
+        # a later user of our group is reported, but does not stop our broadcast: one forged frame could

@@ -1,4 +1,4 @@
-"""The daemon as a node of the bus: what it notices there, and, unless it only listens, what it says."""
+"""The daemon as a J1939 node: it monitors the bus and, unless it only listens, sends the estimate."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from canest.bus.protocols import Filters, Receiver, Transmitter
 from canest.config.schema import Config
 from canest.core.frames import FrameBlock
 from canest.node.broadcast import Broadcaster
-from canest.node.bus_monitor import CVW_PGN, BusWatch
+from canest.node.bus_monitor import CVW_PGN, BusMonitor
 from canest.node.estimate_frame import Estimate
-from canest.node.network_management import Citizen
+from canest.node.network_management import NetworkManagement
 
-_AWAKE_CLOCK: int = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)  #: only Linux has, and needs, it
+_BOOT_CLOCK: int = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)  #: only Linux has, and needs, it
 LISTENING_ONLY = "listening only (broadcast.listen_only)"
 NEVER_US = 1 << 62
 NOT_ENABLED = "broadcast is off (a physical bus needs broadcast.enabled: true)"
@@ -25,107 +25,109 @@ class Node:
     Without a transmitter there is nothing that could send: neither estimates nor a claim.
     """
 
-    def __init__(self, config: Config, watch: BusWatch) -> None:
-        self.watch = watch
-        self.citizen: Citizen | None = None
+    def __init__(self, config: Config, monitor: BusMonitor) -> None:
+        self.monitor = monitor
+        self.network_management: NetworkManagement | None = None
         self.broadcaster: Broadcaster | None = None
-        self._transmitter: Transmitter | None = None
-        self._mute = LISTENING_ONLY if config.broadcast.listen_only else NOT_ENABLED
+        self.transmitter: Transmitter | None = None
+        self._not_sending_because = LISTENING_ONLY if config.broadcast.listen_only else NOT_ENABLED
 
     def attach(self, config: Config, transmitter: Transmitter, now_us: int) -> None:
-        """Become a node that speaks."""
-        self._transmitter = transmitter
+        """Begin to send: claim an address, then broadcast."""
+        self.transmitter = transmitter
         self.broadcaster = Broadcaster(config.broadcast)
-        self.citizen = Citizen(config.broadcast, self.broadcaster.groups)
-        self.citizen.start(now_us)
+        self.network_management = NetworkManagement(config.broadcast, self.broadcaster.groups)
+        self.network_management.start(now_us)
 
     def restart(self, now_us: int) -> None:
         """The interface was opened anew: another bus may be behind it."""
-        if self.citizen is not None:
-            self.citizen.start(now_us)
+        if self.network_management is not None:
+            self.network_management.start(now_us)
 
     def observe(self, frames: FrameBlock, now_us: int) -> None:
         """Take the frames that arrived."""
-        self.watch.observe(frames, now_us)
-        if self.citizen is not None:
-            self.citizen.observe(self.watch, now_us)
+        self.monitor.observe(frames, now_us)
+        if self.network_management is not None:
+            self.network_management.observe(self.monitor, now_us)
 
-    def take(self, estimate: Estimate, now_us: int) -> None:
+    def set_estimate(self, estimate: Estimate, now_us: int) -> None:
         """Take the newest estimate."""
         if self.broadcaster is not None:
-            self.broadcaster.take(estimate, now_us)
+            self.broadcaster.set_estimate(estimate, now_us)
 
     def due_us(self, now_us: int) -> int:
-        """Return when the next `speak` is going to send an estimate (far in the future while it must not)."""
-        if self.broadcaster is None or self.silence(now_us):
+        """Return when the next estimate is due (far in the future while none may be sent)."""
+        if self.broadcaster is None or self.silence_reason(now_us):
             return NEVER_US
         return self.broadcaster.due_us
 
-    def speak(self, now_us: int) -> None:
+    def send_due(self, now_us: int) -> None:
         """Send what is due."""
-        citizen, broadcaster, transmitter = self.citizen, self.broadcaster, self._transmitter
-        if citizen is None or broadcaster is None or transmitter is None:
+        management, broadcaster = self.network_management, self.broadcaster
+        transmitter = self.transmitter
+        if management is None or broadcaster is None or transmitter is None:
             return
-        for can_id, payload in citizen.poll(now_us, awake_us()):
+        for can_id, payload in management.poll(now_us, boottime_us()):
             if not transmitter.send(can_id, payload):
-                citizen.claim.not_sent(now_us)
-        address = citizen.address_to_speak_from(now_us)
-        taken = {CVW_PGN} if self.watch.mass_is_sent_by_others(now_us) else set()
+                management.claim.not_sent(now_us)
+        address = management.broadcast_address(now_us)
+        taken = {CVW_PGN} if self.monitor.mass_is_sent_by_others(now_us) else set()
         available = frozenset() if address is None else broadcaster.available(now_us, taken)
-        for can_id, payload in citizen.refusals(now_us, available):
+        for can_id, payload in management.refusals(now_us, available):
             transmitter.send(can_id, payload)
         if address is not None:
-            for can_id, payload in broadcaster.frames(now_us, address, citizen.requested, taken):
+            for can_id, payload in broadcaster.frames(now_us, address, management.requested, taken):
                 transmitter.send(can_id, payload)
-        citizen.requested.clear()
+        management.requested.clear()
 
-    def silence(self, now_us: int) -> str:
-        """Return in plain words why nothing is broadcast ('' when something is)."""
-        return self._mute if self.citizen is None else self.citizen.silence(now_us)
+    def silence_reason(self, now_us: int) -> str:
+        """Return one sentence on why nothing is broadcast ('' when something is)."""
+        management = self.network_management
+        return self._not_sending_because if management is None else management.silence_reason(now_us)
 
     @property
     def group_is_taken(self) -> bool:
-        """Return whether somebody else uses our group, so that we are silent."""
-        return self.citizen is not None and self.citizen.group_user is not None
+        """Return whether another address sends in our group, so that we do not."""
+        return self.network_management is not None and self.network_management.group_user is not None
 
     @property
     def address(self) -> int | None:
         """Return the address we own."""
-        return None if self.citizen is None else self.citizen.claim.address
+        return None if self.network_management is None else self.network_management.claim.address
 
     def counters(self) -> dict[str, int]:
         """Return everything counted here."""
-        counted = dict(self.watch.counters)
-        if self.citizen is not None:
-            counted |= self.citizen.counters
-            counted |= self.citizen.claim.counters
+        counted = dict(self.monitor.counters)
+        if self.network_management is not None:
+            counted |= self.network_management.counters
+            counted |= self.network_management.claim.counters
         if self.broadcaster is not None:
             counted |= self.broadcaster.counters
-        if self._transmitter is not None:
-            counted |= self._transmitter.counters
+        if self.transmitter is not None:
+            counted |= self.transmitter.counters
         return counted
 
 
-def awake_us() -> int:
+def boottime_us() -> int:
     """Return the time of a clock that goes on while the machine is suspended, unlike Linux' monotonic one."""
-    return time.clock_gettime_ns(_AWAKE_CLOCK) // 1000
+    return time.clock_gettime_ns(_BOOT_CLOCK) // 1000
 
 
 def join(config: Config, wanted: Filters) -> tuple[Receiver, Node]:
-    """Open the bus that a config names and become a node of it, one that speaks where the config lets it.
+    """Open the bus that a config names and become a node of it, one that sends where the config allows it.
 
-    wanted: kernel filters of what the estimation needs; what a node has to hear comes beside it.
+    wanted: kernel filters of what the estimation needs; those of a node are added.
     Errors: ConfigError, BusError when the interface can never be opened here.
     """
     require_frames(config)
     require_interface(config.bus, config.at)
-    watch = BusWatch(config.broadcast.pgn)
+    monitor = BusMonitor(config.broadcast.pgn)
     receiver, transmitter = open_link(
         config.bus,
-        sorted({*wanted, *watch.filters()}),
+        sorted({*wanted, *monitor.filters()}),
         transmit=may_transmit(config.bus, config.broadcast),
     )
-    node = Node(config, watch)
+    node = Node(config, monitor)
     if transmitter is not None:
         node.attach(config, transmitter, time.monotonic_ns() // 1000)
     return receiver, node

@@ -9,8 +9,8 @@ import numpy as np
 from canest.core.frames import FloatColumn
 from canest.core.samples import STEP_S
 
-LARGEST_KM = 10_000_000.0  #: no vehicle has driven as far; the message could tell 50 times as much
-CONFIRM_KM = 0.5  #: driven between two looks at a sender
+LARGEST_KM = 10_000_000.0  #: no vehicle has driven as far; the message's range is 50 times as much
+CONFIRM_KM = 0.5  #: driven between two checks of a sender
 _SHARE = 0.25  #: of what was driven: a wheel radius that is declared wrong
 _SLACK_KM = 0.2  #: one step of the coarser message (0.125 km), and what is driven between two messages
 
@@ -19,7 +19,7 @@ Sender = tuple[int, int]  #: group and source address
 
 @dataclass(slots=True)
 class _Count:
-    """A sender's newest distance, and both distances at the last look."""
+    """A sender's newest distance, and both distances at the last check."""
 
     km: float
     since_km: float
@@ -45,11 +45,11 @@ class Odometer:
         """Return the distance of the first sender whose distance has advanced by what was driven."""
         return next((count.km for count in self._counts.values() if count.confirmed), None)
 
-    def drive(self, speed_mps: FloatColumn) -> None:
+    def add_driven(self, speed_mps: FloatColumn) -> None:
         """Take the vehicle's speed at the next ticks; NaN where it is not known."""
         self._driven_km += float(np.nansum(speed_mps)) * STEP_S * 1e-3
 
-    def take(self, sender: Sender, km: float) -> None:
+    def update(self, sender: Sender, km: float) -> None:
         """Take a sender's total distance (km)."""
         if km > LARGEST_KM:
             return

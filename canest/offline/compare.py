@@ -11,17 +11,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from canest.core import jit
+from canest.core.estimates import Estimates
 from canest.core.frames import FloatColumn, FrameBlock
 from canest.core.samples import RATE_HZ, ModelBlock, Status
 from canest.doctor.warnings import log_notes, stream_notes
 from canest.estimators.base import REGISTRY, Estimator, create
 from canest.grid.grid import Grid, GridBlock
+from canest.offline.replay import compiling_pays
 from canest.offline.scoring import Score
 from canest.pipeline.assumed_constants import doubting
 from canest.pipeline.build import PipelineSpec, build
 from canest.pipeline.intake import Intake
 from canest.pipeline.model_stream import ModelStream
-from canest.pipeline.pipeline import Estimates
 from canest.pipeline.tables import TableMap, open_for
 
 if TYPE_CHECKING:
@@ -84,8 +85,6 @@ def compare(
     The options of the config belong to its own estimator; the others run with their defaults. compiled:
     None decides by the length of the log. Errors: LogError, ConfigError (an unknown name).
     """
-    from canest.offline.replay import compiling_pays
-
     on = jit.enable(compiling_pays([log]) if compiled is None else compiled)
     spec = build(config)
     chosen = spec.estimator

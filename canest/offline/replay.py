@@ -13,6 +13,7 @@ from canest.core import jit
 from canest.core.frames import FrameBlock
 from canest.core.samples import STATUS_LABELS
 from canest.doctor.missing_signals import unheard
+from canest.doctor.reasons import why_unestimated
 from canest.doctor.warnings import log_notes, stream_notes
 from canest.logs.compression import ARCHIVE_SUFFIXES
 from canest.logs.memory import MemoryLog
@@ -23,9 +24,10 @@ from canest.pipeline.tables import TableMap, open_for
 
 if TYPE_CHECKING:
     from canest.config import Config
+    from canest.core.estimates import Estimates
     from canest.logs.base import LogReader
     from canest.logs.truth import Truth
-    from canest.pipeline.pipeline import Estimates
+
 
 Progress = Callable[[int, int], None]  #: bytes done, bytes in all (0: unknown)
 
@@ -173,8 +175,6 @@ def _summary(run: LogRun, last: Estimates | None) -> dict[str, Any]:
         "status": status,
     }
     if status == STATUS_LABELS[0]:
-        from canest.doctor.reasons import why_unestimated
-
         summary["reason"] = why_unestimated(run)
     return summary
 

@@ -10,7 +10,8 @@ from canest.core.frames import FloatColumn, IntColumn, Onward
 from canest.logs.truth import Truth
 
 if TYPE_CHECKING:
-    from canest.pipeline.pipeline import Estimates
+    from canest.core.estimates import Estimates
+
 
 #: truth this far beyond its first and last row still counts (it is sampled slower than the estimates)
 TRUTH_REACH_US = 200_000

@@ -12,7 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from canest.config.schema import Config, Source
+from canest.config.schema import Config
+from canest.config.sections import Source
 from canest.core.errors import ConfigError
 from canest.core.roles import ROLES, conversion
 from canest.core.samples import VehicleFacts
@@ -20,7 +21,7 @@ from canest.decode.groups import Want
 from canest.estimators.base import Estimator, create
 from canest.grid.grid import FOREVER_US, Channel
 from canest.pipeline.assumed_constants import AssumedConstants
-from canest.pipeline.signal_map import databases_of, resolution_of, step_of, wants_of
+from canest.pipeline.signal_map import resolution_of, step_of, wants_of
 from canest.vehicle.butterworth import butterworth, delay_s
 from canest.vehicle.effects import Effect, effect_from_config
 from canest.vehicle.range_rate_check import DOUBT_S, JUMP, MOTION_JUMP, Limit, limits_of
@@ -118,7 +119,7 @@ def intake_spec(config: Config) -> IntakeSpec:
     roles, vehicle = tuple(config.signals), config.vehicle
     return IntakeSpec(
         wants=wants_of(config),
-        databases=databases_of(config),
+        databases=config.databases,
         hold_us=hold_us(config),
         max_backward_us=round(config.sampling.max_backward_s * 1e6),
         limits=limits_of(roles, vehicle.mps_per_shaft_rpm),

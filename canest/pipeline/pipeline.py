@@ -10,13 +10,12 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from canest.config.schema import Config
+from canest.core.estimates import Estimates
 from canest.core.frames import FloatColumn, FrameBlock, IntColumn
 from canest.core.gates import LABELS
 from canest.core.samples import EstimateBlock, ModelBlock
@@ -27,33 +26,6 @@ from canest.pipeline.assumed_constants import doubting
 from canest.pipeline.build import build
 from canest.pipeline.intake import Intake
 from canest.pipeline.model_stream import ModelStream
-
-
-@dataclass(frozen=True, slots=True)
-class Estimates:
-    """Estimates with their ticks and gates: one row per 50 Hz sample, all columns (n,)."""
-
-    t_us: IntColumn
-    mass_kg: FloatColumn
-    mass_std_kg: FloatColumn
-    grade: FloatColumn
-    grade_std: FloatColumn
-    status: NDArray[np.uint8]
-    gate: NDArray[np.uint8]
-
-    def __len__(self) -> int:
-        return len(self.t_us)
-
-    @staticmethod
-    def concatenate(parts: list[Estimates]) -> Estimates:
-        """Join in order (an empty list gives no rows)."""
-        if len(parts) == 1:
-            return parts[0]
-        if not parts:
-            e = np.empty(0)
-            return Estimates(np.empty(0, np.int64), e, e, e, e, np.empty(0, np.uint8), np.empty(0, np.uint8))
-        names = Estimates.__slots__
-        return Estimates(*(np.concatenate([getattr(p, n) for p in parts]) for n in names))
 
 
 class Listener(Protocol):

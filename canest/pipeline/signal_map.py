@@ -1,21 +1,16 @@
-"""Resolves a config's signal map: DBC files loaded, units converted, what cannot be found refused."""
+"""Resolves a config's signal map: finds signals in the databases, converts units, refuses what is missing."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from canest.config.schema import Config, Source
+from canest.config.schema import Config
+from canest.config.sections import Source
 from canest.core.errors import ConfigError
 from canest.core.roles import ROLES, UNITS, conversion
-from canest.decode.database import find_signal, is_j1939, load
+from canest.decode.database import find_signal, is_j1939
 from canest.decode.decoder import Decoder
 from canest.decode.groups import Want
 from canest.decode.value_table import TextTable, raw_table
-from canest.system.shipped_files import find
 from canest.vehicle.role_sources import speed_in_use
-
-if TYPE_CHECKING:
-    from cantools.database.can import Database
 
 #: how a DBC says that a message is matched by parameter group, and not by its exact identifier
 SAYS_J1939 = 'a DBC that says J1939 (VFrameFormat "J1939PG", or ProtocolType "J1939")'
@@ -26,12 +21,12 @@ def decoder_for(config: Config) -> Decoder:
 
     Errors: ConfigError naming the key, what was found and what was expected.
     """
-    return Decoder(wants_of(config), databases_of(config))
+    return Decoder(wants_of(config), config.databases)
 
 
 def wants_of(config: Config) -> dict[str, Want]:
     """Return role -> DBC signal. Errors: ConfigError as above."""
-    databases = databases_of(config)
+    databases = config.databases
     wants: dict[str, Want] = {}
     for role, source in config.signals.items():
         if source.message is None or source.signal is None:
@@ -63,16 +58,6 @@ def wants_of(config: Config) -> dict[str, Want]:
             texts=TextTable(source.map) if source.map and source.validity == "ascii" else None,
         )
     return wants
-
-
-def databases_of(config: Config) -> list[Database]:
-    """Return the databases of a config: what its files held when it was first asked for them.
-
-    A daemon makes its pipeline anew after a defect, or when a number is refuted, and must not depend on files
-    that somebody is replacing meanwhile; who wants what is in them now reads the config anew.
-    Errors: ConfigError for a file that is missing or no database.
-    """
-    return config.read_once(lambda name, at: load(find("dbc", name, at)))
 
 
 def factor_and_offset(role: str, source: Source, unit: str, where: str = "") -> tuple[float, float]:
@@ -138,6 +123,6 @@ def step_of(config: Config, role: str) -> float | None:
     source = config.signals.get(role)
     if source is None or source.map or source.message is None or source.signal is None:
         return None
-    _, signal = find_signal(databases_of(config), source.message, source.signal)
+    _, signal = find_signal(config.databases, source.message, source.signal)
     factor, _ = factor_and_offset(role, source, source.unit or signal.unit or "")
     return abs(float(signal.scale) * factor)

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from canest import __version__
-from canest.core.errors import OutputError, how_to_add
+from canest.core.errors import OutputError
+from canest.system.installation import how_to_add
 from canest.system.result_files import write_result
 
 

@@ -11,9 +11,9 @@ from pydantic import ValidationError
 from canest.config.limits import read_text, refuse_excess
 from canest.config.origins import KeyPath, lines_of
 from canest.core.errors import ConfigError
+from canest.core.validation import first_mistake
 from canest.simulation.scenario import Scenario
 
-LONGEST_SHOWN = 60  #: characters of a wrong value in a message (chosen)
 SCENARIOS = Path(__file__).resolve().parent / "scenarios"
 
 
@@ -66,31 +66,21 @@ def _validated(data: Any, where: str, lines: dict[KeyPath, int]) -> Scenario:
     try:
         return Scenario.model_validate(data)
     except ValidationError as error:
-        raise _explained(error.errors(include_url=False), where, lines) from None
+        raise _explained(error, where, lines) from None
 
 
-def _explained(problems: list[Any], where: str, lines: dict[KeyPath, int]) -> ConfigError:
-    # a misspelt key is also a missing one: its spelling explains both
-    first = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
-    at = first["loc"]
-    name, message = ".".join(map(str, at)), first["msg"].removeprefix("Value error, ")
-    line = _line(tuple(map(str, at)), lines)
+def _explained(error: ValidationError, where: str, lines: dict[KeyPath, int]) -> ConfigError:
+    mistake = first_mistake(error)
+    name, line = mistake.key, _line(mistake.path, lines)
     place = f"{where}:{line}" if line else where
-    match first["type"]:
-        case "extra_forbidden":
-            missing = [
-                str(p["loc"][-1]) for p in problems if p["type"] == "missing" and p["loc"][:-1] == at[:-1]
-            ]
-            return ConfigError(f"{name}: unknown key", where=place, expected=" and ".join(missing))
+    match mistake.kind:
+        case "unknown key":  # a misspelt key is also a missing one
+            return ConfigError(f"{name}: unknown key", where=place, expected=" and ".join(mistake.siblings))
         case "missing":
             return ConfigError(f"{name}: is missing", where=place)
-        case "value_error":
-            return ConfigError(f"{name}: {message}", where=place)
-        case "union_tag_invalid":
-            found, expected = first["ctx"]["tag"], first["ctx"]["expected_tags"]
-        case _:
-            found, expected = _short(first["input"]), message.removeprefix("Input should be ")
-    return ConfigError(name, where=place, found=found, expected=expected)
+        case "contradiction":
+            return ConfigError(f"{name}: {mistake.words}", where=place)
+    return ConfigError(name, where=place, found=mistake.found, expected=mistake.words)
 
 
 def _line(key: KeyPath, lines: dict[KeyPath, int]) -> int | None:
@@ -100,8 +90,3 @@ def _line(key: KeyPath, lines: dict[KeyPath, int]) -> int | None:
         if path in lines:
             return lines[path]
     return _line(key[:-1], lines) if key else None
-
-
-def _short(value: object) -> object:
-    text = repr(value)
-    return value if len(text) < LONGEST_SHOWN else text[: LONGEST_SHOWN - len("...")] + "..."

@@ -112,7 +112,7 @@ def remove_abandoned(folder: Path, *, once: bool = False) -> None:
                 _cleaned.add((found.st_dev, found.st_ino))
         with os.scandir(folder) as entries:
             names = [entry.name for entry in entries if _TEMPORARY.fullmatch(entry.name)]
-    except OSError:  # whoever writes there is going to be told why not
+    except OSError:  # the write itself is going to fail with the reason
         return
     for name in names:
         with suppress(OSError):  # locked: its writer lives; or not ours
@@ -140,7 +140,7 @@ def _create(path: Path) -> tuple[Path, int]:
             ours = os.fstat(descriptor).st_nlink > 0
         except BlockingIOError:  # another process takes it for abandoned: it was not locked yet
             ours = False
-        except OSError:  # some file systems know no locks: nothing is ever removed there either
+        except OSError:  # some file systems have no locks: nothing is ever removed there either
             ours = True
         if ours:
             return temporary, descriptor
@@ -149,7 +149,7 @@ def _create(path: Path) -> tuple[Path, int]:
 
 
 def _lock_within(descriptor: int, timeout_s: float) -> None:
-    """Lock a directory; go on without where somebody holds it, or it knows no locks."""
+    """Lock a directory; go on without where somebody holds it, or where the file system has no locks."""
     end_s = time.monotonic() + timeout_s
     while time.monotonic() < end_s:
         try:
@@ -163,7 +163,7 @@ def _lock_within(descriptor: int, timeout_s: float) -> None:
 
 
 def _identity(path: Path) -> Identity | None:
-    """Return what tells one file of a name from the next. Errors: OSError for what is no regular file."""
+    """Return what distinguishes one file of a name from the next. Errors: OSError where it is not regular."""
     require_regular(path)
     try:
         found = path.lstat()

@@ -21,7 +21,7 @@ def write_atomically(path: Path, content: bytes, *, durable: bool = True) -> Non
     Errors: OSError, also where the name belongs to a directory, FIFO, socket or device.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    with naming(path):
+    with file_name_in_errors(path):
         file = AtomicFile(path, mode=0o644, durable=durable)
         try:
             file.file.write(content)
@@ -32,8 +32,8 @@ def write_atomically(path: Path, content: bytes, *, durable: bool = True) -> Non
 
 
 @contextlib.contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """Let the system's complaints about a file that is open already name it too."""
+def file_name_in_errors(path: Path) -> Iterator[None]:
+    """Add the file's name to errors of the system about a file that is open already."""
     try:
         yield
     except OSError as error:

@@ -10,8 +10,8 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 
-def command_for(extra: str) -> str:
-    """Return the command that adds an extra, as whoever installed canest would type it."""
+def how_to_add(extra: str) -> str:
+    """Return the command that installs an optional part of canest, fitting how canest itself was."""
     return command(extra, _origin(), Path(sys.prefix))
 
 

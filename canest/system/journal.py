@@ -20,11 +20,11 @@ _WORDS = {ERROR: "error", WARNING: "warning", NOTICE: "notice"}
 BURST = 5  #: lines of one event at once
 REFILL_S = 30.0  #: then one more per this time
 _EVENTS_REMEMBERED = 256
-_PIECE = 1024  #: characters, so at most 4096 bytes, which a pipe that takes anything takes at once
+_CHUNK = 1024  #: characters, so at most 4096 bytes, which a pipe that takes anything takes at once
 
 
 class Journal:
-    """Writes events; an event that repeats is held back and its number told with the next line."""
+    """Writes events; an event that repeats is held back, and the next line has its count."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class Journal:
         self._clock_s = clock_s
         #: event -> (tokens, when counted, lines held back since)
         self._buckets: dict[str, tuple[float, float, int]] = {}
-        self._cut = False  #: the last line lacks its end
+        self._truncated = False  #: the last line lacks its end
 
     def error(self, event: str, **fields: object) -> None:
         """Something does not work and somebody has to see to it."""
@@ -63,18 +63,18 @@ class Journal:
         else:
             line = f"{time.strftime('%H:%M:%S')} {_WORDS[priority]}: {text}\n"
         with contextlib.suppress(OSError, ValueError):  # a closed or full stderr must not end the estimation
-            self._write("\n" + line if self._cut else line)
+            self._write("\n" + line if self._truncated else line)
 
     def _write(self, line: str) -> None:
-        self._cut = False
-        for at in range(0, len(line), _PIECE):
-            if at and not self._is_read():
-                self._cut = True
+        self._truncated = False
+        for at in range(0, len(line), _CHUNK):
+            if at and not self._is_writable():
+                self._truncated = True
                 return
-            self._stream.write(line[at : at + _PIECE])
+            self._stream.write(line[at : at + _CHUNK])
             self._stream.flush()
 
-    def _is_read(self) -> bool:
+    def _is_writable(self) -> bool:
         """Return False where a line would have to wait for a reader (a pipe that is full)."""
         try:
             return bool(select.select([], [self._stream], [], 0)[1])
@@ -88,7 +88,7 @@ class Journal:
         tokens = min(float(BURST), tokens + (now_s - counted_s) / REFILL_S)
         if len(self._buckets) >= _EVENTS_REMEMBERED and event not in self._buckets:
             self._buckets.clear()
-        if tokens < 1 or not self._is_read():
+        if tokens < 1 or not self._is_writable():
             self._buckets[event] = tokens, now_s, held_back + 1
             return None
         self._buckets[event] = tokens - 1, now_s, 0

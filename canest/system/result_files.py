@@ -74,7 +74,7 @@ def write_result(path: str | Path, content: str | bytes) -> None:
 
 @contextmanager
 def output_errors(path: str | Path) -> Iterator[None]:
-    """Turn the system's complaints about a result into one line. Errors: OutputError."""
+    """Turn the system's errors about a result into one line. Errors: OutputError."""
     try:
         yield
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Tells systemd how we are (sd_notify(3)): a datagram to $NOTIFY_SOCKET, nothing without one."""
+"""Notifies systemd of the daemon's state (sd_notify(3)): datagrams to $NOTIFY_SOCKET, none without it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Notifier:
             self._status = text
             self._send("STATUS=" + text.replace("\n", " "))
 
-    def alive(self, now_s: float) -> None:
+    def ping_watchdog(self, now_s: float) -> None:
         """The estimation loop has made progress (``now_s``: monotonic); pings at half the deadline."""
         if self.watchdog_s is not None and now_s >= self._ping_at_s:
             self._ping_at_s = now_s + self.watchdog_s / 2

@@ -17,11 +17,11 @@ class EscapingStream:
     """A text stream that shows what would steer a terminal as Python writes it; else as the one it wraps."""
 
     def __init__(self, stream: TextIO) -> None:
-        self.steerable = stream
+        self.unescaped = stream
 
     def write(self, text: str) -> int:
         """Write text; return its length."""
-        self.steerable.write(printable(text))
+        self.unescaped.write(printable(text))
         return len(text)
 
     def writelines(self, lines: Iterable[str]) -> None:
@@ -30,7 +30,7 @@ class EscapingStream:
             self.write(line)
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self.steerable, name)
+        return getattr(self.unescaped, name)
 
 
 def console(*, stderr: bool = False, **options: Any) -> Console:
@@ -38,7 +38,7 @@ def console(*, stderr: bool = False, **options: Any) -> Console:
     from rich.console import Console
 
     stream = sys.stderr if stderr else sys.stdout
-    made = Console(file=getattr(stream, "steerable", stream), **options)
+    made = Console(file=getattr(stream, "unescaped", stream), **options)
     hook: Any = _Escape()  # rich's own class of hooks would import rich with this module
     made.push_render_hook(hook)
     return made

@@ -1,1 +1,1 @@
-"""What the daemon says of itself: status, metrics, log lines, terminal views."""
+"""The daemon's condition: status, metrics, log lines, terminal views."""

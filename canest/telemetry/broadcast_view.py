@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from canest.core.gates import LABELS
 from canest.decode import j1939
-from canest.node.estimate_frame import NOT_AVAILABLE_STATUS, STATUS_WORDS, Estimate, decode
+from canest.node.estimate_frame import NOT_AVAILABLE_STATUS, STATUS_NAMES, Estimate, decode
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -118,7 +118,7 @@ class LiveView:
             return f"waiting for PGN {self._pgn:#x}: is a canest broadcasting on this bus?"
         if age_s > LOST_S:
             return f"[red]no broadcast for {age_s:.0f} s[/red]"
-        status = STATUS_WORDS[self.estimate.status]
+        status = STATUS_NAMES[self.estimate.status]
         parts = [f"[{_COLOURS.get(status, 'red')}]{status}[/]"]
         gate = LABELS.get(self.estimate.gate, "")
         if gate:

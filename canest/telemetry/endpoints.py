@@ -1,6 +1,6 @@
-"""Where others ask how the daemon is: a local socket for `canest status`, HTTP for Prometheus.
+"""The endpoints for other programs: a local socket for `canest status`, HTTP for Prometheus.
 
-Neither is needed for the estimation: what cannot be opened at the start is told and done without.
+The estimation needs neither: one that cannot be opened at the start is logged, and the daemon runs without.
 """
 
 from __future__ import annotations
@@ -9,17 +9,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from canest.bus.sandbox import explained
+from canest.bus.sandbox import socket_error_text
 from canest.config.schema import Config
 from canest.core.errors import ConfigError
 from canest.system.files import Background, write_atomically
 from canest.system.journal import Journal
 from canest.telemetry.metrics import MetricsServer
-from canest.telemetry.status_socket import StatusServer, published_path, refuse_second, socket_path
+from canest.telemetry.status_socket import StatusServer, published_path, refuse_second_daemon, socket_path
 
 
-class Doors:
-    """Follows the config: `follow` opens and closes what a changed one asks for.
+class Endpoints:
+    """The endpoints that a config names; `move` opens and closes what a changed one asks for.
 
     latest: the snapshot that HTTP serves; the daemon keeps it up to date.
     Errors: UsageError when a metrics port is asked for without the package that serves it.
@@ -35,29 +35,29 @@ class Doors:
             try:
                 self.metrics = MetricsServer(port, self.latest)
             except OSError as error:
-                journal.warning("no-metrics-port", port=port, error=explained(error, "AF_INET"))
+                journal.warning("no-metrics-port", port=port, error=socket_error_text(error, "AF_INET"))
         self._open_status(config)
 
-    def follow(self, config: Config) -> None:
-        """Move to where a changed config wants us.
+    def move(self, config: Config) -> None:
+        """Move to the socket and port of a changed config.
 
         Errors: ConfigError when the port cannot be had, UsageError as above; nothing has changed then.
         """
         path = socket_path(config)
-        moves = self.status is None or self.status.path != path or not path.exists()
-        if moves:
-            refuse_second(path)
+        socket_moves = self.status is None or self.status.path != path or not path.exists()
+        if socket_moves:
+            refuse_second_daemon(path)
         port = config.service.metrics_port
         old = self.metrics
         if port != (None if old is None else old.port):
             try:
                 self.metrics = None if port is None else MetricsServer(port, self.latest)
             except OSError as error:
-                what = f"cannot be opened ({explained(error, 'AF_INET')})"
+                what = f"cannot be opened ({socket_error_text(error, 'AF_INET')})"
                 raise ConfigError(what, where=config.at("service.metrics_port"), found=port) from error
-            if old is not None:  # its thread takes half a second to end, which is not the loop's to wait for
+            if old is not None:  # its thread takes half a second to end, and the loop must not wait
                 self._background.submit("metrics_port", old.close)
-        if moves:
+        if socket_moves:
             self._open_status(config)
 
     def close(self) -> None:
@@ -68,13 +68,13 @@ class Doors:
     def _open_status(self, config: Config) -> None:
         path = socket_path(config)
         try:
-            following = StatusServer(path, partial(self._publish, published_path(path)))
+            new = StatusServer(path, partial(self._publish, published_path(path)))
         except OSError as error:
             self._journal.warning("no-status-socket", path=path, error=error.strerror or error)
             return
         if self.status is not None:
             self.status.close(keep_name=self.status.path == path)
-        self.status = following
+        self.status = new
 
     def _publish(self, path: Path, answer: bytes) -> None:
         write = partial(write_atomically, path, answer, durable=False)

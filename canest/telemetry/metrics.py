@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from canest.core.errors import UsageError, how_to_add
-from canest.node.estimate_frame import STATUS_WORDS
+from canest.core.errors import UsageError
+from canest.node.estimate_frame import STATUS_NAMES
+from canest.system.installation import how_to_add
 
 Sample = tuple[str, dict[str, str], float]
 
@@ -28,12 +29,13 @@ METRICS: dict[str, tuple[str, str]] = {
     "canest_address_claims_total": ("counter", "Claims of an address (PGN 60928)."),
     "canest_torque_commands_total": ("counter", "Engine and retarder commands (TSC1) by sender."),
     "canest_implausible_jumps_total": ("counter", "Samples refused: no vehicle changes so fast."),
-    "canest_frozen_seconds_total": ("counter", "For how long a sensor was frozen, and taken as silent."),
+    "canest_frozen_seconds_total": ("counter", "Deprecated: canest_stuck_seconds_total."),
+    "canest_stuck_seconds_total": ("counter", "For how long a sensor was stuck, and taken as silent."),
     "canest_other_mass_kilograms": ("gauge", "Gross mass that another ECU sends (SPN 1760)."),
     "canest_node_events_total": ("counter", "What was sent, and what happened to us as a node."),
     "canest_clock_events_total": ("counter", "Irregular time stamps."),
     "canest_file_events_total": ("counter", "Files written, failed and refused."),
-    "canest_ticks_total": ("counter", "Beats of 20 ms on which it woke."),
+    "canest_ticks_total": ("counter", "Ticks of 20 ms on which it woke."),
     "canest_ticks_missed_total": ("counter", "Ticks that did not happen in time."),
     "canest_tick_cpu_seconds": ("gauge", "CPU time of a tick, mean of the last seconds."),
     "canest_failures_total": ("counter", "Errors inside the estimation that were survived."),
@@ -53,7 +55,7 @@ def samples(snapshot: dict[str, Any]) -> Iterator[Sample]:
         ("canest_grade_std_ratio", "grade_std"),
     ):
         yield metric, {}, math.nan if estimate[key] is None else estimate[key]
-    for status in STATUS_WORDS:
+    for status in STATUS_NAMES:
         yield "canest_status", {"status": status}, float(estimate["status"] == status)
     yield "canest_bus_up", {}, float(bus["state"] in ("up", "error-passive"))
     yield "canest_bus_frames_total", {}, bus["frames"]
@@ -77,8 +79,9 @@ def samples(snapshot: dict[str, Any]) -> Iterator[Sample]:
         yield "canest_torque_commands_total", {"source": source}, count
     for signal, count in snapshot["implausible_jumps"].items():
         yield "canest_implausible_jumps_total", {"signal": signal}, count
-    for signal, seconds in snapshot["frozen_signals"].items():
-        yield "canest_frozen_seconds_total", {"signal": signal}, seconds
+    for metric in ("canest_stuck_seconds_total", "canest_frozen_seconds_total"):  # the second is deprecated
+        for signal, seconds in snapshot["stuck_signals"].items():
+            yield metric, {"signal": signal}, seconds
     for source, mass_kg in snapshot["masses_of_others_kg"].items():
         yield "canest_other_mass_kilograms", {"source": source}, mass_kg
     for event, count in snapshot["broadcast"].items():

@@ -19,7 +19,7 @@ class _Handler(WSGIRequestHandler):
     timeout = _DEADLINE_S
 
     def log_message(self, *_: object) -> None:
-        """Say nothing: what a client does wrong is its own affair."""
+        """Log nothing: a client's mistakes are no events of the daemon."""
 
 
 class _Connection(NamedTuple):
@@ -42,7 +42,7 @@ class _Server(ThreadingMixIn, WSGIServer):
     def process_request(self, request: Any, client_address: Any) -> None:
         self.service_actions()
         if len(self._open) >= _CONNECTIONS:
-            # a scrape takes milliseconds, so the oldest of many connections is the one that dawdles
+            # a scrape takes milliseconds, so the oldest of many connections is a slow client
             self._open[0].cut()
             self._open[0].thread.join(_DEADLINE_S)
         thread = threading.Thread(
@@ -65,7 +65,7 @@ class _Server(ThreadingMixIn, WSGIServer):
             connection.cut()
 
     def handle_error(self, *_: object) -> None:
-        """Say nothing, as above."""
+        """Log nothing, as above."""
 
 
 class HttpServer:

@@ -1,8 +1,8 @@
-"""Signs that a sender is not who it says it is. They are reported, never acted upon.
+"""Senders that send much more than usual: a second node may be sending under their address.
 
-J1939 has no authentication: whoever sends under the right address is believed. Two things still show:
-several addresses that send one signal (`canest.decode.counters`), and an address that suddenly sends much
-more than it used to, as it does when a second node sends under it too.
+J1939 has no authentication, so frames under the right address are used whoever sends them. Two things show
+nevertheless: several addresses that send one signal (`canest.decode.counters`), and an address whose frame
+rate rises suddenly. Both are reported and change no estimate.
 """
 
 from __future__ import annotations
@@ -15,35 +15,35 @@ WINDOW_S = 5.0  #: rates are means over this time
 FASTER = 1.6  #: a second sender at the same period makes it 2
 _LEARN_WINDOWS = 6  #: half a minute, before a rate is known
 _SLOWEST_GAIN = 1 / 120  #: a rate that has changed for good is the usual one after some 10 minutes
-_FEWEST_FRAMES = 20  #: per window; below it a rate says little
+_FEWEST_FRAMES = 20  #: per window; the rate of fewer varies too much
 
 Key = tuple[int, int | None]  #: group (or identifier) and source address
 
 
 @dataclass(slots=True)
-class _Pace:
-    """How many frames a sender had at the last look, and what it sends usually."""
+class _SenderRate:
+    """A sender's frames at the last update, its usual rate, and the windows that rate comes from."""
 
     frames: int = 0
     usual_hz: float = 0.0
     windows: int = 0
 
 
-class Paces:
-    """Watches the rates of the senders that the config uses.
+class SenderRateMonitor:
+    """Compares the present rate of every sender that the config uses with its usual rate.
 
-    faster: senders beyond their usual rate just now, with that rate and the present one (Hz).
-    seconds: for how long each sender has been faster so far.
+    faster: senders above `FASTER` times their usual rate now -> (usual rate, present rate), Hz.
+    faster_s: for how long each sender has been faster so far, seconds.
     """
 
     def __init__(self) -> None:
         self.faster: dict[Key, tuple[float, float]] = {}
-        self.seconds: dict[Key, float] = {}
-        self._paces: dict[Key, _Pace] = {}
+        self.faster_s: dict[Key, float] = {}
+        self._rates: dict[Key, _SenderRate] = {}
         self._since_s: float | None = None
 
-    def look(self, counters: Counters, now_s: float) -> None:
-        """Take note of the counters; to be called once a second (``now_s``: monotonic)."""
+    def update(self, counters: Counters, now_s: float) -> None:
+        """Read the frame counters; call it once a second (``now_s``: monotonic)."""
         if self._since_s is None:
             self._since_s = now_s
         elapsed_s = now_s - self._since_s
@@ -52,21 +52,21 @@ class Paces:
         self._since_s = now_s
         for key, sender in counters.senders.items():
             if sender.used:
-                self._judge(key, sender.frames, elapsed_s)
+                self._update_sender(key, sender.frames, elapsed_s)
 
-    def _judge(self, key: Key, frames: int, elapsed_s: float) -> None:
-        pace = self._paces.setdefault(key, _Pace())
-        fresh, pace.frames = frames - pace.frames, frames
-        if fresh < _FEWEST_FRAMES:  # silent, slow, or counted anew
+    def _update_sender(self, key: Key, frames: int, elapsed_s: float) -> None:
+        rate = self._rates.setdefault(key, _SenderRate())
+        new, rate.frames = frames - rate.frames, frames
+        if new < _FEWEST_FRAMES:  # silent, slow, or counted anew
             self.faster.pop(key, None)
             return
-        rate_hz = fresh / elapsed_s
-        pace.windows += 1
+        rate_hz = new / elapsed_s
+        rate.windows += 1
         gain = _SLOWEST_GAIN
-        if pace.windows > _LEARN_WINDOWS and rate_hz > FASTER * pace.usual_hz:
-            self.faster[key] = pace.usual_hz, rate_hz
-            self.seconds[key] = self.seconds.get(key, 0.0) + elapsed_s
+        if rate.windows > _LEARN_WINDOWS and rate_hz > FASTER * rate.usual_hz:
+            self.faster[key] = rate.usual_hz, rate_hz
+            self.faster_s[key] = self.faster_s.get(key, 0.0) + elapsed_s
         else:
             self.faster.pop(key, None)
-            gain = max(1 / pace.windows, gain)
-        pace.usual_hz += (rate_hz - pace.usual_hz) * gain
+            gain = max(1 / rate.windows, gain)
+        rate.usual_hz += (rate_hz - rate.usual_hz) * gain

@@ -1,201 +1,59 @@
-"""All that a person on call needs, as one JSON-ready dictionary: for status, metrics and the log."""
+"""The daemon's condition as one JSON-ready dictionary: for ``canest status``, metrics and the log.
+
+The keys are a public contract. A deprecated key stays beside the one that replaces it (docs/service.md).
+"""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from canest.core.gates import LABELS
-from canest.core.samples import RATE_HZ, STEP_S
+from canest.core.samples import RATE_HZ
 from canest.doctor.missing_signals import unheard
-from canest.doctor.reasons import why_no_signal
-from canest.node.estimate_frame import STATUS_WORDS
+from canest.node.estimate_frame import STATUS_NAMES
+from canest.telemetry.daemon_view import DaemonView
+from canest.telemetry.sender_tables import (
+    address,
+    busiest_others,
+    contested_signals,
+    sender_key,
+    used_senders,
+)
+from canest.telemetry.status_text import NOT_AVAILABLE, why_not_valid
 
-if TYPE_CHECKING:
-    from canest.live.daemon import Daemon
-
-NOT_AVAILABLE = "not available"
-#: most senders listed: noise from every address must not make a snapshot long
-MOST_SENDERS, MOST_OTHERS = 100, 20
+#: deprecated name of a counter of the node -> its name
+DEPRECATED_COUNTERS = {"claims_heard": "claims_received", "cannot_claim_heard": "cannot_claim_received"}
 PATIENCE_TICKS = round(30 * RATE_HZ)  #: before a signal counts as one that nobody sends
 
 
-def snapshot(daemon: Daemon, now_us: int) -> dict[str, Any]:
-    """Return the daemon's condition at ``now_us`` (microseconds of the monotonic clock)."""
-    pipeline, counters = daemon.pipeline, daemon.pipeline.decoder.counters
-    node, receiver = daemon.node, daemon.receiver
-    estimate = daemon.estimate(now_us)
-    result: dict[str, Any] = {
-        "vehicle": daemon.config.vehicle.name,
-        "config": daemon.config_name,
-        "pid": daemon.pid,
-        "uptime_s": round((now_us - daemon.started_us) * 1e-6, 1),
-        "bus": {
-            "interface": daemon.config.bus.interface,
-            "channel": daemon.config.bus.channel,
-            "state": receiver.state,
-            "reason": receiver.reason,
-            "frames_per_s": round(daemon.rates.frames_per_s, 1),
-            "frames": counters.frames,
-            "wanted": counters.wanted,
-            "opened": receiver.opened,
-            "late_frames": daemon.late_frames,
-            **receiver.counters,
-        },
-        "estimate": {
-            "mass_kg": _number(estimate.mass_kg, 1),
-            "mass_std_kg": _number(estimate.mass_std_kg, 1),
-            "grade": _number(estimate.grade, 6),
-            "grade_std": _number(estimate.grade_std, 6),
-            "status": STATUS_WORDS[estimate.status],
-            "gate": LABELS.get(estimate.gate, NOT_AVAILABLE),
-        },
-        # a bus that has just woken up is still telling what it has
-        "unheard": unheard(daemon.config, pipeline.intake.heard) if pipeline.samples > PATIENCE_TICKS else [],
-        "why_not_valid": why_not_valid(daemon, now_us),
-        "samples": pipeline.samples,
-        "updated": pipeline.updated,
-        "gates": pipeline.gate_counts,
-        "clock": dict(pipeline.clock.counters),
-        "broadcast": {
-            "address": node.address,
-            "silent_because": node.silence(now_us),
-            "other_users_of_our_group": sorted(a for a in node.watch.group_users if a != node.address),
-            **node.counters(),
-        },
-        "senders": _senders(daemon),
-        "other_senders": {_sender_key(key): frames for key, frames in _busiest(counters.other_senders)},
-        "other_senders_count": len(counters.other_senders),
-        "contested_signals": {
-            role: {_address(a): n for a, n in sorted(refused.items(), key=_by_count)[:MOST_OTHERS]}
-            for role, refused in counters.contested().items()
-        },
-        "sends_faster": {
-            _sender_key(key): [round(usual, 1), round(now, 1)]
-            for key, (usual, now) in daemon.paces.faster.items()
-        },
-        "sent_faster_s": {_sender_key(key): round(s) for key, s in daemon.paces.seconds.items()},
-        "claims": {_address(a): n for a, n in sorted(node.watch.claimed.items())},
-        "torque_commands": {_address(a): n for a, n in sorted(node.watch.torque_commands.items())},
-        "transport": dict(counters.transport),
-        "implausible_jumps": dict(pipeline.intake.screen.refused),
-        "frozen_signals": {role: round(n / RATE_HZ, 1) for role, n in pipeline.frozen.items()},
-        "masses_of_others_kg": {_address(a): m.mass_kg for a, m in sorted(node.watch.other_masses.items())},
-        "ticks": {
-            "count": daemon.schedule.ticks,
-            "missed": daemon.schedule.missed,
-            "within_half_ms": round(daemon.schedule.share_within(0.5), 5),
-            "cpu_us_mean": round(daemon.rates.cpu_us_per_tick, 1),
-            "cpu_us_max": round(daemon.rates.cpu_us_max, 1),
-        },
-        "files": {
-            **daemon.background.counters,
-            **{f"{k}_error": v for k, v in daemon.background.failures.copy().items()},  # a thread changes it
-        },
-        "failures": daemon.failures,
-        "reloads": daemon.reloads.taken,
-        "reloads_refused": daemon.reloads.refused,
-        "reload_refused_because": daemon.reloads.refused_because,
+def snapshot(view: DaemonView) -> dict[str, Any]:
+    """Return the condition of a daemon."""
+    result = {
+        "vehicle": view.config.vehicle.name,
+        "config": view.config_name,
+        "pid": view.pid,
+        "uptime_s": round((view.now_us - view.started_us) * 1e-6, 1),
+        "bus": _bus(view),
+        "estimate": _estimate(view),
+        **_learning(view),
+        "broadcast": _broadcast(view),
+        **_senders(view),
+        **_signals(view),
+        "ticks": _ticks(view),
+        "files": _files(view),
+        "failures": view.failures,
+        "reloads": view.reloads.accepted,
+        "reloads_refused": view.reloads.refused,
+        "reload_refused_because": view.reloads.refused_because,
     }
-    learned = daemon.memory.learned
-    if learned is not None:
+    if view.learned is not None:
         result["learned"] = {
-            "mass_kg": round(learned.mass_kg, 1),
-            "saved_s": round(learned.saved_s, 1),
-            "distance_km": learned.distance_km,
+            "mass_kg": round(view.learned.mass_kg, 1),
+            "saved_s": round(view.learned.saved_s, 1),
+            "distance_km": view.learned.distance_km,
         }
     return result
-
-
-def why_not_valid(daemon: Daemon, now_us: int) -> str:
-    """Return one sentence on what the estimate lacks ('' when it is valid)."""
-    estimate, pipeline = daemon.estimate(now_us), daemon.pipeline
-    status = STATUS_WORDS[estimate.status]
-    if status == "valid":
-        return ""
-    if daemon.receiver.state not in ("up", "error-passive"):
-        return f"the bus {daemon.config.bus.channel} is {bus_state(daemon)}"
-    counters = pipeline.decoder.counters
-    if not counters.frames:
-        return f"nothing has been heard on {daemon.config.bus.channel} yet"
-    if status == NOT_AVAILABLE:
-        return f"no wanted frame for more than {daemon.config.sampling.hold_s:g} s: the bus is quiet"
-    missing = pipeline.estimator.missing() or why_no_signal(daemon.config, counters, counters.frames)
-    if missing := missing or pipeline.estimator.doubts():
-        return missing
-    gate = LABELS.get(estimate.gate, "")
-    learned_s = pipeline.updated * STEP_S
-    text = f"learned from {learned_s:.1f} s of driving so far"
-    return f"{text}; now held back by the gate {gate}" if gate else text
-
-
-def bus_state(daemon: Daemon) -> str:
-    """Return the state of the bus, with the reason where there is one."""
-    state, reason = daemon.receiver.state, daemon.receiver.reason
-    return f"{state}: {reason}" if reason else state
-
-
-def one_line(daemon: Daemon, now_us: int) -> str:
-    """Return the line that ``systemctl status`` shows."""
-    estimate = daemon.estimate(now_us)
-    bus = f"{daemon.config.bus.channel} {daemon.receiver.state}, {daemon.rates.frames_per_s:.0f} frames/s"
-    status = STATUS_WORDS[estimate.status]
-    if math.isnan(estimate.mass_kg):
-        return f"{status}: {why_not_valid(daemon, now_us)} ({bus})"
-    # whole hundreds and tenths: a line that changes at every look would only fill the journal
-    mass = f"mass {estimate.mass_kg / 1000:.1f} t +- {estimate.mass_std_kg / 1000:.1f}"
-    gate = LABELS.get(estimate.gate, "")
-    return f"{status}: {mass}, grade {100 * estimate.grade:.1f} %{f', gate {gate}' if gate else ''} ({bus})"
-
-
-def _senders(daemon: Daemon) -> dict[str, dict[str, Any]]:
-    senders: dict[str, dict[str, Any]] = {}
-    for key, counted in sorted(daemon.pipeline.decoder.counters.senders.items(), key=_by_id):
-        if counted.used and len(senders) < MOST_SENDERS:
-            senders[_sender_key(key)] = {
-                "frames": counted.frames,
-                "rate_hz": None if counted.rate_Hz is None else round(counted.rate_Hz, 1),
-                "not_available": counted.not_available,
-                "error_values": counted.error_value,
-                "wrong_length": counted.wrong_length,
-                "unknown_mux": counted.unknown_mux,
-                "remote_frames": counted.remote_frames,
-                "transport_errors": counted.transport_errors,
-            }
-    return senders
-
-
-def _busiest(senders: dict[tuple[int, int | None], int]) -> list[tuple[tuple[int, int | None], int]]:
-    busiest = sorted(senders.items(), key=lambda item: -item[1])[:MOST_OTHERS]
-    return sorted(busiest, key=_by_id)
-
-
-def _by_id(item: tuple[tuple[int, int | None], Any]) -> tuple[int, int]:
-    (group, source), _ = item
-    return group, -1 if source is None else source
-
-
-def _by_count(item: tuple[int | None, int]) -> int:
-    return -item[1]
-
-
-def sender_name(key: tuple[int, int | None]) -> str:
-    """Return a sender in words: its group (or identifier) and address."""
-    group, source = key
-    return f"0x{group & 0x1FFF_FFFF:X}" if source is None else f"PGN {group} from {_address(source)}"
-
-
-def _sender_key(key: tuple[int, int | None]) -> str:
-    """Return a sender as a key, which a line of the log or a program can split off: pgn_61444_from_0x00."""
-    return sender_name(key).replace("PGN ", "pgn_").replace(" ", "_")
-
-
-def _address(source: int | None) -> str:
-    return "unknown" if source is None else f"0x{source:02X}"
-
-
-def _number(value: float, digits: int) -> float | None:
-    return round(float(value), digits) if math.isfinite(value) else None
 
 
 def flat(value: dict[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -207,3 +65,110 @@ def flat(value: dict[str, Any], prefix: str = "") -> dict[str, Any]:
         else:
             level[prefix + key] = inner
     return level
+
+
+def _bus(view: DaemonView) -> dict[str, Any]:
+    counters = view.pipeline.decoder.counters
+    return {
+        "interface": view.config.bus.interface,
+        "channel": view.config.bus.channel,
+        "state": view.receiver.state,
+        "reason": view.receiver.reason,
+        "frames_per_s": round(view.rates.frames_per_s, 1),
+        "frames": counters.frames,
+        "wanted": counters.wanted,
+        "opened": view.receiver.opened,
+        "late_frames": view.late_frames,
+        **view.receiver.counters,
+    }
+
+
+def _estimate(view: DaemonView) -> dict[str, Any]:
+    estimate = view.estimate
+    return {
+        "mass_kg": _number(estimate.mass_kg, 1),
+        "mass_std_kg": _number(estimate.mass_std_kg, 1),
+        "grade": _number(estimate.grade, 6),
+        "grade_std": _number(estimate.grade_std, 6),
+        "status": STATUS_NAMES[estimate.status],
+        "gate": LABELS.get(estimate.gate, NOT_AVAILABLE),
+    }
+
+
+def _learning(view: DaemonView) -> dict[str, Any]:
+    """Return what the estimator has learned from, and what it lacks."""
+    pipeline = view.pipeline
+    # a bus that has just been switched on has not carried every signal yet
+    settled = pipeline.samples > PATIENCE_TICKS
+    missing = unheard(view.config, pipeline.intake.heard) if settled else []
+    return {
+        "missing_signals": missing,
+        "unheard": missing,  # deprecated
+        "why_not_valid": why_not_valid(view),
+        "samples": pipeline.samples,
+        "updated": pipeline.updated,
+        "gates": pipeline.gate_counts,
+        "clock": dict(pipeline.clock.counters),
+    }
+
+
+def _broadcast(view: DaemonView) -> dict[str, Any]:
+    node, counters = view.node, view.node.counters()
+    deprecated = {old: counters[new] for old, new in DEPRECATED_COUNTERS.items() if new in counters}
+    return {
+        "address": node.address,
+        "silent_because": node.silence_reason(view.now_us),
+        "other_users_of_our_group": sorted(a for a in node.monitor.group_users if a != node.address),
+        **counters,
+        **deprecated,
+    }
+
+
+def _senders(view: DaemonView) -> dict[str, Any]:
+    """Return who sends what, and which senders may not be the ECU whose address they use."""
+    counters, monitor, rates = view.pipeline.decoder.counters, view.node.monitor, view.sender_rates
+    return {
+        "senders": used_senders(counters),
+        "other_senders": busiest_others(counters.other_senders),
+        "other_senders_count": len(counters.other_senders),
+        "contested_signals": contested_signals(counters),
+        "sends_faster": {
+            sender_key(key): [round(usual_hz, 1), round(now_hz, 1)]
+            for key, (usual_hz, now_hz) in rates.faster.items()
+        },
+        "sent_faster_s": {sender_key(key): round(s) for key, s in rates.faster_s.items()},
+        "claims": {address(a): n for a, n in sorted(monitor.claimed.items())},
+        "torque_commands": {address(a): n for a, n in sorted(monitor.torque_commands.items())},
+    }
+
+
+def _signals(view: DaemonView) -> dict[str, Any]:
+    pipeline = view.pipeline
+    stuck_s = {role: round(n / RATE_HZ, 1) for role, n in pipeline.frozen.items()}
+    masses = view.node.monitor.other_masses
+    return {
+        "transport": dict(pipeline.decoder.counters.transport),
+        "implausible_jumps": dict(pipeline.intake.screen.refused),
+        "stuck_signals": stuck_s,
+        "frozen_signals": stuck_s,  # deprecated
+        "masses_of_others_kg": {address(a): m.mass_kg for a, m in sorted(masses.items())},
+    }
+
+
+def _ticks(view: DaemonView) -> dict[str, Any]:
+    return {
+        "count": view.ticks.ran,
+        "missed": view.ticks.missed,
+        "within_half_ms": round(view.ticks.within_half_ms, 5),
+        "cpu_us_mean": round(view.rates.cpu_us_per_tick, 1),
+        "cpu_us_max": round(view.rates.cpu_us_max, 1),
+    }
+
+
+def _files(view: DaemonView) -> dict[str, Any]:
+    failures = view.background.failures.copy()  # the writing thread changes it
+    return {**view.background.counters, **{f"{kind}_error": text for kind, text in failures.items()}}
+
+
+def _number(value: float, digits: int) -> float | None:
+    return round(float(value), digits) if math.isfinite(value) else None

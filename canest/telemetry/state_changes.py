@@ -1,53 +1,57 @@
-"""Tells the journal what has changed since the last look, and nothing twice."""
+"""Logs what has changed in the daemon's condition, each change once."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from canest.node.estimate_frame import STATUS_NAMES
+from canest.system.journal import Journal
+from canest.telemetry.daemon_view import DaemonView
+from canest.telemetry.sender_tables import sender_name
+from canest.telemetry.status_text import bus_state
 
-from canest.node.estimate_frame import STATUS_WORDS
-from canest.telemetry.snapshot import bus_state, sender_name
-
-if TYPE_CHECKING:
-    from canest.live.daemon import Daemon
-
-_KINDS = ("state", "metrics", "record", "ring", "estimates")
+#: kinds of files, as `Background` counts them
+_FILE_KINDS = ("state", "metrics", "record", "ring", "estimates")
 
 
-class Changes:
-    """Remembers what was told."""
+class StateChangeLog:
+    """Remembers the logged value of every event. The names of the events are a public contract."""
 
-    def __init__(self, daemon: Daemon) -> None:
-        self._daemon = daemon
-        self._told: dict[str, object] = {}
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
+        self._logged: dict[str, object] = {}
 
-    def tell(self, now_us: int) -> None:
-        """Look at everything worth a line in the journal."""
-        daemon = self._daemon
-        self._tell("bus", bus_state(daemon), bad=daemon.receiver.state != "up")
-        silence, address = daemon.node.silence(now_us), daemon.node.address
-        speaks = silence or f"on from address {address:#04x}"
-        self._tell("broadcast", speaks, bad=daemon.node.group_is_taken)
-        self._tell("status", STATUS_WORDS[daemon.estimate(now_us).status])
-        others = len(daemon.pipeline.decoder.counters.other_senders)
-        self._tell("other-senders", others, bad=True, unless_first=not others)
-        doubted = ", ".join(sorted(daemon.pipeline.decoder.counters.contested()))
-        self._tell("contested-signals", doubted, bad=True, unless_first=not doubted)
-        faster = ", ".join(sorted(map(sender_name, daemon.paces.faster)))
-        self._tell("senders-faster-than-usual", faster or "none", bad=bool(faster), unless_first=not faster)
-        frozen = ", ".join(sorted(daemon.pipeline.frozen))
-        self._tell("frozen-signals", frozen, bad=True, unless_first=not frozen)
-        lost = daemon.node.watch.counters["cannot_claim_heard"]
-        self._tell("addresses-lost-by-others", lost, bad=True, unless_first=not lost)
-        masses = ", ".join(f"{a:#04x}" for a in sorted(daemon.node.watch.other_masses))
-        self._tell("masses-sent-by-others", masses, unless_first=not masses)
-        for kind in _KINDS:
-            failure = daemon.background.failures.get(kind, "")
-            self._tell(f"writing-{kind}", failure or "works", bad=bool(failure), unless_first=not failure)
+    def log(self, view: DaemonView) -> None:
+        """Log every value that differs from the one before."""
+        self._log("bus", bus_state(view), bad=view.receiver.state != "up")
+        self._log_node(view)
+        self._log("status", STATUS_NAMES[view.estimate.status])
+        self._log_senders(view)
+        for kind in _FILE_KINDS:
+            failure = view.background.failures.get(kind, "")
+            self._log(f"writing-{kind}", failure or "works", bad=bool(failure), unless_first=not failure)
 
-    def _tell(self, what: str, value: object, *, bad: bool = False, unless_first: bool = False) -> None:
-        """Log a value that is another one than before; ``unless_first``: not when it is the first one."""
-        if self._told.get(what) == value or (unless_first and what not in self._told):
+    def _log_node(self, view: DaemonView) -> None:
+        node = view.node
+        broadcast = node.silence_reason(view.now_us) or f"on from address {node.address:#04x}"
+        self._log("broadcast", broadcast, bad=node.group_is_taken)
+        lost = node.monitor.counters["cannot_claim_received"]
+        self._log("addresses-lost-by-others", lost, bad=True, unless_first=not lost)
+        masses = ", ".join(f"{a:#04x}" for a in sorted(node.monitor.other_masses))
+        self._log("masses-sent-by-others", masses, unless_first=not masses)
+
+    def _log_senders(self, view: DaemonView) -> None:
+        counters = view.pipeline.decoder.counters
+        others = len(counters.other_senders)
+        self._log("other-senders", others, bad=True, unless_first=not others)
+        contested = ", ".join(sorted(counters.contested()))
+        self._log("contested-signals", contested, bad=True, unless_first=not contested)
+        faster = ", ".join(sorted(map(sender_name, view.sender_rates.faster)))
+        self._log("senders-faster-than-usual", faster or "none", bad=bool(faster), unless_first=not faster)
+        stuck = ", ".join(sorted(view.pipeline.frozen))
+        self._log("frozen-signals", stuck, bad=True, unless_first=not stuck)
+
+    def _log(self, event: str, value: object, *, bad: bool = False, unless_first: bool = False) -> None:
+        """Log a value that differs from the one before; ``unless_first``: not when it is the first one."""
+        if self._logged.get(event) == value or (unless_first and event not in self._logged):
             return
-        self._told[what] = value
-        journal = self._daemon.journal
-        (journal.warning if bad else journal.notice)(what, now=value)
+        self._logged[event] = value
+        (self._journal.warning if bad else self._journal.notice)(event, now=value)

@@ -1,4 +1,4 @@
-"""A local socket on which the daemon tells how it is: connect, read one JSON object, done."""
+"""A local socket that serves the daemon's snapshot: connect, read one JSON object, done."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from canest.config.schema import Config
+from canest.config.state_directory import state_dir
 from canest.core.errors import UsageError
-from canest.live.memory import state_dir
 
-ANSWER_S = 3.0  #: for an answer as a whole; a daemon that works looks for clients every second
+ANSWER_S = 3.0  #: for an answer as a whole; a daemon answers its clients every second
 _CLIENTS = 32  #: waiting at once
 _FRESH_S = 3.0  #: an answer in a file that is older is of another time
 _ANSWER_LARGEST = 1 << 24  #: bytes
@@ -41,13 +41,13 @@ class StatusServer:
     def __init__(self, path: Path, publish: Callable[[bytes], object] | None = None) -> None:
         self.path, self._publish = path, publish
         path.parent.mkdir(parents=True, exist_ok=True)
-        refuse_second(path)
+        refuse_second_daemon(path)
         path.unlink(missing_ok=True)  # left behind by a daemon that was killed
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.setblocking(False)
         self._socket.bind(str(path))
-        path.chmod(0o666)  # to look is allowed to everybody who reaches the directory
-        self._born_ns = path.stat().st_mtime_ns  # inodes are used again at once
+        path.chmod(0o666)  # everybody who reaches the directory may read the status
+        self._created_ns = path.stat().st_mtime_ns  # inodes are used again at once
         self._socket.listen(_CLIENTS)
 
     def poll(self, content: Callable[[], dict[str, Any]]) -> None:
@@ -70,7 +70,7 @@ class StatusServer:
         """Stop answering and take the socket's name away, unless it is another server's by now."""
         self._socket.close()
         with contextlib.suppress(OSError):
-            if not keep_name and self.path.stat().st_mtime_ns == self._born_ns:
+            if not keep_name and self.path.stat().st_mtime_ns == self._created_ns:
                 self.path.unlink()
                 published_path(self.path).unlink(missing_ok=True)
 
@@ -80,7 +80,7 @@ def published_path(path: Path) -> Path:
     return path.with_suffix(".json")
 
 
-def refuse_second(path: Path) -> None:
+def refuse_second_daemon(path: Path) -> None:
     """Raise UsageError where somebody listens on a socket of this name."""
     with _client() as client:
         try:
@@ -102,7 +102,7 @@ def _client() -> socket.socket:
     return client
 
 
-def ask(path: Path) -> dict[str, Any]:
+def read_status(path: Path) -> dict[str, Any]:
     """Return a running daemon's snapshot. Errors: OSError, ValueError when nobody answers properly."""
     answer = json.loads(_answer(path, time.monotonic() + ANSWER_S))
     if not isinstance(answer, dict):

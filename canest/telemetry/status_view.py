@@ -1,4 +1,4 @@
-"""Shows a daemon's snapshot in a terminal: first what matters, then what explains it."""
+"""A daemon's snapshot in a terminal: the estimate first, then what explains it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 from canest.system import terminal
 
 _COLOURS = {"valid": "green", "converging": "yellow"}
-_QUIET = frozenset({"late_frames", "opened"})
+_NOT_A_FAULT = frozenset({"frames", "wanted", "late_frames", "opened"})
 
 
 def show(snapshot: dict[str, Any], verbose: bool = False) -> None:
@@ -30,12 +30,12 @@ def show(snapshot: dict[str, Any], verbose: bool = False) -> None:
 
 
 def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str]]:
-    """Return (what, how it is) lines."""
+    """Return (label, text) lines."""
     estimate, bus, node, ticks = (snapshot[k] for k in ("estimate", "bus", "broadcast", "ticks"))
     lines = [("estimate", _estimate(estimate))]
     if snapshot["why_not_valid"]:
         lines.append(("why not valid", snapshot["why_not_valid"]))
-    lines += [("unheard", sentence) for sentence in snapshot.get("unheard", ())]
+    lines += [("missing", sentence) for sentence in snapshot.get("missing_signals", ())]
     if estimate["gate"]:
         lines.append(("gate now", estimate["gate"]))
     samples = max(snapshot["samples"], 1)
@@ -46,19 +46,17 @@ def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str
     lines.append(
         ("bus", f"{bus['interface']}:{bus['channel']} {bus['state']}, {bus['frames_per_s']:.0f} frames/s")
     )
-    troubles = {
-        k: v for k, v in bus.items() if isinstance(v, int) and v and k not in ("frames", "wanted", *_QUIET)
-    }
+    troubles = {k: v for k, v in bus.items() if isinstance(v, int) and v and k not in _NOT_A_FAULT}
     if troubles:
         lines.append(("bus events", _counted(troubles)))
-    speaks = f"on, from address {node['address']:#04x}" if node["address"] is not None else "silent"
-    lines.append(("broadcast", f"silent: {node['silent_because']}" if node["silent_because"] else speaks))
+    broadcast = f"on, from address {node['address']:#04x}" if node["address"] is not None else "silent"
+    lines.append(("broadcast", f"silent: {node['silent_because']}" if node["silent_because"] else broadcast))
     if snapshot["masses_of_others_kg"]:
-        told = ", ".join(f"{kg:,.0f} kg from {a}" for a, kg in snapshot["masses_of_others_kg"].items())
-        lines.append(("mass by others", told))
+        masses = ", ".join(f"{kg:,.0f} kg from {a}" for a, kg in snapshot["masses_of_others_kg"].items())
+        lines.append(("mass by others", masses))
     if snapshot["other_senders"]:
         lines.append(("unexpected", _counted(snapshot["other_senders"], 4)))
-    lines += _doubts(snapshot)
+    lines += _sender_warnings(snapshot)
     lines.append(
         (
             "ticks",
@@ -67,7 +65,7 @@ def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str
         )
     )
     errors = {k: v for k, v in snapshot["files"].items() if isinstance(v, str)}
-    lines += [(_words(name), text) for name, text in errors.items()]
+    lines += [(_readable(name), text) for name, text in errors.items()]
     if snapshot["failures"]:
         lines.append(
             ("failures", f"{snapshot['failures']} errors inside the estimation were survived: see the log")
@@ -76,7 +74,7 @@ def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str
         refused = f"refused, the one before is in force: {snapshot['reload_refused_because']}"
         lines.append(("new config", refused))
     if verbose:
-        lines += [(_words(sender), _counted(values)) for sender, values in snapshot["senders"].items()]
+        lines += [(_readable(sender), _counted(values)) for sender, values in snapshot["senders"].items()]
         for name in (
             "clock",
             "transport",
@@ -91,27 +89,27 @@ def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str
     return lines
 
 
-def _doubts(snapshot: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return what says that a sender may not be who it says it is."""
+def _sender_warnings(snapshot: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the signs that a sender may not be the ECU whose address it uses."""
     lines = []
     for role, refused in snapshot["contested_signals"].items():
         senders = _counted({f"from {address}": n for address, n in refused.items()}, 4)
         text = f"{role} comes from several addresses; refused: {senders}. Name the right one (source:)"
         lines.append(("contested", text))
-    if frozen := snapshot["frozen_signals"]:
-        seconds = _counted({f"{role}, seconds:": s for role, s in frozen.items()}, 4)
+    if stuck := snapshot.get("stuck_signals", {}):
+        seconds = _counted({f"{role}, seconds:": s for role, s in stuck.items()}, 4)
         lines.append(("frozen", f"{seconds}. The vehicle changed its speed meanwhile; taken as silent"))
     for sender, (usual_hz, now_hz) in snapshot["sends_faster"].items():
-        paces = f"{_words(sender)}: {now_hz:g} Hz, usually {usual_hz:g}"
-        lines.append(("doubtful", f"{paces}. Does somebody else send under this address?"))
+        rates = f"{_readable(sender)}: {now_hz:g} Hz, usually {usual_hz:g}"
+        lines.append(("doubtful", f"{rates}. Does somebody else send under this address?"))
     past = {k: s for k, s in snapshot["sent_faster_s"].items() if k not in snapshot["sends_faster"]}
     if past:
         lines.append(("was doubtful", _counted({f"{sender}, seconds:": s for sender, s in past.items()}, 4)))
-    lost = snapshot["broadcast"].get("cannot_claim_heard", 0)
+    lost = snapshot["broadcast"].get("cannot_claim_received", 0)
     if lost:
         claims = _counted(snapshot["claims"], 8)
-        heard = f"claims: {claims}" if claims else "no claim of an address was heard"
-        lines.append(("addresses lost", f"{lost} times an ECU had to give its own up; {heard}"))
+        claimed = f"claims: {claims}" if claims else "no claim of an address was received"
+        lines.append(("addresses lost", f"{lost} times an ECU had to give its own up; {claimed}"))
     return lines
 
 
@@ -124,11 +122,11 @@ def _estimate(estimate: dict[str, Any]) -> str:
     return f"{mass}, grade {100 * estimate['grade']:+.2f} % +- {100 * (estimate['grade_std'] or 0):.2f}"
 
 
-def _words(key: str) -> str:
+def _readable(key: str) -> str:
     return key.replace("_", " ").replace("pgn ", "PGN ")
 
 
 def _counted(values: dict[str, Any], most: int = 50) -> str:
-    shown = [f"{_words(name)} {value}" for name, value in values.items() if value is not None]
+    shown = [f"{_readable(name)} {value}" for name, value in values.items() if value is not None]
     more = f", and {len(shown) - most} more" if len(shown) > most else ""
     return ", ".join(shown[:most]) + more

@@ -63,20 +63,6 @@ def delay_s(sections: list[Section], rate_hz: float = RATE_HZ) -> float:
     return ticks / rate_hz
 
 
-def order_and_cutoff(
-    pass_hz: float, stop_hz: float, *, pass_dB: float = 3.0, stop_dB: float = 40.0
-) -> tuple[int, float]:
-    """Return the lowest Butterworth order, and its cut-off in Hz, for a pass and a stop frequency.
-
-    The 2013 paper names its filter so: third order, 1 Hz pass, 10 Hz stop.
-    """
-    warp = math.tan(math.pi * stop_hz / RATE_HZ) / math.tan(math.pi * pass_hz / RATE_HZ)
-    gain = (10 ** (stop_dB / 10) - 1) / (10 ** (pass_dB / 10) - 1)
-    order = max(1, math.ceil(math.log10(gain) / (2 * math.log10(warp))))
-    scale = (10 ** (pass_dB / 10) - 1) ** (-1 / (2 * order))
-    return order, math.atan(math.tan(math.pi * pass_hz / RATE_HZ) * scale) * RATE_HZ / math.pi
-
-
 @jit.kernel
 def _section_kernel(x, reset, n, b0, b1, b2, a1, a2, state, y):  # type: ignore[no-untyped-def]
     """Run one section in transposed direct form II; ``reset`` starts it settled on the sample."""

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from canest.cli import check_view
-from canest.config import load_config, parse_config
+from canest.config import load_config, parse_config, read_databases
 from canest.core.frames import FrameBlock
 from canest.doctor.check import Doctor
 from canest.doctor.switches import Switches
@@ -168,13 +168,14 @@ vehicle: {mass_min_kg: 1000, mass_max_kg: 2000, wheel_radius_m: 0.3, final_drive
 def car(tmp_path, gear, brake, more=""):
     """Return the report on a bus of 11-bit identifiers."""
     (tmp_path / "car.dbc").write_text(DBC)
-    config = parse_config(
+    text = (
         f"{CONFIG}\ndbc: [{tmp_path}/car.dbc]\nsignals:\n"
         "  gear: {message: Gearbox, signal: Gear" + more + "}\n"
         "  brake_switch: {message: Gearbox, signal: Brake}\n"
         "  vehicle_speed: {message: Gearbox, signal: Wheel}\n"
         "  engine_torque: {message: Gearbox, signal: Torque}\n"
     )
+    config = read_databases(parse_config(text))
     n = len(gear)
     words = np.array(gear, np.uint64) | np.array(brake, np.uint64) << np.uint64(4)
     doctor = Doctor(config)

@@ -11,11 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from canest.batch.job import Job, name_of, truth_beside
+from canest.batch.job import Job
 from canest.batch.pool import pooled, run_jobs, unique_names
 from canest.cli.summary import many_lines, short_names
 from canest.config import load_config
 from canest.core.errors import UsageError
+from canest.logs.log_names import log_name, truth_beside
 from canest.system.result_files import open_result
 
 DATA = Path(__file__).parents[1] / "data"
@@ -46,7 +47,7 @@ def test_a_process_that_dies_takes_only_its_own_log_along(tmp_path):
     [("a.log", "a"), ("b/a.log.xz", "a"), ("a.b.csv.gz", "a.b"), ("trip.parquet", "trip"), ("a", "a")],
 )
 def test_names_of_logs(log, name):
-    assert name_of(Path(log)) == name
+    assert log_name(Path(log)) == name
 
 
 def test_names_that_cannot_be_told_apart(tmp_path):

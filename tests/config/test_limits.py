@@ -131,20 +131,20 @@ MESSAGE = 'BO_ {} M{}: {} A\n SG_ X M : 0|8@1+ (1,0) [0|1] "" A\n SG_ S m0 : {} 
 def test_a_database_of_absurd_numbers_is_refused_before_anything_is_made_of_it(
     content: str, words: str, tmp_path: Path
 ) -> None:
-    from canest.decode.database import load
+    from canest.config.database_files import read_database
 
     path = tmp_path / "absurd.dbc"
     path.write_text(HEAD + content)
     begin = time.monotonic()
     with pytest.raises(ConfigError) as caught:
-        load(path)
+        read_database(path)
     assert time.monotonic() - begin < 10
     assert words in str(caught.value)
 
 
 def test_the_text_of_a_comment_is_no_message(tmp_path: Path) -> None:
-    from canest.decode.database import load
+    from canest.config.database_files import read_database
 
     path = tmp_path / "comment.dbc"
     path.write_text(HEAD + MESSAGE.format(1, 1, 8, "8|8@1+") + 'CM_ "BO_ 2 M2: 99999999 A";\n')
-    assert [m.name for m in load(path).messages] == ["M1"]
+    assert [m.name for m in read_database(path).messages] == ["M1"]

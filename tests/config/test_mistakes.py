@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from canest.config import load_config, parse_config
+from canest.config import load_config, parse_config, read_databases
 from canest.core.errors import ConfigError
 from canest.pipeline.pipeline import Pipeline
 from canest.pipeline.signal_map import decoder_for
@@ -288,7 +288,7 @@ def test_a_signal_that_the_dbc_does_not_have(old: str, new: str, words: list[str
     text = TRUCK.replace(old, new, 1)
     config = parse_config(text, "truck.yaml")
     with pytest.raises(ConfigError) as caught:
-        decoder_for(config)
+        decoder_for(read_databases(config))
     assert all(word in str(caught.value) for word in words), str(caught.value)
     if new != "dbc: []":
         assert str(caught.value).startswith(f"truck.yaml:{line_with(text, new)}: {words[0]}")
@@ -389,7 +389,7 @@ def test_a_model_without_torque_or_speed_says_what_it_needs() -> None:
         (without("reference_torque"), "vehicle:", "vehicle.reference_torque_Nm: is missing"),
     ):
         with pytest.raises(ConfigError, match=f"^truck.yaml:{line_with(text, line)}: {words}"):
-            Pipeline(parse_config(text, "truck.yaml"))
+            Pipeline(read_databases(parse_config(text, "truck.yaml")))
 
 
 @pytest.mark.parametrize(
@@ -422,14 +422,14 @@ def test_a_mistake_in_the_estimator_names_its_line(entry: str, mark: str, words:
     sections = re.sub(r"^estimator:(\n .*)+", "", TRUCK, flags=re.MULTILINE)
     text = f"{sections}\nestimator:\n  {entry}\n"
     with pytest.raises(ConfigError) as caught:
-        Pipeline(parse_config(text, "truck.yaml"))
+        Pipeline(read_databases(parse_config(text, "truck.yaml")))
     assert str(caught.value).startswith(f"truck.yaml:{line_with(text, mark)}: {words}")
 
 
 def test_an_option_of_an_override_is_named_as_such() -> None:
     config = parse_config(TRUCK, overrides=["estimator.name=rls", "estimator.options.forgeting=0.9"])
     with pytest.raises(ConfigError, match=r"^--set: estimator\.options\.forgeting: unknown option"):
-        Pipeline(config)
+        Pipeline(read_databases(config))
 
 
 def test_an_effect_in_a_gear_that_the_vehicle_has_not() -> None:

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from canest.config.database_files import read_database
 from canest.core.frames import EXTENDED, FrameBlock
 from canest.decode import Decoder, Want
-from canest.decode.database import load
 from canest.system.shipped_files import shipped
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -22,7 +22,7 @@ LOG = re.compile(r"\((\d+)\.(\d{6})\)\s+\S+\s+([0-9A-F]+)#([0-9A-F]*)")
 
 
 def shipped_database(name: str = "j1939"):
-    return load(shipped("dbc") / f"{name}.dbc")
+    return read_database(shipped("dbc") / f"{name}.dbc")
 
 
 @cache

@@ -10,16 +10,17 @@ import pytest
 from decode_helpers import shipped_database, wants
 
 from canest.config import load_config
+from canest.config.database_files import read_database
 from canest.core.errors import ConfigError
 from canest.decode import Decoder
-from canest.decode.database import find_signal, load
+from canest.decode.database import find_signal
 from canest.pipeline.signal_map import resolution_of
 from canest.system.shipped_files import shipped
 
 
 def test_loaded_once_per_process():
     path = shipped("dbc") / "canest.dbc"
-    assert load(path) is load(str(path))
+    assert read_database(path) is read_database(str(path))
 
 
 def test_a_file_that_was_edited_is_read_again(tmp_path):
@@ -28,16 +29,16 @@ def test_a_file_that_was_edited_is_read_again(tmp_path):
     for factor in (1, 2, 2):
         path.write_text(f'BO_ 291 EEC1: 8 X\n SG_ EngSpeed : 0|8@1+ ({factor},0) [0|0] "rpm" X\n')
         os.utime(path, ns=(factor, factor))
-        factors.append(find_signal([load(path)], "EEC1", "EngSpeed")[1].scale)
+        factors.append(find_signal([read_database(path)], "EEC1", "EngSpeed")[1].scale)
     assert factors == [1, 2, 2]
-    assert load(path) is load(path)
+    assert read_database(path) is read_database(path)
 
 
 def test_loading_imports_no_bus_and_leaves_cantools_whole():
     code = (
-        "import sys; from canest.decode.database import load; "
+        "import sys; from canest.config.database_files import read_database; "
         "from canest.system.shipped_files import shipped; "
-        "load(shipped('dbc') / 'canest.dbc'); assert 'can' not in sys.modules; "
+        "read_database(shipped('dbc') / 'canest.dbc'); assert 'can' not in sys.modules; "
         "import cantools.tester; cantools.tester.Tester"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -45,7 +46,7 @@ def test_loading_imports_no_bus_and_leaves_cantools_whole():
 
 def test_missing_file(tmp_path):
     with pytest.raises(ConfigError, match=r"nowhere\.dbc: cannot read database.*No such file"):
-        load(tmp_path / "nowhere.dbc")
+        read_database(tmp_path / "nowhere.dbc")
 
 
 @pytest.mark.parametrize(
@@ -62,7 +63,7 @@ def test_damaged_file_is_one_line_with_its_name(tmp_path, content):
     path = tmp_path / "damaged.dbc"
     path.write_bytes(content)
     with pytest.raises(ConfigError) as caught:
-        load(path)
+        read_database(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
     assert caught.value.exit_code == 2
@@ -72,7 +73,7 @@ def test_file_cut_in_mid_line(tmp_path):
     path = tmp_path / "cut.dbc"
     path.write_text("BO_ 2566844926 CCVS1: 8 X\n SG_ Speed : 8|16@1+ (0.0")
     with pytest.raises(ConfigError, match=r"no such signal in CCVS1.*found 'Speed'.*cut short"):
-        find_signal([load(path)], "CCVS1", "Speed")
+        find_signal([read_database(path)], "CCVS1", "Speed")
 
 
 def test_missing_message_and_signal_name_what_is_near():
@@ -96,7 +97,7 @@ def test_decoder_says_which_role_lacks_its_signal():
 def test_first_database_that_has_the_message_counts(tmp_path):
     path = tmp_path / "own.dbc"
     path.write_text('BO_ 291 EEC1: 8 X\n SG_ EngSpeed : 0|8@1+ (100,0) [0|0] "rpm" X\n')
-    message, signal = find_signal([load(path), shipped_database()], "EEC1", "EngSpeed")
+    message, signal = find_signal([read_database(path), shipped_database()], "EEC1", "EngSpeed")
     assert (message.frame_id, signal.scale) == (291, 100)
 
 

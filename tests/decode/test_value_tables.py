@@ -7,7 +7,7 @@ import csv
 import numpy as np
 import pytest
 
-from canest.config import parse_config
+from canest.config import parse_config, read_databases
 from canest.core.errors import ConfigError
 from canest.core.frames import FrameBlock
 from canest.pipeline.signal_map import decoder_for
@@ -35,7 +35,8 @@ def config(tmp_path):
     (tmp_path / "car.dbc").write_text(DBC)
 
     def make(signals: str):
-        return parse_config(f"{VEHICLE}\ndbc: [{tmp_path}/car.dbc]\nsignals:\n" + signals)
+        text = f"{VEHICLE}\ndbc: [{tmp_path}/car.dbc]\nsignals:\n" + signals
+        return read_databases(parse_config(text))
 
     return make
 

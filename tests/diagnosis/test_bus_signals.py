@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from canest.config import parse_config
-from canest.config.schema import Source
+from canest.config import parse_config, read_databases
+from canest.config.sections import Source
 from canest.diagnosis.data.drive import Run
 from canest.diagnosis.data.residual_windows import windows_of
 from canest.diagnosis.search.bus_signals import Ranked, held_on_windows, signals_of
@@ -39,7 +39,8 @@ def test_messages_that_are_no_j1939_come_under_their_own_identifier(tmp_path):
               "0CF00400#F1CD86451400FFFF")  # fmt: skip
     log.write_text("".join(f"({0.1 * i:.6f}) can0 {frame}\n" for i in range(9) for frame in frames))
     text = (shipped("configs") / "class8.yaml").read_text()
-    config = parse_config(text.replace("[j1939.dbc]", f"[{tmp_path / 'own.dbc'}, j1939.dbc]"))
+    text = text.replace("[j1939.dbc]", f"[{tmp_path / 'own.dbc'}, j1939.dbc]")
+    config = read_databases(parse_config(text))
     found = signals_of(log, config)
     assert {"Aux.AcOn", "EEC1.EngSpeed from 0x00"} <= set(found)
     assert not {name for name in found if name.startswith(("Odd", "Aux.AcOn ")) or name.endswith("0xfe")}
@@ -63,7 +64,8 @@ def test_more_messages_than_one_decoder_takes_and_two_lengths_of_one_group(tmp_p
     lines = [f"({t + 0.001 * i:.6f}) can0 {frame}\n" for t in range(3) for i, frame in enumerate(frames)]
     log.write_text("".join(lines))
     text = (shipped("configs") / "class8.yaml").read_text()
-    config = parse_config(text.replace("[j1939.dbc]", f"[{tmp_path / 'many.dbc'}, j1939.dbc]"))
+    text = text.replace("[j1939.dbc]", f"[{tmp_path / 'many.dbc'}, j1939.dbc]")
+    config = read_databases(parse_config(text))
     found = signals_of(log, config)
     assert {f"M{i}.S{i}" for i in range(1, 301)} <= set(found)
     assert {"Short.A from 0x0b", "Long.B from 0x0c", "EEC1.EngSpeed from 0x00"} <= set(found)

@@ -8,7 +8,7 @@ import yaml
 
 from canest.config import load_config
 from canest.config.load import parse_config
-from canest.config.schema import Source
+from canest.config.sections import Source
 from canest.diagnosis.report.revised_config import revised_config, revised_text
 from canest.diagnosis.search.candidates import Candidate
 from canest.diagnosis.search.choice import Chosen

@@ -82,7 +82,8 @@ def test_every_key_is_described_and_no_other():
     from canest.config.meanings import MEANINGS, meaning
 
     tool = runpy.run_path(str(ROOT / "tools" / "config_page.py"))
-    from canest.config.schema import Config, Source
+    from canest.config.schema import Config
+    from canest.config.sections import Source
 
     known = {key for key, _, _ in tool["keys"](Config)}
     for key in known:

@@ -9,8 +9,8 @@ from typing import Any
 
 from canest.bus.pythoncan import PythonCanReceiver
 from canest.config.bus import Bus
+from canest.config.database_files import read_database
 from canest.core.errors import CanestError
-from canest.decode import database
 from canest.system.shipped_files import find
 from canest.telemetry.metrics_http import HttpServer
 from canest.telemetry.status_socket import StatusServer
@@ -37,7 +37,7 @@ def run_dbc(data: bytes) -> None:
     path = scratch() / "bus.dbc"
     path.write_bytes(data)
     try:
-        assert database.load(path).messages
+        assert read_database(path).messages
     except CanestError as error:
         assert "\n" not in str(error)
 

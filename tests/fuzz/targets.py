@@ -26,6 +26,7 @@ import numpy as np
 
 from canest.config import Config, load_config
 from canest.core.errors import CanestError
+from canest.core.estimates import Estimates
 from canest.core.frames import EXTENDED, FrameBlock
 from canest.core.samples import Status
 from canest.decode import Decoder, j1939
@@ -33,9 +34,9 @@ from canest.live import state
 from canest.logs.reader import open_log
 from canest.logs.truth import read_truth
 from canest.logs.writer import CandumpWriter
-from canest.node.bus_monitor import BusWatch
+from canest.node.bus_monitor import BusMonitor
 from canest.node.node import Node
-from canest.pipeline.pipeline import Estimates, Pipeline
+from canest.pipeline.pipeline import Pipeline
 from canest.pipeline.signal_map import decoder_for
 from canest.system.shipped_files import find
 
@@ -337,7 +338,7 @@ class _Wire:
 def run_node(data: bytes) -> None:
     """Claims, requests and other users of our group: whatever they say, we do not flood the bus."""
     config = load_node_config()
-    node, wire, begin_us = Node(config, BusWatch(config.broadcast.pgn)), _Wire(), 1_000_000
+    node, wire, begin_us = Node(config, BusMonitor(config.broadcast.pgn)), _Wire(), 1_000_000
     now_us = begin_us
     node.attach(config, wire, now_us)
     for can_id, length, step, payload in RECORD.iter_unpack(data[: len(data) // RECORD.size * RECORD.size]):
@@ -345,7 +346,7 @@ def run_node(data: bytes) -> None:
         n = min(length, 8)
         frame = (now_us, can_id, payload.to_bytes(8, "little")[:n])
         node.observe(FrameBlock.from_frames([frame]), now_us)
-        node.speak(now_us)
+        node.send_due(now_us)
     # a claim, a refusal and an estimate in all groups per 100 ms is the most there may ever be
     assert wire.sent <= 20 + (now_us - begin_us) / 20_000 + 4 * len(data) / RECORD.size
 

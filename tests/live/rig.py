@@ -52,7 +52,7 @@ class Script:
         begin_us = int(frames.t_us[0]) if len(frames) else 1_700_000_000_000_000
         self.offset_us = begin_us - time.now_ns // 1000
         self.state, self.reason, self.opened, self.counters, self.sent = "up", "", 1, Counter(), []
-        self.rest_us = 20_000
+        self.max_poll_interval_us = 20_000
 
     def collect(self):
         return True
@@ -100,7 +100,7 @@ class Rig:
 
         monkeypatch.setattr(node_module, "open_link", open_link)
         monkeypatch.setattr(time, "monotonic_ns", self.time.clock_ns)
-        monkeypatch.setattr(node_module, "awake_us", lambda: self.now_us)
+        monkeypatch.setattr(node_module, "boottime_us", lambda: self.now_us)
         self.log = io.StringIO()
         self.daemon = Daemon(
             config,
@@ -115,7 +115,7 @@ class Rig:
         """Let ``s`` seconds pass."""
         end_ns = self.time.now_ns + round(s * 50) * 20_000_000
         while self.time.now_ns < end_ns:
-            self.daemon.beat()
+            self.daemon.step()
             if self.waits_for_reload:
                 self.daemon.reloads.wait(30)
         return self
@@ -134,7 +134,7 @@ class Rig:
         return self
 
     def __exit__(self, *_):
-        self.daemon._end()
+        self.daemon.close()
 
 
 def kenworth(data, seconds=None):

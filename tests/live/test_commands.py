@@ -20,7 +20,7 @@ from canest.cli.main import run
 from canest.config import load_config
 from canest.live.install import install, unit_text
 from canest.system.shipped_files import shipped
-from canest.telemetry.status_socket import StatusServer, ask, socket_path
+from canest.telemetry.status_socket import StatusServer, read_status, socket_path
 from tests.live.rig import Rig, free_port, wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -45,14 +45,14 @@ class Process:
             env=environment, stderr=self.log, stdout=subprocess.DEVNULL, cwd=tmp_path,
         )  # fmt: skip
 
-    def heard(self, beginning):
-        """Wait until systemd would have heard a message."""
+    def wait_for_notification(self, beginning):
+        """Wait until systemd would have wait_for_notification a message."""
         while True:
             message = self.notify.recv(4096).decode()
             if message.startswith(beginning):
                 return message
 
-    def said(self):
+    def log_text(self):
         self.log.flush()
         return Path(self.log.name).read_text()
 
@@ -76,32 +76,32 @@ def truck(tmp_path):
 
 def test_a_life_under_systemd(tmp_path, truck):
     with Process(tmp_path, "-c", str(truck), *QUIET) as daemon:
-        daemon.heard("READY=1")
-        daemon.heard("STATUS=")
-        daemon.heard("WATCHDOG=1")
+        daemon.wait_for_notification("READY=1")
+        daemon.wait_for_notification("STATUS=")
+        daemon.wait_for_notification("WATCHDOG=1")
         [path] = (tmp_path / "run").glob("status-*.sock")
-        assert ask(path)["why_not_valid"].startswith("nothing has been heard")
+        assert read_status(path)["why_not_valid"].startswith("no frame has been received")
 
         daemon.process.send_signal(signal.SIGUSR1)
-        assert wait_for(lambda: "<5>counters" in daemon.said())
+        assert wait_for(lambda: "<5>counters" in daemon.log_text())
 
         good = truck.read_text()
         truck.write_text(good + "\nunknown_section: 1\n")
         daemon.process.send_signal(signal.SIGHUP)
-        daemon.heard("RELOADING=1\nMONOTONIC_USEC=")
-        daemon.heard("READY=1")
-        assert wait_for(lambda: "reload-refused" in daemon.said())
-        assert "unknown_section" in daemon.said()
+        daemon.wait_for_notification("RELOADING=1\nMONOTONIC_USEC=")
+        daemon.wait_for_notification("READY=1")
+        assert wait_for(lambda: "reload-refused" in daemon.log_text())
+        assert "unknown_section" in daemon.log_text()
 
         truck.write_text(good.replace("rolling_resistance: 0.0060", "rolling_resistance: 0.0065"))
         daemon.process.send_signal(signal.SIGHUP)
-        assert wait_for(lambda: "<5>reloaded" in daemon.said())
+        assert wait_for(lambda: "<5>reloaded" in daemon.log_text())
 
         begin = time.monotonic()
         daemon.process.send_signal(signal.SIGTERM)
         assert daemon.process.wait(5) == 0
         assert time.monotonic() - begin < 1.0
-        daemon.heard("STOPPING=1")
+        daemon.wait_for_notification("STOPPING=1")
         assert not path.exists()
 
 
@@ -124,12 +124,14 @@ def test_a_reload_moves_the_metrics_port_and_the_status_socket(tmp_path, truck):
         changed = text.replace('service: {learn: "on+save"}', service)
         truck.write_text(changed.replace("channel: vcan0", f"channel: {changes.get('channel', 'vcan0')}"))
         daemon.process.send_signal(signal.SIGHUP)
-        daemon.heard("RELOADING=1")
-        daemon.heard("READY=1")
+        daemon.wait_for_notification("RELOADING=1")
+        daemon.wait_for_notification("READY=1")
 
     with Process(tmp_path, "-c", str(truck), *quiet) as daemon, socket.socket() as occupied:
-        daemon.heard("READY=1")
-        assert wait_for((tmp_path / "run" / "canest.prom").exists)  # what a service writes without being told
+        daemon.wait_for_notification("READY=1")
+        assert wait_for(
+            (tmp_path / "run" / "canest.prom").exists
+        )  # what a service writes without any setting
         reload(daemon, port=first)
         assert wait_for(lambda: "canest_uptime_seconds" in served(first), 15)
         reload(daemon, port=second)
@@ -138,13 +140,13 @@ def test_a_reload_moves_the_metrics_port_and_the_status_socket(tmp_path, truck):
         occupied.bind(("127.0.0.1", first))
         occupied.listen()
         reload(daemon, port=first, channel="elsewhere")
-        assert wait_for(lambda: "service.metrics_port: cannot be opened" in daemon.said())
+        assert wait_for(lambda: "service.metrics_port: cannot be opened" in daemon.log_text())
         assert "canest_uptime_seconds" in served(second)
-        assert ask(tmp_path / "run" / "status-virtual-vcan0.sock")["reloads"] == 2
+        assert read_status(tmp_path / "run" / "status-virtual-vcan0.sock")["reloads"] == 2
         occupied.close()
         reload(daemon, port=first, channel="elsewhere")
         assert wait_for((tmp_path / "run" / "status-virtual-elsewhere.sock").exists)
-        assert ask(tmp_path / "run" / "status-virtual-elsewhere.sock")["reloads"] == 3
+        assert read_status(tmp_path / "run" / "status-virtual-elsewhere.sock")["reloads"] == 3
         assert not (tmp_path / "run" / "status-virtual-vcan0.sock").exists()
         reload(daemon, port="null")
         assert wait_for(lambda: served(first) == "")
@@ -159,9 +161,9 @@ def test_a_metrics_port_that_is_taken_at_the_start_is_told_and_done_without(tmp_
         occupied.listen()
         port = f"service.metrics_port={occupied.getsockname()[1]}"
         with Process(tmp_path, "-c", str(truck), *QUIET, "--set", port) as daemon:
-            daemon.heard("READY=1")
-            daemon.heard("WATCHDOG=1")
-            assert "no-metrics-port" in daemon.said()
+            daemon.wait_for_notification("READY=1")
+            daemon.wait_for_notification("WATCHDOG=1")
+            assert "no-metrics-port" in daemon.log_text()
 
 
 def test_a_daemon_imports_neither_what_is_heavy_nor_what_cannot_run_hardened(tmp_path):
@@ -169,7 +171,7 @@ def test_a_daemon_imports_neither_what_is_heavy_nor_what_cannot_run_hardened(tmp
         "import sys; from canest.config import load_config; from canest.live.daemon import Daemon;"
         "from canest.bus.pythoncan import PythonCanReceiver;"
         f"c = load_config('vcan', ['bus.interface=virtual', 'service.state_dir={tmp_path}']);"
-        "Daemon(c)._end();"
+        "Daemon(c).close();"
         "print(*sorted({m.split('.')[0] for m in sys.modules}));"
         "print(open('/proc/self/status').read().split('VmHWM:')[1].split()[0])"
     )
@@ -182,7 +184,7 @@ def test_a_daemon_imports_neither_what_is_heavy_nor_what_cannot_run_hardened(tmp
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "told"),
+    ("arguments", "code", "expected"),
     [
         (["run"], 2, "-c"),
         (["run", "-c", "no-such-config"], 2, "no-such-config"),
@@ -203,10 +205,10 @@ def test_a_daemon_imports_neither_what_is_heavy_nor_what_cannot_run_hardened(tmp
         (["install-service", "--install", "-c", "no-such-config"], 2, "no-such-config"),
     ],
 )
-def test_every_mistake_is_one_line_and_the_right_exit_code(capsys, arguments, code, told):
+def test_every_mistake_is_one_line_and_the_right_exit_code(capsys, arguments, code, expected):
     assert run(arguments) == code
     errors = capsys.readouterr().err.strip()
-    assert told in errors and "Traceback" not in errors and len(errors.splitlines()) == 1
+    assert expected in errors and "Traceback" not in errors and len(errors.splitlines()) == 1
 
 
 def test_status_shows_what_a_person_on_call_needs(tmp_path, drive, monkeypatch, capsys):
@@ -215,10 +217,10 @@ def test_status_shows_what_a_person_on_call_needs(tmp_path, drive, monkeypatch, 
 
     with Rig(monkeypatch, settings, drive) as rig:
         rig.run(45)
-        content = snapshot(rig.daemon, rig.now_us)
+        content = snapshot(rig.daemon.view(rig.now_us))
     assert content["senders"]["pgn_61444_from_0x00"]["frames"] > 0
     assert all(re.fullmatch(r"[\w.]+", key) for key in flat(content))  # a line of key=value splits at spaces
-    monkeypatch.setattr("canest.telemetry.status_socket.ask", lambda path: content)
+    monkeypatch.setattr("canest.telemetry.status_socket.read_status", lambda path: content)
     assert run(["status", "--socket", "x"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     for part in (

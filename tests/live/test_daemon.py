@@ -1,4 +1,4 @@
-"""The daemon on a scripted bus: what it says, and when the world misbehaves."""
+"""The daemon on a scripted bus: what it broadcasts and reports, and faults of bus, clock and senders."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ def estimates_sent(script):
 def test_the_broadcast_is_the_newest_estimate_within_the_frames_resolution(tmp_path, drive, monkeypatch):
     with Rig(monkeypatch, config(tmp_path), drive) as rig:
         rig.run(60)
-        said = rig.daemon.estimate(rig.now_us)
+        reported = rig.daemon.estimate(rig.now_us)
         sent = estimates_sent(rig.script)[-1]
-        assert said.status == Status.VALID
-        assert abs(sent.mass_kg - said.mass_kg) <= 1 and abs(sent.grade - said.grade) <= 0.00005
-        assert (sent.status, sent.gate) == (said.status, said.gate)
-        assert abs(said.mass_kg - 21_000) < 1_000
+        assert reported.status == Status.VALID
+        assert abs(sent.mass_kg - reported.mass_kg) <= 1 and abs(sent.grade - reported.grade) <= 0.00005
+        assert (sent.status, sent.gate) == (reported.status, reported.gate)
+        assert abs(reported.mass_kg - 21_000) < 1_000
 
 
 def test_when_the_bus_falls_silent_the_broadcast_says_not_available_and_comes_back(
@@ -119,7 +119,7 @@ def test_full_load_noise_and_wrong_senders_do_not_move_a_valid_estimate(tmp_path
             assert now.status == Status.VALID
             worst = max(worst, abs(now.mass_kg / before.mass_kg - 1))
         assert worst < 0.02
-        assert rig.daemon.failures == 0
+        assert rig.daemon.estimation.failures == 0
         assert len(rig.daemon.pipeline.decoder.counters.other_senders) > 50
 
 
@@ -127,25 +127,26 @@ def test_the_real_attack_logs_are_survived_and_counted(tmp_path, data, monkeypat
     from canest.telemetry.snapshot import snapshot
     from canest.telemetry.status_view import rows as rows_of
 
-    told = {}
+    shown = {}
     for name in ("tsc1", "address_claim"):
         frames = FrameBlock.concatenate(list(open_log(data / "kenworth" / f"{name}.log.xz")))
         with Rig(monkeypatch, config(tmp_path, "broadcast.enabled=true", name="kenworth"), frames) as rig:
             rig.run_out()
-            assert rig.daemon.failures == 0
+            assert rig.daemon.estimation.failures == 0
             assert rig.daemon.pipeline.decoder.counters.frames > 0
             claims = [s for s in rig.script.sent if j1939.pgn_of(s[1]) == CLAIM_PGN]
             assert len(claims) < 5 * frames.t_us[-1] / 1e6
-            told[name] = snapshot(rig.daemon, rig.now_us)
-    assert told["tsc1"]["torque_commands"] == {"0x03": 619, "0x0B": 923}
-    assert told["address_claim"]["claims"] == {"0x00": 1}
-    assert told["address_claim"]["broadcast"]["cannot_claim_heard"] == 1
+            shown[name] = snapshot(rig.daemon.view(rig.now_us))
+    assert shown["tsc1"]["torque_commands"] == {"0x03": 619, "0x0B": 923}
+    assert shown["address_claim"]["claims"] == {"0x00": 1}
+    assert shown["address_claim"]["broadcast"]["cannot_claim_received"] == 1
+    assert shown["address_claim"]["broadcast"]["cannot_claim_heard"] == 1  # deprecated
     assert ("addresses lost", "1 times an ECU had to give its own up; claims: 0x00 1") in rows_of(
-        told["address_claim"]
+        shown["address_claim"]
     )
-    unheard = told["address_claim"] | {"claims": {}}
-    lost = next(text for name, text in rows_of(unheard) if name == "addresses lost")
-    assert lost == "1 times an ECU had to give its own up; no claim of an address was heard"
+    no_claims = shown["address_claim"] | {"claims": {}}
+    lost = next(text for name, text in rows_of(no_claims) if name == "addresses lost")
+    assert lost == "1 times an ECU had to give its own up; no claim of an address was received"
     assert "addresses-lost-by-others now=1" in rig.log.getvalue()
 
 
@@ -156,24 +157,24 @@ def test_a_bus_that_cannot_be_opened_says_why_once(tmp_path, monkeypatch):
     with Rig(monkeypatch, config(tmp_path)) as rig:
         rig.script.state, rig.script.reason = "absent", "No such device"
         rig.run(10)
-        told = snapshot(rig.daemon, rig.now_us)
-        assert told["bus"]["reason"] == "No such device"
-        assert ("why not valid", "the bus vcan0 is absent: No such device") in rows_of(told)
+        shown = snapshot(rig.daemon.view(rig.now_us))
+        assert shown["bus"]["reason"] == "No such device"
+        assert ("why not valid", "the bus vcan0 is absent: No such device") in rows_of(shown)
         rig.script.state, rig.script.reason = "up", ""
         rig.run(2)
-    told = [line for line in rig.log.getvalue().splitlines() if line[3:].startswith("bus ")]
-    assert told == ['<4>bus now="absent: No such device"', "<5>bus now=up"]
+    shown = [line for line in rig.log.getvalue().splitlines() if line[3:].startswith("bus ")]
+    assert shown == ['<4>bus now="absent: No such device"', "<5>bus now=up"]
 
 
 def test_a_quiet_bus_is_progress_for_the_watchdog(tmp_path, monkeypatch):
     class Supervisor:
-        watchdog_s, pings, said = 10.0, 0, []
+        watchdog_s, pings, reported = 10.0, 0, []
 
-        def alive(self, now_s):
+        def ping_watchdog(self, now_s):
             self.pings += 1
 
         def status(self, text):
-            self.said.append(text)
+            self.reported.append(text)
 
         def stopping(self): ...
         def close(self): ...
@@ -181,7 +182,7 @@ def test_a_quiet_bus_is_progress_for_the_watchdog(tmp_path, monkeypatch):
     with Rig(monkeypatch, config(tmp_path), notifier=Supervisor()) as rig:
         rig.run(30)
         assert 30 * 4 < rig.daemon.notifier.pings < 30 * 6
-        assert "nothing has been heard on vcan0" in rig.daemon.notifier.said[-1]
+        assert "no frame has been received on vcan0" in rig.daemon.notifier.reported[-1]
 
 
 def test_an_interface_opened_anew_means_claiming_anew(tmp_path, drive, monkeypatch):
@@ -205,7 +206,7 @@ def test_listen_only_sends_nothing_whatever_is_asked(tmp_path, data, monkeypatch
 def test_metrics_and_snapshot_tell_the_same_and_are_well_formed(tmp_path, drive, monkeypatch):
     with Rig(monkeypatch, config(tmp_path, f"service.metrics_file={tmp_path}/m.prom"), drive) as rig:
         rig.run(42)
-        rig.daemon._wants_snapshot = True
+        rig.daemon.request_counters()
         rig.run(2)
         assert "counters" in rig.log.getvalue() and "estimate.mass_kg=" in rig.log.getvalue()
         assert wait_for((tmp_path / "m.prom").exists)
@@ -228,7 +229,7 @@ def test_the_snapshot_is_whole_while_the_disk_recovers(tmp_path, monkeypatch):
 
     with Rig(monkeypatch, config(tmp_path)) as rig:
         rig.daemon.background.failures = Failures(state="No space left", ring="No space left")
-        files = snapshot(rig.daemon, rig.now_us)["files"]
+        files = snapshot(rig.daemon.view(rig.now_us))["files"]
         assert files["state_error"] == files["ring_error"] == "No space left"
 
 
@@ -246,7 +247,7 @@ def test_the_snapshot_is_json_and_stays_small_under_noise(tmp_path, drive, monke
     )
     with Rig(monkeypatch, config(tmp_path), noise) as rig:
         rig.run(3)
-        text = json.dumps(snapshot(rig.daemon, rig.now_us), allow_nan=False)
+        text = json.dumps(snapshot(rig.daemon.view(rig.now_us)), allow_nan=False)
         assert len(text) < 60_000
         assert json.loads(text)["other_senders_count"] > 1000
 
@@ -267,9 +268,9 @@ def test_masses_of_other_ecus_stand_beside_ours(tmp_path, drive, monkeypatch):
     both = both[np.argsort(both.t_us, kind="stable")]
     with Rig(monkeypatch, config(tmp_path), both) as rig:
         rig.run(45)
-        told = snapshot(rig.daemon, rig.now_us)
-        assert told["masses_of_others_kg"] == {"0x0B": 21_300.0, "0x27": 22_600.0}
-        assert told["estimate"]["mass_kg"] == pytest.approx(21_000, rel=0.05)
+        shown = snapshot(rig.daemon.view(rig.now_us))
+        assert shown["masses_of_others_kg"] == {"0x0B": 21_300.0, "0x27": 22_600.0}
+        assert shown["estimate"]["mass_kg"] == pytest.approx(21_000, rel=0.05)
 
 
 def test_an_impossible_bus_is_one_plain_error(tmp_path):

@@ -12,7 +12,7 @@ import pytest
 from canest.core.errors import ConfigError
 from canest.core.frames import FrameBlock
 from canest.core.samples import Status
-from canest.live.daemon import MOST_FAILURES_IN_A_ROW
+from canest.live.estimation import MOST_FAILURES_IN_A_ROW
 from canest.live.reload import LONGEST_S
 from canest.pipeline.pipeline import Pipeline
 from canest.system.shipped_files import shipped
@@ -33,7 +33,7 @@ def test_a_defect_in_the_estimation_is_survived_with_the_learned_mass(tmp_path, 
 
         rig.daemon.pipeline.push = broken
         rig.run(5)
-        assert rig.daemon.failures == 1
+        assert rig.daemon.estimation.failures == 1
         assert "ZeroDivisionError" in rig.log.getvalue()
         after = rig.daemon.estimate(rig.now_us)
         assert abs(after.mass_kg - before.mass_kg) < 0.02 * before.mass_kg
@@ -56,9 +56,9 @@ def test_a_defect_is_survived_while_the_dbc_is_gone_and_a_reload_of_it_refused(t
         dbc.unlink()
         rig.daemon.pipeline.push = broken
         rig.run(3)
-        rig.daemon._wants_reload = True
+        rig.daemon.request_reload()
         rig.run(2)
-        assert rig.daemon.failures == 1 and rig.daemon.reloads.taken == 0
+        assert rig.daemon.estimation.failures == 1 and rig.daemon.reloads.accepted == 0
         refused = next(line for line in rig.log.getvalue().splitlines() if "reload-refused" in line)
         assert "own.dbc" in refused
         after = rig.daemon.estimate(rig.now_us)
@@ -73,7 +73,7 @@ def test_a_defect_that_stays_ends_the_daemon_for_systemd_to_restart_it(tmp_path,
         monkeypatch.setattr(Pipeline, "push", broken)
         with pytest.raises(ZeroDivisionError):
             rig.run(5)
-        assert rig.daemon.failures == MOST_FAILURES_IN_A_ROW
+        assert rig.daemon.estimation.failures == MOST_FAILURES_IN_A_ROW
 
 
 def test_a_mass_learned_survives_a_restart_with_more_doubt(tmp_path, drive, monkeypatch):
@@ -83,7 +83,7 @@ def test_a_mass_learned_survives_a_restart_with_more_doubt(tmp_path, drive, monk
         learned = rig.daemon.estimate(rig.now_us)
     saved = json.loads((tmp_path / "learned-vcan0.json").read_text())
     assert abs(saved["mass_kg"] - learned.mass_kg) < 100 and saved["valid"] is True
-    assert saved["distance_km"] == rig.daemon.node.watch.distance_km is not None
+    assert saved["distance_km"] == rig.daemon.node.monitor.distance_km is not None
     assert 0.5 < saved["distance_km"] - ODOMETER_START_KM < 3.0
     with Rig(monkeypatch, settings, drive) as rig:
         assert "mass-restored" in rig.log.getvalue()
@@ -136,9 +136,9 @@ def test_reload_takes_a_changed_config_over_and_keeps_the_learned_mass(tmp_path,
     with Rig(monkeypatch, settings, drive, reload=lambda: changed) as rig:
         rig.run(60)
         before = rig.daemon.estimate(rig.now_us)
-        rig.daemon._wants_reload = True
+        rig.daemon.request_reload()
         rig.run(5)
-        assert rig.daemon.config is changed and rig.daemon.reloads.taken == 1
+        assert rig.daemon.config is changed and rig.daemon.reloads.accepted == 1
         assert len(rig.opened) == 1  # same bus: not closed, not deaf for a moment
         assert abs(rig.daemon.estimate(rig.now_us).mass_kg - before.mass_kg) < 0.03 * before.mass_kg
 
@@ -150,13 +150,13 @@ def test_reload_of_what_the_estimate_does_not_depend_on_leaves_it_alone(tmp_path
         rig.run(60)
         pipeline, before = rig.daemon.pipeline, rig.daemon.estimate(rig.now_us)
         assert before.status == Status.VALID
-        rig.daemon._wants_reload = True
+        rig.daemon.request_reload()
         rig.run(2)
-        assert rig.daemon.config is changed and rig.daemon.reloads.taken == 1
+        assert rig.daemon.config is changed and rig.daemon.reloads.accepted == 1
         assert rig.daemon.pipeline is pipeline
         assert rig.daemon.estimate(rig.now_us).status == Status.VALID
         assert "mass-restored" not in rig.log.getvalue()
-        assert rig.daemon.memory.learned is not None
+        assert rig.daemon.estimation.mass_store.learned is not None
 
 
 def test_reload_takes_an_edited_dbc_over_and_refuses_a_broken_one(tmp_path, drive, monkeypatch):
@@ -168,7 +168,7 @@ def test_reload_takes_an_edited_dbc_over_and_refuses_a_broken_one(tmp_path, driv
 
     def edited(rig, text):
         dbc.write_text(text)
-        rig.daemon._wants_reload = True
+        rig.daemon.request_reload()
         pipeline = rig.daemon.pipeline
         rig.run(2)
         return rig.daemon.pipeline is not pipeline
@@ -179,13 +179,13 @@ def test_reload_takes_an_edited_dbc_over_and_refuses_a_broken_one(tmp_path, driv
         assert not edited(rig, text[: len(text) // 2].rsplit("BO_", 1)[0] + "BO_ nonsense")
         assert "reload-refused" in rig.log.getvalue()
         assert not edited(rig, text)  # the old one put back, or copied there again, changes nothing
-        assert rig.daemon.reloads.taken == 1
+        assert rig.daemon.reloads.accepted == 1
         assert edited(rig, text + "\n")
         assert len(rig.opened) == 2  # filters may have changed with it
-        rig.daemon._wants_reload = True
+        rig.daemon.request_reload()
         pipeline = rig.daemon.pipeline
         rig.run(2)
-        assert rig.daemon.pipeline is pipeline and rig.daemon.reloads.taken == 3
+        assert rig.daemon.pipeline is pipeline and rig.daemon.reloads.accepted == 3
 
 
 @pytest.mark.parametrize(
@@ -198,7 +198,7 @@ def test_reload_refuses_a_broken_config_and_goes_on(tmp_path, drive, monkeypatch
     with Rig(monkeypatch, config(tmp_path), drive, reload=broken) as rig:
         rig.run(40)
         pipeline = rig.daemon.pipeline
-        rig.daemon._wants_reload = True
+        rig.daemon.request_reload()
         rig.run(2)
         assert rig.daemon.pipeline is pipeline
         assert "reload-refused" in rig.log.getvalue() and "truck.yaml:3" in rig.log.getvalue()
@@ -208,7 +208,7 @@ def test_reload_onto_another_bus_joins_it(tmp_path, drive, monkeypatch):
     other = config(tmp_path, "bus.channel=vcan7")
     with Rig(monkeypatch, config(tmp_path), drive, reload=lambda: other) as rig:
         rig.run(1)
-        rig.daemon._wants_reload = True
+        rig.daemon.request_reload()
         rig.run(2)
         assert [bus.channel for bus, _ in rig.opened] == ["vcan0", "vcan7"]
 
@@ -221,7 +221,7 @@ def test_stopping_takes_no_longer_than_a_second_even_with_a_disk_that_hangs(tmp_
     rig.run(40)
     rig.daemon.background.submit("hang", release.wait)
     begin = time.perf_counter()
-    rig.daemon._end()
+    rig.daemon.close()
     assert time.perf_counter() - begin < 1.0
     assert "disk-hangs" in rig.log.getvalue()
     release.set()
@@ -242,7 +242,7 @@ def test_a_quarter_of_an_hour_of_driving_leaves_nothing_behind(tmp_path, drive, 
                 before = resident_kb(), descriptors(ring)
         assert descriptors(ring) <= before[1]
         assert resident_kb() - before[0] < 2048
-        assert rig.daemon.failures == 0
+        assert rig.daemon.estimation.failures == 0
 
 
 def test_the_loop_goes_on_while_a_config_is_read_and_a_second_signal_waits_for_its_turn(
@@ -262,12 +262,12 @@ def test_the_loop_goes_on_while_a_config_is_read_and_a_second_signal_waits_for_i
     with Rig(monkeypatch, settings, drive, reload=slow) as rig:
         rig.waits_for_reload = False
         rig.run(1)
-        rig.daemon._wants_reload = True
+        rig.daemon.request_reload()
         rig.run(10)
         assert wait_for(lambda: len(reading) == 1) and reading[0] is not threading.current_thread()
         frames = rig.daemon.pipeline.decoder.counters.frames
         for _ in range(3):
-            rig.daemon._wants_reload = True
+            rig.daemon.request_reload()
             rig.run(5)
         assert len(reading) == 1 and rig.daemon.config is settings
         assert rig.daemon.pipeline.decoder.counters.frames > frames
@@ -275,7 +275,7 @@ def test_the_loop_goes_on_while_a_config_is_read_and_a_second_signal_waits_for_i
         rig.waits_for_reload = True
         rig.run(3)
         assert rig.daemon.config is changed
-        assert rig.daemon.reloads.taken == 2 == len(reading)
+        assert rig.daemon.reloads.accepted == 2 == len(reading)
 
 
 def test_a_config_that_cannot_be_read_in_time_is_refused_and_the_old_one_stays(tmp_path, drive, monkeypatch):
@@ -291,20 +291,20 @@ def test_a_config_that_cannot_be_read_in_time_is_refused_and_the_old_one_stays(t
 
     with Rig(monkeypatch, settings, drive, reload=hangs) as rig:
         rig.waits_for_reload = False
-        rig.daemon._wants_reload = True
+        rig.daemon.request_reload()
         rig.run(LONGEST_S + 3)
         assert rig.daemon.reloads.refused == 1
-        assert "could not be read within" in snapshot(rig.daemon, rig.now_us)["reload_refused_because"]
-        rig.daemon._wants_reload = True
+        assert "could not be read within" in snapshot(rig.daemon.view(rig.now_us))["reload_refused_because"]
+        rig.daemon.request_reload()
         rig.run(2)
-        assert "still being read" in snapshot(rig.daemon, rig.now_us)["reload_refused_because"]
+        assert "still being read" in snapshot(rig.daemon.view(rig.now_us))["reload_refused_because"]
         release.set()
         assert wait_for(lambda: not any(t.name == "canest-reload" for t in threading.enumerate()))
         assert rig.daemon.config is settings
-        rig.daemon._wants_reload = True
+        rig.daemon.request_reload()
         rig.waits_for_reload = True
         rig.run(2)
-        assert rig.daemon.reloads.taken == 1 and rig.daemon.config is not settings
+        assert rig.daemon.reloads.accepted == 1 and rig.daemon.config is not settings
 
 
 def test_a_refused_reload_counts_in_status_and_metrics_until_one_is_taken(tmp_path, drive, monkeypatch):
@@ -317,16 +317,16 @@ def test_a_refused_reload_counts_in_status_and_metrics_until_one_is_taken(tmp_pa
         return following
 
     with Rig(monkeypatch, config(tmp_path), drive, reload=reload) as rig:
-        rig.daemon._wants_reload = True
+        rig.daemon.request_reload()
         rig.run(2)
-        shown = snapshot(rig.daemon, rig.now_us)
+        shown = snapshot(rig.daemon.view(rig.now_us))
         assert shown["reloads"] == 0 and shown["reloads_refused"] == 1
         assert shown["reload_refused_because"] == "truck.yaml:3: unknown key"
         assert any("truck.yaml:3: unknown key" in line for _, line in rows(shown))
         assert "canest_reloads_refused_total 1" in metrics.text(shown)
-        rig.daemon._wants_reload = True
+        rig.daemon.request_reload()
         rig.run(2)
-        shown = snapshot(rig.daemon, rig.now_us)
+        shown = snapshot(rig.daemon.view(rig.now_us))
         assert shown["reloads"] == 1 == shown["reloads_refused"] and not shown["reload_refused_because"]
         assert not any("truck.yaml:3" in line for _, line in rows(shown))
         assert "canest_reloads_total 1" in metrics.text(shown)

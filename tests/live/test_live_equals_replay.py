@@ -1,4 +1,4 @@
-"""What the daemon says live is what replay says of its recording."""
+"""Live estimates equal those of a replay of the recording, to the last bit."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_what_the_daemon_said_live_is_what_replay_says_of_its_recording(tmp_path
     assert len(replayed) > 1500
     assert {t: live[t] for t in replayed} == replayed
     assert len(live) - len(replayed) < 100  # the ticks after the last frame
-    assert rig.daemon.late_frames == 0
+    assert rig.daemon.estimation.late_frames == 0
 
 
 def test_so_it_is_with_can_fd_frames_of_which_a_recording_holds_eight_bytes(tmp_path, drive, monkeypatch):
@@ -44,8 +44,8 @@ def test_so_it_is_with_can_fd_frames_of_which_a_recording_holds_eight_bytes(tmp_
     assert {t: live[t] for t in replayed} == replayed
     assert result.summary["skipped_lines"] == 0
     assert lost["frames of wrong length"] > 1000
-    told = f"not decoded: {lost['frames of wrong length']:,} frames of wrong length"
-    assert any(note.startswith(told) for note in result.notes)
+    note_begin = f"not decoded: {lost['frames of wrong length']:,} frames of wrong length"
+    assert any(note.startswith(note_begin) for note in result.notes)
 
 
 def test_live_numbers_have_the_same_bits_as_one_block(tmp_path, data, monkeypatch):
@@ -53,8 +53,11 @@ def test_live_numbers_have_the_same_bits_as_one_block(tmp_path, data, monkeypatc
     settings = config(tmp_path, name="kenworth")
     seen = []
     with Rig(monkeypatch, settings, frames) as rig:
-        keep = rig.daemon._note
-        rig.daemon._note = lambda estimates, *rest: (seen.append(estimates), keep(estimates, *rest))
+        log = rig.daemon.outputs.add_estimates
+        rig.daemon.outputs.add_estimates = lambda estimates, now_s: (
+            seen.append(estimates),
+            log(estimates, now_s),
+        )
         rig.run_out()
     whole = Pipeline(settings).push(frames)
     for column in ("t_us", "mass_kg", "mass_std_kg", "grade", "grade_std", "status", "gate"):
@@ -85,7 +88,7 @@ def test_frames_that_come_too_late_are_used_when_they_come_and_the_recording_sti
 
         rig.script.drain = late
         rig.run_out()
-        assert rig.daemon.late_frames > 100
+        assert rig.daemon.estimation.late_frames > 100
     from canest.offline.replay import replay
 
     replay(tmp_path / "seen.log", settings, output=tmp_path / "replayed.csv")

@@ -22,7 +22,7 @@ from canest.live.schedule import STEP_NS, Schedule
 from canest.system.journal import BURST, REFILL_S, Journal
 from canest.system.systemd_notify import Notifier
 from canest.telemetry.broadcast_view import BLOCKS, LiveView, sparkline
-from canest.telemetry.status_socket import StatusServer, ask
+from canest.telemetry.status_socket import StatusServer, read_status
 from tests.live.rig import Rig, config
 
 
@@ -53,10 +53,10 @@ def test_systemd_hears_every_step_of_a_life(supervisor):
     notifier.reloading()
     notifier.stopping()
     notifier.close()
-    heard = messages(sock)
-    assert heard[:2] == ["READY=1", "STATUS=valid: 20 t"]
-    assert re.fullmatch(r"RELOADING=1\nMONOTONIC_USEC=\d+", heard[2])
-    assert heard[3:] == ["STOPPING=1"]
+    received = messages(sock)
+    assert received[:2] == ["READY=1", "STATUS=valid: 20 t"]
+    assert re.fullmatch(r"RELOADING=1\nMONOTONIC_USEC=\d+", received[2])
+    assert received[3:] == ["STOPPING=1"]
 
 
 def test_the_watchdog_is_pinged_at_half_its_deadline_and_only_when_called(supervisor):
@@ -64,7 +64,7 @@ def test_the_watchdog_is_pinged_at_half_its_deadline_and_only_when_called(superv
     notifier = Notifier(environment)
     assert notifier.watchdog_s == 10.0
     for tick in range(int(30 / 0.02)):
-        notifier.alive(100.0 + tick * 0.02)
+        notifier.ping_watchdog(100.0 + tick * 0.02)
     notifier.close()
     assert messages(sock) == ["WATCHDOG=1"] * 6
 
@@ -193,7 +193,7 @@ def test_the_beat_waited_for_is_the_first_at_which_something_is_due(due_us, long
     fake = FakeTime()
     schedule = Schedule(fake.clock, fake.sleep)
     begin_us = fake.now_ns // 1000
-    woke_us = schedule.wait(schedule.until(begin_us + due_us, longest_us)) // 1000 - begin_us
+    woke_us = schedule.wait(schedule.ticks_until(begin_us + due_us, longest_us)) // 1000 - begin_us
     beats = range(20_000, 600_000, 20_000)
     expected = next(b for b in beats if b >= due_us)
     assert woke_us == max(20_000, min(expected, longest_us // 20_000 * 20_000))
@@ -245,7 +245,7 @@ def test_a_bracket_in_a_name_is_no_markup(tmp_path, monkeypatch, capsys):
     console.print(LiveView(0xFF5A, "canest on virtual:[/]").render(0.0))
     assert "canest on virtual:[/]" in console.file.getvalue()
     with Rig(monkeypatch, config(tmp_path, "vehicle.name='truck [/7]'")) as rig:
-        show(snapshot(rig.daemon, rig.now_us))
+        show(snapshot(rig.daemon.view(rig.now_us)))
     assert "truck [/7] on vcan0" in capsys.readouterr().out
 
 
@@ -272,7 +272,7 @@ def test_a_daemon_is_there_however_many_ask_at_once(tmp_path):
         with pytest.raises(UsageError, match="running already"):
             StatusServer(path)
         with ThreadPoolExecutor() as pool:
-            answer = pool.submit(ask, path)
+            answer = pool.submit(read_status, path)
             while not answer.done():
                 first.poll(lambda: {"pid": 7})
                 time.sleep(0.1)
@@ -283,7 +283,7 @@ def test_a_daemon_is_there_however_many_ask_at_once(tmp_path):
 def test_a_name_left_by_a_killed_daemon_is_taken_over_and_only_ones_own_is_removed(tmp_path):
     path = tmp_path / "status-can0.sock"
     killed = StatusServer(path)
-    killed._socket.close()  # as the kernel does; the name stays
+    killed.close(keep_name=True)  # as the kernel does
     second = StatusServer(path)
     killed.close()
     assert path.exists()

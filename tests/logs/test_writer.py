@@ -17,11 +17,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from canest.core.errors import OutputError
+from canest.core.estimates import Estimates
 from canest.core.frames import EXTENDED, FrameBlock
 from canest.core.gates import LABELS
 from canest.logs.candump import CandumpParser
 from canest.logs.writer import CandumpWriter, candump_text, open_writer
-from canest.pipeline.pipeline import Estimates
 from logs.helpers_logs import DATA, FRAMES, LONG_FRAMES, assert_same, log_form
 
 STATUS = ["unestimated", "converging", "valid"]

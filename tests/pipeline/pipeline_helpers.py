@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from canest.config.database_files import read_database
+from canest.core.estimates import Estimates
 from canest.core.frames import EXTENDED, FrameBlock
-from canest.decode.database import load
 from canest.logs import open_log
-from canest.pipeline.pipeline import Estimates, Pipeline
+from canest.pipeline.pipeline import Pipeline
 from canest.system.shipped_files import shipped
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -47,7 +48,7 @@ def bus(
 
     Names in ``silent`` are not sent. Encoded here, bit by bit, from the DBC's start, length, scale, offset.
     """
-    database = load(shipped("dbc") / "j1939.dbc")
+    database = read_database(shipped("dbc") / "j1939.dbc")
     frames = []
     for name, (source, period_ms) in SCHEDULE.items():
         if name in silent:

@@ -9,10 +9,11 @@ import pytest
 from pipeline_helpers import Value, bundled, bus
 
 from canest.config import load_config
+from canest.core.estimates import Estimates
 from canest.core.frames import FrameBlock
 from canest.core.gates import Gate
 from canest.core.samples import Status
-from canest.pipeline.pipeline import Estimates, Pipeline
+from canest.pipeline.pipeline import Pipeline
 
 CONFIG = load_config("class8")
 FINAL_DRIVE, RADIUS_M = 3.73, 0.5

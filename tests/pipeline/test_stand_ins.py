@@ -10,13 +10,14 @@ import pytest
 from pipeline_helpers import bundled, differences, run
 
 from canest.config import load_config
+from canest.core.estimates import Estimates
 from canest.core.frames import FrameBlock
 from canest.core.samples import Status
 from canest.decode import j1939
 from canest.demo import DRIVE
 from canest.logs import open_log
 from canest.offline.compare import compare
-from canest.pipeline.pipeline import Estimates, Pipeline
+from canest.pipeline.pipeline import Pipeline
 
 TRUE_KG = 21_000.0  # of the demo's drive
 LATE_S = 90

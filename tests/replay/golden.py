@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from canest.config import load_config
+from canest.core.estimates import Estimates
 from canest.demo import DRIVE
 from canest.offline.replay import LogRun
-from canest.pipeline.pipeline import Estimates
 
 HERE = Path(__file__).resolve().parent
 FILE = HERE / "golden.json"

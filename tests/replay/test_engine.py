@@ -10,11 +10,11 @@ import pytest
 
 from canest.config import load_config, parse_config
 from canest.core.errors import LogError
+from canest.core.estimates import Estimates
 from canest.demo import DRIVE
 from canest.logs.truth import Truth
 from canest.offline.replay import compiling_pays, replay
 from canest.offline.scoring import Score
-from canest.pipeline.pipeline import Estimates
 
 DATA = Path(__file__).parents[1] / "data"
 KENWORTH = DATA / "kenworth" / "normal.log.xz"

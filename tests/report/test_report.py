@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from canest.core.errors import how_to_add
+from canest.core.estimates import Estimates
 from canest.core.frames import FloatColumn
 from canest.core.gates import Gate
 from canest.core.samples import EstimateBlock, ModelBlock
 from canest.demo import DRIVE, TRUTH
 from canest.offline.compare import Comparison
-from canest.pipeline.pipeline import Estimates
 from canest.report.compare_page import COLUMNS, compare_page
 from canest.report.recorder import POINTS_MAX, Recorder, Whiteness, residual_N
+from canest.system.installation import how_to_add
 
 pytest.importorskip("jinja2")
 pytest.importorskip("plotly")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from canest.config.load import load_config, parse_config
+from canest.config import load_config, parse_config, read_databases
 from canest.core.samples import Status
 from canest.simulation.reading import load_scenario
 from canest.simulation.run import simulate
@@ -24,7 +24,8 @@ MORE = ("gear_ratio", "gear", "longitudinal_accel", "yaw_rate", "altitude")
 
 def without(*roles: str):
     text = (shipped("configs") / "class8.yaml").read_text()
-    return parse_config(re.sub(rf"(?m)^  ({'|'.join(roles)}):.*\n", "", text), str(Path("class8.yaml")))
+    text = re.sub(rf"(?m)^  ({'|'.join(roles)}):.*\n", "", text)
+    return read_databases(parse_config(text, str(Path("class8.yaml"))))
 
 
 @pytest.fixture(scope="module")

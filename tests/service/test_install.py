@@ -78,8 +78,8 @@ def test_a_name_that_systemd_or_a_path_would_read_otherwise_is_refused(
 ) -> None:
     argv = ["install-service", "--install", "-c", str(VCAN), f"--name={name}", "--root", str(image)]
     assert run(argv) == 2
-    told = capsys.readouterr().err
-    assert "--name: is no name for an instance" in told and "e.g. --name " in told
+    error = capsys.readouterr().err
+    assert "--name: is no name for an instance" in error and "e.g. --name " in error
     assert not list(image.iterdir())
 
 

@@ -1,4 +1,4 @@
-"""What a service is told whose unit forbids the sockets that its config needs."""
+"""What a service reports whose unit forbids the sockets that its config needs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from canest.config import load_config
 from canest.config.bus import Bus
 from canest.system.files import Background
 from canest.system.journal import Journal
-from canest.telemetry.endpoints import Doors
+from canest.telemetry.endpoints import Endpoints
 
 MULTICAST = Bus(interface="udp_multicast", channel="239.74.163.2")
 FORBIDDEN = "RestrictAddressFamilies of the unit forbids AF_INET: canest install-service"
@@ -36,17 +36,17 @@ def no_inet(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("no_inet")
 @pytest.mark.parametrize(
-    ("under_systemd", "told"), [(True, FORBIDDEN), (False, "this system allows no AF_INET sockets")]
+    ("under_systemd", "reason"), [(True, FORBIDDEN), (False, "this system allows no AF_INET sockets")]
 )
 def test_a_forbidden_multicast_says_what_forbids_it(
-    monkeypatch: pytest.MonkeyPatch, under_systemd: bool, told: str
+    monkeypatch: pytest.MonkeyPatch, under_systemd: bool, reason: str
 ) -> None:
     if under_systemd:
         monkeypatch.setenv("INVOCATION_ID", "0" * 32)
     else:
         monkeypatch.delenv("INVOCATION_ID", raising=False)
     receiver, _ = open_link(MULTICAST, [(0, 0)], transmit=False)
-    assert receiver.state == "absent" and told in receiver.reason
+    assert receiver.state == "absent" and reason in receiver.reason
     receiver.close()
 
 
@@ -58,9 +58,9 @@ def test_a_forbidden_metrics_port_says_what_forbids_it(
     monkeypatch.setenv("INVOCATION_ID", "0" * 32)
     changes = [f"service.state_dir={tmp_path}", "service.metrics_port=9464"]
     log, background = io.StringIO(), Background()
-    doors = Doors(load_config("vcan", changes), Journal(log), background)
+    endpoints = Endpoints(load_config("vcan", changes), Journal(log), background)
     assert FORBIDDEN in log.getvalue()
-    doors.close()
+    endpoints.close()
     background.close(1.0)
 
 

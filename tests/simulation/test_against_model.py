@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from canest.config import parse_config
+from canest.config import parse_config, read_databases
 from canest.pipeline.pipeline import Pipeline
 from canest.simulation import SimulatedDrive, simulate
 from canest.simulation.files import config_text
@@ -19,7 +19,8 @@ def regression(drive: SimulatedDrive) -> tuple[np.ndarray, np.ndarray]:
     """Return known force and specific force (acceleration, true grade, rolling) of the samples left open."""
     seen: list[Any] = []
     pipeline = Pipeline(
-        parse_config(config_text(drive.config)), listener=lambda samples, _: seen.append(samples)
+        read_databases(parse_config(config_text(drive.config))),
+        listener=lambda samples, _: seen.append(samples),
     )
     pipeline.push(drive.frames)
     pipeline.finish()

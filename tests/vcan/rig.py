@@ -1,4 +1,4 @@
-"""What the vcan tests share: traffic on a bus, the daemon as a process, and ears for its broadcast."""
+"""What the vcan tests share: traffic on a bus, the daemon as a process, and a receiver of its broadcast."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def add_vcan(name: str) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class ReceivedBroadcast:
     """A broadcast: when (monotonic, s), from which address, its payload and its signals by name."""
 
     t_s: float
@@ -111,8 +111,8 @@ def gate_code(label: str) -> int:
     return next(int(number) for number, name in choices.items() if str(name) == label)
 
 
-class Ears:
-    """Hears the broadcast on one interface. Use as a context manager."""
+class BroadcastReceiver:
+    """Receives the broadcast on one interface. Use as a context manager."""
 
     def __init__(self, interface: str) -> None:
         self._socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
@@ -120,13 +120,13 @@ class Ears:
         self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, only)
         self._socket.bind((interface,))
 
-    def __enter__(self) -> Ears:
+    def __enter__(self) -> BroadcastReceiver:
         return self
 
     def __exit__(self, *_: object) -> None:
         self._socket.close()
 
-    def hear(self, timeout_s: float) -> Heard | None:
+    def receive(self, timeout_s: float) -> ReceivedBroadcast | None:
         """Return the next broadcast, None if none comes in time; what is damaged or noise is passed over."""
         deadline_s = time.monotonic() + timeout_s
         while True:
@@ -136,37 +136,41 @@ class Ears:
             except (TimeoutError, OSError):
                 return None
             if is_sound(can_id, data[:length]):
-                return Heard(time.monotonic(), can_id & 0xFF, data[:length], decode(data[:length]))
+                return ReceivedBroadcast(
+                    time.monotonic(), can_id & 0xFF, data[:length], decode(data[:length])
+                )
 
     def flush(self) -> None:
-        """Forget what has been heard so far."""
+        """Forget what has been received so far."""
         self._socket.settimeout(0.0)
         with contextlib.suppress(BlockingIOError, OSError):
             while True:
                 self._socket.recv(16)
 
-    def waiting(self) -> list[Heard]:
-        """Return what has been heard and not been asked for yet."""
-        return list(iter(lambda: self.hear(0.0), None))
+    def waiting(self) -> list[ReceivedBroadcast]:
+        """Return what has been received and not been asked for yet."""
+        return list(iter(lambda: self.receive(0.0), None))
 
-    def until(self, wanted: Callable[[Heard], bool], timeout_s: float, what: str) -> Heard:
+    def until(
+        self, wanted: Callable[[ReceivedBroadcast], bool], timeout_s: float, what: str
+    ) -> ReceivedBroadcast:
         """Return the first broadcast from now on that is ``wanted``; fail past the time."""
         self.flush()
         deadline_s = time.monotonic() + timeout_s
-        last: Heard | None = None
+        last: ReceivedBroadcast | None = None
         while (left_s := deadline_s - time.monotonic()) > 0:
-            heard = self.hear(left_s)
-            if heard is not None and wanted(heard):
-                return heard
-            last = heard or last
-        raise AssertionError(f"{what}: not within {timeout_s:g} s; last heard {last}")
+            received = self.receive(left_s)
+            if received is not None and wanted(received):
+                return received
+            last = received or last
+        raise AssertionError(f"{what}: not within {timeout_s:g} s; last received {last}")
 
     def fresh(self, since_s: float, within_s: float, what: str) -> float:
         """Wait for an estimate of now; return the seconds it took from ``since_s`` (monotonic) on.
 
         Fails when that is more than ``within_s``, stretched by `slowness`.
         """
-        took_s = self.until(lambda heard: heard.fresh, 60.0, f"an estimate after {what}").t_s - since_s
+        took_s = self.until(lambda received: received.fresh, 60.0, f"an estimate after {what}").t_s - since_s
         limit_s = within_s * slowness()
         assert took_s <= limit_s, f"{what}: an estimate after {took_s:.2f} s, expected within {limit_s:.2f} s"
         return took_s

@@ -91,32 +91,32 @@ def test_every_broadcast_number_is_the_replays_within_the_frames_resolution(run:
     at = 0
     lags_s = []
     for t_s, _, payload in run.broadcasts:
-        heard = rig.decode(payload)
-        if heard["EstimatedMass"] is None or t_s > times[-1]:
+        received = rig.decode(payload)
+        if received["EstimatedMass"] is None or t_s > times[-1]:
             continue
-        while at < len(rows) and not _says(heard, rows[at]):
+        while at < len(rows) and not _equals(received, rows[at]):
             at += 1
-        assert at < len(rows), f"no estimate equals the broadcast of {t_s}: {heard}"
+        assert at < len(rows), f"no estimate equals the broadcast of {t_s}: {received}"
         assert times[at] <= t_s
         newest = at  # while a gate is closed, many rows say the same
-        while newest + 1 < len(rows) and times[newest + 1] <= t_s and _says(heard, rows[newest + 1]):
+        while newest + 1 < len(rows) and times[newest + 1] <= t_s and _equals(received, rows[newest + 1]):
             newest += 1
         lags_s.append(t_s - times[newest])
     assert len(lags_s) > 100 / run.slowness
     assert statistics.median(lags_s) <= LAG_S * run.slowness
 
 
-def _says(heard: dict[str, Any], row: dict[str, str]) -> bool:
+def _equals(received: dict[str, Any], row: dict[str, str]) -> bool:
     mass_kg, std_kg = float(row["mass_kg"]), float(row["mass_std_kg"])
     grade_pct, grade_std_pct = 100 * float(row["grade"]), 100 * float(row["grade_std"])
     statuses = ("unestimated", "converging", "valid")
     largest_std_pct = 0xFA * 0.4
     return bool(
-        abs(heard["EstimatedMass"] - mass_kg) <= 1.0 + 0.05  # half a step, and est.csv's own digits
-        and abs(heard["EstimatedMassStd"] - min(100 * std_kg / mass_kg, largest_std_pct)) <= 0.21
-        and abs(heard["EstimatedGrade"] - grade_pct) <= 0.005 + 0.0001
-        and abs(heard["EstimatedGradeStd"] - min(grade_std_pct, 0xFA * 0.04)) <= 0.021
-        and statuses[int(heard["EstimateStatus"])] == row["status"]
+        abs(received["EstimatedMass"] - mass_kg) <= 1.0 + 0.05  # half a step, and est.csv's own digits
+        and abs(received["EstimatedMassStd"] - min(100 * std_kg / mass_kg, largest_std_pct)) <= 0.21
+        and abs(received["EstimatedGrade"] - grade_pct) <= 0.005 + 0.0001
+        and abs(received["EstimatedGradeStd"] - min(grade_std_pct, 0xFA * 0.04)) <= 0.021
+        and statuses[int(received["EstimateStatus"])] == row["status"]
     )
 
 

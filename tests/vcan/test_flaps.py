@@ -58,7 +58,7 @@ class Flapping:
         while self.receiver.state != state:
             assert time.monotonic() < deadline_s, f"the interface is {self.receiver.state}, not {state}"
             if state == "up":
-                self.receiver._look_at_s = 0.0  # now, not in 20 ms
+                self.receiver.request_check()  # now, not in 20 ms
             self.receiver.drain()
             time.sleep(0.002)
 

@@ -1,7 +1,7 @@
 """What takes a minute, twice in the same one: a daemon stopped, and one on a real truck's bus under attack.
 
 The stopped one has no privilege, as under its unit, so its socket holds only some hundred frames of it. The
-other has a valid mass and hears the logs of a truck that was really attacked; beside them random frames and
+other has a valid mass and receives the logs of a truck that was attacked; beside them random frames and
 valid groups from wrong addresses fill the bus.
 """
 
@@ -48,7 +48,9 @@ class Daemons:
     attacked: rig.Daemon
     before: dict[str, dict[str, Any]] = field(default_factory=dict)
     after: dict[str, dict[str, Any]] = field(default_factory=dict)
-    heard: list[rig.Heard] = field(default_factory=list)  #: of the attacked one, from just before it
+    received: list[rig.ReceivedBroadcast] = field(
+        default_factory=list
+    )  #: of the attacked one, from just before it
     recovered_s: float = 0.0
     slept_s: float = 0.0
     #: frames on the bus of the stopped one in all its life, counted before and after its last status
@@ -109,19 +111,22 @@ def minute(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemons]:
             stack.callback(daemon.__exit__)
         for daemon in both:
             daemon.started(len(both) * rig.START_S)
-        asleep, attacked = stack.enter_context(rig.Ears(ASLEEP)), stack.enter_context(rig.Ears(ATTACKED))
-        # made before the truck is heard: half a minute of silence would be a stop in which it may be loaded
+        asleep, attacked = (
+            stack.enter_context(rig.BroadcastReceiver(ASLEEP)),
+            stack.enter_context(rig.BroadcastReceiver(ATTACKED)),
+        )
+        # made before the truck sends: half a minute of silence would be a stop in which it may be loaded
         commands = attacks(folder)
         with rig.playing(ASLEEP, rig.cycle_log(folder, without=UNWANTED)):
             with rig.playing(ATTACKED, rig.kenworth_log(folder, "normal")):
                 asleep.until(is_valid, 60.0, "a valid estimate")
-                daemons.heard.append(attacked.until(is_valid, 60.0, "a valid estimate"))
+                daemons.received.append(attacked.until(is_valid, 60.0, "a valid estimate"))
             daemons.before = {daemon.interface: daemon.status() for daemon in both}
             stopped_s = time.monotonic()
             daemons.asleep.signal(signal.SIGSTOP)
             attackers = [subprocess.Popen(["bash", "-c", c], stderr=subprocess.DEVNULL) for c in commands]
             while time.monotonic() < stopped_s + MINUTE_S or any(a.poll() is None for a in attackers):
-                daemons.heard += attacked.waiting()
+                daemons.received += attacked.waiting()
                 time.sleep(0.2)
             daemons.slept_s = time.monotonic() - stopped_s
             daemons.asleep.signal(signal.SIGCONT)
@@ -134,15 +139,17 @@ def minute(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemons]:
         yield daemons
 
 
-def is_valid(heard: rig.Heard) -> bool:
-    return heard.signals["EstimateStatus"] == 2
+def is_valid(received: rig.ReceivedBroadcast) -> bool:
+    return received.signals["EstimateStatus"] == 2
 
 
-def moved(heard: list[rig.Heard]) -> float:
+def moved(received: list[rig.ReceivedBroadcast]) -> float:
     """Return by how much the mass moved from its first value (share); every estimate must be valid."""
-    masses = [h.mass_kg for h in heard if h.mass_kg is not None]
+    masses = [h.mass_kg for h in received if h.mass_kg is not None]
     assert len(masses) > 20  # where the machine cannot keep up it says "not available" in between
-    odd = [(h.t_s - heard[0].t_s, h.signals) for h in heard if h.mass_kg is not None and not is_valid(h)]
+    odd = [
+        (h.t_s - received[0].t_s, h.signals) for h in received if h.mass_kg is not None and not is_valid(h)
+    ]
     assert not odd, (len(odd), odd[:3])
     return max(abs(mass_kg / masses[0] - 1.0) for mass_kg in masses)
 
@@ -173,7 +180,7 @@ def test_a_minute_of_attacks_at_full_load_leaves_a_valid_mass(
     minute: Daemons, record_property: Record
 ) -> None:
     before, after = minute.before[ATTACKED], minute.after[ATTACKED]
-    share = moved(minute.heard)
+    share = moved(minute.received)
     record_property("moved_pct", 100 * share)
     assert share <= MOST
     assert (after["pid"], after["failures"]) == (before["pid"], 0)

@@ -96,10 +96,10 @@ def unit() -> Iterator[str]:
 
 
 @pytest.fixture
-def ears(unit: str, tmp_path: Path) -> Iterator[rig.Ears]:
-    """Ears on a bus on which a drive is played."""
-    with rig.playing(BUS, rig.cycle_log(tmp_path)), rig.Ears(BUS) as ears:
-        yield ears
+def receiver(unit: str, tmp_path: Path) -> Iterator[rig.BroadcastReceiver]:
+    """BroadcastReceiver on a bus on which a drive is played."""
+    with rig.playing(BUS, rig.cycle_log(tmp_path)), rig.BroadcastReceiver(BUS) as receiver:
+        yield receiver
 
 
 def await_new_life(pid: int, since_s: float, limit_s: float) -> float:
@@ -113,10 +113,12 @@ def await_new_life(pid: int, since_s: float, limit_s: float) -> float:
     return took_s
 
 
-def test_started_by_the_unit_it_is_ready_and_broadcasts(ears: rig.Ears) -> None:
+def test_started_by_the_unit_it_is_ready_and_broadcasts(receiver: rig.BroadcastReceiver) -> None:
     assert show("ActiveState") == "active"
-    heard = ears.until(lambda heard: heard.signals["EstimateStatus"] == 2, 120.0, "a valid estimate")
-    assert heard.mass_kg == pytest.approx(rig.TRUE_MASS_KG, rel=0.05)
+    received = receiver.until(
+        lambda received: received.signals["EstimateStatus"] == 2, 120.0, "a valid estimate"
+    )
+    assert received.mass_kg == pytest.approx(rig.TRUE_MASS_KG, rel=0.05)
     rig.wait_until(
         lambda: re.search(r"valid: mass 2[01]\.\d t", show("StatusText")), 10.0, "a STATUS to read", ASK_S
     )
@@ -130,7 +132,7 @@ def test_it_runs_as_nobody_in_particular_with_nothing_it_could_use(unit: str) ->
     assert re.search(r"^Seccomp:\s+2$", status, re.M)
 
 
-def test_metrics_file_lies_where_a_node_exporter_reads_it(ears: rig.Ears) -> None:
+def test_metrics_file_lies_where_a_node_exporter_reads_it(receiver: rig.BroadcastReceiver) -> None:
     metrics = Path("/run/canest/guest/canest.prom")
     line = 'canest_status{status="valid"} 1.0\n'
     rig.wait_until(lambda: metrics.exists() and line in metrics.read_text(), 30.0, "the metrics")
@@ -143,14 +145,18 @@ def test_status_socket_answers_in_the_runtime_directory(unit: str) -> None:
     assert status["failures"] == 0
 
 
-def test_killed_process_is_restarted_with_the_saved_mass(ears: rig.Ears, record_property: Record) -> None:
-    before = ears.until(lambda heard: heard.signals["EstimateStatus"] == 2, 120.0, "a valid estimate")
+def test_killed_process_is_restarted_with_the_saved_mass(
+    receiver: rig.BroadcastReceiver, record_property: Record
+) -> None:
+    before = receiver.until(
+        lambda received: received.signals["EstimateStatus"] == 2, 120.0, "a valid estimate"
+    )
     time.sleep(2.0)  # saved every second
     lives = journal().count("mass-restored")
     pid, begin_s = main_pid(), time.monotonic()
     os.kill(pid, signal.SIGKILL)
     record_property("restarted_s", await_new_life(pid, begin_s, 3.0))
-    first = ears.until(lambda heard: heard.fresh, 60.0, "an estimate of the new life")
+    first = receiver.until(lambda received: received.fresh, 60.0, "an estimate of the new life")
     assert first.mass_kg == pytest.approx(before.mass_kg, rel=0.03)
     foreign = ["cangen", BUS, "-e", "-i", "-g", "2", "-n", "300", "-I", "0CF00453", "-L", "8", "-D", "r"]
     subprocess.run(foreign, check=True, timeout=60)  # what is sent after its return is counted, all of it
@@ -158,46 +164,48 @@ def test_killed_process_is_restarted_with_the_saved_mass(ears: rig.Ears, record_
     assert journal().count("mass-restored") == lives + 1
 
 
-def test_reload_of_a_broken_config_is_refused_without_stopping(ears: rig.Ears) -> None:
+def test_reload_of_a_broken_config_is_refused_without_stopping(receiver: rig.BroadcastReceiver) -> None:
     pid = main_pid()
     CONFIG.write_text(config_text(vehicel="{}"))
     try:
         systemctl("reload", UNIT)
         rig.wait_until(lambda: "reload-refused" in journal(), 30.0, "the refusal", ASK_S)
         assert "vehicel" in journal()
-        ears.fresh(time.monotonic(), RECOVERY_S, "a reload was refused")
+        receiver.fresh(time.monotonic(), RECOVERY_S, "a reload was refused")
         assert main_pid() == pid
     finally:
         CONFIG.write_text(config_text())
 
 
-def test_reload_of_a_good_config_is_taken(ears: rig.Ears) -> None:
+def test_reload_of_a_good_config_is_taken(receiver: rig.BroadcastReceiver) -> None:
     pid = main_pid()
     systemctl("reload", UNIT)
     rig.wait_until(lambda: "reloaded" in journal(), 30.0, "the reload", ASK_S)
-    ears.fresh(time.monotonic(), RECOVERY_S, "a reload")
+    receiver.fresh(time.monotonic(), RECOVERY_S, "a reload")
     assert main_pid() == pid
 
 
-def test_stopped_process_is_restarted_by_the_watchdog(ears: rig.Ears, record_property: Record) -> None:
+def test_stopped_process_is_restarted_by_the_watchdog(
+    receiver: rig.BroadcastReceiver, record_property: Record
+) -> None:
     pid = main_pid()
     os.kill(pid, signal.SIGSTOP)
     # The deadline, then 0.5 s before the next start (RestartSec) and what systemd itself takes.
     took_s = await_new_life(pid, time.monotonic(), WATCHDOG_S + 3.0)
     record_property("restarted_s", took_s)
     assert "watchdog" in show("Result") + journal().lower() + systemctl("show", UNIT).lower()
-    ears.until(lambda heard: heard.fresh, 60.0, "an estimate of the new life")
+    receiver.until(lambda received: received.fresh, 60.0, "an estimate of the new life")
 
 
-def test_interface_deleted_and_made_anew(ears: rig.Ears, record_property: Record) -> None:
-    ears.until(lambda heard: heard.fresh, 60.0, "an estimate before the fault")
+def test_interface_deleted_and_made_anew(receiver: rig.BroadcastReceiver, record_property: Record) -> None:
+    receiver.until(lambda received: received.fresh, 60.0, "an estimate before the fault")
     pid = main_pid()
     rig.ip("link", "delete", BUS)
     time.sleep(1.0)
     rig.add_vcan(BUS)
     back_s = time.monotonic()
-    with rig.Ears(BUS) as new_ears:
-        record_property("recovered_s", new_ears.fresh(back_s, RECOVERY_S, "the interface came back"))
+    with rig.BroadcastReceiver(BUS) as new_receiver:
+        record_property("recovered_s", new_receiver.fresh(back_s, RECOVERY_S, "the interface came back"))
     assert main_pid() == pid
 
 
@@ -206,8 +214,8 @@ def test_counters_come_with_sigusr1(unit: str) -> None:
     rig.wait_until(lambda: "bus.late_frames=" in journal(), 30.0, "the counters", ASK_S)
 
 
-def test_sigterm_ends_within_a_second_with_the_mass_saved(ears: rig.Ears) -> None:
-    ears.until(lambda heard: heard.fresh, 60.0, "an estimate")
+def test_sigterm_ends_within_a_second_with_the_mass_saved(receiver: rig.BroadcastReceiver) -> None:
+    receiver.until(lambda received: received.fresh, 60.0, "an estimate")
     pid = main_pid()
     begin_s, begin_wall_s = time.monotonic(), time.time()
     os.kill(pid, signal.SIGTERM)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from vehicle_helpers import FINAL_DRIVE, RADIUS_M, config, ticks
 
+from canest.config.database_files import read_databases
 from canest.config.schema import Config
 from canest.core.errors import ConfigError
 from canest.core.gates import Gate
@@ -156,4 +157,6 @@ def test_the_steps_of_the_speed_in_use_count() -> None:
         "vehicle_speed": {"message": "CCVS1", "signal": "WheelBasedVehicleSpeed"},
     }
     heard = config(list(few)).model_dump() | {"dbc": ["j1939.dbc"], "signals": few}
-    assert resolution_of(Config.model_validate(heard))["speed"] == pytest.approx(1 / 256 / 3.6)
+    assert resolution_of(read_databases(Config.model_validate(heard)))["speed"] == pytest.approx(
+        1 / 256 / 3.6
+    )

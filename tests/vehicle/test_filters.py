@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import runpy
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +13,11 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from canest.core.errors import ConfigError
-from canest.vehicle.butterworth import Filter, butterworth, delay_s, order_and_cutoff
+from canest.vehicle.butterworth import Filter, butterworth, delay_s
 
 RATE_HZ = 50.0
+PAPERS = Path(__file__).parents[2] / "benchmarks" / "papers"
+order_and_cutoff = runpy.run_path(str(PAPERS / "closed_forms.py"))["order_and_cutoff"]
 
 
 def sos(order: int, cutoff_hz: float) -> np.ndarray:

@@ -9,19 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from canest.batch.job import name_of
 from canest.config.schema import Config
 from canest.core.errors import LogError
+from canest.core.estimates import Estimates
 from canest.core.frames import BoolColumn, FloatColumn, Onward
 from canest.core.samples import STEP_US, ModelBlock
 from canest.core.table_block import TableBlock
 from canest.doctor.reasons import why_no_time
 from canest.doctor.warnings import log_notes, stream_notes
 from canest.grid.grid import Feed, Grid, GridBlock
+from canest.logs.log_names import log_name
 from canest.logs.memory import MemoryLog
 from canest.pipeline.build import grid_spec, intake_spec, model_spec
 from canest.pipeline.intake import Intake
-from canest.pipeline.pipeline import Estimates, Pipeline
+from canest.pipeline.pipeline import Pipeline
 from canest.pipeline.tables import TableMap, open_for
 from canest.vehicle.butterworth import Filter
 from canest.vehicle.effects import Effect
@@ -78,7 +79,7 @@ class Drive:
         self.path, self.config, self._feeds, self._flaw = path, config, feeds, flaw
         self.notes = list(notes)  #: what a user should know of the log beside the numbers
         self.channel = channel  #: the one interface of the log that was read, None for all
-        self.name = path.name if isinstance(path, MemoryLog) else name_of(path)
+        self.name = path.name if isinstance(path, MemoryLog) else log_name(path)
         self._grids: dict[tuple[float, ...], list[GridBlock]] = {}
 
     @staticmethod

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from canest.core.estimates import Estimates
 from canest.core.frames import FloatColumn, Onward
 from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.run import Diagnosis
 from canest.diagnosis.search.choice import Chosen
 from canest.diagnosis.search.dependence import Cause, binned, cause_of, causes
 from canest.diagnosis.search.gauss_newton import fit_on
-from canest.pipeline.pipeline import Estimates
 from canest.report.figure import BLUE, GREEN, INK, MUTED, ORANGE, Rows, numbers
 from canest.report.panels import Panels
 

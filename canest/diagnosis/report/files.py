@@ -6,20 +6,19 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from canest.config.schema import Config
 from canest.core.errors import OutputError
 from canest.diagnosis.data.problem import TooLittleDrivingError
 from canest.diagnosis.entries import Entry, entries
 from canest.diagnosis.outcome import document, empty_document
+from canest.diagnosis.report.page import report_page
 from canest.diagnosis.report.revised_config import revised_config, revised_text
 from canest.diagnosis.run import Diagnosis
+from canest.report.page import Page
 from canest.system.result_files import write_results
 from canest.system.shipped_files import find
-
-if TYPE_CHECKING:
-    from canest.report.page import Page
 
 JSON_NAME, CONFIG_NAME, REPORT_NAME = "diagnosis.json", "revised.yaml", "report.html"
 
@@ -35,8 +34,6 @@ class Written:
 
 def write(diagnosis: Diagnosis, config_name: str, logs: Sequence[str], directory: Path) -> Written:
     """Write all three files. config_name: what the diagnosis was called with. Errors: OutputError."""
-    from canest.diagnosis.report.page import report_page
-
     found = entries(diagnosis)
     _make(directory)
     config = revised_config(diagnosis)
@@ -53,8 +50,6 @@ def write_empty(
     error: TooLittleDrivingError, config: Config, config_name: str, logs: Sequence[str], directory: Path
 ) -> Written:
     """Write the three files of logs in which nothing could be measured: the config stays as it was."""
-    from canest.report.page import Page
-
     finding = f"Nothing can be said of the model: {error.what}, {error.found}; `canest check` shows why."
     _make(directory)
     paths = _together(

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from canest.config.schema import Config, Source
+from canest.config.schema import Config
+from canest.config.sections import Source
 from canest.core.errors import ConfigError
 from canest.core.frames import ERROR, EXTENDED, REMOTE, FloatColumn, IntColumn, Onward
 from canest.core.table_block import TableBlock
@@ -26,7 +27,6 @@ from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.search.forward_selection import Search
 from canest.logs.memory import MemoryLog
 from canest.logs.reader import open_log
-from canest.pipeline.signal_map import databases_of
 from canest.pipeline.tables import open_for
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ def signals_of(
         for block in reader:
             if not isinstance(block, TableBlock):
                 seen.update(np.unique(block.can_id).tolist())
-    databases = databases_of(config)
+    databases = config.databases
     batches: list[_Batch] = []
     sources: dict[str, Source] = {}
     for message in (message for database in databases for message in database.messages):

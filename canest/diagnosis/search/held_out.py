@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from canest.core.estimates import Estimates
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn, Onward
 from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.data.residual_windows import CHUNK_S
 from canest.diagnosis.search.forward_selection import Search
 from canest.diagnosis.search.gauss_newton import fit_on
-from canest.pipeline.pipeline import Estimates
 from canest.vehicle.effects import Effect
 from canest.vehicle.effects.load import added_kg
 

@@ -7,7 +7,8 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from canest.config.schema import Config, Source
+from canest.config.schema import Config
+from canest.config.sections import Source
 from canest.core.roles import ROLES
 from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.search.bus_signals import Ranked

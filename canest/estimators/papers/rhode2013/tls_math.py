@@ -118,18 +118,3 @@ def solve(a: FloatColumn, b: FloatColumn) -> tuple[FloatColumn, FloatColumn]:
     if not np.isfinite(x).all():
         return x, np.full((a.shape[1], a.shape[1]), np.inf)
     return x, covariance(x, a.T @ a, np.array(smallest), np.array(float(len(z))))
-
-
-def solve_generalized(a: FloatColumn, b: FloatColumn, noise: FloatColumn) -> tuple[FloatColumn, FloatColumn]:
-    """GTLS (2013, Alg. 2; W diagonal: WTLS): return X (n,) and cov(X) (n, n), both in original units."""
-    scale = NoiseScale.of(noise)
-    z = scale.rows(np.column_stack((a, b)))
-    x, cov = solve(z[:, :-1], z[:, -1])
-    return scale.back(x), scale.covariance_back(cov)
-
-
-def correction(a: FloatColumn, b: FloatColumn) -> FloatColumn:
-    """Return the TLS data correction [dA dB] = [A B] v v^T of 2013, eq. 6 (no U needed), shape (m, q)."""
-    z = np.column_stack((a, b))
-    v = np.linalg.svd(z)[2][-1]
-    return np.asarray(np.outer(z @ v, v))

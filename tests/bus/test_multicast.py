@@ -9,7 +9,7 @@ import pytest
 
 from canest.bus.link import open_link
 from canest.config.bus import Bus
-from tests.live.wire import ID, settle
+from tests.bus.wire import ID, settle
 
 msgpack = pytest.importorskip("msgpack")
 GROUP, PORT = "239.74.163.11", 43227

@@ -14,8 +14,8 @@ import pytest
 
 from canest.system.files import Background
 from canest.system.journal import Journal
-from canest.telemetry.endpoints import Doors
-from canest.telemetry.status_socket import StatusServer, ask, published_path
+from canest.telemetry.endpoints import Endpoints
+from canest.telemetry.status_socket import StatusServer, published_path, read_status
 from tests.live.rig import config, wait_for
 
 
@@ -36,15 +36,15 @@ def crowd():
 
 def test_a_queue_that_somebody_keeps_full_locks_nobody_out(tmp_path, crowd):
     background = Background()
-    doors = Doors(config(tmp_path), Journal(io.StringIO()), background)
-    crowd(doors.status.path)
-    doors.status.poll(lambda: {"pid": 7})
-    crowd(doors.status.path)
-    assert wait_for(published_path(doors.status.path).exists)
-    assert ask(doors.status.path) == {"pid": 7}
-    assert published_path(doors.status.path).stat().st_mode & 0o777 == 0o644
+    endpoints = Endpoints(config(tmp_path), Journal(io.StringIO()), background)
+    crowd(endpoints.status.path)
+    endpoints.status.poll(lambda: {"pid": 7})
+    crowd(endpoints.status.path)
+    assert wait_for(published_path(endpoints.status.path).exists)
+    assert read_status(endpoints.status.path) == {"pid": 7}
+    assert published_path(endpoints.status.path).stat().st_mode & 0o777 == 0o644
     background.close(1.0)
-    doors.close()
+    endpoints.close()
     assert not list(tmp_path.glob("status-*"))
 
 
@@ -65,7 +65,7 @@ def test_an_answer_published_long_ago_is_not_taken_for_one_of_now(tmp_path, crow
     published_path(server.path).write_text("{}")
     os.utime(published_path(server.path), (time.time() - 60, time.time() - 60))
     with pytest.raises(BlockingIOError):
-        ask(server.path)
+        read_status(server.path)
     server.close()
 
 
@@ -90,7 +90,7 @@ def test_an_answer_that_never_ends_is_not_waited_for(tmp_path, part, every_s, er
         thread.start()
         begin_s = time.monotonic()
         with pytest.raises(error):
-            ask(path)
+            read_status(path)
         assert time.monotonic() - begin_s < 10
         ended.set()
         thread.join()

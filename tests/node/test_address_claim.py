@@ -26,20 +26,20 @@ TICK_US = 20_000
 
 
 class Conversation:
-    """Runs a claim in ticks of 20 ms and keeps what it says."""
+    """Runs a claim in ticks of 20 ms and keeps what it sends."""
 
     def __init__(self, name=OURS, preferred=158):
         self.claim = AddressClaim(name, preferred)
         self.now_us = 1_000_000
-        self.said, self.said_us = [], []
+        self.sent, self.sent_us = [], []
         self.claim.start(self.now_us)
 
     def run(self, us):
         end = self.now_us + us
         while self.now_us < end:
             frames = self.claim.poll(self.now_us)
-            self.said += frames
-            self.said_us += [self.now_us] * len(frames)
+            self.sent += frames
+            self.sent_us += [self.now_us] * len(frames)
             self.now_us += TICK_US
         return self
 
@@ -48,7 +48,7 @@ class Conversation:
 
     @property
     def sources(self):
-        return [j1939.source_of(can_id) for can_id, _ in self.said]
+        return [j1939.source_of(can_id) for can_id, _ in self.sent]
 
 
 def test_an_unopposed_claim_owns_the_address_after_250_ms_and_not_before():
@@ -57,7 +57,7 @@ def test_an_unopposed_claim_owns_the_address_after_250_ms_and_not_before():
     assert talk.claim.address is None
     talk.run(3 * TICK_US)
     assert talk.claim.address == 158
-    [(can_id, payload)] = talk.said
+    [(can_id, payload)] = talk.sent
     assert j1939.pgn_of(can_id) == CLAIM_PGN
     assert j1939.destination_of(can_id) == j1939.GLOBAL_ADDRESS
     assert can_id & 0x1FFFFFFF == 0x18EEFF9E
@@ -163,10 +163,10 @@ def together(us, *talks):
     owned = []
     for _ in range(us // TICK_US):
         for talk in talks:
-            talk.said.clear()
+            talk.sent.clear()
             talk.run(TICK_US)
             for other in talks:
-                for can_id, payload in talk.said if other is not talk else ():
+                for can_id, payload in talk.sent if other is not talk else ():
                     other.other(j1939.source_of(can_id), int.from_bytes(payload, "little"))
         owned.append([talk.claim.address for talk in talks])
     return owned
@@ -208,10 +208,10 @@ def test_a_request_after_we_could_not_claim_is_answered_after_our_own_delay():
     talk.other(158, FIXED - 1)
     lost_us = talk.now_us
     talk.run(1_000_000)
-    delay_us = talk.said_us[-1] - lost_us
+    delay_us = talk.sent_us[-1] - lost_us
     talk.claim.on_request(asked_us := talk.now_us)
     talk.run(300_000)
-    assert talk.said_us[-1] - asked_us == delay_us > 0
+    assert talk.sent_us[-1] - asked_us == delay_us > 0
 
 
 def test_a_spoofer_contesting_every_claim_cannot_make_us_flood():
@@ -222,7 +222,7 @@ def test_a_spoofer_contesting_every_claim_cannot_make_us_flood():
             talk.other(address, 1)
         talk.claim.on_request(talk.now_us)
         talk.run(TICK_US)
-    assert len(talk.said) <= BURST + seconds * 1_000_000 / REFILL_US + 1
+    assert len(talk.sent) <= BURST + seconds * 1_000_000 / REFILL_US + 1
     assert talk.claim.address is None
 
 
@@ -233,7 +233,7 @@ def test_a_claim_the_bus_did_not_take_is_said_again_and_does_not_count():
     talk.claim.not_sent(talk.now_us)
     talk.now_us += VETO_US + TICK_US
     talk.claim.poll(talk.now_us)
-    assert talk.claim.address is None  # it has only now been said
+    assert talk.claim.address is None  # it has only now been sent
     talk.run(VETO_US + 2 * TICK_US)
     assert talk.claim.address == 158
 
@@ -241,7 +241,7 @@ def test_a_claim_the_bus_did_not_take_is_said_again_and_does_not_count():
 def test_after_a_long_sleep_the_address_is_claimed_again_before_it_is_used():
     talk = Conversation().run(400_000)
     talk.now_us += 60_000_000
-    talk.said += talk.claim.poll(talk.now_us)
+    talk.sent += talk.claim.poll(talk.now_us)
     assert talk.claim.address is None
     talk.run(400_000)
     assert talk.claim.address == 158

@@ -1,10 +1,14 @@
-"""How fast frames come and what a tick costs, over the last seconds."""
+"""Frames per second and CPU time per tick, as means over the last period."""
 
 from __future__ import annotations
 
 
-class Rates:
-    """Counts ticks; `close` ends a period and makes its means available."""
+class LoopRates:
+    """Counts frames and CPU time; `end_period` makes the means of a period available.
+
+    frames: received in the present period; whoever receives them adds to it.
+    frames_per_s, cpu_us_per_tick, cpu_us_max: of the last complete period.
+    """
 
     def __init__(self) -> None:
         self.frames_per_s = 0.0
@@ -14,8 +18,8 @@ class Rates:
         self._used_ns: int | None = None
         self._since_s: float | None = None
 
-    def count(self, used_ns: int) -> None:
-        """Take one tick: the CPU time used so far. (Frames are added to `frames` as they come.)"""
+    def count_tick(self, used_ns: int) -> None:
+        """Count one tick; ``used_ns``: CPU time that the thread has used since its start."""
         if self._used_ns is not None:
             cpu_ns = used_ns - self._used_ns
             self._ticks += 1
@@ -23,7 +27,7 @@ class Rates:
             self._cpu_max_ns = max(self._cpu_max_ns, cpu_ns)
         self._used_ns = used_ns
 
-    def close(self, now_s: float) -> None:
+    def end_period(self, now_s: float) -> None:
         """End the period at ``now_s`` (monotonic)."""
         if self._since_s is not None and now_s > self._since_s and self._ticks:
             self.frames_per_s = self.frames / (now_s - self._since_s)

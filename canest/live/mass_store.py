@@ -1,4 +1,4 @@
-"""The daemon's memory of the vehicle: restored at the start, saved while it runs."""
+"""The learned mass between two runs of the daemon: restored at the start, saved while it runs."""
 
 from __future__ import annotations
 
@@ -9,19 +9,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from canest.config.schema import Config
+from canest.config.state_directory import state_dir
 from canest.core.samples import Status
 from canest.live import state
 from canest.pipeline.pipeline import Pipeline
 from canest.system.files import Background
 from canest.system.journal import Journal
-
-
-def state_dir(config: Config, environment: Mapping[str, str] = os.environ) -> Path:
-    """Return where learned state lives: the config's, systemd's, or the user's directory."""
-    if config.service.state_dir is not None:
-        return Path(config.service.state_dir).expanduser()
-    given = environment.get("STATE_DIRECTORY", "").split(":")[0]
-    return Path(given) if given else Path("~/.local/state/canest").expanduser()
 
 
 def place(name: str, variable: str, environment: Mapping[str, str] = os.environ) -> Path:
@@ -35,8 +28,10 @@ def file_name(config: Config) -> str:
     return f"learned-{config.bus.file_name}.json"
 
 
-class Memory:
-    """Keeps the last valid mass and brings it to the disk; tolerates a disk that does not take it."""
+class MassStore:
+    """Keeps the last valid mass and writes it to the state file; a disk that fails does not end the daemon.
+
+    learned: the last valid mass, None where there was none."""
 
     def __init__(
         self,
@@ -52,7 +47,7 @@ class Memory:
         self._key = state.vehicle_key(config)
 
     def restore(self, pipeline: Pipeline) -> None:
-        """Give the pipeline what an earlier life of the daemon learned of this vehicle."""
+        """Start a pipeline from the state file of this vehicle, if there is a sound one."""
         if self._config.service.learn == "off":
             return
         now_s = self._clock_s()
@@ -60,10 +55,10 @@ class Memory:
         if restored.message:
             self._journal.warning("state-not-used", why=restored.message)
         self.learned = restored.learned
-        self.give_to(pipeline)
+        self.initialise(pipeline)
 
-    def give_to(self, pipeline: Pipeline) -> None:
-        """Start a pipeline from what was learned last, with the doubt that the time since then brings."""
+    def initialise(self, pipeline: Pipeline) -> None:
+        """Start a pipeline from the learned mass, with its standard deviation widened (`widened_std_kg`)."""
         learned = self.learned
         if learned is None:
             return
@@ -78,25 +73,25 @@ class Memory:
             age_s=round(now_s - learned.saved_s),
         )
 
-    def handed_over(self, config: Config, pipeline: Pipeline | None) -> Memory:
-        """Return the memory of a changed config: what this one learned, if it is the same vehicle.
+    def transferred(self, config: Config, pipeline: Pipeline | None) -> MassStore:
+        """Return the store of a changed config; it keeps the learned mass if the vehicle is the same.
 
-        pipeline: the new one, to start from it; None where the old one goes on.
+        pipeline: the new one, started from the mass; None where the old one goes on.
         """
         self.save()
-        following = Memory(config, self._background, self._journal, self._clock_s)
-        if self.learned is not None and following._key == self._key:
-            following.learned = self.learned
+        new = MassStore(config, self._background, self._journal, self._clock_s)
+        if self.learned is not None and new._key == self._key:
+            new.learned = self.learned
             if pipeline is not None:
-                following.give_to(pipeline)
+                new.initialise(pipeline)
         elif pipeline is not None:
-            following.restore(pipeline)
-        return following
+            new.restore(pipeline)
+        return new
 
-    def note(
+    def update(
         self, mass_kg: float, mass_std_kg: float, status: int, standing: bool, distance_km: float | None
     ) -> None:
-        """Remember the newest estimate if it is one to be trusted; ``distance_km``: confirmed odometer."""
+        """Keep the newest estimate if it is valid; ``distance_km``: confirmed odometer."""
         if (
             status == Status.VALID
             and math.isfinite(mass_kg)

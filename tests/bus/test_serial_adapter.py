@@ -12,8 +12,8 @@ import pytest
 
 from canest.bus.link import open_link
 from canest.config.bus import Bus
+from tests.bus.wire import ID, settle
 from tests.live.rig import wait_for
-from tests.live.wire import ID, settle
 
 pytest.importorskip("serial")
 
@@ -162,11 +162,11 @@ def test_an_adapter_closed_while_it_is_being_opened_is_let_go(adapter):
     begin_s = time.monotonic()
     receiver.close()
     assert time.monotonic() - begin_s < 0.7
-    said, end_s = b"", time.monotonic() + PATIENCE_S
-    while not said.endswith(b"C\r") and time.monotonic() < end_s:
-        said += adapter.received()
+    written, end_s = b"", time.monotonic() + PATIENCE_S
+    while not written.endswith(b"C\r") and time.monotonic() < end_s:
+        written += adapter.received()
         time.sleep(0.02)
-    assert said == b"O\rC\r"
+    assert written == b"O\rC\r"
 
 
 def test_frames_go_out_as_lines(adapter):

@@ -1,4 +1,4 @@
-"""The daemon as a node: listening before it speaks, requests, other users of its group, other masses."""
+"""The daemon as a node: listening before it sends, requests, other users of its group, other masses."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from canest.decode import j1939
 from canest.node import node as node_module
 from canest.node.address_claim import CLAIM_PGN, REQUEST_PGN
 from canest.node.broadcast import PCC1_PGN, Broadcaster, cvw_payload, pcc1_payload
-from canest.node.bus_monitor import CVW_PGN, SENT_BY_OTHERS_US, BusWatch
+from canest.node.bus_monitor import CVW_PGN, OTHER_MASS_TIMEOUT_US, BusMonitor
 from canest.node.estimate_frame import Estimate, decode
 from canest.node.network_management import LISTEN_US, QUIET_US
 from canest.node.node import Node
@@ -48,7 +48,7 @@ class Bus:
     def __init__(self, *changes, estimate=GOOD):
         config = load_config("vcan", changes)
         self.now_us, self.estimate, self.wire = 5_000_000, estimate, Wire()
-        self.node = Node(config, BusWatch(config.broadcast.pgn))
+        self.node = Node(config, BusMonitor(config.broadcast.pgn))
         self.node.attach(config, self.wire, self.now_us)
 
     def run(self, us, frames=()):
@@ -58,8 +58,8 @@ class Bus:
             self.node.observe(block, self.now_us)
             block = FrameBlock.empty()
             if self.estimate is not None:
-                self.node.take(self.estimate, self.now_us)
-            self.node.speak(self.now_us)
+                self.node.set_estimate(self.estimate, self.now_us)
+            self.node.send_due(self.now_us)
             self.now_us += TICK_US
         return self
 
@@ -106,7 +106,7 @@ def test_a_group_somebody_else_uses_silences_us_and_says_so():
     foreign = (j1939.pack(OWN_PGN, 0x44), bytes(8))
     bus = Bus().run(500_000).run(LISTEN_US + 3_000_000, [foreign])
     assert bus.estimates() == []
-    assert "0xff5a" in bus.node.silence(bus.now_us) and "0x44" in bus.node.silence(bus.now_us)
+    assert "0xff5a" in bus.node.silence_reason(bus.now_us) and "0x44" in bus.node.silence_reason(bus.now_us)
     bus.run(QUIET_US)
     assert bus.estimates()
 
@@ -116,7 +116,7 @@ def test_a_forged_frame_in_our_group_after_we_began_does_not_silence_us():
     before = len(bus.estimates())
     bus.run(2_000_000, [(j1939.pack(OWN_PGN, 0x44), bytes(8))])
     assert len(bus.estimates()) > before + 7
-    assert 0x44 in bus.node.watch.group_users
+    assert 0x44 in bus.node.monitor.group_users
 
 
 def test_losing_the_address_stops_the_broadcast_until_another_is_owned():
@@ -131,8 +131,8 @@ def test_losing_the_address_stops_the_broadcast_until_another_is_owned():
 def test_after_the_machine_was_suspended_the_address_is_claimed_again_before_it_is_used(monkeypatch):
     bus = Bus().run(3_000_000)
     suspended_us = 60_000_000  # in which the monotonic clock stands still
-    awake_us = node_module.awake_us
-    monkeypatch.setattr(node_module, "awake_us", lambda: awake_us() + suspended_us)
+    boottime_us = node_module.boottime_us
+    monkeypatch.setattr(node_module, "boottime_us", lambda: boottime_us() + suspended_us)
     bus.wire.sent.clear()
     bus.run(200_000)
     assert bus.wire.groups() == [CLAIM_PGN]
@@ -220,7 +220,7 @@ def test_the_gross_mass_of_another_ecu_is_not_talked_over():
     theirs = j1939.pack(CVW_PGN, 0x0B), b"\xff\xff" + (2100).to_bytes(2, "little") + b"\xff" * 4
     bus.run(TICK_US, [theirs])
     bus.wire.sent.clear()
-    bus.run(SENT_BY_OTHERS_US - 2_000_000, [request(CVW_PGN)])
+    bus.run(OTHER_MASS_TIMEOUT_US - 2_000_000, [request(CVW_PGN)])
     assert set(bus.wire.groups()) == {OWN_PGN}
     assert bus.node.counters()["left_to_other_senders"] > 50
     bus.run(5_000_000)
@@ -228,13 +228,13 @@ def test_the_gross_mass_of_another_ecu_is_not_talked_over():
 
 
 def test_the_odometer_is_read_from_the_first_sender_that_tells_it():
-    watch = BusWatch(OWN_PGN)
-    assert watch.distance_km is None
+    monitor = BusMonitor(OWN_PGN)
+    assert monitor.distance_km is None
     unknown, known = b"\xff" * 8, (200_000).to_bytes(4, "little") + b"\xff" * 4
     for source, payload in ((0x00, unknown), (0x17, known), (0x00, bytes(8))):
-        watch.observe(FrameBlock.from_frames([(0, j1939.pack(65217, source), payload)]), 0)
-    assert watch.distance_km == pytest.approx(1000.0)
-    other = BusWatch(OWN_PGN)
+        monitor.observe(FrameBlock.from_frames([(0, j1939.pack(65217, source), payload)]), 0)
+    assert monitor.distance_km == pytest.approx(1000.0)
+    other = BusMonitor(OWN_PGN)
     low = b"\xff" * 4 + (8000).to_bytes(4, "little")
     other.observe(FrameBlock.from_frames([(0, j1939.pack(65248, 0x00), low)]), 0)
     assert other.distance_km == pytest.approx(1000.0)
@@ -242,14 +242,14 @@ def test_the_odometer_is_read_from_the_first_sender_that_tells_it():
 
 def odometer_of(senders, driven_km=2.0, speed_mps=20.0):
     """Drive with odometers that each send km of the distance driven so far (km), once a second."""
-    watch = BusWatch(OWN_PGN)
+    monitor = BusMonitor(OWN_PGN)
     for second in range(round(driven_km * 1000 / speed_mps)):
         for source, count in senders.items():
             raw = round(count(second * speed_mps / 1000) / 0.005)
             payload = raw.to_bytes(4, "little") + b"\xff" * 4
-            watch.observe(FrameBlock.from_frames([(0, j1939.pack(65217, source), payload)]), 0)
-        watch.odometer.drive(np.full(50, speed_mps))
-    return watch.odometer
+            monitor.observe(FrameBlock.from_frames([(0, j1939.pack(65217, source), payload)]), 0)
+        monitor.odometer.add_driven(np.full(50, speed_mps))
+    return monitor.odometer
 
 
 def test_an_odometer_that_counts_what_is_driven_is_confirmed_whoever_sent_first():
@@ -293,42 +293,45 @@ def test_masses_of_other_ecus_are_kept_per_address():
         return j1939.pack(CVW_PGN, source), b"\xff\xff" + raw.to_bytes(2, "little") + b"\xff" * 4
 
     bus = Bus().run(TICK_US, [cvw(3750, 0x0B), cvw(3980, 0x27), cvw(0, 0x03), cvw(0xFFFF, 0x05)])
-    assert {a: m.mass_kg for a, m in bus.node.watch.other_masses.items()} == {0x0B: 37_500.0, 0x27: 39_800.0}
+    assert {a: m.mass_kg for a, m in bus.node.monitor.other_masses.items()} == {
+        0x0B: 37_500.0,
+        0x27: 39_800.0,
+    }
     bus.run(TICK_US, [cvw(0, 0x0B)])
-    assert bus.node.watch.other_masses[0x0B].mass_kg == 37_500.0
+    assert bus.node.monitor.other_masses[0x0B].mass_kg == 37_500.0
 
 
 def test_a_node_without_transmitter_has_nothing_that_could_send():
     config = load_config("vcan", ["broadcast.listen_only=true"])
-    node = Node(config, BusWatch(config.broadcast.pgn))
+    node = Node(config, BusMonitor(config.broadcast.pgn))
     node.observe(FrameBlock.from_frames([(0, *request(CLAIM_PGN))]), 0)
-    node.take(GOOD, 0)
-    node.speak(0)
-    assert node.citizen is None and node.broadcaster is None and node._transmitter is None
-    assert "listen" in node.silence(0)
+    node.set_estimate(GOOD, 0)
+    node.send_due(0)
+    assert node.network_management is None and node.broadcaster is None and node.transmitter is None
+    assert "listen" in node.silence_reason(0)
 
 
 def test_remote_error_standard_and_short_frames_are_no_messages():
-    watch = BusWatch(OWN_PGN)
+    monitor = BusMonitor(OWN_PGN)
     claim = j1939.pack(CLAIM_PGN, 0x31)
-    watch.observe(
+    monitor.observe(
         FrameBlock.from_frames(
             [(0, claim | 0x4000_0000, b""), (0, claim | 0x2000_0000, bytes(8)), (0, 0x123, bytes(8)),
              (0, claim, bytes(3)), (0, j1939.pack(REQUEST_PGN, 1, destination=255), b"\x00")]
         ),
         0,
     )  # fmt: skip
-    assert watch.claims == [] and watch.requests == []
-    assert watch.counters["wrong_length"] == 1
+    assert monitor.claims == [] and monitor.requests == []
+    assert monitor.counters["wrong_length"] == 1
 
 
-def test_noise_of_every_identifier_does_not_make_the_watch_grow():
-    watch = BusWatch(OWN_PGN)
+def test_noise_of_every_identifier_does_not_make_the_monitor_grow():
+    monitor = BusMonitor(OWN_PGN)
     for begin in range(0, 50_000, 5000):
-        watch.observe(
+        monitor.observe(
             FrameBlock.from_frames([(0, 0x8000_0000 | 7919 * i, b"") for i in range(begin, begin + 5000)]), 0
         )
-    assert len(watch._signals) <= 4096
+    assert len(monitor.ignored_ids) <= 4096
 
 
 def test_the_group_set_of_a_broadcaster_follows_the_config():

@@ -8,47 +8,65 @@ import time
 
 import pytest
 
-from canest.bus.kernel_drain import SLOTS, KernelDrain, ask_for_stamps
+from canest.bus.kernel_drain import SLOTS, KernelDrain, enable_timestamps
 from canest.bus.socketcan import SocketCanReceiver, SocketCanTransmitter
 from canest.core.errors import BusError
 from canest.core.frames import ERROR
 from canest.core.samples import STEP_US
-from tests.live.wire import ID, packed, settle
+from tests.bus.wire import ID, packed, settle
+
+
+class FaultySocket(socket.socket):
+    """A socket that sends into nothing, or fails with an error number."""
+
+    error = 0
+
+    def send(self, frame):
+        if self.error:
+            raise OSError(self.error, "no")
+
+
+class FaultyDrain:
+    """A drain that works until it is given an error number."""
+
+    error = 0
+
+    def __init__(self, drain):
+        self.collect, self.intact = drain.collect, drain
+
+    def drain(self):
+        if self.error:
+            raise OSError(self.error, "failed")
+        return self.intact.drain()
 
 
 class Interface(SocketCanReceiver):
     """A SocketCAN interface played by UDP: it has an index, is up or down, and can vanish."""
 
-    index, up = 1, True
+    index, up, slots = 1, True, SLOTS
 
-    def _open_socket(self):
+    def open_socket(self):
         if self.index is None:
             raise OSError(errno.ENODEV, "No such device")
-        self.inlet = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        self.inlet = FaultySocket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
         self.inlet.bind(("127.0.0.1", 0))
-        ask_for_stamps(self.inlet)
+        enable_timestamps(self.inlet)
         return self.inlet
 
-    def _index_of_interface(self):
+    def open_drain(self, sock):
+        self.faulty = FaultyDrain(KernelDrain(sock, slots=self.slots))
+        return self.faulty
+
+    def interface_index(self):
         return self.index
 
-    def _is_up(self):
+    def interface_is_up(self):
         return self.up
 
     def bus_sends(self, *frames):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outlet:
             for frame in frames:
                 outlet.sendto(frame, self.inlet.getsockname())
-
-    def fails_with(self, number):
-        class Failing:
-            def collect(self):
-                return True
-
-            def drain(self):
-                raise OSError(number, "failed")
-
-        self._drain = Failing()
 
 
 @pytest.fixture
@@ -77,29 +95,31 @@ def test_an_interface_that_is_absent_is_waited_for():
 def test_an_interface_is_left_alone_for_half_of_what_its_buffers_hold(interface):
     granted = interface.inlet.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
     frames = min(granted // 1024, SLOTS)
-    assert interface.rest_us == pytest.approx(frames / 4000 / 2 * 1e6, abs=1)
+    assert interface.max_poll_interval_us == pytest.approx(frames / 4000 / 2 * 1e6, abs=1)
     interface.index = None
     time.sleep(0.55)
     interface.drain()
-    assert interface.state == "absent" and interface.rest_us == STEP_US
+    assert interface.state == "absent" and interface.max_poll_interval_us == STEP_US
 
 
-def test_an_interface_is_not_left_alone_while_frames_wait_in_it(interface):
-    rest_us = interface.rest_us
-    interface._drain = KernelDrain(interface.inlet, slots=32)
+def test_an_interface_is_not_left_alone_while_frames_wait_in_it(monkeypatch):
+    monkeypatch.setattr(Interface, "slots", 32)
+    interface = Interface("can0", [(ID, 0xFFFF_FFFF)])
+    max_poll_interval_us = interface.max_poll_interval_us
     interface.bus_sends(*[packed()] * 42)
     time.sleep(0.05)
     assert len(interface.drain().frames) == 32
-    assert interface.rest_us == STEP_US
+    assert interface.max_poll_interval_us == STEP_US
     assert len(interface.drain().frames) == 10
-    assert interface.rest_us == rest_us
+    assert interface.max_poll_interval_us == max_poll_interval_us
+    interface.close()
 
 
 def test_an_interface_deleted_and_created_again_is_opened_within_a_tick_or_two(interface):
     interface.bus_sends(packed())
     assert len(settle(interface.drain, 1)[0]) == 1
     interface.index = None
-    interface.fails_with(errno.ENODEV)
+    interface.faulty.error = errno.ENODEV
     assert len(interface.drain().frames) == 0
     assert interface.state == "absent"
     interface.index = 2
@@ -121,12 +141,11 @@ def test_an_interface_replaced_behind_our_back_is_noticed_by_its_index(interface
 
 
 def test_an_interface_that_goes_down_keeps_its_socket_and_comes_back(interface):
-    drain = interface._drain
     interface.up = False
-    interface.fails_with(errno.ENETDOWN)
+    interface.faulty.error = errno.ENETDOWN
     interface.drain()
     assert interface.state == "down" and interface.opened == 1
-    interface._drain = drain
+    interface.faulty.error = 0
     interface.up = True
     time.sleep(0.025)
     interface.drain()
@@ -135,17 +154,10 @@ def test_an_interface_that_goes_down_keeps_its_socket_and_comes_back(interface):
 
 def test_an_error_that_only_the_sender_was_told_is_no_secret(interface):
     """A socket hands an error to whoever calls first; a link that is down must not pass for up."""
-
-    class Socket:
-        def send(self, frame):
-            raise OSError(errno.ENETDOWN, "no")
-
-    real = interface._socket
     interface.drain()
     interface.up = False
-    interface._socket = Socket()
+    interface.inlet.error = errno.ENETDOWN
     SocketCanTransmitter(interface).send(ID, bytes(8))
-    interface._socket = real
     interface.drain()
     assert interface.state == "down"
     interface.up = True
@@ -157,13 +169,13 @@ def test_an_error_that_only_the_sender_was_told_is_no_secret(interface):
 @pytest.mark.parametrize("state", ["up", "bus-off", "error-passive"])
 def test_a_link_set_down_without_any_error_is_noticed(interface, state):
     interface.state, interface.up = state, False
-    interface._look_at_s = 0.0
+    interface.request_check()
     interface.drain()
     assert interface.state == "down"
 
 
 def test_an_unknown_socket_error_leads_to_a_new_socket(interface):
-    interface.fails_with(errno.EBADF)
+    interface.faulty.error = errno.EBADF
     interface.drain()
     interface.drain()
     assert interface.state == "up" and interface.opened == 2
@@ -200,7 +212,7 @@ def test_traffic_after_bus_off_means_it_is_over(interface):
 
 def test_a_kernel_without_socketcan_is_one_plain_error(monkeypatch):
     class NoCan(Interface):
-        def _open_socket(self):
+        def open_socket(self):
             raise OSError(errno.EAFNOSUPPORT, "Address family not supported by protocol")
 
     with pytest.raises(BusError, match="no SocketCAN"):
@@ -208,21 +220,12 @@ def test_a_kernel_without_socketcan_is_one_plain_error(monkeypatch):
 
 
 def test_sending_never_raises_and_counts_every_drop(interface):
-    class Socket:
-        number = 0
-
-        def send(self, frame):
-            if self.number:
-                raise OSError(self.number, "no")
-
     transmitter = SocketCanTransmitter(interface)
-    real, interface._socket = interface._socket, Socket()
     for number, taken in ((0, True), (errno.ENOBUFS, False), (errno.EAGAIN, False), (errno.ENETDOWN, False)):
-        Socket.number = number
+        interface.inlet.error = number
         assert transmitter.send(ID, bytes(8)) is taken
-    interface._socket = None
+    interface.close()
     assert transmitter.send(ID, bytes(8)) is False
-    interface._socket = real
     assert transmitter.counters == {
         "sent": 1, "dropped_buffer_full": 2, "dropped_interface_down": 1, "dropped_interface_absent": 1,
     }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Senders that may not be who they say: two addresses for one signal, or one that sends twice as much."""
+"""Senders under another ECU's address: two addresses for one signal, or one that sends twice as much."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from canest.core.frames import FrameBlock
 from canest.core.samples import Status
 from canest.decode.counters import Counters, SenderCounters
 from canest.telemetry import metrics
-from canest.telemetry.sender_rates import WINDOW_S, Paces
+from canest.telemetry.sender_rates import WINDOW_S, SenderRateMonitor
 from canest.telemetry.snapshot import snapshot
 from canest.telemetry.status_view import rows
 from tests.live.rig import Rig
@@ -22,18 +22,18 @@ SENDER = 61444, 0x00
 
 
 class Bus:
-    """One sender, heard once a second."""
+    """One sender, counted once a second."""
 
     def __init__(self):
-        self.paces, self.counters, self.now_s = Paces(), Counters(), 1000.0
+        self.sender_rates, self.counters, self.now_s = SenderRateMonitor(), Counters(), 1000.0
         self.sender = self.counters.senders[SENDER] = SenderCounters(used=True)
 
     def send(self, hz, seconds):
         for _ in range(round(seconds)):
             self.now_s += 1.0
             self.sender.frames += round(hz)
-            self.paces.look(self.counters, self.now_s)
-        return self.paces.faster
+            self.sender_rates.update(self.counters, self.now_s)
+        return self.sender_rates.faster
 
 
 def test_an_address_that_sends_twice_as_much_is_told_while_it_does():
@@ -42,7 +42,7 @@ def test_an_address_that_sends_twice_as_much_is_told_while_it_does():
     faster = bus.send(100, 2 * WINDOW_S)
     assert faster[SENDER] == pytest.approx((50, 100), rel=0.05)
     assert not bus.send(50, 2 * WINDOW_S)
-    assert bus.paces.seconds[SENDER] == pytest.approx(2 * WINDOW_S)
+    assert bus.sender_rates.faster_s[SENDER] == pytest.approx(2 * WINDOW_S)
 
 
 @pytest.mark.parametrize(
@@ -50,7 +50,7 @@ def test_an_address_that_sends_twice_as_much_is_told_while_it_does():
     [
         [(50, 60), (0, 600), (50, 60)],  # ignition off
         [(50, 60), (70, 60), (45, 60)],  # a period that depends on the load
-        [(0.2, 300), (3, 30)],  # too slow to say
+        [(0.2, 300), (3, 30)],  # too slow for a rate
         [(50, 10), (100, 60)],  # not yet known
     ],
 )
@@ -107,27 +107,27 @@ def test_a_second_sender_of_a_signal_without_a_named_address_is_refused_and_told
         before = rig.daemon.estimate(rig.now_us)
         assert before.status == Status.VALID
         rig.run(25)
-        after, told = rig.daemon.estimate(rig.now_us), snapshot(rig.daemon, rig.now_us)
+        after, shown = rig.daemon.estimate(rig.now_us), snapshot(rig.daemon.view(rig.now_us))
     assert abs(after.mass_kg / before.mass_kg - 1) < 0.02
-    assert told["contested_signals"]["engine_torque_pct"]["0x31"] > 500
+    assert shown["contested_signals"]["engine_torque_pct"]["0x31"] > 500
     assert 'contested-signals now="engine_speed, engine_torque_pct"' in rig.log.getvalue()
-    assert any("engine_torque_pct comes from several addresses" in text for _, text in rows(told))
+    assert any("engine_torque_pct comes from several addresses" in text for _, text in rows(shown))
     labels = 'canest_contested_samples_total{signal="engine_torque_pct",source="0x31"} '
-    assert labels in metrics.text(told)
-    json.dumps(told, allow_nan=False)
+    assert labels in metrics.text(shown)
+    json.dumps(shown, allow_nan=False)
 
 
 def test_a_forger_under_the_right_address_shows_by_the_rate(tmp_path, drive, monkeypatch):
     with Rig(monkeypatch, config(tmp_path), forged_torque(drive, EEC1, 60, 80)) as rig:
         rig.run(59)
-        assert snapshot(rig.daemon, rig.now_us)["sends_faster"] == {}
+        assert snapshot(rig.daemon.view(rig.now_us))["sends_faster"] == {}
         rig.run(18)
-        told = snapshot(rig.daemon, rig.now_us)
-        usual_hz, now_hz = told["sends_faster"]["pgn_61444_from_0x00"]
+        shown = snapshot(rig.daemon.view(rig.now_us))
+        usual_hz, now_hz = shown["sends_faster"]["pgn_61444_from_0x00"]
         assert now_hz == pytest.approx(2 * usual_hz, rel=0.1)
         assert 'senders-faster-than-usual now="PGN 61444 from 0x00"' in rig.log.getvalue()
-        assert any("Does somebody else send" in text for _, text in rows(told))
+        assert any("Does somebody else send" in text for _, text in rows(shown))
         rig.run(12)
-        told = snapshot(rig.daemon, rig.now_us)
-        assert told["sends_faster"] == {} and told["sent_faster_s"]["pgn_61444_from_0x00"] >= 10
-        assert "canest_sender_faster_seconds_total{sender=" in metrics.text(told)
+        shown = snapshot(rig.daemon.view(rig.now_us))
+        assert shown["sends_faster"] == {} and shown["sent_faster_s"]["pgn_61444_from_0x00"] >= 10
+        assert "canest_sender_faster_seconds_total{sender=" in metrics.text(shown)

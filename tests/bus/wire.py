@@ -1,4 +1,4 @@
-"""Frames on the wire, and ears that wait for them."""
+"""Frames on the wire, and a drain that waits for them."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from canest.node.address_claim import CLAIM_PGN
 from canest.node.bus_monitor import CVW_PGN
 from canest.node.estimate_frame import Estimate
 from canest.node.network_management import LISTEN_US
-from tests.live.test_node import OWN_PGN, TICK_US, Bus, request
+from tests.node.test_node import OWN_PGN, TICK_US, Bus, request
 
 CONVERGING = Estimate(20_000.0, 4_000.0, 0.02, 0.002, Status.CONVERGING, 0)
 

@@ -1,0 +1,54 @@
+"""Reads the database files that a config names, each once while its content stays the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from canest.config.schema import Config
+from canest.core.errors import ConfigError
+from canest.system.shipped_files import find
+
+if TYPE_CHECKING:
+    from cantools.database.can import Database
+
+#: file -> its time of change and size when it was looked at, its bytes and what they say
+_parsed: dict[Path, tuple[tuple[int, int], bytes, Database]] = {}
+
+
+def read_databases(config: Config) -> Config:
+    """Return a config with what its DBC files hold now beside it.
+
+    Errors: ConfigError for a file that is missing or no database, with its place in the config.
+    """
+    places = ((name, config.at(f"dbc.{i}")) for i, name in enumerate(config.dbc))
+    return config.with_databases([read_database(find("dbc", name, place)) for name, place in places])
+
+
+def read_database(path: str | Path) -> Database:
+    """Return the database of a file (DBC, or another format that cantools reads).
+
+    The same object comes back until there is something else in the file.
+    Errors: ConfigError for a file that is missing, no database, or one without CAN messages.
+    """
+    # numpy comes with the decoder, which takes as long to import as the config
+    from canest.decode.database import parse
+    from canest.decode.database_limits import MOST_FILE_BYTES
+
+    file = Path(path).resolve()
+    before = _parsed.get(file)
+    try:
+        status = file.stat()
+        # looked up first: what changes meanwhile is read next time
+        version = status.st_mtime_ns, status.st_size
+        if before is not None and before[0] == version:
+            return before[2]
+        with file.open("rb") as opened:
+            content = opened.read(MOST_FILE_BYTES + 1)
+    except OSError as error:
+        found = error.strerror or str(error)
+        raise ConfigError("cannot read database", where=str(path), found=found) from error
+    same = before is not None and before[1] == content
+    database = before[2] if before is not None and same else parse(content, file.suffix, str(path))
+    _parsed[file] = version, content, database
+    return database

@@ -1,0 +1,54 @@
+"""The daemon's condition in sentences: why the mass is not valid, the state of the bus, the systemd line."""
+
+from __future__ import annotations
+
+import math
+
+from canest.core.gates import LABELS
+from canest.core.samples import STEP_S
+from canest.doctor.reasons import why_no_signal
+from canest.node.estimate_frame import STATUS_NAMES
+from canest.telemetry.daemon_view import DaemonView
+
+NOT_AVAILABLE = "not available"
+
+
+def why_not_valid(view: DaemonView) -> str:
+    """Return one sentence on what the estimate lacks ('' when it is valid)."""
+    estimate, pipeline, config = view.estimate, view.pipeline, view.config
+    status = STATUS_NAMES[estimate.status]
+    if status == "valid":
+        return ""
+    if view.receiver.state not in ("up", "error-passive"):
+        return f"the bus {config.bus.channel} is {bus_state(view)}"
+    counters = pipeline.decoder.counters
+    if not counters.frames:
+        return f"no frame has been received on {config.bus.channel} yet"
+    if status == NOT_AVAILABLE:
+        return f"no wanted frame for more than {config.sampling.hold_s:g} s: the bus is quiet"
+    missing = pipeline.estimator.missing() or why_no_signal(config, counters, counters.frames)
+    if missing := missing or pipeline.estimator.doubts():
+        return missing
+    gate = LABELS.get(estimate.gate, "")
+    learned_s = pipeline.updated * STEP_S
+    text = f"learned from {learned_s:.1f} s of driving so far"
+    return f"{text}; now held back by the gate {gate}" if gate else text
+
+
+def bus_state(view: DaemonView) -> str:
+    """Return the state of the bus, with the reason where there is one."""
+    state, reason = view.receiver.state, view.receiver.reason
+    return f"{state}: {reason}" if reason else state
+
+
+def status_line(view: DaemonView) -> str:
+    """Return the line that ``systemctl status`` shows."""
+    estimate = view.estimate
+    bus = f"{view.config.bus.channel} {view.receiver.state}, {view.rates.frames_per_s:.0f} frames/s"
+    status = STATUS_NAMES[estimate.status]
+    if math.isnan(estimate.mass_kg):
+        return f"{status}: {why_not_valid(view)} ({bus})"
+    # whole hundreds and tenths: a line that changes at every update would only fill the journal
+    mass = f"mass {estimate.mass_kg / 1000:.1f} t +- {estimate.mass_std_kg / 1000:.1f}"
+    gate = LABELS.get(estimate.gate, "")
+    return f"{status}: {mass}, grade {100 * estimate.grade:.1f} %{f', gate {gate}' if gate else ''} ({bus})"
