@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from canest.config.database_files import read_databases
 from canest.config.schema import Config
 from canest.core import jit
 from canest.core.estimates import Estimates
@@ -104,7 +105,7 @@ def diagnosed(
         mass_kg=mass_kg,
         channel=channel,
     )
-    revised = revised_config(found)
+    revised = read_databases(revised_config(found))
     return Diagnosis(
         found.finding,
         found.verdict,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from canest.config.database_files import read_databases
 from canest.config.load import validated
 from canest.config.origins import Origins
 from canest.core.frames import FloatColumn, FrameBlock
@@ -53,5 +54,5 @@ class SimulatedDrive:
 
 def simulated_drive_of(made: inner.SimulatedDrive) -> SimulatedDrive:
     """Return a drive with its config checked."""
-    config = validated(made.config, Origins())
+    config = read_databases(validated(made.config, Origins()))
     return SimulatedDrive(made.name, made.frames, made.truth, config, tuple(made.undeclared), made)
