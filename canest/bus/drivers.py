@@ -11,7 +11,7 @@ import sys
 from typing import Any
 
 from canest.config.bus import Bus
-from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE
+from canest.core.frames import EXTENDED, ID_MASK
 from canest.system.installation import how_to_add
 
 # Where asammdf is installed, python-can imports it for its log formats: a second and 80 MB that a bus has no
@@ -122,19 +122,6 @@ def is_whole(message: can.Message) -> bool:
     largest = ID_MASK if message.is_extended_id else 0x7FF
     length = 0 if message.is_remote_frame else message.dlc if message.is_fd else min(message.dlc, 8)
     return 0 <= message.arbitration_id <= largest and length <= len(message.data)
-
-
-def frame_of(message: can.Message) -> tuple[int, int, bytes]:
-    """Return (stamp in microseconds, identifier with flags, payload) of a message."""
-    can_id = message.arbitration_id & ID_MASK
-    if message.is_extended_id:
-        can_id |= EXTENDED
-    if message.is_remote_frame:
-        can_id |= REMOTE
-    if message.is_error_frame:
-        can_id = can_id & ~EXTENDED | ERROR
-    payload = b"" if message.is_remote_frame else bytes(message.data)
-    return round(message.timestamp * 1e6), can_id, payload
 
 
 def message_of(can_id: int, payload: bytes) -> can.Message:

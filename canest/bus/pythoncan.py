@@ -19,7 +19,7 @@ from canest.bus.protocols import REOPEN_S, Filters
 from canest.bus.sandbox import forbidden_sockets
 from canest.config.bus import Bus
 from canest.core.errors import BusError
-from canest.core.frames import ERROR, FrameBlock
+from canest.core.frames import ERROR, FrameBlock, frame_of
 from canest.core.samples import STEP_US
 
 if TYPE_CHECKING:
@@ -162,7 +162,7 @@ class PythonCanReceiver:
         if not drivers.is_whole(message):
             self.counters["damaged_input"] += 1
             return
-        row = drivers.frame_of(message)
+        row = frame_of(message)
         self._clock_offset_us = row[0] - time.monotonic_ns() // 1000
         if not self._is_wanted(row[1]):
             return

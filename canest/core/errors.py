@@ -3,7 +3,7 @@
 The tree, with the exit code of the command that meets it::
 
     CanestError              1
-    ├── UsageError           2   the command line asks for something impossible
+    ├── UsageError           2   the command line, or a call, asks for something impossible
     ├── ConfigError          2   a config file, or a DBC it names, is wrong
     ├── LogError             1   a log cannot be read at all (single bad lines are counted, not raised)
     ├── BusError             1   a CAN interface cannot be opened or is gone
@@ -45,7 +45,7 @@ class CanestError(Exception):
 
 
 class UsageError(CanestError):
-    """The command line asks for something impossible."""
+    """The command line, or a call, asks for something impossible."""
 
     exit_code = 2
 

@@ -5,15 +5,20 @@ A block may hold one frame or a million; every stage gives the same result howev
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from canest.core.errors import UsageError
 
 EXTENDED = 0x8000_0000  #: flag in `can_id`: 29-bit identifier (as in Linux' struct can_frame)
 REMOTE = 0x4000_0000  #: flag in `can_id`: remote transmission request
 ERROR = 0x2000_0000  #: flag in `can_id`: error frame
 ID_MASK = 0x1FFF_FFFF  #: the 29 identifier bits
+_STANDARD_MAX = 0x7FF
 
 IntColumn = NDArray[np.int64]
 FloatColumn = NDArray[np.float64]
@@ -42,10 +47,12 @@ class MonotonicClock:
 class FrameBlock:
     """Frames in order of arrival.
 
-    t_us: int64 (n,), event time in integer microseconds of the log's or the kernel's clock.
-    can_id: uint32 (n,), identifier with the `EXTENDED`, `REMOTE` and `ERROR` flags.
-    length: uint8 (n,), payload bytes as sent (0..8; up to 64 for CAN FD).
-    data: uint64 (n,), the first eight payload bytes, first byte least significant, unused bytes zero.
+    Attributes:
+        t_us: int64 (n,), event time in integer microseconds of the log's or the kernel's clock.
+        can_id: uint32 (n,), identifier with the flags of Linux' can_frame: 0x80000000 for 29 bits
+            (`EXTENDED`), 0x40000000 for a remote request (`REMOTE`), 0x20000000 for an error (`ERROR`).
+        length: uint8 (n,), payload bytes as sent (0..8; up to 64 for CAN FD).
+        data: uint64 (n,), the first eight payload bytes, first byte least significant, unused bytes zero.
     """
 
     t_us: IntColumn
@@ -78,6 +85,63 @@ class FrameBlock:
         )
 
     @staticmethod
+    def from_messages(messages: Iterable[Any]) -> FrameBlock:
+        """Build a block from python-can messages (``can.Message``), in order of arrival.
+
+        messages: each with ``timestamp`` (s), ``arbitration_id``, ``data``, ``is_extended_id``,
+        ``is_remote_frame`` and ``is_error_frame``; of CAN FD the first eight bytes are kept.
+
+        Example:
+            >>> import can, canest
+            >>> message = can.Message(timestamp=1.5, arbitration_id=0x0CF00400, data=bytes(8))
+            >>> canest.FrameBlock.from_messages([message]).t_us.tolist()
+            [1500000]
+        """
+        return FrameBlock.from_frames([frame_of(message) for message in messages])
+
+    @staticmethod
+    def from_arrays(
+        t_s: ArrayLike,
+        can_id: ArrayLike,
+        data: Sequence[bytes] | NDArray[np.uint8],
+        *,
+        extended: ArrayLike | None = None,
+    ) -> FrameBlock:
+        """Build a block from columns, in order of arrival.
+
+        t_s: (n,), seconds. can_id: (n,), identifiers without flags. data: n payloads of at most 64 bytes,
+        or uint8 (n, length). extended: one truth value, or (n,): whether an identifier has 29 bits; by
+        default those above 0x7FF do.
+
+        Errors: UsageError for columns of different lengths, or a number that is no identifier or time.
+
+        Example:
+            >>> import canest
+            >>> block = canest.FrameBlock.from_arrays([0.0, 0.01], [0x0CF00400, 0x100], [bytes(8), b"ab"])
+            >>> len(block), block.length.tolist()
+            (2, [8, 2])
+        """
+        seconds, numbers = np.asarray(t_s, np.float64), np.asarray(can_id, np.int64)
+        payloads = [bytes(payload) for payload in data]
+        if not seconds.ndim == numbers.ndim == 1 or not len(seconds) == len(numbers) == len(payloads):
+            raise UsageError(
+                "columns of frames do not fit together",
+                found=f"shapes {seconds.shape}, {numbers.shape} and {len(payloads)} payloads",
+                expected="one length",
+            )
+        if not np.isfinite(seconds).all():
+            raise UsageError("t_s of a frame is no number", expected="seconds")
+        if ((numbers < 0) | (numbers > ID_MASK)).any():
+            raise UsageError("can_id of a frame is no identifier", expected=f"0 to 0x{ID_MASK:X}")
+        long = numbers > _STANDARD_MAX if extended is None else np.asarray(extended, np.bool_)
+        return FrameBlock(
+            np.rint(seconds * 1e6).astype(np.int64),
+            np.where(long, numbers | EXTENDED, numbers).astype(np.uint32),
+            np.array([len(p) for p in payloads], np.uint8),
+            np.array([int.from_bytes(p[:8], "little") for p in payloads], np.uint64),
+        )
+
+    @staticmethod
     def concatenate(blocks: list[FrameBlock]) -> FrameBlock:
         """Join blocks in order."""
         if not blocks:
@@ -88,6 +152,19 @@ class FrameBlock:
             np.concatenate([b.length for b in blocks]),
             np.concatenate([b.data for b in blocks]),
         )
+
+
+def frame_of(message: Any) -> tuple[int, int, bytes]:
+    """Return (stamp in microseconds, identifier with flags, payload) of a python-can message."""
+    can_id = message.arbitration_id & ID_MASK
+    if message.is_extended_id:
+        can_id |= EXTENDED
+    if message.is_remote_frame:
+        can_id |= REMOTE
+    if message.is_error_frame:
+        can_id = can_id & ~EXTENDED | ERROR
+    payload = b"" if message.is_remote_frame else bytes(message.data)
+    return round(message.timestamp * 1e6), can_id, payload
 
 
 @dataclass(slots=True)

@@ -25,6 +25,7 @@ from canest.diagnosis.search.held_out import Fold, Score, score, two_folds
 from canest.diagnosis.search.switches import SWITCH_ROLES, TRY_SIGNAL_SHARE, switching_roles, with_switches
 from canest.diagnosis.sentences import finding_of, too_short_finding
 from canest.diagnosis.verdict import little_left, verdict_of
+from canest.logs.memory import MemoryLog
 from canest.pipeline.build import effects_of
 
 #: so many blocks of open driving make a held-out score and its standard error; fewer are an anecdote
@@ -55,10 +56,10 @@ class Diagnosis:
 
 
 def diagnose(
-    paths: Sequence[Path],
+    paths: Sequence[Path | MemoryLog],
     config: Config,
     *,
-    truths: Sequence[Path | None] | None = None,
+    truths: Sequence[Path | MemoryLog | None] | None = None,
     mass_kg: float | None = None,
     channel: str | None = None,
     progress: Progress = lambda _text, _share: None,
@@ -173,8 +174,8 @@ def _too_short(config: Config, problem: Problem) -> Diagnosis:
 class _Data:
     """The logs of a diagnosis and what is known of them; see `diagnose`."""
 
-    paths: Sequence[Path]
-    truths: Sequence[Path | None] | None
+    paths: Sequence[Path | MemoryLog]
+    truths: Sequence[Path | MemoryLog | None] | None
     mass_kg: float | None
     channel: str | None
     progress: Progress

@@ -11,6 +11,7 @@ from canest.logs.candump import CandumpParser, Wanted
 from canest.logs.candump_line import Line, is_ignorable, parse_line
 from canest.logs.candump_reader import CandumpReader
 from canest.logs.compression import ARCHIVE_SUFFIXES, Source
+from canest.logs.memory import MemoryLog
 
 _HEAD_BYTES = 1 << 16
 _BLANK = 0x20  #: what stands before it in ASCII steers a terminal
@@ -24,7 +25,7 @@ EXPECTED = "candump text, .asc .blf .trc .mf4 .csv .db, or a table (.csv .parque
 
 
 def open_log(
-    path: str | Path,
+    path: str | Path | MemoryLog,
     *,
     wanted: Wanted | None = None,
     channel: str | None = None,
@@ -33,7 +34,7 @@ def open_log(
     as_text: Collection[str] = (),
     block_frames: int = BLOCK_FRAMES,
 ) -> LogReader:
-    """Open a log for one pass over its blocks.
+    """Open a log, in a file or in memory, for one pass over its blocks.
 
     wanted: identifiers uint32 (n,) with flags -> which frames to deliver; all are counted.
     channel: deliver this interface only; None for all.
@@ -43,6 +44,8 @@ def open_log(
 
     Errors: LogError, one line, for what cannot be opened, is no log, or has no interfaces to choose from.
     """
+    if isinstance(path, MemoryLog):
+        return path.open(channel=channel, time_column=time_column, columns=columns, as_text=as_text)
     path = Path(path)
     source = Source(path)
     head = source.read(_HEAD_BYTES)

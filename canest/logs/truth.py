@@ -10,6 +10,7 @@ import numpy as np
 from canest.core.errors import CanestError, LogError
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.table_block import TableBlock
+from canest.logs.memory import MemoryLog
 from canest.logs.reader import open_log
 
 COLUMNS = ("grade", "mass_kg")
@@ -24,7 +25,7 @@ class Truth:
     mass_kg: FloatColumn | None
 
 
-def read_truth(path: str | Path) -> Truth:
+def read_truth(path: str | Path | MemoryLog) -> Truth:
     """Read a table with ``t_s`` and ``grade`` or ``mass_kg`` or both; other columns are ignored.
 
     Rows are put in the order of their stamps; of several with one stamp the first counts.

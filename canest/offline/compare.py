@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from canest.config import Config
+    from canest.logs.memory import MemoryLog
     from canest.offline.replay import Progress
 
 
@@ -69,7 +70,7 @@ class _Entry:
 
 def compare(
     config: Config,
-    log: str | Path,
+    log: str | Path | MemoryLog,
     *,
     reference: Reference = Reference(),  # noqa: B008 - frozen
     names: Sequence[str] | None = None,
@@ -82,7 +83,7 @@ def compare(
     The options of the config belong to its own estimator; the others run with their defaults. compiled:
     None decides by the length of the log. Errors: LogError, ConfigError (an unknown name).
     """
-    on = jit.enable(compiling_pays([Path(log)]) if compiled is None else compiled)
+    on = jit.enable(compiling_pays([log]) if compiled is None else compiled)
     spec = build(config)
     chosen = spec.estimator
 
@@ -128,7 +129,7 @@ _Samples = tuple[ModelBlock, bool]  #: and whether estimators must begin anew be
 def _samples(
     config: Config,
     spec: PipelineSpec,
-    log: str | Path,
+    log: str | Path | MemoryLog,
     channel: str | None,
     progress: Progress | None,
     notes: list[str],

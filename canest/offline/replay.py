@@ -16,6 +16,7 @@ from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.reasons import why_unestimated
 from canest.doctor.warnings import log_warnings, stream_warnings
 from canest.logs.compression import ARCHIVE_SUFFIXES
+from canest.logs.memory import MemoryLog
 from canest.logs.writer import open_writer
 from canest.offline.scoring import Reference, Score
 from canest.pipeline.pipeline import Listener, Pipeline
@@ -50,7 +51,7 @@ class ReplayResult:
 
 
 def replay(
-    log: str | Path,
+    log: str | Path | MemoryLog,
     config: Config,
     *,
     output: str | Path | None = None,
@@ -66,7 +67,7 @@ def replay(
     Errors: LogError, ConfigError, OutputError.
     """
     begin = time.perf_counter()
-    jit.enable(compiling_pays([Path(log)]))
+    jit.enable(compiling_pays([log]))
     run = LogRun(log, config, listener=listener, channel=channel)
     score = reference.score() if reference is not None and reference.known else None
     last: Estimates | None = None
@@ -108,7 +109,12 @@ class LogRun:
     """
 
     def __init__(
-        self, log: str | Path, config: Config, *, listener: Listener | None = None, channel: str | None = None
+        self,
+        log: str | Path | MemoryLog,
+        config: Config,
+        *,
+        listener: Listener | None = None,
+        channel: str | None = None,
     ) -> None:
         self.config = config
         self.pipeline = Pipeline(config, listener=listener)
@@ -131,17 +137,24 @@ class LogRun:
             yield estimates
 
 
-def compiling_pays(logs: Sequence[Path], passes: int = 1) -> bool:
+def compiling_pays(logs: Sequence[str | Path | MemoryLog], passes: int = 1) -> bool:
     """Return whether logs are so long that compiled kernels win back what importing numba costs.
 
     passes: how often the kernels go over each.
     """
-    size = 0.0
-    for log in logs:
-        packed = ARCHIVE_RATIO if log.suffix.lower() in ARCHIVE_SUFFIXES else 1.0
-        with suppress(OSError):
-            size += packed * log.stat().st_size
+    size = sum(map(_text_bytes, logs))
     return jit.available() and passes * size / TEXT_BYTES_PER_S * INTERPRETED_S_PER_S > NUMBA_S
+
+
+def _text_bytes(log: str | Path | MemoryLog) -> float:
+    """Return about how long a log is as candump text."""
+    if isinstance(log, MemoryLog):
+        return log.text_bytes
+    path = Path(log)
+    packed = ARCHIVE_RATIO if path.suffix.lower() in ARCHIVE_SUFFIXES else 1.0
+    with suppress(OSError):
+        return packed * path.stat().st_size
+    return 0.0
 
 
 def _summary(run: LogRun, last: Estimates | None) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from canest.pipeline.signal_map import factor_and_offset
 if TYPE_CHECKING:
     from canest.config import Config
     from canest.logs.base import LogReader
+    from canest.logs.memory import MemoryLog
 
 
 #: so many rows without one that follows another would take minutes, silence by silence, to no estimate and
@@ -42,7 +43,7 @@ class TableMap:
     Errors: ConfigError for a unit that does not fit its role.
     """
 
-    def __init__(self, config: Config, log: str | Path = "") -> None:
+    def __init__(self, config: Config, log: str | Path | MemoryLog = "") -> None:
         self._where = f"{log}: column" if log else "column"
         self._time_column, self._hold_s = config.sampling.time_column, config.sampling.hold_s
         self.roles: dict[str, tuple[str, float, float]] = {}
@@ -138,7 +139,7 @@ def _shown(cell: str | float) -> str:
     return repr(cell[:SHOWN_CHARS]) if isinstance(cell, str) else f"{cell:g}"
 
 
-def open_for(config: Config, log: str | Path, channel: str | None = None) -> LogReader:
+def open_for(config: Config, log: str | Path | MemoryLog, channel: str | None = None) -> LogReader:
     """Open a log to be read with a config.
 
     Errors: LogError for what is no log, or is of a kind that the config has no signals for.
@@ -150,7 +151,7 @@ def open_for(config: Config, log: str | Path, channel: str | None = None) -> Log
     return reader
 
 
-def open_whatever(config: Config, log: str | Path, channel: str | None = None) -> LogReader:
+def open_whatever(config: Config, log: str | Path | MemoryLog, channel: str | None = None) -> LogReader:
     """Open a log of any kind, of a table the columns that a config maps. Errors: LogError."""
     table = TableMap(config)
     return open_log(

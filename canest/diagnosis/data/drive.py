@@ -19,6 +19,7 @@ from canest.doctor.reasons import why_no_time
 from canest.doctor.warnings import log_warnings, stream_warnings
 from canest.grid.grid import Feed, Grid, GridBlock
 from canest.logs.log_names import log_name
+from canest.logs.memory import MemoryLog
 from canest.pipeline.build import grid_spec, intake_spec, model_spec
 from canest.pipeline.intake import Intake
 from canest.pipeline.pipeline import Pipeline
@@ -68,7 +69,7 @@ class Drive:
 
     def __init__(
         self,
-        path: Path,
+        path: Path | MemoryLog,
         config: Config,
         feeds: Sequence[Feed],
         flaw: str = "",
@@ -78,11 +79,11 @@ class Drive:
         self.path, self.config, self._feeds, self._flaw = path, config, feeds, flaw
         self.notes = list(notes)  #: what a user should know of the log beside the numbers
         self.channel = channel  #: the one interface of the log that was read, None for all
-        self.name = log_name(path)
+        self.name = path.name if isinstance(path, MemoryLog) else log_name(path)
         self._grids: dict[tuple[float, ...], list[GridBlock]] = {}
 
     @staticmethod
-    def load(path: Path, config: Config, channel: str | None = None) -> Drive:
+    def load(path: Path | MemoryLog, config: Config, channel: str | None = None) -> Drive:
         """Read and decode a log (frames or table). Errors: LogError, NothingToDiagnoseError."""
         intake = Intake(intake_spec(config))
         table = TableMap(config, path)

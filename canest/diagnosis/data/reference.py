@@ -25,6 +25,7 @@ from canest.diagnosis.data.road_smoother import (
     smooth,
     whole_seconds,
 )
+from canest.logs.memory import MemoryLog
 from canest.logs.truth import read_truth
 from canest.offline.scoring import Score
 
@@ -53,7 +54,7 @@ class Reference:
 
 
 def reference_for(
-    drive: Drive, run: Run, *, truth: Path | None = None, mass_kg: float | None = None
+    drive: Drive, run: Run, *, truth: Path | MemoryLog | None = None, mass_kg: float | None = None
 ) -> Reference:
     """Return the best reference: truth file, then --mass with the bus' own sensors, then the bus alone.
 

@@ -25,6 +25,7 @@ from canest.decode.j1939 import pgn_of, source_of
 from canest.diagnosis.data.least_squares import held_out
 from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.search.forward_selection import Search
+from canest.logs.memory import MemoryLog
 from canest.logs.reader import open_log
 from canest.pipeline.table_map import open_for
 
@@ -117,7 +118,7 @@ def held_on_windows(problem: Problem, drives: list[tuple[IntColumn, FloatColumn]
 
 
 def signals_of(
-    path: Path, config: Config, channel: str | None = None
+    path: Path | MemoryLog, config: Config, channel: str | None = None
 ) -> dict[str, tuple[Source, IntColumn, FloatColumn]]:
     """Return every decodable signal of a log: name -> (source, stamps, values)."""
     seen: set[int] = set()
@@ -192,7 +193,7 @@ def _senders(message: Message, seen: set[int]) -> list[int] | list[None]:
     return sorted({source_of(i) for i in data} - _NOBODY)
 
 
-def _columns(path: Path, config: Config) -> dict[str, tuple[Source, IntColumn, FloatColumn]]:
+def _columns(path: Path | MemoryLog, config: Config) -> dict[str, tuple[Source, IntColumn, FloatColumn]]:
     blocks = [b for b in open_log(path, time_column=config.sampling.time_column) if isinstance(b, TableBlock)]
     if not blocks:
         return {}

@@ -1,0 +1,1 @@
+"""The classes behind `canest.api`: what its functions take and give back."""

@@ -1,0 +1,96 @@
+"""What a caller may give: configs by object, path or name; logs as files, frames, drives or tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from canest.config.load import load_config
+from canest.config.of_table import config_of_table
+from canest.config.schema import Config
+from canest.config.sections import EstimatorSection
+from canest.core.errors import ConfigError, UsageError
+from canest.core.frames import FrameBlock
+from canest.estimators.registry import require_known
+from canest.interface.simulated_drive import SimulatedDrive
+from canest.logs.cells import seconds_of
+from canest.logs.memory import FrameLog, MemoryLog
+from canest.logs.table_in_memory import TableLog
+from canest.vehicle import facts
+
+LogFile = str | Path | MemoryLog
+
+
+def config_of(given: Config | str | Path, overrides: Mapping[str, object] | None = None) -> Config:
+    """Return a config, loaded where it is a path or a name. Errors: ConfigError."""
+    if isinstance(given, Config):
+        return given
+    if not isinstance(given, str | Path):
+        raise UsageError("no config", found=type(given).__name__, expected="a config, its path or a name")
+    return load_config(given, [f"{key}={_yaml(value)}" for key, value in (overrides or {}).items()])
+
+
+def with_estimator(config: Config, name: str | None) -> Config:
+    """Return the config with another estimator, which has its default options. Errors: ConfigError."""
+    if name is None or name == config.estimator.name:
+        return config
+    require_known(name, where="estimator")
+    section = EstimatorSection.model_validate({**config.estimator.model_dump(), "name": name, "options": {}})
+    return config.model_copy(update={"estimator": section})
+
+
+def log_of(given: Any) -> LogFile:
+    """Return what a reader opens: a path, frames, or a table. Errors: LogError."""
+    if isinstance(given, str | Path | MemoryLog):
+        return given
+    if isinstance(given, FrameBlock):
+        return FrameLog(given)
+    if isinstance(given, SimulatedDrive):
+        return FrameLog(given.frames, given.name)
+    return TableLog(given)
+
+
+def log_and_config(
+    given: Any, config: Config | facts.Vehicle | str | Path, units: Mapping[str, str] | None = None
+) -> tuple[LogFile, Config]:
+    """Return a log and the config for it: of a table's columns, the one that they ask for.
+
+    Errors: LogError, ConfigError.
+    """
+    log = log_of(given)
+    known = config if isinstance(config, facts.Vehicle) else config_of(config)
+    if isinstance(log, TableLog):
+        time_column = known.sampling.time_column if isinstance(known, Config) else "t_s"
+        return log, config_of_table(known, log.names, _step_s(log, time_column), units)
+    if isinstance(known, Config):
+        return log, known
+    raise ConfigError(
+        "a vehicle alone does not say where signals are",
+        where="config",
+        expected="a config, or a table as log",
+    )
+
+
+def _step_s(log: TableLog, time_column: str) -> float:
+    """Return the usual time from row to row, 0 where it cannot be had."""
+    if not log.holds_time(time_column):
+        return 0.0  # reading it says what lacks
+    cells = log.column(time_column, time_column)
+    times = np.array([seconds_of(cell) for cell in cells], float) if isinstance(cells, list) else cells
+    steps = np.diff(times)
+    steps = steps[np.isfinite(steps) & (steps > 0)]
+    return round(float(np.median(steps)), 6) if len(steps) else 0.0
+
+
+def _yaml(value: object) -> str:
+    value = value.item() if isinstance(value, np.generic) else value
+    try:
+        return yaml.safe_dump(value, default_flow_style=True, sort_keys=False)
+    except yaml.YAMLError:
+        raise UsageError(
+            "no value for a config", found=type(value).__name__, expected="what YAML holds"
+        ) from None

@@ -1,0 +1,68 @@
+"""The pipeline as a program that has frames of its own holds it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from canest.core.frames import FrameBlock
+from canest.interface.estimates import Estimates, estimates_of
+from canest.interface.inputs import config_of
+from canest.pipeline import pipeline as inner
+
+if TYPE_CHECKING:
+    from canest.config import Config
+
+
+class Pipeline:
+    """Frames in, estimates out, for one vehicle: what `canest run` and `canest replay` are made of.
+
+    It knows no socket, file, wall clock or thread. Blocks of any length give the same bits.
+
+    Args:
+        config: a config, its path, or the name of a shipped one.
+
+    Errors: ConfigError.
+
+    Example:
+        >>> import canest
+        >>> drive = canest.demo_drive()
+        >>> pipeline = canest.Pipeline(drive.config)
+        >>> first = pipeline.push(drive.frames[:50_000])
+        >>> rest = pipeline.push(drive.frames[50_000:])
+        >>> len(first) + len(rest) + len(pipeline.finish()) == pipeline.samples
+        True
+    """
+
+    def __init__(self, config: Config | str | Path) -> None:
+        self._inner = inner.Pipeline(config_of(config))
+
+    @property
+    def samples(self) -> int:
+        """How many 50 Hz samples there were so far."""
+        return self._inner.samples
+
+    @property
+    def gate_counts(self) -> dict[str, int]:
+        """How many of them each gate refused, by the gate's name."""
+        return self._inner.gate_counts
+
+    def push(self, frames: FrameBlock) -> Estimates:
+        """Take the next frames, in order of arrival; return the estimates that they complete (0 or more)."""
+        return estimates_of(self._inner.push(frames))
+
+    def advance_to(self, t_s: float) -> Estimates:
+        """Return the samples before a time of the frames' clock, in s, though the bus may be quiet."""
+        return estimates_of(self._inner.advance_to(round(t_s * 1e6)))
+
+    def finish(self) -> Estimates:
+        """Return the samples that were waiting for a later frame, at the end of a log."""
+        return estimates_of(self._inner.finish())
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what is worth keeping over a restart: at least mass_kg and mass_std_kg once known."""
+        return self._inner.snapshot()
+
+    def restore(self, mass_kg: float, mass_std_kg: float) -> None:
+        """Start from a remembered mass and its standard deviation, both in kg."""
+        self._inner.restore(mass_kg, mass_std_kg)

@@ -1,0 +1,193 @@
+"""Tables of every library, and what is wrong with a table, in one plain line."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import canest
+
+VAN = canest.Vehicle(
+    mass_min_kg=2000, mass_max_kg=3500, wheel_radius_m=0.34, final_drive=3.9, drag_area_m2=1.2,
+    rolling_resistance=0.009,
+)  # fmt: skip
+
+
+def columns(n: int = 4000) -> dict[str, np.ndarray]:
+    """Return 80 s of a 3 t van at 50 Hz that is pushed to and fro on the level."""
+    t_s = 1000.0 + 0.02 * np.arange(n)
+    accel = 0.6 * np.sin(0.7 * t_s) * (1 + 0.5 * np.sin(0.11 * t_s))
+    speed = 15.0 + np.cumsum(accel) * 0.02
+    force = 3000.0 * (accel + 9.80665 * 0.009) + 0.5 * 1.2 * 1.2 * speed**2
+    return {"t_s": t_s, "wheel_torque": 0.34 * force, "vehicle_speed": speed}
+
+
+class Stand:
+    """The least that a table is: names, and columns that numpy understands."""
+
+    def __init__(self, columns):
+        self._columns = columns
+
+    @property
+    def columns(self):
+        return list(self._columns)
+
+    def __getitem__(self, name):
+        return list(self._columns[name])
+
+
+def made(library: str, of):
+    if library == "mapping":
+        return of
+    if library == "lists":
+        return {name: column.tolist() for name, column in of.items()}
+    if library == "stand-in":
+        return Stand(of)
+    if library == "pyarrow":
+        return pytest.importorskip("pyarrow").table(of)
+    if library == "polars":
+        return pytest.importorskip("polars").DataFrame(of)
+    return pytest.importorskip("pandas").DataFrame(of)
+
+
+@pytest.fixture(scope="module")
+def expected():
+    return canest.estimate(columns(), VAN)
+
+
+def assert_same(found, expected):
+    for name, column in expected.columns().items():
+        np.testing.assert_array_equal(getattr(found, name), column, err_msg=name)
+
+
+LIBRARIES = ["mapping", "lists", "stand-in", "pandas", "polars", "pyarrow"]
+
+
+@pytest.mark.parametrize("library", LIBRARIES)
+def test_every_library_gives_the_same_bits(library, expected):
+    assert expected.summary["status"] == "valid"
+    assert_same(canest.estimate(made(library, columns()), VAN), expected)
+
+
+@pytest.mark.parametrize("library", ["pandas", "polars", "pyarrow"])
+def test_dates_and_gaps_of_every_library(library, expected):
+    of = columns()
+    dates = np.rint(of["t_s"] * 1e6).astype("int64").astype("datetime64[us]")
+    table = made(library, of | {"t_s": dates, "altitude": np.full(len(dates), np.nan)})
+    assert_same(canest.estimate(table, VAN), expected)
+
+
+def test_pandas_index_is_the_time(expected):
+    pd = pytest.importorskip("pandas")
+    of = columns()
+    micros = np.rint(of.pop("t_s") * 1e6).astype("int64")
+    dates = pd.to_datetime(micros, unit="us")
+    abroad = dates.tz_localize("UTC").tz_convert("Asia/Tokyo")
+    for index in (dates, abroad, pd.to_timedelta(micros, unit="us"), pd.Index(micros / 1e6, name="t_s")):
+        assert_same(canest.estimate(pd.DataFrame(of, index=index), VAN), expected)
+
+
+def test_pandas_own_missing_values_and_text():
+    pd = pytest.importorskip("pandas")
+    of = columns()
+    frame = pd.DataFrame(of)
+    frame["vehicle_speed"] = frame["vehicle_speed"].astype("Float64")
+    frame.loc[5, "vehicle_speed"] = pd.NA
+    frame["gear"] = pd.Categorical(["D"] * len(frame))
+    found = canest.estimate(frame, VAN)
+    assert found.summary["status"] == "valid"
+    text = "column gear: 4,000 cells hold text and count as not available, first in row 1: 'D'"
+    assert text in found.summary["notes"]
+
+
+def test_table_of_one_row_or_none():
+    for n in (0, 1):
+        result = canest.estimate({name: column[:n] for name, column in columns().items()}, VAN)
+        assert result.summary["frames"] == n
+        assert result.summary["status"] == "unestimated"
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "text"),
+    [
+        ({"wheel_torque": None}, canest.ConfigError, "signals: no torque, expected engine_torque_pct"),
+        ({"vehicle_speed": None}, canest.ConfigError, "signals: no speed, expected output_shaft_speed"),
+        ({"wheel_torque": None, "vehicle_speed": None}, canest.ConfigError,
+         "table: no column is named by a role, found 't_s', expected names as engine_torque_pct"),
+        ({"t_s": None}, canest.LogError, "table: the table has no time column 't_s', found 'wheel_torque"),
+        ({"vehicle_speed": np.ones(3)}, canest.LogError, "table: the columns differ in length, found"),
+        ({"vehicle_speed": np.ones((4000, 2))}, canest.LogError, r"no column of numbers, times or text"),
+        ({"vehicle_speed": 5.0}, canest.LogError, "table: vehicle_speed: no column, expected values"),
+        ({"vehicle_speed": np.ones(4000, complex)}, canest.LogError, "complex128 of shape"),
+    ],
+)  # fmt: skip
+def test_what_a_table_lacks_is_said(change, error, text):
+    table = {name: column for name, column in (columns() | change).items() if column is not None}
+    with pytest.raises(error, match=text):
+        canest.estimate(table, VAN)
+
+
+@pytest.mark.parametrize("table", [None, 5, [1, 2], "drive.csv.missing"])
+def test_what_is_no_table_is_refused(table):
+    with pytest.raises(canest.CanestError):
+        canest.estimate(table, VAN)
+
+
+def test_columns_may_have_numbers_for_names(expected):
+    pd = pytest.importorskip("pandas")
+    table = pd.DataFrame(columns())
+    table[7] = 1.0
+    assert_same(canest.estimate(table, VAN), expected)
+
+
+def test_tables_of_one_diagnosis_are_alike():
+    other = {name: column[::50] for name, column in columns().items()}
+    with pytest.raises(canest.UsageError, match="tables of one diagnosis differ"):
+        canest.diagnose([columns(), other], VAN)
+
+
+def test_polars_query_is_no_table_yet():
+    polars = pytest.importorskip("polars")
+    with pytest.raises(
+        canest.LogError, match="found 'LazyFrame', expected a pandas, polars or pyarrow table"
+    ):
+        canest.estimate(polars.DataFrame(columns()).lazy(), VAN)
+
+
+def test_vehicle_alone_is_no_config_of_frames():
+    with pytest.raises(canest.ConfigError, match="a vehicle alone does not say where signals are"):
+        canest.read_signals(canest.demo_drive(), VAN)
+
+
+@pytest.mark.parametrize(
+    ("facts", "text"),
+    [
+        ({"mass_min_kg": 1}, "vehicle.mass_min_kg, found 1, expected greater than 50"),
+        (
+            {"wheel_radius": 1},
+            "vehicle.wheel_radius: unknown key, expected a key of vehicle:, perhaps wheel_radius_m",
+        ),
+        ({"mass_min_kg": 9000}, "vehicle.mass_min_kg: found 9000, expected less than mass_max_kg, 3500"),
+    ],
+)
+def test_facts_of_a_vehicle_are_checked(facts, text):
+    with pytest.raises(canest.ConfigError, match=text):
+        canest.Vehicle(**(VAN.model_dump() | facts))
+
+
+def test_frames_of_messages_and_of_arrays_are_the_same():
+    import can
+
+    messages = [
+        can.Message(timestamp=1.5, arbitration_id=0x0CF00400, data=[1, 2, 3]),
+        can.Message(timestamp=1.52, arbitration_id=0x123, data=[9], is_extended_id=False),
+    ]
+    found = canest.FrameBlock.from_messages(messages)
+    expected = canest.FrameBlock.from_arrays([1.5, 1.52], [0x0CF00400, 0x123], [b"\1\2\3", b"\t"])
+    assert found.can_id.tolist() == [0x8CF00400, 0x123]
+    for name in ("t_us", "can_id", "length", "data"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    with pytest.raises(canest.UsageError, match="columns of frames do not fit together"):
+        canest.FrameBlock.from_arrays([1.5], [1, 2], [b""])
+    with pytest.raises(canest.UsageError, match="can_id of a frame is no identifier"):
+        canest.FrameBlock.from_arrays([1.5], [1 << 30], [b""])
