@@ -138,12 +138,13 @@ def _pool(workers: int) -> ProcessPoolExecutor:
     # forked from a clean server: a fork of this process would inherit its threads' locks
     context = get_context("forkserver")
     context.set_forkserver_preload(["canest.offline.replay"])
-    return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker)
+    ignores = signal.getsignal(signal.SIGINT) == signal.SIG_IGN  # a background job of a shell does
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=(ignores,))
 
 
-def _begin_worker() -> None:
-    # Ctrl-C ends a worker at once, in whatever it waits for
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+def _begin_worker(ignores_interrupts: bool) -> None:
+    # Ctrl-C ends a worker at once, in whatever it waits for, unless it does not end its parent
+    signal.signal(signal.SIGINT, signal.SIG_IGN if ignores_interrupts else signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, name="canest-parent", daemon=True).start()
 
 
