@@ -41,7 +41,7 @@ def has_socketcan() -> bool:
 
 
 def load_frames() -> list[tuple[int, bytes]]:
-    from canest.logs.reader import open_log
+    from canest.logs.format_detection import open_log
 
     packed = []
     for block in open_log(LOG):

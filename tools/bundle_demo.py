@@ -9,7 +9,7 @@ from pathlib import Path
 from canest.config import load_config
 from canest.core.frames import FrameBlock
 from canest.logs.candump_writer import candump_text
-from canest.logs.reader import open_log
+from canest.logs.format_detection import open_log
 from canest.pipeline.signal_map import decoder_for
 from canest.simulation.run import simulate_to_directory
 

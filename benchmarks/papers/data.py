@@ -19,7 +19,7 @@ from canest.core.samples import GRAVITY_MPS2, STEP_S, STEP_US, EstimateBlock, Mo
 from canest.estimators.base import Estimator
 from canest.estimators.registry import create
 from canest.grid.grid import Grid, GridBlock
-from canest.logs.reader import open_log
+from canest.logs.format_detection import open_log
 from canest.logs.truth import read_truth
 from canest.offline.scoring import Score
 from canest.pipeline.build import build

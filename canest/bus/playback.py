@@ -11,7 +11,7 @@ from canest.config.bus import Bus
 from canest.core.errors import BusError, LogError, UsageError
 from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.logs.candump_line import CLASSIC_BYTES
-from canest.logs.reader import open_log
+from canest.logs.format_detection import open_log
 
 if TYPE_CHECKING:
     import can

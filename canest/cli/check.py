@@ -54,7 +54,7 @@ def command(
     _refuse_combinations(log, live, channel)
     config = chosen.load()
     from canest.bus.link import require_interface
-    from canest.cli.keep import config_files, keep_apart
+    from canest.cli.output_conflicts import config_files, keep_apart
     from canest.doctor.check import Doctor
 
     keep_apart([*config_files(chosen.name, config), ("the log", log)], [("--json", json_path)])

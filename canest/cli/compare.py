@@ -65,7 +65,7 @@ def command(
         raise click.UsageError("give the truth: --truth CSV, --truth auto or --mass KG")
     config = chosen.load()
     names = _known(only) if only is not None else None
-    from canest.cli.keep import config_files, keep_apart
+    from canest.cli.output_conflicts import config_files, keep_apart
     from canest.cli.progress import Bar
     from canest.cli.summary import write_json
     from canest.logs.log_names import truth_file

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from canest.cli.once import Group
+from canest.cli.repeated_options import Group
 
 EPILOG = """\b
 Examples:

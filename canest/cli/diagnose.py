@@ -91,7 +91,7 @@ def command(
     if truth not in (None, "auto") and len(paths) > 1:
         raise click.UsageError("one truth cannot fit several logs: use --truth auto", context)
     truths = _truths(paths, truth)
-    from canest.cli.keep import config_files, keep_apart
+    from canest.cli.output_conflicts import config_files, keep_apart
     from canest.diagnosis.report.files import CONFIG_NAME, JSON_NAME, REPORT_NAME
 
     keep_apart(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from canest.cli.once import Group
+from canest.cli.repeated_options import Group
 from canest.system import terminal
 
 if TYPE_CHECKING:

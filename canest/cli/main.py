@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from canest import __version__
-from canest.cli.once import Group
+from canest.cli.repeated_options import Group
 
 #: command -> (module below `canest.cli`, what it does); a module is imported when its command is called
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -108,7 +108,7 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def run(arguments: list[str], debug: bool = False) -> int:
-    """Run the command line and return its exit code; failures are told on stderr."""
+    """Run the command line and return its exit code; failures are printed on stderr."""
     try:
         result: Any = cli.main(args=arguments, prog_name="canest", standalone_mode=False)
         return result if isinstance(result, int) else OK
@@ -120,7 +120,7 @@ def run(arguments: list[str], debug: bool = False) -> int:
     except (click.exceptions.Abort, KeyboardInterrupt):
         print("interrupted", file=sys.stderr)
         return FAILED
-    # the reader of our output has seen enough; click and rich say it so, and no command exits by itself
+    # the reader has closed the pipe: click and rich raise these for it, and no command exits by itself
     except (BrokenPipeError, SystemExit):
         _forget_stdout()
         return OK

@@ -137,7 +137,7 @@ def _jobs(logs: Sequence[str], truth: TruthChoice, channel: str | None) -> list[
 
 def _refuse_outputs(jobs: Sequence[Job], config_name: str, config: Config, json_path: str | None) -> None:
     """Refuse results that would overwrite an input, and tables of no known format. Errors: UsageError."""
-    from canest.cli.keep import config_files, keep_apart
+    from canest.cli.output_conflicts import config_files, keep_apart
 
     keep_apart(
         config_files(config_name, config)

@@ -41,7 +41,7 @@ def command(chosen: ConfigChoice, listen_only: bool, record: str | None, log_est
     if log_estimates is not None:
         changes.append(f"service.log_estimates={_quoted(log_estimates)}")
 
-    from canest.cli.keep import config_files, keep_apart, require_files
+    from canest.cli.output_conflicts import config_files, keep_apart, require_files
     from canest.live.daemon import Daemon
     from canest.live.mass_store import place
 

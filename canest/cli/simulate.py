@@ -40,7 +40,7 @@ def command(
         return 0
     if scenario is None or output is None:
         raise click.UsageError("give a SCENARIO and -o DIR, or --list", click.get_current_context())
-    from canest.cli.keep import keep_apart
+    from canest.cli.output_conflicts import keep_apart
     from canest.cli.progress import Share
     from canest.simulation.files import drive_paths
     from canest.simulation.reading import name_of, scenario_file

@@ -32,7 +32,7 @@ class Bus(Section):
 
 
 class Name(Section):
-    """The 64-bit J1939 NAME (ISO 11783-5): who we say we are."""
+    """The 64-bit J1939 NAME (ISO 11783-5) in our address claim."""
 
     identity: Whole = Field(1, ge=0, lt=2**21)
     manufacturer: Whole = Field(0, ge=0, lt=2**11)

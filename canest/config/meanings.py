@@ -30,7 +30,7 @@ MEANINGS: dict[str, str] = {
     "vehicle.accelerometer.pitch_rad_per_mps2": "body pitch (squat), rad per m/s²; null: learned",
     "dbc": "files, beside the config or among the shipped ones; an empty list for tables",
     "signals": "role: where it comes from; see below",
-    "sampling.hold_s": "ticks go on this long after the last wanted frame, then the grid sleeps, s",
+    "sampling.hold_s": "ticks go on this long after the last wanted frame, then they stop, s",
     "sampling.max_backward_s": "a clock set back further starts a new stretch; less is counted, s",
     "sampling.time_column": "column of decoded tables that holds the time: seconds, or ISO 8601",
     "filter.order": "order of the Butterworth low-pass for the whole regression",

@@ -1,4 +1,4 @@
-"""The one currency of the pipeline's left end: a block of CAN frames as numpy columns.
+"""The input of the pipeline: a block of CAN frames as numpy columns.
 
 A block may hold one frame or a million; every stage gives the same result however a stream is cut.
 """

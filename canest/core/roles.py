@@ -61,7 +61,7 @@ ROLES: dict[str, Role] = dict(
     [
         # traction
         _role("engine_torque_pct", "%", 0.25, "actual engine percent torque, indicated (SPN 513)"),
-        # the last friction heard is nearer to the truth than any default
+        # the last received friction is nearer to the truth than any default
         _role("engine_friction_pct", "%", math.inf, "nominal friction percent torque (SPN 514)"),
         _role("reference_torque", "Nm", math.inf, "engine reference torque, 100 % (SPN 544)"),
         _role("engine_torque", "Nm", 0.25, "net torque of engine or motor at its shaft, where sent in N m"),
@@ -80,7 +80,7 @@ ROLES: dict[str, Role] = dict(
             "driveline_engaged",
             "",
             0.5,
-            "driveline engaged, 0 or 1 (SPN 560): open, it tells the slope",
+            "driveline engaged, 0 or 1 (SPN 560): while it is open, the grade needs no torque",
         ),
         _role("lockup_engaged", "", 0.5, "torque converter locked up, 0 or 1 (SPN 573)"),
         _role("clutch_slip", "%", 0.5, "clutch slip (SPN 522)"),
@@ -112,13 +112,13 @@ ROLES: dict[str, Role] = dict(
         _role("steering_angle", "rad", 0.25, "steering wheel angle, left positive (SPN 1807)"),
         _role("pitch", "rad", 0.25, "slope sensor pitch, uphill positive (SPN 3318)"),
         _role("altitude", "m", 5.0, "altitude (SPN 580)"),
-        # what others say
+        # reported by other controllers
         _role("reported_mass", "kg", 10.0, "gross combination mass from another controller (SPN 1760)"),
     ]
 )
-#: what was said once of these stays true: neither silence nor "not available" takes it back
+#: these values never expire: neither silence nor "not available" clears them
 LASTING = frozenset(name for name, role in ROLES.items() if role.stale_s == math.inf)
-#: roles that tell whether the service brake is on
+#: roles that report whether the service brake is on
 BRAKES = ("brake_switch", "brake_pedal")
 #: roles that are 0 or 1
 TWO_STATE = frozenset(

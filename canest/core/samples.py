@@ -61,7 +61,7 @@ class ModelBlock:
         NaN where not known.
     gate: uint8 code of `canest.core.gates.Gate`; 0 where the estimator may learn.
     restart: True on a sample whose predecessor was gated or missing (windows and differences start anew).
-    stopped: True while the vehicle stands, as far as its speed or its open clutch tells.
+    stopped: True while the vehicle stands, as derived from speed and clutch state.
     ax_ok: True where accelerometer and speed are usable together (not gated by the driveline).
     """
 

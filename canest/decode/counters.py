@@ -86,7 +86,7 @@ class Counters:
 
     frames: all frames it was given; wanted: data frames of the wanted groups, from any address.
     senders: (PGN, or exact identifier with its `EXTENDED` flag; source address, or None) -> counters.
-    transport: reason -> multi-packet sessions that ended so (see `canest.decode.transport`).
+    transport: reason -> multi-packet sessions that ended so (see `canest.decode.transport_protocol`).
     """
 
     frames: int = 0

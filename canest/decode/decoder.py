@@ -28,7 +28,7 @@ from canest.decode import j1939
 from canest.decode.counters import Counters
 from canest.decode.groups import Group, Want, build_groups
 from canest.decode.senders import Columns, Found, Sender
-from canest.decode.transport import Transport
+from canest.decode.transport_protocol import Transport
 
 if TYPE_CHECKING:
     from cantools.database.can import Database

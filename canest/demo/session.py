@@ -23,7 +23,7 @@ from canest.core.estimates import Estimates
 from canest.core.frames import EXTENDED, ID_MASK, FrameBlock
 from canest.demo import DRIVE, TRUTH
 from canest.live.daemon import Daemon
-from canest.logs.reader import open_log
+from canest.logs.format_detection import open_log
 from canest.logs.truth import read_truth
 from canest.node.estimate_frame import NOT_AVAILABLE_STATUS, Estimate, decode
 from canest.offline.scoring import Score

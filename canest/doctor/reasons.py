@@ -10,7 +10,7 @@ from canest.core.roles import ROLES
 from canest.core.samples import RATE_HZ, STATUS_LABELS, Status
 from canest.doctor.warnings import interleaved_clocks
 from canest.pipeline.build import model_spec
-from canest.vehicle.driveline import CLUTCH_ROLES
+from canest.vehicle.driveline_state import CLUTCH_ROLES
 from canest.vehicle.model import LongitudinalModel
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import numpy as np
 
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 from canest.doctor.stretches import Samples, Stretches, at, held
-from canest.vehicle.driveline import CLUTCH_ROLES, ENGAGED_ROLES
+from canest.vehicle.driveline_state import CLUTCH_ROLES, ENGAGED_ROLES
 
 if TYPE_CHECKING:
     from canest.config import Config

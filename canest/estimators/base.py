@@ -43,7 +43,7 @@ class Estimator(ABC):
         return ""
 
     def doubts(self) -> str:
-        """Return what the samples have to say against the vehicle's facts, one sentence ('' for nothing)."""
+        """Return what in the samples contradicts the vehicle's facts, one sentence ('' for nothing)."""
         return ""
 
     def snapshot(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What an estimator says of itself, once, at its class: name, method, source, needs and options."""
+"""Metadata of an estimator, once, at its class: name, method, source, needs and options."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ def skipped() -> dict[str, str]:
 
 
 def describe(name: str) -> Description:
-    """Return what an estimator says of itself. Errors: ConfigError for an unknown name."""
+    """Return the metadata of an estimator. Errors: ConfigError for an unknown name."""
     found = _described(estimator_class(name), name)
     if found is None:
         raise ConfigError("estimator has no description", where="estimator.name", found=name)

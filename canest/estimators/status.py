@@ -1,4 +1,4 @@
-"""When an estimate may be trusted: one rule for every estimator."""
+"""When an estimate is `valid`: one rule; its limit of the relative standard deviation is the estimator's."""
 
 from __future__ import annotations
 

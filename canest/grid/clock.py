@@ -3,7 +3,7 @@
 Nothing here looks at a wall clock. A stamp that goes back a little (two channels interleaved, a
 reordered pair) is clamped and counted; one that goes back further, or a silence longer than the grid
 holds, starts a new stretch of time. Where that happens again and again two clocks are interleaved: one is
-then followed, and frames of the other are left out, since stretches of a frame each teach nothing.
+then followed, and frames of the other are left out, since stretches of one frame give no samples.
 """
 
 from __future__ import annotations

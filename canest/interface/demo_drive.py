@@ -9,7 +9,7 @@ from canest.core.frames import FrameBlock
 from canest.core.table_block import TableBlock
 from canest.demo import DRIVE, TRUTH
 from canest.interface.simulated_drive import SimulatedDrive, simulated_drive_of
-from canest.logs.reader import open_log
+from canest.logs.format_detection import open_log
 from canest.simulation.drive import SimulatedDrive as Made
 
 _CONFIG = "class8"

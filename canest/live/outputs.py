@@ -10,7 +10,7 @@ from canest.core.estimates import Estimates
 from canest.core.frames import FrameBlock
 from canest.live.mass_store import place
 from canest.live.record import Ring, TextLog, candump_renderer, render_estimates
-from canest.logs.writer import HEADER
+from canest.logs.estimate_writer import HEADER
 from canest.system.files import Background, write_atomically
 from canest.telemetry import metrics
 

@@ -21,7 +21,7 @@ from typing import Generic, TypeVar
 from canest.core.estimates import Estimates
 from canest.core.frames import FrameBlock
 from canest.logs.candump_writer import candump_text
-from canest.logs.writer import estimates_csv
+from canest.logs.estimate_writer import estimates_csv
 from canest.system.atomic_file import not_regular, require_regular
 from canest.system.files import Background, file_name_in_errors
 

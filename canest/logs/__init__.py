@@ -2,6 +2,6 @@
 
 from canest.core.table_block import TableBlock
 from canest.logs.base import LogReader
-from canest.logs.reader import open_log
+from canest.logs.format_detection import open_log
 
 __all__ = ["LogReader", "TableBlock", "open_log"]

@@ -10,8 +10,8 @@ import numpy as np
 from canest.core.errors import CanestError, LogError
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.table_block import TableBlock
+from canest.logs.format_detection import open_log
 from canest.logs.memory import MemoryLog
-from canest.logs.reader import open_log
 
 COLUMNS = ("grade", "mass_kg")
 

@@ -16,8 +16,8 @@ from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.reasons import why_unestimated
 from canest.doctor.warnings import log_warnings, stream_warnings
 from canest.logs.compression import ARCHIVE_SUFFIXES
+from canest.logs.estimate_writer import open_writer
 from canest.logs.memory import MemoryLog
-from canest.logs.writer import open_writer
 from canest.offline.scoring import Reference, Score
 from canest.pipeline.pipeline import Listener, Pipeline
 from canest.pipeline.table_map import TableMap, open_for

@@ -1,4 +1,4 @@
-"""Translates a config into what each stage needs; below this module nobody knows a config.
+"""Translates a config into what each stage needs; no module below imports `Config`.
 
     config -> IntakeSpec, GridSpec, ModelSpec, EstimatorSpec, assumed constants
 
@@ -44,7 +44,7 @@ _ACCELEROMETER = "longitudinal_accel"
 class IntakeSpec:
     """What selects, orders and checks frames.
 
-    wants: role -> DBC signal. hold_us: silence after which the grid sleeps. max_backward_us: how far a
+    wants: role -> DBC signal. hold_us: silence after which ticks stop. max_backward_us: how far a
     stamp may go back. limits: range and rate per role. motion: roles whose jumps cast doubt on the motion.
     torque: what torque roles may read.
     """
@@ -60,7 +60,7 @@ class IntakeSpec:
 
 @dataclass(frozen=True, slots=True)
 class GridSpec:
-    """What holds samples on the 50 Hz ticks: one channel per role, and when the grid sleeps."""
+    """What holds samples on the 50 Hz ticks: one channel per role, and when ticks stop."""
 
     channels: tuple[Channel, ...]
     hold_us: int

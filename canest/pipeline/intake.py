@@ -1,4 +1,4 @@
-"""The pipeline's left end: wanted frames (or table rows) in, monotone stretches of decoded samples out."""
+"""The pipeline's input stage: wanted frames (or table rows) in, monotone stretches of decoded samples out."""
 
 from __future__ import annotations
 

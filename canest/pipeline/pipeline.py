@@ -71,7 +71,7 @@ class Pipeline:
     def advance_to(self, t_us: int) -> Estimates:
         """Event time has certainly reached ``t_us``: emit ticks before it, though the bus may be quiet.
 
-        Beyond the hold time after the last wanted frame nothing is emitted: the grid sleeps until the
+        Beyond the hold time after the last wanted frame nothing is emitted: ticks stop until the
         next one, exactly as a replay of the recording would.
         """
         done: list[Estimates] = []

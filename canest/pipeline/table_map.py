@@ -17,7 +17,7 @@ from canest.core.table_block import TableBlock
 from canest.decode.value_table import Label, TextTable
 from canest.logs.candump import SHOWN_CHARS
 from canest.logs.cells import number_of
-from canest.logs.reader import open_log
+from canest.logs.format_detection import open_log
 from canest.logs.table_reader import TEXTS_KEPT
 from canest.pipeline.signal_map import factor_and_offset
 

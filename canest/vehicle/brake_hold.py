@@ -1,4 +1,4 @@
-"""Brakes whose signal is lost while they act: silence does not mean that braking is over."""
+"""Holds the last value of a brake signal that is lost while the brake acts, then releases it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from canest.core.samples import RATE_HZ, STEP_US
 from canest.grid.grid import GridBlock
 from canest.vehicle.spec import ModelSpec
 
-#: for so long, s, a lost brake holds its last value; a controller that stays dead brakes no more
+#: for so long, s, a lost brake signal holds its last value
 HOLD_S = 60.0
 _NEVER = -(1 << 62)
 

@@ -1,4 +1,4 @@
-"""From held signals to what estimators eat: model, filter, gates, in that order."""
+"""From held signals to the input of estimators: model, filter, gates, in that order."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class FilteredModel:
     @np.errstate(all="ignore")  # signals may be any float: what is no sane number closes a gate
     def process(self, grid: GridBlock) -> ModelBlock:
         """Turn a block of ticks into model samples."""
-        grid = self._brakes.fill(self.stuck_sensor.silence(grid))
+        grid = self._brakes.fill(self.stuck_sensor.mask_stuck(grid))
         raw = self.model.process(grid)
         self.last_columns = c = raw.columns
         moving = np.abs(raw.speed_mps) <= MAX_SPEED_MPS  # known, whatever becomes of the torque
@@ -85,7 +85,7 @@ class FilteredModel:
         self._was_open = bool(is_open[-1])
         nothing = constant(math.nan, len(grid))
         # backwards an accelerometer has the other sign than the speed, which has none
-        doubtful = np.isfinite(c.signal(MOTION_JUMP, np.nan)) | (c.gear < 0) | self._gating.slack
+        doubtful = np.isfinite(c.signal(MOTION_JUMP, np.nan)) | (c.gear < 0) | self._gating.separated
         rotating, coasting = raw.rotating_mass_kg, nothing
         if np.count_nonzero(self._gating.coasting):
             rotating = np.where(self._gating.coasting, raw.wheel_mass_kg, rotating)

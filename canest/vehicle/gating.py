@@ -14,7 +14,7 @@ from canest.core.gates import Gate
 from canest.core.samples import GRAVITY_MPS2, RATE_HZ, STEP_US
 from canest.grid.grid import GridBlock
 from canest.vehicle.coasting import OPEN_DRIVELINE_GATES, Coasting
-from canest.vehicle.driveline import ROAD_SPEED_LATE_S, driveline_open
+from canest.vehicle.driveline_state import ROAD_SPEED_LATE_S, driveline_open
 from canest.vehicle.model import LongitudinalModel, RawModel
 from canest.vehicle.range_rate_check import JUMP, MAX_ACCEL_MPS2, SPEED_SLACK_MPS
 from canest.vehicle.spec import ModelSpec
@@ -43,10 +43,10 @@ class Gating:
             g: round(s.recovery_s * RATE_HZ) for g, s in sections.items() if s.enabled
         }
         self._settle_ticks = round(spec.gates.stale.recovery_s * RATE_HZ)
-        self._until_tick = self._slack_until_tick = _NEVER
+        self._recovery_until_tick = self._separated_until_tick = _NEVER
         self._last_ratio = np.nan
-        #: where the driveline does not link engine and wheels, in the last block (see `_slack`)
-        self.slack: BoolColumn = constant(False, 0)
+        #: where the driveline does not link engine and wheels, in the last block (see `_separated`)
+        self.separated: BoolColumn = constant(False, 0)
         self._coasting = Coasting(spec, at_wheels=model.at_wheels)
         #: where the vehicle coasts with its driveline open, in the last block (see `Coasting`)
         self.coasting: BoolColumn = constant(False, 0)
@@ -57,10 +57,10 @@ class Gating:
         tick = grid.t_us // STEP_US
         # after a gap the filters have just started: nothing to learn until they have settled
         until = np.full(
-            len(grid), self._until_tick if grid.continues else tick[0] + self._settle_ticks, np.int64
+            len(grid), self._recovery_until_tick if grid.continues else tick[0] + self._settle_ticks, np.int64
         )
         causes = self._causes(grid, raw, accel_mps2)
-        self.slack = self._slack(grid, raw, causes, tick)
+        self.separated = self._separated(grid, raw, causes, tick)
         # until when anything but an open driveline acts, whether or not its gate may close
         acting = np.full(len(grid), _NEVER, np.int64)
         # backwards: the cause that comes first is written last
@@ -77,10 +77,10 @@ class Gating:
         self.coasting = self._coasting.of(grid, raw, tick, acting)
         if len(until) > 1:
             until = np.maximum.accumulate(until)
-        self._until_tick = int(until[-1])
+        self._recovery_until_tick = int(until[-1])
         return np.where((code == 0) & (tick < until), np.uint8(Gate.RECOVERY), code)
 
-    def _slack(
+    def _separated(
         self, grid: GridBlock, raw: RawModel, causes: list[tuple[Gate, BoolColumn]], tick: NDArray[np.int64]
     ) -> BoolColumn:
         """Return where a shift or a clutch, or what they leave swinging, parts the engine from the wheels.
@@ -89,15 +89,15 @@ class Gating:
         """
         if not np.count_nonzero(raw.speed_is_engine):
             return constant(False, len(grid))
-        until = np.full(len(grid), self._slack_until_tick if grid.continues else _NEVER, np.int64)
+        until = np.full(len(grid), self._separated_until_tick if grid.continues else _NEVER, np.int64)
         for gate, closed in causes:
             if gate in (Gate.SHIFT, Gate.DRIVELINE):
                 ends = tick + 1 + self._dwell_ticks.get(gate, 0)
                 until = np.maximum(until, np.where(closed & raw.speed_is_engine, ends, _NEVER))
         until = np.maximum.accumulate(until)
-        self._slack_until_tick = int(until[-1])
-        slack: BoolColumn = raw.speed_is_engine & (tick < until)
-        return slack
+        self._separated_until_tick = int(until[-1])
+        separated: BoolColumn = raw.speed_is_engine & (tick < until)
+        return separated
 
     def _causes(
         self, grid: GridBlock, raw: RawModel, accel_mps2: FloatColumn

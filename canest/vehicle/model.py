@@ -13,7 +13,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from canest.core.frames import BoolColumn, FloatColumn, IntColumn, MonotonicCloc
 from canest.core.roles import RADPS_PER_RPM
 from canest.core.samples import STEP_S
 from canest.grid.grid import GridBlock
-from canest.vehicle.driveline import ClutchReports, road_speed_of_engine
+from canest.vehicle.driveline_state import ClutchReports, road_speed_of_engine
 from canest.vehicle.friction import EngineFriction
 from canest.vehicle.gear_ratio import GearRatio
 from canest.vehicle.range_rate_check import MAX_SPEED_MPS
@@ -30,9 +29,6 @@ from canest.vehicle.role_sources import AT_WHEELS, ratio_ways, speed_roles, torq
 from canest.vehicle.spec import ModelSpec
 from canest.vehicle.speed_choice import SpeedChoice
 from canest.vehicle.working_columns import Columns
-
-if TYPE_CHECKING:
-    pass
 
 #: specific gas constant of dry air, J/(kg K)
 AIR_R = 287.05
@@ -130,7 +126,7 @@ class LongitudinalModel:
         else:
             per_torque = c.ratio / c.radius_m * np.where(c.torque_Nm < 0, 1.0 / c.efficiency, c.efficiency)
             traction = c.torque_Nm * per_torque
-        c.notes["traction_N"] = traction
+        c.auxiliary["traction_N"] = traction
         known = self._clutch_reports.reported(c)
         source, finest = self._speed(c, grid, known)
         speed_is_engine, late = (finest >= self._engine) & known, finest == self._late
@@ -196,7 +192,7 @@ class LongitudinalModel:
             extra_N=zero,
             wheel_torque_Nm=zero,
             signals=grid.values,
-            notes={"nominal_mass_kg": constant((v.mass_min_kg * v.mass_max_kg) ** 0.5, n)},
+            auxiliary={"nominal_mass_kg": constant((v.mass_min_kg * v.mass_max_kg) ** 0.5, n)},
         )
 
     def _engine_radps(self, values: Mapping[str, FloatColumn], ratio: FloatColumn) -> FloatColumn:
@@ -265,7 +261,7 @@ class LongitudinalModel:
         c.speed_mps, source, finest = self._choice.choose(
             [partial(self._speed_of, role, c, known) for role in self.speed_roles], ticks
         )
-        c.notes["driven"] = self._is_driven[source]
+        c.auxiliary["driven"] = self._is_driven[source]
         self._run("speed", c)
         speed = c.speed_mps
         before = shifted(speed, self._last_speed_mps)

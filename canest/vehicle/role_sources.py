@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from canest.core.errors import ConfigError
-from canest.vehicle.driveline import CLUTCH_ROLES
+from canest.vehicle.driveline_state import CLUTCH_ROLES
 from canest.vehicle.facts import Vehicle
 from canest.vehicle.range_rate_check import SPEED_ORDER
 

@@ -1,8 +1,8 @@
 """An accelerometer that stands still while the vehicle does not: a sensor that repeats itself.
 
 What is the same to the last bit, again and again, while the speed shows that brakes or engine have acted, is
-no measurement any more. It is taken as silent until it moves again, and with it all that comes in the same
-message. Silence is a fault that everything behind here can take. What else freezes closes the gate
+no measurement any more. It is treated as missing until it moves again, and with it all that comes in the
+same message. All later stages handle missing values. What else freezes closes the gate
 `implausible` or `driveline`.
 """
 
@@ -32,7 +32,7 @@ MEAN_TICKS, APART_TICKS = 25, 50
 #: no road changes it by more meanwhile, m/s2: engines and brakes do
 QUICK_MPS2 = 0.5
 #: speeds that are too late, or not tied to the road
-_NO_WITNESS = ("engine_speed", "gps_speed")
+_UNSUITABLE_SPEEDS = ("engine_speed", "gps_speed")
 _ACCELEROMETER = "longitudinal_accel"
 
 
@@ -42,7 +42,7 @@ class StuckSensor:
     def __init__(self, spec: ModelSpec) -> None:
         self.stuck_ticks: Counter[str] = Counter()
         source, self._speed = spec.accelerometer, speed_in_use(spec.roles, spec.vehicle)
-        self._watches = source is not None and self._speed not in ("", *_NO_WITNESS)
+        self._watches = source is not None and self._speed not in ("", *_UNSUITABLE_SPEEDS)
         if source is None or not self._watches:
             return
         self._least_ticks = REPEATED * source.stale_s * RATE_HZ
@@ -53,7 +53,7 @@ class StuckSensor:
         self._past = np.full(MEAN_TICKS + APART_TICKS, np.nan)
         self._quickest = 0.0
 
-    def silence(self, ticks: GridBlock) -> GridBlock:
+    def mask_stuck(self, ticks: GridBlock) -> GridBlock:
         """Return the ticks with a stuck accelerometer, and what comes with it, as stale."""
         if not self._watches:
             return ticks

@@ -45,7 +45,7 @@ class Columns:
     wheel_torque_Nm: FloatColumn
     signals: Mapping[str, FloatColumn]
     #: columns that a term hands on to later terms or to the diagnosis
-    notes: dict[str, FloatColumn] = field(default_factory=dict)
+    auxiliary: dict[str, FloatColumn] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.t_us)

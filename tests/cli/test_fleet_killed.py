@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from canest.logs.writer import open_writer
+from canest.logs.estimate_writer import open_writer
 
 KENWORTH = Path(__file__).parents[1] / "data" / "kenworth" / "normal.log.xz"
 

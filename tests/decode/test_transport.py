@@ -8,7 +8,7 @@ import pytest
 from decode_helpers import decoder
 
 from canest.core.frames import EXTENDED, FrameBlock
-from canest.decode.transport import MAX_SESSIONS, Transport
+from canest.decode.transport_protocol import MAX_SESSIONS, Transport
 
 pytestmark = pytest.mark.usefixtures("both_paths")
 

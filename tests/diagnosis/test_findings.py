@@ -110,7 +110,9 @@ def test_a_truth_of_another_time_says_nothing_and_is_no_reason_to_find_anything(
     arguments = [log, "-c", log.with_suffix(".yaml"), "--truth", truth, "-o", tmp_path / "out"]
     assert run(["diagnose", *map(str, arguments)]) == 1
     error = capsys.readouterr().err
-    assert error.startswith(f"error: {truth}: tells nothing of the drive, expected mass_kg or grade between")
+    assert error.startswith(
+        f"error: {truth}: does not overlap the drive in time, expected mass_kg or grade between"
+    )
     assert not (tmp_path / "out").exists()
 
 

@@ -103,7 +103,7 @@ def test_every_estimator_and_command_has_its_line():
 
 
 def test_result_columns_in_the_readme_are_the_writers():
-    from canest.logs.writer import HEADER
+    from canest.logs.estimate_writer import HEADER
 
     assert HEADER.decode().strip() in (ROOT / "README.md").read_text()
 

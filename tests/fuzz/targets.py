@@ -32,7 +32,7 @@ from canest.core.samples import Status
 from canest.decode import Decoder, j1939
 from canest.live import state
 from canest.logs.candump_writer import CandumpWriter
-from canest.logs.reader import open_log
+from canest.logs.format_detection import open_log
 from canest.logs.truth import read_truth
 from canest.node.bus_monitor import BusMonitor
 from canest.node.node import Node

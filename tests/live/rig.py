@@ -20,7 +20,7 @@ from canest.config import load_config
 from canest.core.frames import FrameBlock
 from canest.live.daemon import Daemon
 from canest.live.schedule import Schedule
-from canest.logs.reader import open_log
+from canest.logs.format_detection import open_log
 from canest.node import node as node_module
 from canest.system.journal import Journal
 from canest.system.systemd_notify import Notifier

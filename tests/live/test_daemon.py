@@ -13,7 +13,7 @@ from canest.core.errors import ConfigError
 from canest.core.frames import EXTENDED, FrameBlock
 from canest.core.samples import Status
 from canest.decode import j1939
-from canest.logs.reader import open_log
+from canest.logs.format_detection import open_log
 from canest.node.address_claim import CLAIM_PGN
 from canest.node.estimate_frame import decode
 from tests.live.rig import Rig, config, wait_for

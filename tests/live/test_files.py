@@ -15,8 +15,8 @@ import pytest
 from canest.core.estimates import Estimates
 from canest.core.frames import ERROR, EXTENDED, REMOTE, FrameBlock
 from canest.live.record import Ring, TextLog, candump_renderer, render_estimates
-from canest.logs.reader import open_log
-from canest.logs.writer import HEADER
+from canest.logs.estimate_writer import HEADER
+from canest.logs.format_detection import open_log
 from canest.system.files import Background, write_atomically
 
 

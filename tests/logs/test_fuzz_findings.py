@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from canest.core.errors import LogError
-from canest.logs.reader import open_log
+from canest.logs.format_detection import open_log
 
 
 def test_a_table_of_one_line_with_a_stray_carriage_return(tmp_path):

@@ -22,7 +22,7 @@ from canest.core.frames import EXTENDED, FrameBlock
 from canest.core.gates import LABELS
 from canest.logs.candump import CandumpParser
 from canest.logs.candump_writer import CandumpWriter, candump_text
-from canest.logs.writer import open_writer
+from canest.logs.estimate_writer import open_writer
 from logs.helpers_logs import DATA, FRAMES, LONG_FRAMES, assert_same, log_form
 
 STATUS = ["unestimated", "converging", "valid"]

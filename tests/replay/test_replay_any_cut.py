@@ -14,7 +14,7 @@ from canest.config import load_config
 from canest.core.estimates import Estimates
 from canest.core.frames import FrameBlock
 from canest.demo import DRIVE
-from canest.logs.reader import open_log
+from canest.logs.format_detection import open_log
 from canest.pipeline.pipeline import Pipeline
 
 KENWORTH = Path(__file__).parents[1] / "data" / "kenworth" / "normal.log.xz"

@@ -7,7 +7,7 @@ import numpy as np
 from canest.core.frames import EXTENDED, FrameBlock
 from canest.core.samples import Status
 from canest.decode import j1939
-from canest.logs.reader import open_log
+from canest.logs.format_detection import open_log
 from canest.pipeline.pipeline import Pipeline
 
 #: full load of a 500 kbit/s bus, with frames that carry few bytes

@@ -9,7 +9,7 @@ import pytest
 
 from canest.config import load_config
 from canest.core.frames import FrameBlock
-from canest.logs.reader import open_log
+from canest.logs.format_detection import open_log
 from canest.pipeline.pipeline import Pipeline
 from canest.simulation.reading import load_scenario
 from canest.simulation.run import simulate

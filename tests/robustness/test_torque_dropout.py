@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from canest.config import load_config, parse_config
 from canest.core.frames import FrameBlock
 from canest.demo import DRIVE
-from canest.logs.reader import open_log
+from canest.logs.format_detection import open_log
 from canest.pipeline.build import intake_spec
 from canest.pipeline.pipeline import Pipeline
 from canest.vehicle import torque_dropout as module

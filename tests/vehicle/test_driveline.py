@@ -146,7 +146,7 @@ def test_what_is_not_used_as_a_speed_is_none_for_screen_and_watch_either() -> No
     assert motion_roles(*facts(config([*roles, "clutch_slip"]))) == {"engine_speed", "longitudinal_accel"}
     speed = 10.0 - 3.0 * np.clip(np.arange(300) * 0.02 - 3.0, 0.0, 2.0)
     values = {"engine_torque": 0.0, "engine_speed": 900.0, "vehicle_speed": speed, "longitudinal_accel": 0.1}
-    silent = StuckSensor(model_spec(config(roles))).silence(ticks(values, 300))
+    silent = StuckSensor(model_spec(config(roles))).mask_stuck(ticks(values, 300))
     assert np.isnan(silent.values["longitudinal_accel"][-1])
 
 

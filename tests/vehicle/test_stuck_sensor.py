@@ -85,7 +85,7 @@ def test_a_speed_that_may_be_true_is_left_alone(shaft: np.ndarray, undriven: np.
         drive(output_shaft_speed=shaft, undriven_speed=undriven),
     )
     block = ticks(block.values | {"engine_speed": SHAFT}, N)
-    assert silent(block, sensor.silence(block)) == {}
+    assert silent(block, sensor.mask_stuck(block)) == {}
     assert not sensor.stuck_ticks
 
 
@@ -105,7 +105,7 @@ def test_an_accelerometer_that_shows_no_braking_is_taken_as_stuck(
     sensor = StuckSensor(model_spec(mapped()))
     shaft = (speed + NOISE) * RPM_PER_MPS
     block = drive(output_shaft_speed=shaft, engine_speed=shaft, longitudinal_accel=felt, undriven_speed=speed)
-    lost = silent(block, sensor.silence(block))
+    lost = silent(block, sensor.mask_stuck(block))
     assert set(lost) == ({"longitudinal_accel", "yaw_rate"} if stuck else set())
     if stuck:  # a second of 1.5 m/s2 at the latest, and to the end
         assert 12.0 < T_S[lost["yaw_rate"][0]] < 13.0
@@ -122,7 +122,7 @@ def test_any_cut_gives_the_same_bits() -> None:
         undriven_speed=gone,
         longitudinal_accel=frozen(FELT, 400, 950),
     )
-    whole = StuckSensor(model_spec(mapped())).silence(block)
+    whole = StuckSensor(model_spec(mapped())).mask_stuck(block)
     assert len(silent(block, whole)) == 2
     rng = np.random.default_rng(11)
     for pieces in (2, 5, 40, 400):
@@ -131,6 +131,6 @@ def test_any_cut_gives_the_same_bits() -> None:
         for cut in [*cuts.tolist(), N]:
             part, rest = rest.split(cut - at)
             at = cut
-            parts.append(sensor.silence(part))
+            parts.append(sensor.mask_stuck(part))
         for role, column in whole.values.items():
             assert column.tobytes() == np.concatenate([p.values[role] for p in parts]).tobytes(), role

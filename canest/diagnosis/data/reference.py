@@ -40,7 +40,7 @@ class Reference:
 
     mass_kg (n,) or None when unknown; NaN where the truth has none, as in grade. sin_beta (n,),
     already passed through the model's filter, and sin_beta_std (scalar): 0 where it is known, large where
-    nothing tells it; correlation_m: distance over which its error keeps its value. kind: a name for the
+    it is not observed; correlation_m: distance over which its error keeps its value. kind: a name for the
     report.
     """
 
@@ -69,7 +69,7 @@ def reference_for(
         if not (has_grade or has_mass):
             begin, end = run.samples.t_us[[0, -1]] * 1e-6
             of_drive = f"mass_kg or grade between t_s {begin:.0f} and {end:.0f}"
-            raise LogError("tells nothing of the drive", where=str(truth), expected=of_drive)
+            raise LogError("does not overlap the drive in time", where=str(truth), expected=of_drive)
         if mass is None and has_mass:
             mass = true_mass
         if has_grade:

@@ -25,8 +25,8 @@ from canest.decode.j1939 import pgn_of, source_of
 from canest.diagnosis.data.least_squares import held_out
 from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.search.forward_selection import Search
+from canest.logs.format_detection import open_log
 from canest.logs.memory import MemoryLog
-from canest.logs.reader import open_log
 from canest.pipeline.table_map import open_for
 
 if TYPE_CHECKING:

@@ -20,9 +20,9 @@ AS_GOOD_SIGMAS = 2.0
 AS_GOOD_SHARE = 0.05
 #: or it is equivalent while what it leaves besides is below this share of what the chosen one leaves
 EQUIVALENT_SHARE = 0.1
-#: and it says nearly all that the chosen one says: what it misses is below this share of it
+#: and it explains nearly all that the chosen effect explains: the rest is below this share of it
 EQUIVALENT_MISS = 0.05
-#: or it says this much of what the chosen one says, and with small errors allowed for it is as good
+#: or it explains this much of what the chosen effect explains, and with small errors it fits as well
 EQUIVALENT_PART = 0.9
 #: or while its regressor is the chosen one's mirror image up to this correlation
 EQUIVALENT_CORRELATION = 0.998
@@ -109,7 +109,7 @@ class Alternatives:
         return np.asarray(held_out(residual, matrix, self._problem.chunk, prior) ** 2)
 
     def _rest(self, column: FloatColumn, others: list[FloatColumn]) -> FloatColumn:
-        """Return what of a column the others (and the nuisances) cannot say."""
+        """Return the part of a column that the others (and the nuisances) cannot explain."""
         matrix = self._problem.beside_nuisance(others)
         if not matrix.shape[1]:
             return column

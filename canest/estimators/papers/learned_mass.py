@@ -31,7 +31,7 @@ class LearnedMass(ChunkedEstimator):
 
     @abstractmethod
     def _begin(self, mass_kg: float, std_kg: float | None) -> None:
-        """Set the state to a mass and its standard deviation; None: what options and bounds say."""
+        """Set the state to a mass and its standard deviation; None: derived from options and bounds."""
 
     def snapshot(self) -> dict[str, Any]:
         """Return the mass and its standard deviation, where there is a confirmed one."""

@@ -105,7 +105,7 @@ class TwoParameter(InverseMassEstimator):
 
         p11, p12, p22: P, in theta^2 / y^2; variance: of y's noise. With A the prior's information in P^-1, of
         which the data's is the rest, it is the diagonal of P (variance (P^-1 - A) + prior variance A) P:
-        quiet data are sharp where they say something; where they say nothing the doubt stays the prior's.
+        little noise gives a small variance; without information it stays that of the prior.
         """
         a1, a2 = self._prior_information
         more = np.maximum(PRIOR_NOISE_MPS2**2 - variance, 0.0)

@@ -68,11 +68,11 @@ class Effect:
     #: keys without which the effect does nothing
     required: ClassVar[tuple[str, ...]] = ()
 
-    #: how rare it is: of effects that a drive cannot tell apart, the commonest (lowest) is named first
+    #: how rare it is: of effects that a drive cannot distinguish, the commonest (lowest) is named first
     rarity: ClassVar[int] = 1000
     #: whether it scales all traction, as an unknown mass does: it is never found beside one
     scales_traction: ClassVar[bool] = False
-    #: field that tells apart several of it in one vehicle; "" where there is one at most
+    #: field that distinguishes several of it in one vehicle; "" where there is one at most
     several_by: ClassVar[str] = ""
     #: quantity that causes it, over which a report draws the residual; "" for its signal, else its force
     cause_quantity: ClassVar[str] = ""

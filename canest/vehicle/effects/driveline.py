@@ -106,9 +106,9 @@ class WheelSlip(Effect):
 
     def apply(self, c: Columns) -> None:
         """Take the slip off a speed measured at the driven wheels."""
-        mass = c.notes["nominal_mass_kg"] if self.mass_kg is None else self.mass_kg
-        traction_N = np.nan_to_num(c.notes["traction_N"])  # a speed is known without any torque
-        slip = self.slip_per_mps2 * traction_N / mass * c.notes["driven"]
+        mass = c.auxiliary["nominal_mass_kg"] if self.mass_kg is None else self.mass_kg
+        traction_N = np.nan_to_num(c.auxiliary["traction_N"])  # a speed is known without any torque
+        slip = self.slip_per_mps2 * traction_N / mass * c.auxiliary["driven"]
         c.speed_mps = c.speed_mps * (1.0 - slip)
 
     @classmethod

@@ -1,4 +1,4 @@
-"""Reassembles multi-packet parameter groups: BAM, and RTS/CTS sessions that we overhear (SAE J1939-21).
+"""Reassembles multi-packet parameter groups: BAM, and RTS/CTS sessions between other nodes (SAE J1939-21).
 
 A broken session is dropped and counted, never repaired: one wrong byte in a reference torque is worse
 than a message that comes again in five seconds. Time is event time; nothing here raises.
