@@ -36,7 +36,7 @@ Versions follow semantic versioning. These are kept within a major version:
 | commands and their options | `canest --help` |
 | config keys and roles | [config.md](config.md) |
 | estimators and their options | [estimators.md](estimators.md) |
-| JSON keys of `--json` outputs and of diagnosis.json | what `replay`, `compare`, `check` and `diagnose` write |
+| JSON keys of `--json` outputs, and of diagnosis.json | what the commands write |
 | the columns of est.csv and est.parquet | [README](../README.md) |
 | messages and signals of the broadcast | `dbc/canest.dbc` |
 | names of metrics | [service.md](service.md) |
@@ -45,8 +45,9 @@ A name that is replaced stays as an alias for one minor version at least, with a
 1.0 a minor version may break what a patch version may not.
 
 What [extending.md](extending.md) imports is public too, for packages that add an effect or an estimator.
-Everything else is private: modules below `canest.` that neither page names, and names with an underscore. The estimates themselves are no contract: a better estimator changes numbers, and the changelog
-says so.
+Everything else is private: modules below `canest.` that neither page names, and names with an underscore.
+
+The estimates themselves are no contract: a better estimator changes numbers, and the changelog says so.
 
 ## At any rate
 
