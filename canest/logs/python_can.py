@@ -10,6 +10,8 @@ import re
 import tempfile
 from collections.abc import Generator, Iterator, Mapping
 from functools import partial
+from importlib import reload
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +45,17 @@ def _quiet() -> Iterator[None]:
     finally:
         logger.removeHandler(handler)
         logger.propagate = before
+
+
+def find_asammdf() -> None:
+    """Let python-can look for asammdf again.
+
+    It looks once, at its import, and `canest.bus.drivers` hides asammdf then, which no bus needs.
+    """
+    from can.io import mf4
+
+    if getattr(mf4, "asammdf", None) is None and find_spec("asammdf") is not None:
+        reload(mf4)  # in its own namespace, so that its classes find asammdf wherever they are held
 
 
 class PythonCanReader(LogReader):
@@ -189,6 +202,8 @@ class PythonCanReader(LogReader):
         self._skip(number, text, "holds no frame that can be read")
 
     def _reader(self, make: Any, source: Any) -> Any:
+        if self._suffix == ".mf4":
+            find_asammdf()
         try:
             return make(source)
         except (ImportError, NotImplementedError):

@@ -15,6 +15,7 @@ from canest.core.plugins import load_plugins
 from canest.core.samples import STEP_US
 from canest.estimators import registry
 from canest.offline.compare import compare
+from canest.offline.scoring import Reference
 from tests.cli.conftest import canest  # noqa: F401 - a fixture
 
 ESTIMATOR = "from canest.estimators.base import Estimator\nclass Nothing(Estimator):\n    "
@@ -76,7 +77,7 @@ def test_compare_says_which_one_it_left_out(add, tmp_path):
     }
     add()
     config = type(config).model_validate({**config.model_dump(), "signals": signals})
-    table = compare(config, log, mass_kg=1500.0, compiled=False).table
+    table = compare(config, log, reference=Reference(mass_kg=1500.0), compiled=False).table
     assert list(table["estimators"]) == list(registry.BUILT_IN)
     assert any("added is left out" in note for note in table["notes"])
 

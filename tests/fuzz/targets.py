@@ -33,6 +33,7 @@ from canest.decode import Decoder, j1939
 from canest.live import state
 from canest.logs.candump_writer import CandumpWriter
 from canest.logs.format_detection import open_log
+from canest.logs.python_can import find_asammdf
 from canest.logs.truth import read_truth
 from canest.node.bus_monitor import BusMonitor
 from canest.node.node import Node
@@ -111,6 +112,7 @@ def log_seeds() -> list[bytes]:
     for index in (1, 2, 3, 4, 6):
         path = scratch() / f"seed{SUFFIXES[index]}"
         path.unlink(missing_ok=True)
+        find_asammdf()
         writer = can.Logger(str(path))
         for k in range(20):
             writer(can.Message(timestamp=1.7e9 + k / 50, arbitration_id=0xCF00400, is_extended_id=True,

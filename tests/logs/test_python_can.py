@@ -6,6 +6,8 @@ import gzip
 import importlib.util
 import os
 import sqlite3
+import subprocess
+import sys
 import threading
 import warnings
 
@@ -15,6 +17,7 @@ import pytest
 from canest.core.errors import LogError
 from canest.core.frames import EXTENDED, REMOTE, FrameBlock
 from canest.logs import open_log
+from canest.logs.python_can import find_asammdf
 from logs.helpers_logs import assert_same, read_all
 
 MF4_ONLY = pytest.mark.skipif(importlib.util.find_spec("asammdf") is None, reason="asammdf (extra: formats)")
@@ -26,6 +29,7 @@ FRAMES = [
 
 
 def write(path, frames=FRAMES, remote=False):
+    find_asammdf()  # whatever imported python-can first
     with can.Logger(str(path)) as logger:
         for t_us, can_id, payload in frames:
             logger.on_message_received(
@@ -240,3 +244,16 @@ def test_a_damaged_mf4_makes_no_noise(tmp_path, capfd):
         list(open_log(path))
     gc.collect()
     assert capfd.readouterr() == ("", "")
+
+
+@MF4_ONLY
+def test_an_mf4_is_read_where_a_bus_was_used_before(tmp_path):
+    write(tmp_path / "drive.mf4")
+    code = (
+        "import sys, canest.bus.drivers; from canest.logs import open_log; "
+        "reader = open_log(sys.argv[1]); [None for _ in reader]; print(reader.frames)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "drive.mf4")], capture_output=True, text=True, check=False
+    )
+    assert done.stdout.strip() == str(len(FRAMES)), done.stderr
