@@ -113,9 +113,14 @@ class Meter:
         if self.exceeded is not None:
             raise self.exceeded from None
 
+    @property
+    def memory_bytes(self) -> float:
+        """What a log may take of memory."""
+        return self._budget.memory_mb * 1e6
+
     def refuse_memory(self, needed_bytes: float) -> None:
         """Refuse, before it is read, what needs too much memory. Errors: LogError."""
-        if needed_bytes > self._budget.memory_mb * 1e6:
+        if needed_bytes > self.memory_bytes:
             self._exceed_memory(f"{needed_bytes / 1e6:,.0f} MB")
             self.raise_if_exceeded()
 
@@ -166,7 +171,7 @@ class Meter:
         if self._spent_s + time.process_time() - self._begin_s > allowed_s:
             self._exceed(f"takes more than {allowed_s:,.0f} s of computing to read", None, "time=SECONDS")
         grown = self._grown_bytes + _memory(_STATM_RESIDENT) - self._resident_bytes
-        if grown > self._budget.memory_mb * 1e6:
+        if grown > self.memory_bytes:
             self._exceed_memory()
 
     def _exceed_memory(self, found: str | None = None) -> None:

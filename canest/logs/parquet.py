@@ -52,7 +52,8 @@ class ParquetReader(TableReader):
                 file = pq.ParquetFile(stored)
                 self.columns = list(file.schema_arrow.names)
                 names = [self.columns[position] for position in self._choose()]
-                self._source.meter.refuse_memory(_largest_group_bytes(file.metadata, names))
+                meter = self._source.meter
+                meter.refuse_memory(_largest_group_bytes(file.metadata, names, meter.memory_bytes))
                 seen = 0
                 for batch in file.iter_batches(batch_size=self._block_rows, columns=names):
                     texts = self._texts_of(batch, names)
@@ -69,7 +70,7 @@ class ParquetReader(TableReader):
                     yield self._block(names, values, numbers, texts)
         except MemoryError:
             raise
-        except (pa.ArrowException, OSError) as error:
+        except (pa.ArrowException, OSError, RuntimeError) as error:  # the last from its C++, of odd metadata
             if not self.frames:
                 raise LogError("no readable parquet file", where=str(self.path), found=str(error)) from None
             self.truncated_reason = f"damaged parquet file ({error})".replace("\n", " ")
@@ -113,11 +114,18 @@ class ParquetReader(TableReader):
             yield unpacked
 
 
-def _largest_group_bytes(metadata: Any, names: Collection[str]) -> int:
-    """Return what the columns of the largest row group take up, unpacked."""
+def _largest_group_bytes(metadata: Any, names: Collection[str], limit: float) -> int:
+    """Return what the columns of the largest row group take up, unpacked; 0 where none exceeds the limit.
+
+    pyarrow ends the process over the metadata of a damaged column, so only a file beyond the limit is looked
+    at column by column.
+    """
+    groups = [metadata.row_group(group) for group in range(metadata.num_row_groups)]
     largest = 0
-    for group in range(metadata.num_row_groups):
-        columns = [metadata.row_group(group).column(k) for k in range(metadata.num_columns)]
+    for group in groups:
+        if group.total_byte_size <= limit:
+            continue
+        columns = [group.column(k) for k in range(metadata.num_columns)]
         largest = max(
             largest,
             sum(c.total_uncompressed_size for c in columns if c.path_in_schema.split(".")[0] in names),

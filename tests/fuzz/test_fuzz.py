@@ -39,7 +39,9 @@ def test_seeds_do_get_through(name, monkeypatch):
 
 @pytest.mark.parametrize("path", sorted(FOUND.glob("*-*")), ids=lambda p: p.name)
 def test_what_once_did_harm_does_none(path):
-    run_one(all_targets()[path.name.split("-")[0]], path.read_bytes())
+    target = all_targets()[path.name.split("-")[0]]
+    target.run(next(iter(target.seeds())))  # imports what it needs, which takes longer than any input may
+    run_one(target, path.read_bytes())
 
 
 @pytest.mark.parametrize("name", sorted(all_targets().keys() - TARGETS.keys()))
