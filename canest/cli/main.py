@@ -7,7 +7,6 @@ import io
 import os
 import sys
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import click
@@ -162,7 +161,8 @@ def _have_streams() -> None:
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
-            setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115 - as long as the process
+            # as long as the process, and `pathlib` would be a tenth of what --help costs
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115, PTH123
         # what else an encoding may do with it is to give back the bytes of a file's name, as UTF-8 can
         elif isinstance(stream, io.TextIOWrapper) and (
             stream.errors == "strict" or not stream.encoding.lower().startswith("utf")

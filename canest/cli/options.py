@@ -5,8 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import click
 
@@ -37,8 +36,8 @@ class Number(click.types.FloatParamType):
 MASS = Number(50.0, "kg")
 
 
-@dataclass(frozen=True, slots=True)
-class ConfigChoice:
+# named tuples: `dataclasses` would be a tenth of what the help of a command costs
+class ConfigChoice(NamedTuple):
     """A config, and what this call changes in it: -c, --set, --estimator, --initial-mass."""
 
     config_name: str | None
@@ -62,8 +61,7 @@ class ConfigChoice:
         return load(self.name, overrides, self.estimator, self.initial_mass, databases=databases)
 
 
-@dataclass(frozen=True, slots=True)
-class TruthChoice:
+class TruthChoice(NamedTuple):
     """What the estimates are compared with: --truth, --mass, --after."""
 
     truth: str | None
@@ -71,8 +69,7 @@ class TruthChoice:
     after_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class Outputs:
+class Outputs(NamedTuple):
     """What is written: -o, --json, --report."""
 
     output: str | None
@@ -81,16 +78,16 @@ class Outputs:
 
 
 def grouped(**groups: Any) -> Callable[[F], F]:
-    """Hand a command some of its options as dataclasses: name of the argument -> dataclass.
+    """Hand a command some of its options as named tuples: name of the argument -> type.
 
-    An option belongs to the dataclass that has a field of its name. Stands below the options.
+    An option belongs to the type that has a field of its name. Stands below the options.
     """
 
     def decorate(function: F) -> F:
         @functools.wraps(function)
         def command(**options: Any) -> Any:
             made = {
-                name: group(**{field.name: options.pop(field.name) for field in fields(group)})
+                name: group(**{field: options.pop(field) for field in group._fields})
                 for name, group in groups.items()
             }
             return function(**options, **made)

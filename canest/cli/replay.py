@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
@@ -43,8 +42,7 @@ plain or compressed (.gz .xz .zst .bz2).
 _TABLE_ENDINGS = (".csv", ".parquet", ".txt", "")
 
 
-@dataclass(frozen=True, slots=True)
-class Playback:
+class Playback(NamedTuple):
     """Onto which bus the logs go, and how many times as fast as real time: --to, --speed."""
 
     bus: str | None

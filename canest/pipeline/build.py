@@ -24,7 +24,6 @@ from canest.grid.grid import FOREVER_US, Channel
 from canest.pipeline.assumed_constants import AssumedConstants
 from canest.pipeline.signal_map import resolution_of, step_of, wants_of
 from canest.vehicle.butterworth import butterworth, delay_s
-from canest.vehicle.effects import Effect, effect_from_config
 from canest.vehicle.range_rate_check import JUMP, JUMP_HOLD_S, MOTION_JUMP, Limit, limits_of
 from canest.vehicle.role_sources import motion_roles, ratio_ways, speed_roles, torque_role
 from canest.vehicle.spec import AccelerometerSource, FilterSpec, ModelSpec
@@ -32,6 +31,8 @@ from canest.vehicle.torque_dropout import TorqueLimit, torque_limits
 
 if TYPE_CHECKING:
     from cantools.database.can import Database
+
+    from canest.vehicle.effects import Effect
 
 #: roles that the effect `torque_delay` finds late
 TORQUE_ROLES = ("engine_torque_pct", "engine_torque", "engine_friction_pct", "retarder_torque_pct")
@@ -193,6 +194,10 @@ def facts_of(config: Config) -> VehicleFacts:
 
 def effects_of(config: Config) -> tuple[Effect, ...]:
     """Return a config's effects, built."""
+    if not config.effects:
+        return ()
+    from canest.vehicle.effects import effect_from_config  # all effects cost 30 ms, and few configs have one
+
     return tuple(effect_from_config(e, f"effects[{i}]") for i, e in enumerate(config.effects))
 
 

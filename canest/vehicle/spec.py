@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-from canest.vehicle.effects.base import Effect
 from canest.vehicle.facts import Vehicle
 from canest.vehicle.gate_settings import Gates
+
+if TYPE_CHECKING:
+    from canest.vehicle.effects import Effect  # two dozen dataclasses, of no use to a vehicle without effects
 
 
 @dataclass(frozen=True, slots=True)
