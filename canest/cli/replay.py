@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import click
@@ -37,9 +36,6 @@ Examples:
 Logs: candump text in both its forms, .asc .blf .trc .mf4 .csv .db, and tables (.csv .parquet),
 plain or compressed (.gz .xz .zst .bz2).
 """
-
-#: of files that hold estimates; a name of another format (.xlsx, .csv.gz) would hold csv all the same
-_TABLE_ENDINGS = (".csv", ".parquet", ".txt", "")
 
 
 class Playback(NamedTuple):
@@ -100,100 +96,17 @@ def command(
         return 0
     if outputs.output == "-":
         raise click.UsageError("-o needs the name of a file or directory", click.get_current_context())
+    # the jobs bring numpy with them, and a config that is wrong needs none
     config = chosen.load()
-    jobs = _with_outputs(_jobs(logs, truth, channel), outputs)
-    _refuse_outputs(jobs, chosen.name, config, outputs.json_path)
+    from canest.cli.replay_jobs import jobs_of, refuse_outputs, with_outputs
+
+    jobs = with_outputs(jobs_of(logs, truth, channel), outputs)
+    refuse_outputs(jobs, chosen.name, config, outputs.json_path)
     if playback.asked:  # after all that can be refused has been: a bus cannot take back what it carried
         _play(logs, playback, channel, quiet=outputs.json_path == "-")
     if len(jobs) == 1:
         return _one(jobs[0], config, outputs.json_path)
     return _many(jobs, config, outputs.json_path, workers)
-
-
-def _jobs(logs: Sequence[str], truth: TruthChoice, channel: str | None) -> list[Job]:
-    """Return one job per log, each with its truth. Errors: UsageError where --truth fits none."""
-    from canest.batch.job import Job
-    from canest.logs.log_names import truth_beside, truth_file
-
-    paths = [Path(log) for log in logs]
-    if len(paths) == 1:
-        truths = [truth_file(paths[0], truth.truth)]
-    elif truth.truth is None:
-        truths = [None for _ in paths]
-    elif truth.truth == "auto":
-        truths = [truth_beside(log) for log in paths]
-        _report_missing_truths(paths, truths)
-    else:
-        raise click.UsageError(
-            "one truth cannot fit several logs: use --truth auto", click.get_current_context()
-        )
-    return [
-        Job(log, truth=found, mass_kg=truth.mass_kg, after_s=truth.after_s, channel=channel)
-        for log, found in zip(paths, truths, strict=True)
-    ]
-
-
-def _refuse_outputs(jobs: Sequence[Job], config_name: str, config: Config, json_path: str | None) -> None:
-    """Refuse results that would overwrite an input, and tables of no known format. Errors: UsageError."""
-    from canest.cli.output_conflicts import config_files, keep_apart
-
-    keep_apart(
-        config_files(config_name, config)
-        + [(f"the log {job.log}", job.log) for job in jobs]
-        + [(f"the truth {job.truth}", job.truth) for job in jobs],
-        [("-o", job.output) for job in jobs]
-        + [("--report", job.report) for job in jobs]
-        + [("--json", json_path)],
-    )
-    for job in jobs:
-        if job.output is not None and job.output.suffix.lower() not in _TABLE_ENDINGS:
-            raise click.UsageError(
-                f"-o: found the file {job.output}, expected one that ends in .csv or .parquet",
-                click.get_current_context(),
-            )
-
-
-def _with_outputs(jobs: list[Job], outputs: Outputs) -> list[Job]:
-    """Return the jobs with the files that they are to write. Errors: UsageError for a file's name."""
-    from dataclasses import replace
-
-    output, report = outputs.output, outputs.report
-    if len(jobs) > 1:
-        _refuse_a_file("-o", output, (".csv", ".parquet"))
-        _refuse_a_file("--report", report, (".html", ".htm"))
-    # one log into one file, the usual case, does without the processes that `canest.batch.pool` brings
-    if len(jobs) > 1 or (output is not None and (output.endswith("/") or Path(output).is_dir())):
-        from canest.batch.pool import with_outputs
-
-        reports = Path(report) if report and len(jobs) > 1 else None
-        jobs = with_outputs(jobs, Path(output) if output else None, reports)
-    elif output is not None:
-        jobs = [replace(jobs[0], output=Path(output))]
-    if report is not None and len(jobs) == 1:
-        jobs = [replace(jobs[0], report=Path(report))]
-    return jobs
-
-
-def _report_missing_truths(logs: list[Path], truths: Sequence[Path | None]) -> None:
-    """Print which logs have no truth beside them. Errors: UsageError when none has."""
-    lacking = [log.name for log, found in zip(logs, truths, strict=True) if found is None]
-    if len(lacking) == len(logs):
-        raise click.UsageError("--truth auto: no log has its truth beside it", click.get_current_context())
-    if lacking:
-        shown = ", ".join(lacking[:3]) + (", ..." if len(lacking) > 3 else "")
-        print(f"note: no truth beside {len(lacking)} of {len(logs)} logs: {shown}", file=sys.stderr)
-
-
-def _refuse_a_file(option: str, name: str | None, endings: tuple[str, ...]) -> None:
-    """Refuse a name that is a file's where several logs need a directory."""
-    if name is None or name.endswith("/"):
-        return
-    path = Path(name)
-    if path.is_file() or (path.suffix.lower() in endings and not path.is_dir()):
-        context = click.get_current_context()
-        raise click.UsageError(
-            f"{option}: found the file {name}, expected a directory for several logs", context
-        )
 
 
 def _one(job: Job, config: Config, json_path: str | None) -> int:
@@ -235,6 +148,8 @@ def _play(logs: Sequence[str], playback: Playback, channel: str | None, quiet: b
     speed = 1.0 if playback.speed is None else playback.speed
     if not 0 < speed < float("inf"):
         raise click.UsageError(f"--speed must be above 0, found {speed:g}", context)
+    from pathlib import Path
+
     from canest.bus.playback import play
     from canest.cli.progress import Bar
 

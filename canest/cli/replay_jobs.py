@@ -1,0 +1,104 @@
+"""The jobs of `canest replay`: one per log, with its truth and the files that it writes.
+
+Apart from the command, whose help needs neither paths nor logs.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from canest.batch.job import Job
+from canest.cli.output_conflicts import config_files, keep_apart
+from canest.logs.log_names import truth_beside, truth_file
+
+if TYPE_CHECKING:
+    from canest.cli.options import Outputs, TruthChoice
+    from canest.config import Config
+
+#: of files that hold estimates; a name of another format (.xlsx, .csv.gz) would hold csv all the same
+_TABLE_ENDINGS = (".csv", ".parquet", ".txt", "")
+
+
+def jobs_of(logs: Sequence[str], truth: TruthChoice, channel: str | None) -> list[Job]:
+    """Return one job per log, each with its truth. Errors: UsageError where --truth fits none."""
+    paths = [Path(log) for log in logs]
+    if len(paths) == 1:
+        truths = [truth_file(paths[0], truth.truth)]
+    elif truth.truth is None:
+        truths = [None for _ in paths]
+    elif truth.truth == "auto":
+        truths = [truth_beside(log) for log in paths]
+        _report_missing_truths(paths, truths)
+    else:
+        raise click.UsageError(
+            "one truth cannot fit several logs: use --truth auto", click.get_current_context()
+        )
+    return [
+        Job(log, truth=found, mass_kg=truth.mass_kg, after_s=truth.after_s, channel=channel)
+        for log, found in zip(paths, truths, strict=True)
+    ]
+
+
+def refuse_outputs(jobs: Sequence[Job], config_name: str, config: Config, json_path: str | None) -> None:
+    """Refuse results that would overwrite an input, and tables of no known format. Errors: UsageError."""
+    keep_apart(
+        config_files(config_name, config)
+        + [(f"the log {job.log}", job.log) for job in jobs]
+        + [(f"the truth {job.truth}", job.truth) for job in jobs],
+        [("-o", job.output) for job in jobs]
+        + [("--report", job.report) for job in jobs]
+        + [("--json", json_path)],
+    )
+    for job in jobs:
+        if job.output is not None and job.output.suffix.lower() not in _TABLE_ENDINGS:
+            raise click.UsageError(
+                f"-o: found the file {job.output}, expected one that ends in .csv or .parquet",
+                click.get_current_context(),
+            )
+
+
+def with_outputs(jobs: list[Job], outputs: Outputs) -> list[Job]:
+    """Return the jobs with the files that they are to write. Errors: UsageError for a file's name."""
+    output, report = outputs.output, outputs.report
+    if len(jobs) > 1:
+        _refuse_a_file("-o", output, (".csv", ".parquet"))
+        _refuse_a_file("--report", report, (".html", ".htm"))
+    # one log into one file, the usual case, does without the processes that `canest.batch.pool` brings
+    if len(jobs) > 1 or (output is not None and (output.endswith("/") or Path(output).is_dir())):
+        from canest.batch import pool
+
+        reports = Path(report) if report and len(jobs) > 1 else None
+        jobs = pool.with_outputs(jobs, Path(output) if output else None, reports)
+    elif output is not None:
+        jobs = [replace(jobs[0], output=Path(output))]
+    if report is not None and len(jobs) == 1:
+        jobs = [replace(jobs[0], report=Path(report))]
+    return jobs
+
+
+def _report_missing_truths(logs: list[Path], truths: Sequence[Path | None]) -> None:
+    """Print which logs have no truth beside them. Errors: UsageError when none has."""
+    lacking = [log.name for log, found in zip(logs, truths, strict=True) if found is None]
+    if len(lacking) == len(logs):
+        raise click.UsageError("--truth auto: no log has its truth beside it", click.get_current_context())
+    if lacking:
+        shown = ", ".join(lacking[:3]) + (", ..." if len(lacking) > 3 else "")
+        print(f"note: no truth beside {len(lacking)} of {len(logs)} logs: {shown}", file=sys.stderr)
+
+
+def _refuse_a_file(option: str, name: str | None, endings: tuple[str, ...]) -> None:
+    """Refuse a name that is a file's where several logs need a directory."""
+    if name is None or name.endswith("/"):
+        return
+    path = Path(name)
+    if path.is_file() or (path.suffix.lower() in endings and not path.is_dir()):
+        context = click.get_current_context()
+        raise click.UsageError(
+            f"{option}: found the file {name}, expected a directory for several logs", context
+        )
