@@ -32,7 +32,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 
 OK, FAILED = 0, 1
 
-_OBJECTS_BETWEEN_COLLECTIONS = 50_000
+_OBJECTS_BETWEEN_COLLECTIONS = 100_000
 
 
 class _LazyGroup(Group):

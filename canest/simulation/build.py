@@ -4,14 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from canest.core.errors import ConfigError
 from canest.core.frames import FloatColumn
-from canest.simulation.constants import ENGAGED, PERCENT, PLAN_S, RADPS, STANDING, TORQUE_TABLE_RPM
-from canest.simulation.driveline import driveline_in
+from canest.simulation.constants import (
+    DEMAND,
+    ENGAGED,
+    ENGINE_SPEED,
+    GEAR,
+    INDICATED,
+    MASS,
+    PERCENT,
+    PHASE,
+    PLAN_S,
+    RADPS,
+    SPEED,
+    STANDING,
+    TORQUE_TABLE_RPM,
+    WHEEL_SPEED,
+)
+from canest.simulation.driveline import set_driveline
 from canest.simulation.drivers import Pulses, plan
 from canest.simulation.effects import Drafting, Hidden
 from canest.simulation.parameters import (
@@ -30,13 +45,12 @@ from canest.simulation.parameters import (
 from canest.simulation.roads import lay
 from canest.simulation.scenario import Scenario
 from canest.simulation.states import (
-    Cargo,
-    EngineState,
-    GearboxState,
-    Motion,
-    Pedals,
-    Pitch,
-    Retarders,
+    INPUT_SPEED,
+    NEXT_CHANGE,
+    NEXT_GEAR,
+    RELEASED,
+    SINCE_SHIFT_S,
+    STATE_SIZE,
     State,
 )
 from canest.simulation.vehicles import VehicleSpec
@@ -86,7 +100,9 @@ def vehicle_parameters(spec: Scenario, hidden: Hidden, contain: Container) -> Ve
             drag_force=hidden.drag_N,
             cornering=hidden.cornering_s2pm,
         ),
-        retarder=RetarderParameters(vehicle.retarder_Nm, **hidden.retarder_Nm),
+        retarder=RetarderParameters(
+            vehicle.retarder_Nm, any(hidden.retarder_Nm.values()), **hidden.retarder_Nm
+        ),
         driver=DriverParameters(
             firmness=driver.firmness_1ps,
             accel_limit=vehicle.accel_limit_mps2,
@@ -206,7 +222,7 @@ def _masses(spec: Scenario, hidden: Hidden) -> tuple[list[float], list[float]]:
     return times, masses
 
 
-def initial_state(spec: Scenario, p: VehicleParameters, mass: float) -> State:
+def initial_state(spec: Scenario, p: VehicleParameters, mass: float, contain: Container) -> State:
     """Return the state at the start: at rest with the clutch open, or rolling in gear."""
     speed = spec.driver.start_mps
     radius = p.driveline.wheel_radius
@@ -220,24 +236,20 @@ def initial_state(spec: Scenario, p: VehicleParameters, mass: float) -> State:
     engine_speed = speed / radius * ratio if rolling else p.engine.idle
     torque = p.engine.friction_0 + p.engine.friction_w * engine_speed
     wheel_speed = speed / radius
-    return State(
-        Motion(
-            speed=speed,
-            distance=0.0,
-            engine_speed=engine_speed,
-            wheel_speed=wheel_speed,
-            input_speed=wheel_speed * ratio,
-            twist=0.0,
-            torque=torque,
-            clutch_torque=0.0,
-            wheel_torque=0.0,
-            crank_torque=0.0,
-        ),
-        EngineState(boost=0.0, demand=torque, released=1.0),
-        Pedals(0.0, 0.0, False, False, False, expected_resistance=0.0),
-        Retarders(0.0, 0.0),
-        GearboxState(ENGAGED if rolling else STANDING, gear, gear, 0.0, LONG_AGO_S),
-        Cargo(mass, next_change=1),
-        Pitch(0.0, 0.0),
-        driveline_in.interpreted(p, gear, mass),
-    )
+    x = np.zeros(STATE_SIZE)
+    x[SPEED] = speed
+    x[ENGINE_SPEED] = engine_speed
+    x[WHEEL_SPEED] = wheel_speed
+    x[INPUT_SPEED] = wheel_speed * ratio
+    x[INDICATED] = torque
+    x[DEMAND] = torque
+    x[RELEASED] = 1.0
+    x[PHASE] = ENGAGED if rolling else STANDING
+    x[GEAR] = gear
+    x[NEXT_GEAR] = gear
+    x[SINCE_SHIFT_S] = LONG_AGO_S
+    x[MASS] = mass
+    x[NEXT_CHANGE] = 1
+    state: Any = contain(x)
+    set_driveline.interpreted(p, state)
+    return cast(State, state)

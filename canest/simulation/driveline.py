@@ -9,19 +9,51 @@ import math
 
 from canest.core.jit import kernel
 from canest.simulation.constants import (
+    BRAKE,
     CLOSED,
+    CRANK_TORQUE,
+    DEMAND,
+    DISTANCE,
     ENGAGED,
+    ENGINE_SPEED,
+    GEAR,
     GRAVITY,
+    INDICATED,
     LAUNCH,
+    MASS,
     NEUTRAL,
+    PHASE,
     RAMP_IN,
+    SPEED,
     STANDING,
     STEP_S,
     STEPS_PER_RECORD,
+    WHEEL_SPEED,
+    WHEEL_TORQUE,
 )
 from canest.simulation.driver_pedals import FULL_BRAKE_G
 from canest.simulation.parameters import VehicleParameters
-from canest.simulation.states import CrankTorques, Driveline, GearboxState, Motion, Resistance
+from canest.simulation.states import (
+    CEILING,
+    CLUTCH_TORQUE,
+    DAMPING,
+    DRAG,
+    EFFICIENCY,
+    FIXED,
+    FRICTION,
+    HIGHEST,
+    INERTIA,
+    INPUT_SPEED,
+    PHASE_S,
+    RATIO,
+    SINCE_SHIFT_S,
+    SLIP_GAIN,
+    STIFFNESS,
+    TAKEN,
+    TORQUE_PER_FORCE,
+    TWIST,
+    State,
+)
 
 # All chosen.
 CLUTCH_GAIN_1PS = 8.0  #: the clutch takes what brings the engine to ...
@@ -33,66 +65,61 @@ LOCKING_IDLE = 0.9  #: ... above this multiple of the idle speed
 
 
 @kernel
-def driveline_in(vehicle: VehicleParameters, gear: int, mass: float) -> Driveline:
-    """Return the driveline in a gear with a mass (kg): twist of two inertias, and what shafts carry.
+def set_driveline(vehicle: VehicleParameters, x: State) -> None:
+    """Set the driveline for gear and mass: twist of two inertias, and what shafts carry.
 
     k = K / i^2, J = (m r^2 + J_w) / i^2, d = 2 D sqrt(k J_e J / (J_e + J)).
     """
     p = vehicle.driveline
+    gear = int(x[GEAR])
+    mass = x[MASS]
     radius = p.wheel_radius
     engine = vehicle.engine.inertia
     ratio = vehicle.gearbox.ratios[gear]
     declared = vehicle.gearbox.efficiencies[gear]
     stiffness = p.stiffness / (ratio * ratio)
     body = (mass * radius * radius + p.wheel_inertia) / (ratio * ratio)
-    damping = 2.0 * p.damping * math.sqrt(stiffness * engine * body / (engine + body))
-    inertia = mass + p.wheel_inertia / (radius * radius)
-    return Driveline(
-        gear, mass, ratio, declared * p.kept[gear], radius / (ratio * declared), stiffness, damping, inertia,
-        p.slip / (radius * mass),
-    )  # fmt: skip
+    x[RATIO] = ratio
+    x[EFFICIENCY] = declared * p.kept[gear]
+    x[TORQUE_PER_FORCE] = radius / (ratio * declared)
+    x[STIFFNESS] = stiffness
+    x[DAMPING] = 2.0 * p.damping * math.sqrt(stiffness * engine * body / (engine + body))
+    x[INERTIA] = mass + p.wheel_inertia / (radius * radius)
+    x[SLIP_GAIN] = p.slip / (radius * mass)
 
 
 @kernel
-def engaged_anew(motion: Motion, before: int, after: int, ratio: float) -> Motion:
-    """Return the motion with what a change of phase resets: the twist, or the input speed in a new gear."""
-    input_speed = motion.input_speed
-    twist = motion.twist
-    if before == NEUTRAL and after == RAMP_IN:
-        twist = 0.0
-    elif before == STANDING and after != STANDING:
-        input_speed = motion.wheel_speed * ratio
-    else:
-        return motion
-    return Motion(
-        motion.speed, motion.distance, motion.engine_speed, motion.wheel_speed, input_speed, twist,
-        motion.torque, motion.clutch_torque, motion.wheel_torque, motion.crank_torque,
-    )  # fmt: skip
+def change_gear(x: State, before: float) -> None:
+    """Reset what a change from the phase ``before`` resets: the twist, or the input speed in a new gear."""
+    phase = x[PHASE]
+    if before == NEUTRAL and phase == RAMP_IN:
+        x[TWIST] = 0.0
+    elif before == STANDING and phase != STANDING:
+        x[INPUT_SPEED] = x[WHEEL_SPEED] * x[RATIO]
 
 
 @kernel
-def integrate(
-    vehicle: VehicleParameters, motion: Motion, driveline: Driveline, phase: int, torques: CrankTorques,
-    resistance: Resistance, brake: float,
-) -> Motion:  # fmt: skip
-    """Return the motion 5 ms later.
+def integrate(vehicle: VehicleParameters, x: State) -> None:
+    """Move for 5 ms.
 
-    J_e dw = gain (T - T_f) - T_taken - T_c; (m + J_w / r^2) dv = T_w / r - F. brake: 0..1.
+    J_e dw = gain (T - T_f) - T_taken - T_c; (m + J_w / r^2) dv = T_w / r - F.
     """
-    v, s, we, ww, win, theta, torque, tc, tw, crank = motion
-    demand, friction, taken, ceiling, highest = torques
     engine = vehicle.engine
-    gain = engine.gain
-    inertia_e = engine.inertia
+    gain, inertia_e = engine.gain, engine.inertia
     fuel = STEP_S / engine.fuelling_s
     slipping_from = LAUNCH_IDLE * engine.idle
     wind = vehicle.resistance.wind
     radius = vehicle.driveline.wheel_radius
-    _, mass, ratio, efficiency, _, kc, cc, inertia, slip_gain = driveline
-    fixed, drag, _ = resistance
-    brake_force = brake * mass * GRAVITY * FULL_BRAKE_G
-    twisting = phase in CLOSED
-    launching = phase == LAUNCH
+    demand, friction, taken = x[DEMAND], x[FRICTION], x[TAKEN]
+    ratio, efficiency, slip_gain = x[RATIO], x[EFFICIENCY], x[SLIP_GAIN]
+    kc, cc, inertia = x[STIFFNESS], x[DAMPING], x[INERTIA]
+    fixed, drag = x[FIXED], x[DRAG]
+    brake_force = x[BRAKE] * x[MASS] * GRAVITY * FULL_BRAKE_G
+    twisting = x[PHASE] in CLOSED
+    launching = x[PHASE] == LAUNCH
+    v, s, theta = x[SPEED], x[DISTANCE], x[TWIST]
+    we, ww, win = x[ENGINE_SPEED], x[WHEEL_SPEED], x[INPUT_SPEED]
+    torque, tw, tc, crank = x[INDICATED], x[WHEEL_TORQUE], x[CLUTCH_TORQUE], x[CRANK_TORQUE]
     for _ in range(STEPS_PER_RECORD):
         torque += (demand - torque) * fuel
         crank = gain * (torque - friction) - taken
@@ -101,14 +128,15 @@ def integrate(
         elif launching:
             capacity = torque - friction - taken + CLUTCH_GAIN_1PS * inertia_e * (we - slipping_from)
             # a slipping clutch pulls both ways: it speeds up an engine that has fallen behind
-            tc = min(max(0.0, capacity), ceiling - friction) if we > win else -(CLUTCH_DRAG * highest)
+            tc = min(max(0.0, capacity), x[CEILING] - friction) if we > win else -(CLUTCH_DRAG * x[HIGHEST])
         else:
             tc = 0.0
         tw = tc * ratio * efficiency if tc > 0.0 else tc * ratio / efficiency
         we += (crank - tc) / inertia_e * STEP_S
         air = v + wind
         v += (tw / radius - fixed - drag * air * abs(air) - brake_force) / inertia * STEP_S
-        v = max(v, 0.0)
+        if v < 0.0:  # noqa: PLR1730 - a call of max() takes as long as the three lines above
+            v = 0.0
         s += v * STEP_S
         ww = v * (1.0 + slip_gain * tw) / radius
         win = ww * ratio
@@ -116,24 +144,22 @@ def integrate(
             theta += (we - win) * STEP_S
     if not engine.electric and we < STALL_IDLE * engine.idle:
         we = STALL_IDLE * engine.idle
-    return Motion(v, s, we, ww, win, theta, torque, tc, tw, crank)
+    x[SPEED], x[DISTANCE], x[TWIST] = v, s, theta
+    x[ENGINE_SPEED], x[WHEEL_SPEED], x[INPUT_SPEED] = we, ww, win
+    x[INDICATED], x[WHEEL_TORQUE], x[CLUTCH_TORQUE], x[CRANK_TORQUE] = torque, tw, tc, crank
 
 
 @kernel
-def clutch_locks(idle: float, motion: Motion) -> bool:
+def clutch_locks(idle: float, x: State) -> bool:
     """Return whether a launch is over. idle: of the engine (rad/s)."""
-    slip = abs(motion.input_speed - motion.engine_speed)
-    return slip < LOCKING_RADPS and motion.input_speed > LOCKING_IDLE * idle
+    slip = abs(x[INPUT_SPEED] - x[ENGINE_SPEED])
+    return slip < LOCKING_RADPS and x[INPUT_SPEED] > LOCKING_IDLE * idle
 
 
 @kernel
-def locked(gearbox: GearboxState) -> GearboxState:
-    """Return the gearbox with the clutch closed after a launch."""
-    return GearboxState(ENGAGED, gearbox.gear, gearbox.next_gear, 0.0, 0.0)
-
-
-@kernel
-def wound_up(motion: Motion, stiffness: float) -> Motion:
-    """Return the motion with the twist that carries the clutch's torque."""
-    v, s, we, ww, win, _, torque, tc, tw, crank = motion
-    return Motion(v, s, we, ww, win, tc / stiffness, torque, tc, tw, crank)
+def lock(x: State) -> None:
+    """Close the clutch after a launch, the shafts wound up by its torque."""
+    x[PHASE] = ENGAGED
+    x[PHASE_S] = 0.0
+    x[SINCE_SHIFT_S] = 0.0
+    x[TWIST] = x[CLUTCH_TORQUE] / x[STIFFNESS]

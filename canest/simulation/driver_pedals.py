@@ -3,10 +3,21 @@
 from __future__ import annotations
 
 from canest.core.jit import kernel
-from canest.simulation.constants import GRAVITY, RECORD_S
+from canest.simulation.constants import BRAKE, GRAVITY, MASS, PEDAL, RECORD_S, SPEED
 from canest.simulation.engine import TINY_NM
 from canest.simulation.parameters import DriverParameters
-from canest.simulation.states import OperatingPoint, Pedals
+from canest.simulation.states import (
+    BRAKING,
+    EXPECTED,
+    FRICTION,
+    HIGHEST,
+    LEAST_FORCE,
+    LIFTED,
+    PUSHED,
+    ROAD_LOAD,
+    TORQUE_PER_FORCE,
+    State,
+)
 
 # All chosen.
 FULL_BRAKE_G = 0.6  #: deceleration at full braking, in standard gravities
@@ -25,63 +36,50 @@ BRAKE_OFF = 0.002  #: share of full braking that is none
 
 
 @kernel
-def accelerate(
-    p: DriverParameters, pedals: Pedals, point: OperatingPoint, mass: float, speed: float, wanted: float,
-    throttle: float, resistance: float,
-) -> tuple[Pedals, float]:  # fmt: skip
-    """Return the pedals, the accelerator moved, and the force (N) to slow down with that the engine lacks.
+def accelerate(p: DriverParameters, x: State, wanted: float, throttle: float) -> float:
+    """Move the accelerator; return the force (N) to slow down with that the engine lacks.
 
-    mass: kg. speed, wanted: by the plan (m/s). throttle: of the plan, negative for none. resistance: N.
+    wanted: speed of the plan (m/s). throttle: of the plan, negative for none.
     """
-    accelerator, brake, braking, lifted, pushed, expected = pedals
-    expected += (resistance - expected) * RECORD_S / EXPECTATION_S
+    speed = x[SPEED]
+    expected = x[EXPECTED]
+    expected += (x[ROAD_LOAD] - expected) * RECORD_S / EXPECTATION_S
+    x[EXPECTED] = expected
     missing = 0.0
     if throttle >= 0.0:
         # beyond the upper speed the rest of the pulse is dropped, below the lower one it is prolonged
         if speed > wanted:
-            lifted = True
+            x[LIFTED] = True
         elif throttle == 0.0:
-            lifted = False
+            x[LIFTED] = False
         if speed < p.pulse_min:
-            pushed = True
+            x[PUSHED] = True
         elif speed > p.pulse_min + PULSE_BAND_MPS:
-            pushed = False
-        want = 1.0 if pushed else 0.0 if lifted else throttle
+            x[PUSHED] = False
+        want = 1.0 if x[PUSHED] else 0.0 if x[LIFTED] else throttle
     else:
         accel = p.firmness * (wanted - speed)
         accel = min(accel, p.accel_limit)
         accel = max(accel, DECELERATION_MPS2)
-        force = expected + mass * accel
-        asked = force * point.torque_per_force + point.friction + p.regeneration
-        want = asked / (point.highest + p.regeneration + TINY_NM)
-        missing = point.least_force - force
+        force = expected + x[MASS] * accel
+        asked = force * x[TORQUE_PER_FORCE] + x[FRICTION] + p.regeneration
+        want = asked / (x[HIGHEST] + p.regeneration + TINY_NM)
+        missing = x[LEAST_FORCE] - force
         if wanted < HALTING_MPS and speed < ROLLING_OUT_MPS:
             want = 0.0
     want = min(1.0, max(0.0, want))
-    pedal = accelerator + min(PRESS, max(RELEASE, want - accelerator))
-    return Pedals(pedal, brake, braking, lifted, pushed, expected), missing
+    pedal = x[PEDAL]
+    x[PEDAL] = pedal + min(PRESS, max(RELEASE, want - pedal))
+    return missing
 
 
 @kernel
-def slow_down(
-    p: DriverParameters,
-    pedals: Pedals,
-    mass: float,
-    speed: float,
-    wanted: float,
-    throttle: float,
-    missing: float,
-) -> Pedals:
-    """Return the pedals, the brake moved for the force (N) that is still missing.
-
-    The others as in `accelerate`. A driver who does not brake never moves it.
-    """
-    if not p.brakes:
-        return pedals
-    braking = pedals.braking
-    if braking:
-        braking = missing > 0.0
-    else:
+def slow_down(x: State, wanted: float, throttle: float, missing: float) -> None:
+    """Move the brake for the force (N) that is still missing; the others as in `accelerate`."""
+    mass = x[MASS]
+    speed = x[SPEED]
+    braking = missing > 0.0
+    if not x[BRAKING]:
         braking = missing > mass * BRAKES_BEYOND_MPS2 and wanted - speed < TOO_FAST_MPS
     want = 0.0
     if throttle < 0.0 and wanted < HALTING_MPS and speed < HOLD_BELOW_MPS:
@@ -89,9 +87,9 @@ def slow_down(
         want = HOLDING_BRAKE
     elif braking:
         want = min(1.0, missing / (mass * GRAVITY * FULL_BRAKE_G))
-    brake = pedals.brake + (want - pedals.brake) * RECORD_S / BRAKE_S
+    brake = x[BRAKE]
+    brake += (want - brake) * RECORD_S / BRAKE_S
     if not braking and brake < BRAKE_OFF:
         brake = 0.0
-    return Pedals(
-        pedals.accelerator, brake, braking, pedals.lifted, pedals.pushed, pedals.expected_resistance
-    )
+    x[BRAKE] = brake
+    x[BRAKING] = braking

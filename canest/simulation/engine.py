@@ -3,14 +3,37 @@
 from __future__ import annotations
 
 from canest.core.jit import kernel
-from canest.simulation.constants import CLOSED, NEUTRAL, RAMP_OUT, RECORD_S, RPM, STANDING, TORQUE_TABLE_RPM
+from canest.simulation.constants import (
+    CLOSED,
+    DEMAND,
+    ENGINE_SPEED,
+    INDICATED,
+    MASS,
+    NEUTRAL,
+    PEDAL,
+    PHASE,
+    RAMP_OUT,
+    RECORD_S,
+    RPM,
+    SPEED,
+    STANDING,
+    TORQUE_TABLE_RPM,
+)
 from canest.simulation.parameters import AccessoryParameters, EngineParameters, VehicleParameters
 from canest.simulation.states import (
-    Driveline,
-    GearboxState,
-    Motion,
-    OperatingPoint,
-    Resistance,
+    AVAILABLE,
+    BOOST,
+    CEILING,
+    FRICTION,
+    HIGHEST,
+    INPUT_SPEED,
+    LEAST_FORCE,
+    PEDAL_UP,
+    PHASE_S,
+    RELEASED,
+    ROAD_LOAD,
+    TORQUE_PER_FORCE,
+    TORQUE_ROW,
     State,
 )
 
@@ -32,72 +55,67 @@ CUT_IN_SLOPE, CUT_IN_OFFSET = 2.0, 1.2
 
 
 @kernel
-def operating_point(
-    vehicle: VehicleParameters, state: State, driveline: Driveline, resistance: Resistance
-) -> tuple[OperatingPoint, float]:
-    """Return what the engine can give at its speed, in torque and in force, and the boost 5 ms later.
-
-    driveline, resistance: with the present mass.
-    """
+def set_operating_point(vehicle: VehicleParameters, x: State) -> None:
+    """Set what the engine can give at its speed, in torque and in force, with the boost 5 ms later."""
     p = vehicle.engine
-    speed, _, engine_speed, _, _, _, torque, _, _, _ = state.motion
+    speed = x[SPEED]
+    engine_speed = x[ENGINE_SPEED]
+    per_force = x[TORQUE_PER_FORCE]
     full = p.full_torque
     last = len(full) - 1
-    x = engine_speed * ROWS_PER_RADPS
-    row = max(int(x), 0)
-    highest = full[last] if row >= last else full[row] + (full[row + 1] - full[row]) * (x - row)
+    at = engine_speed * ROWS_PER_RADPS
+    row = int(at) if at > 0.0 else 0
+    highest = full[last] if row >= last else full[row] + (full[row + 1] - full[row]) * (at - row)
     friction = p.friction_0 + p.friction_w * engine_speed
     # the unboosted part at once, the rest as the turbocharger spools up: it follows the load by a lag
-    boost = state.engine.boost
-    boost += (torque / (highest + TINY_NM) - boost) * RECORD_S / p.boost_s
+    boost = x[BOOST]
+    boost += (x[INDICATED] / (highest + TINY_NM) - boost) * RECORD_S / p.boost_s
     boost = min(boost, 1.0)
     available = highest * (p.unboosted + (1.0 - p.unboosted) * boost * OVERBOOST)
-    available = min(available, highest)
     pedal_up = p.regeneration * (1.0 if speed > REGENERATION_FADE_MPS else speed / REGENERATION_FADE_MPS)
-    per_force = driveline.torque_per_force
-    least = -(friction + pedal_up) / per_force if state.gearbox.phase in CLOSED else 0.0
-    ceiling = (resistance.total + driveline.mass * vehicle.driver.accel_limit) * per_force + friction
-    return OperatingPoint(per_force, friction, highest, available, ceiling, pedal_up, least, row), boost
+    x[BOOST] = boost
+    x[FRICTION] = friction
+    x[HIGHEST] = highest
+    x[AVAILABLE] = min(available, highest)
+    x[CEILING] = (x[ROAD_LOAD] + x[MASS] * vehicle.driver.accel_limit) * per_force + friction
+    x[PEDAL_UP] = pedal_up
+    x[LEAST_FORCE] = -(friction + pedal_up) / per_force if x[PHASE] in CLOSED else 0.0
+    x[TORQUE_ROW] = row
 
 
 @kernel
-def torque_demand(
-    p: EngineParameters,
-    released: float,
-    ramp_s: float,
-    shift: GearboxState,
-    motion: Motion,
-    point: OperatingPoint,
-    pedal: float,
-) -> tuple[float, float]:
-    """Return the indicated torque (N m) asked for by pedal, shift and idle governor, and its released share.
+def set_demand(p: EngineParameters, x: State, ramp_s: float) -> None:
+    """Set the indicated torque (N m) asked for by pedal, shift and idle governor, and its released share.
 
-    ramp_s: time in which a shift takes the torque away. released: share that it lets through. pedal: 0..1.
+    ramp_s: time in which a shift takes the torque away.
     """
-    _, friction, highest, available, ceiling, pedal_up, _, _ = point
-    engine_speed = motion.engine_speed
-    phase = shift.phase
+    friction = x[FRICTION]
+    available = x[AVAILABLE]
+    engine_speed = x[ENGINE_SPEED]
+    phase = x[PHASE]
     if phase == NEUTRAL and not p.electric:
-        demand = friction + p.inertia * (motion.input_speed - engine_speed) / MATCHING_S
+        demand = friction + p.inertia * (x[INPUT_SPEED] - engine_speed) / MATCHING_S
         demand = min(MATCHING_SHARE * available, max(0.0, demand))
-        released = 0.0
+        x[RELEASED] = 0.0
     elif phase == STANDING and not p.electric:
         demand = friction
     else:
-        demand = pedal * (highest + p.regeneration) - pedal_up
-        demand = min(demand, ceiling)
+        demand = x[PEDAL] * (x[HIGHEST] + p.regeneration) - x[PEDAL_UP]
+        demand = min(demand, x[CEILING])
+        released = x[RELEASED]
         if phase == RAMP_OUT:
-            released = max(0.0, 1.0 - shift.phase_s / ramp_s)
+            released = max(0.0, 1.0 - x[PHASE_S] / ramp_s)
             demand = friction + (demand - friction) * released
         elif released < 1.0:
             released = min(1.0, released + RECORD_S / (ramp_s * RELEASE_RATIO))
             demand = friction + (demand - friction) * released
+        x[RELEASED] = released
     if not p.electric:
         floor = friction + IDLE_GAIN_1PS * p.inertia * (p.idle - engine_speed)
         if demand < floor and engine_speed < p.idle * IDLE_REACH:
             demand = floor
         demand = max(demand, 0.0)
-    return min(demand, available), released
+    x[DEMAND] = min(demand, available)
 
 
 @kernel

@@ -3,10 +3,37 @@
 from __future__ import annotations
 
 from canest.core.jit import kernel
-from canest.simulation.constants import ENGAGED, LAUNCH, NEUTRAL, RAMP_IN, RAMP_OUT, RECORD_S, STANDING
+from canest.simulation.constants import (
+    BRAKE,
+    ENGAGED,
+    ENGINE_SPEED,
+    GEAR,
+    LAUNCH,
+    MASS,
+    NEUTRAL,
+    PEDAL,
+    PHASE,
+    RAMP_IN,
+    RAMP_OUT,
+    RECORD_S,
+    SPEED,
+    STANDING,
+    WHEEL_SPEED,
+)
 from canest.simulation.engine import ROWS_PER_RADPS
 from canest.simulation.parameters import GearboxParameters
-from canest.simulation.states import GearboxState, Motion, OperatingPoint, Pedals
+from canest.simulation.states import (
+    BRAKING,
+    CLUTCH_TORQUE,
+    HIGHEST,
+    INPUT_SPEED,
+    NEXT_GEAR,
+    PHASE_S,
+    ROAD_LOAD,
+    SINCE_SHIFT_S,
+    TORQUE_ROW,
+    State,
+)
 
 # All chosen. Speeds as multiples of a shift point or of the idle speed, torques as shares of full torque.
 UPSHIFT_REACH = 3  #: an upshift goes this many gears up, less one
@@ -39,26 +66,24 @@ LAUNCH_BELOW = 1.25  #: input speed below which a start needs the clutch
 
 
 @kernel
-def gear_for(
-    p: GearboxParameters, gear: int, motion: Motion, point: OperatingPoint, pedal: float, mass: float,
-    resistance: float,
-) -> int:  # fmt: skip
-    """Return the gear to be in, the present one where nothing speaks for another.
-
-    pedal: 0..1. mass: kg. resistance: N.
-    """
+def gear_for(p: GearboxParameters, x: State) -> int:
+    """Return the gear to be in, the present one where nothing speaks for another."""
     ratios = p.ratios
     etas = p.efficiencies
     full = p.full_torque
-    speed = motion.engine_speed
+    gear = int(x[GEAR])
+    pedal = x[PEDAL]
+    resistance = x[ROAD_LOAD]
+    speed = x[ENGINE_SPEED]
+    input_speed = x[INPUT_SPEED]
     chosen = gear
     if speed > p.upshift_low + (p.upshift_high - p.upshift_low) * pedal:
         for h in range(gear + 1, min(len(ratios), gear + UPSHIFT_REACH)):
-            after = motion.input_speed * ratios[h] / ratios[gear]
+            after = input_speed * ratios[h] / ratios[gear]
             row = min(len(full) - 1, int(after * ROWS_PER_RADPS))
             spare = UPSHIFT_SHARE * full[row] * ratios[h] * etas[h] / p.wheel_radius - resistance
             if after > p.downshift * ABOVE_DOWNSHIFT and (
-                spare > mass * UPSHIFT_ACCEL_MPS2 or speed > p.upshift_high * OVERSPEED
+                spare > x[MASS] * UPSHIFT_ACCEL_MPS2 or speed > p.upshift_high * OVERSPEED
             ):
                 chosen = h
     elif (
@@ -67,10 +92,11 @@ def gear_for(
         and (pedal > PEDAL_PRESSED or speed < p.downshift)
     ):
         chosen = gear - 1
-        pull = DOWNSHIFT_SHARE * full[point.torque_row] * ratios[chosen] * etas[chosen] / p.wheel_radius
+        row = int(x[TORQUE_ROW])
+        pull = DOWNSHIFT_SHARE * full[row] * ratios[chosen] * etas[chosen] / p.wheel_radius
         if gear > 1 and resistance > pull:
             chosen = gear - 2
-        if motion.input_speed * ratios[chosen] / ratios[gear] > p.upshift_high * LOWER_OVERSPEED:
+        if input_speed * ratios[chosen] / ratios[gear] > p.upshift_high * LOWER_OVERSPEED:
             chosen = gear
     return chosen
 
@@ -79,7 +105,7 @@ def gear_for(
 def starting_gear(p: GearboxParameters, speed: float, mass: float, resistance: float) -> int:
     """Return the highest of the lowest three gears that pulls away; a higher one while it still rolls.
 
-    speed: of the vehicle (m/s); the others as in `gear_for`.
+    speed: of the vehicle (m/s). mass: kg. resistance: N.
     """
     ratios = p.ratios
     gears = len(ratios)
@@ -95,53 +121,53 @@ def starting_gear(p: GearboxParameters, speed: float, mass: float, resistance: f
 
 
 @kernel
-def shift(
-    p: GearboxParameters, state: GearboxState, motion: Motion, point: OperatingPoint, pedals: Pedals,
-    mass: float, resistance: float, wanted: float,
-) -> GearboxState:  # fmt: skip
-    """Return the gearbox 5 ms later: one step of the sequence of phases.
-
-    wanted: speed of the plan (m/s); the others as in `gear_for`.
-    """
-    before, gear, next_gear, phase_s, since_shift_s = state
+def shift(p: GearboxParameters, x: State, wanted: float) -> None:
+    """Take one step of the sequence of phases. wanted: speed of the plan (m/s)."""
+    before = x[PHASE]
     phase = before
-    phase_s += RECORD_S
-    since_shift_s += RECORD_S
-    shifts = p.fixed_gear < 0 and not p.electric and motion.speed > SHIFTS_ABOVE_MPS
-    too_slow = not p.electric and motion.input_speed < DECLUTCH * p.idle
+    phase_s = x[PHASE_S] + RECORD_S
+    x[SINCE_SHIFT_S] += RECORD_S
+    too_slow = not p.electric and x[INPUT_SPEED] < DECLUTCH * p.idle
     if phase == ENGAGED:
         if too_slow:
             phase = STANDING
-        elif since_shift_s > BETWEEN_SHIFTS_S and shifts and not pedals.braking:
-            next_gear = gear_for(p, gear, motion, point, pedals.accelerator, mass, resistance)
-            if next_gear != gear:
+        elif may_shift(p, x):
+            x[NEXT_GEAR] = gear_for(p, x)
+            if x[NEXT_GEAR] != x[GEAR]:
                 phase = RAMP_OUT
     elif phase == RAMP_OUT:
-        if phase_s >= p.ramp_s and comes_out(motion.clutch_torque, point.highest, phase_s):
+        if phase_s >= p.ramp_s and comes_out(x[CLUTCH_TORQUE], x[HIGHEST], phase_s):
             phase = NEUTRAL
-            gear = next_gear
+            x[GEAR] = x[NEXT_GEAR]
     elif phase == NEUTRAL:
-        if phase_s >= p.neutral_s and abs(motion.engine_speed - motion.input_speed) < SYNCHRONISED_RADPS:
+        if phase_s >= p.neutral_s and abs(x[ENGINE_SPEED] - x[INPUT_SPEED]) < SYNCHRONISED_RADPS:
             phase = RAMP_IN
         elif phase_s > NEUTRAL_LIMIT_S or too_slow:
             phase = STANDING
     elif phase == RAMP_IN:
         if phase_s >= p.ramp_s:
             phase = ENGAGED
-            since_shift_s = 0.0
+            x[SINCE_SHIFT_S] = 0.0
     elif phase == LAUNCH:
-        if pedals.accelerator < RELEASED_PEDAL and wanted < HALTING_MPS:
+        if x[PEDAL] < RELEASED_PEDAL and wanted < HALTING_MPS:
             phase = STANDING
-    elif pedals.accelerator > STARTING_PEDAL and pedals.brake < STARTING_BRAKE:
+    elif x[PEDAL] > STARTING_PEDAL and x[BRAKE] < STARTING_BRAKE:
         gear = p.fixed_gear
         if gear < 0:
-            gear = starting_gear(p, motion.speed, mass, resistance)
-        rolling = motion.wheel_speed * p.ratios[gear] >= p.idle * LAUNCH_BELOW
+            gear = starting_gear(p, x[SPEED], x[MASS], x[ROAD_LOAD])
+        x[GEAR] = gear
+        rolling = x[WHEEL_SPEED] * p.ratios[gear] >= p.idle * LAUNCH_BELOW
         phase = NEUTRAL if rolling else LAUNCH
     # a launch that is given up goes on counting
-    if before not in (phase, LAUNCH):
-        phase_s = 0.0
-    return GearboxState(phase, gear, next_gear, phase_s, since_shift_s)
+    x[PHASE] = phase
+    x[PHASE_S] = phase_s if before in (phase, LAUNCH) else 0.0
+
+
+@kernel
+def may_shift(p: GearboxParameters, x: State) -> bool:
+    """Return whether an engaged gearbox may look for another gear."""
+    ready = x[SINCE_SHIFT_S] > BETWEEN_SHIFTS_S and x[SPEED] > SHIFTS_ABOVE_MPS
+    return ready and p.fixed_gear < 0 and not p.electric and not x[BRAKING]
 
 
 @kernel

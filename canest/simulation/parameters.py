@@ -82,6 +82,7 @@ class RetarderParameters(NamedTuple):
     """Engine brake at the crank, N m: the reported one, and the undeclared one by its cause."""
 
     highest: float
+    unreported: bool  #: whether there is an undeclared one
     pedal_up: float
     brake: float
 

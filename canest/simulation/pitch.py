@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from canest.core.jit import kernel
-from canest.simulation.constants import RECORD_S
+from canest.simulation.constants import PITCH, RECORD_S
 from canest.simulation.parameters import PitchParameters
-from canest.simulation.states import Pitch
+from canest.simulation.states import PITCH_RATE, State
 
 DAMPING_RATIO = 0.35  #: chosen
 
 
 @kernel
-def pitch_after(p: PitchParameters, pitch: Pitch, accel: float) -> Pitch:
-    """Return the pitch 5 ms later: x'' = w^2 (gain a - x) - 2 D w x'. accel: m/s2."""
+def pitch_body(p: PitchParameters, x: State, accel: float) -> None:
+    """Pitch for 5 ms: y'' = w^2 (gain a - y) - 2 D w y'. accel: m/s2."""
     w = p.natural
-    rate = (
-        pitch.rate
-        + (w * w * (p.gain * accel - pitch.angle) - 2.0 * DAMPING_RATIO * w * pitch.rate) * RECORD_S
-    )
-    return Pitch(pitch.angle + rate * RECORD_S, rate)
+    pitch = x[PITCH]
+    rate = x[PITCH_RATE]
+    rate = rate + (w * w * (p.gain * accel - pitch) - 2.0 * DAMPING_RATIO * w * rate) * RECORD_S
+    x[PITCH] = pitch + rate * RECORD_S
+    x[PITCH_RATE] = rate

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from canest.core.jit import kernel
-from canest.simulation.constants import RECORD_S
+from canest.simulation.constants import PEDAL, RECORD_S, RETARDER
 from canest.simulation.parameters import RetarderParameters
-from canest.simulation.states import Pedals
+from canest.simulation.states import BRAKING, TORQUE_PER_FORCE, UNREPORTED, State
 
 # All chosen.
 USABLE_RADPS = 100.0  #: engine speed from which the reported engine brake acts
@@ -17,27 +17,29 @@ PEDAL_UP = 0.005  #: an accelerator below it is released
 
 
 @kernel
-def reported_retarder(
-    p: RetarderParameters, torque: float, missing: float, torque_per_force: float, usable: bool
-) -> tuple[float, float]:
-    """Return the reported engine brake's torque (N m), and the force (N) that is missing beside it."""
+def use_retarder(p: RetarderParameters, x: State, missing: float, usable: bool) -> float:
+    """Use the reported engine brake for a missing force (N); return what is missing beside it."""
     want = 0.0
     if usable and missing > 0.0:
-        want = min(p.highest, missing * torque_per_force)
-        missing -= want / torque_per_force
+        per_force = x[TORQUE_PER_FORCE]
+        want = min(p.highest, missing * per_force)
+        missing -= want / per_force
+    torque = x[RETARDER]
     torque += (want - torque) * RECORD_S / BUILD_UP_S
     if torque < OFF_NM and want == 0.0:
         torque = 0.0
-    return torque, missing
+    x[RETARDER] = torque
+    return missing
 
 
 @kernel
-def unreported_retarder(p: RetarderParameters, torque: float, pedals: Pedals, usable: bool) -> float:
-    """Return the unreported engine brake's torque (N m)."""
+def use_unreported(p: RetarderParameters, x: State, usable: bool) -> None:
+    """Let the unreported engine brake act while its cause is on."""
     want = 0.0
     if usable:
-        if pedals.accelerator < PEDAL_UP:
+        if x[PEDAL] < PEDAL_UP:
             want = p.pedal_up
-        if pedals.braking:
+        if x[BRAKING]:
             want += p.brake
-    return torque + (want - torque) * RECORD_S / UNREPORTED_S
+    torque = x[UNREPORTED]
+    x[UNREPORTED] = torque + (want - torque) * RECORD_S / UNREPORTED_S

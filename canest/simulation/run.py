@@ -98,7 +98,7 @@ def _moved(spec: Scenario, hidden: Hidden, rng: dict[str, np.random.Generator]) 
     contain: Any = np.asarray if jit.enabled() else np.ndarray.tolist
     course = course_of(spec, hidden, rng, contain)
     vehicle = vehicle_parameters(spec, hidden, contain)
-    start = initial_state(spec, vehicle, float(course.masses[0]))
+    start = initial_state(spec, vehicle, float(course.masses[0]), contain)
     out = np.zeros(round(spec.duration_s / RECORD_S) * COLUMN_COUNT)
     # for the same reason the buffer is filled through a view
     move(vehicle, course, start, out if jit.enabled() else memoryview(out.data))
