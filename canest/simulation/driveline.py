@@ -135,8 +135,7 @@ def integrate(vehicle: VehicleParameters, x: State) -> None:
         we += (crank - tc) / inertia_e * STEP_S
         air = v + wind
         v += (tw / radius - fixed - drag * air * abs(air) - brake_force) / inertia * STEP_S
-        if v < 0.0:  # noqa: PLR1730 - a call of max() takes as long as the three lines above
-            v = 0.0
+        v = 0.0 if v < 0.0 else v
         s += v * STEP_S
         ww = v * (1.0 + slip_gain * tw) / radius
         win = ww * ratio

@@ -59,17 +59,27 @@ def accelerate(p: DriverParameters, x: State, wanted: float, throttle: float) ->
         want = 1.0 if x[PUSHED] else 0.0 if x[LIFTED] else throttle
     else:
         accel = p.firmness * (wanted - speed)
-        accel = min(accel, p.accel_limit)
-        accel = max(accel, DECELERATION_MPS2)
+        if accel > p.accel_limit:
+            accel = p.accel_limit
+        elif accel < DECELERATION_MPS2:
+            accel = DECELERATION_MPS2
         force = expected + x[MASS] * accel
         asked = force * x[TORQUE_PER_FORCE] + x[FRICTION] + p.regeneration
         want = asked / (x[HIGHEST] + p.regeneration + TINY_NM)
         missing = x[LEAST_FORCE] - force
         if wanted < HALTING_MPS and speed < ROLLING_OUT_MPS:
             want = 0.0
-    want = min(1.0, max(0.0, want))
+    if want < 0.0:
+        want = 0.0
+    elif want > 1.0:
+        want = 1.0
     pedal = x[PEDAL]
-    x[PEDAL] = pedal + min(PRESS, max(RELEASE, want - pedal))
+    change = want - pedal
+    if change < RELEASE:
+        change = RELEASE
+    elif change > PRESS:
+        change = PRESS
+    x[PEDAL] = pedal + change
     return missing
 
 

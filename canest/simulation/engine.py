@@ -70,13 +70,13 @@ def set_operating_point(vehicle: VehicleParameters, x: State) -> None:
     # the unboosted part at once, the rest as the turbocharger spools up: it follows the load by a lag
     boost = x[BOOST]
     boost += (x[INDICATED] / (highest + TINY_NM) - boost) * RECORD_S / p.boost_s
-    boost = min(boost, 1.0)
+    boost = 1.0 if boost > 1.0 else boost
     available = highest * (p.unboosted + (1.0 - p.unboosted) * boost * OVERBOOST)
     pedal_up = p.regeneration * (1.0 if speed > REGENERATION_FADE_MPS else speed / REGENERATION_FADE_MPS)
     x[BOOST] = boost
     x[FRICTION] = friction
     x[HIGHEST] = highest
-    x[AVAILABLE] = min(available, highest)
+    x[AVAILABLE] = highest if highest < available else available
     x[CEILING] = (x[ROAD_LOAD] + x[MASS] * vehicle.driver.accel_limit) * per_force + friction
     x[PEDAL_UP] = pedal_up
     x[LEAST_FORCE] = -(friction + pedal_up) / per_force if x[PHASE] in CLOSED else 0.0
@@ -101,7 +101,8 @@ def set_demand(p: EngineParameters, x: State, ramp_s: float) -> None:
         demand = friction
     else:
         demand = x[PEDAL] * (x[HIGHEST] + p.regeneration) - x[PEDAL_UP]
-        demand = min(demand, x[CEILING])
+        ceiling = x[CEILING]
+        demand = ceiling if ceiling < demand else demand
         released = x[RELEASED]
         if phase == RAMP_OUT:
             released = max(0.0, 1.0 - x[PHASE_S] / ramp_s)
@@ -114,8 +115,8 @@ def set_demand(p: EngineParameters, x: State, ramp_s: float) -> None:
         floor = friction + IDLE_GAIN_1PS * p.inertia * (p.idle - engine_speed)
         if demand < floor and engine_speed < p.idle * IDLE_REACH:
             demand = floor
-        demand = max(demand, 0.0)
-    x[DEMAND] = min(demand, available)
+        demand = 0.0 if demand < 0.0 else demand
+    x[DEMAND] = available if available < demand else demand
 
 
 @kernel

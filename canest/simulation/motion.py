@@ -1,7 +1,8 @@
 """The truth's motion: road, driver, engine, gearbox, driveline and body, one after the other, every 5 ms.
 
 Scalar kernels, interpreted as they stand or compiled by numba. The driveline runs at 1 kHz, all else at
-200 Hz.
+200 Hz. What every record passes does without min() and max(): interpreted, a call takes as long as ten
+operations.
 """
 
 from __future__ import annotations
