@@ -158,9 +158,10 @@ def shift(p: GearboxParameters, x: State, wanted: float) -> None:
         x[GEAR] = gear
         rolling = x[WHEEL_SPEED] * p.ratios[gear] >= p.idle * LAUNCH_BELOW
         phase = NEUTRAL if rolling else LAUNCH
-    # a launch that is given up goes on counting
     x[PHASE] = phase
-    x[PHASE_S] = phase_s if before in (phase, LAUNCH) else 0.0
+    kept = before == phase
+    # a launch that is given up goes on counting
+    x[PHASE_S] = phase_s if kept or before == LAUNCH else 0.0
 
 
 @kernel
