@@ -31,8 +31,8 @@ MEANINGS: dict[str, str] = {
     "vehicle.drag_area_accuracy_pct": f"of the drag area, {ACCURACY}chosen, after Vahidi et al. (2005)",
     "vehicle.air_density_kgpm3": "used until ambient pressure and temperature are received, kg/m³",
     "vehicle.rolling_resistance": "rolling resistance coefficient, N per N",
-    "vehicle.rolling_resistance_accuracy_pct": f"of the rolling resistance, {ACCURACY}chosen, from label classes, "
-    "UN Regulation 117 and Vahidi et al. (2005)",
+    "vehicle.rolling_resistance_accuracy_pct": f"of the rolling resistance, {ACCURACY}chosen, from UN Regulation "
+    "117 and Vahidi et al. (2005)",
     "vehicle.accelerometer.pitch_rad_per_mps2": "body pitch (squat), rad per m/s²; null: learned",
     "dbc": "files, beside the config or among the shipped ones; an empty list for tables",
     "signals": "role: where it comes from; see below",

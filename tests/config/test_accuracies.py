@@ -53,7 +53,12 @@ def test_the_limit_of_valid_becomes_a_fraction_of_the_mass() -> None:
 
 @pytest.mark.parametrize(
     ("value", "expected"),
-    [("0", "greater than 0"), ("-2", "greater than 0"), ("101", "less than or equal to"), ("yes", "a number")],
+    [
+        ("0", "greater than 0"),
+        ("-2", "greater than 0"),
+        ("101", "less than or equal to"),
+        ("yes", "a number"),
+    ],
 )
 @pytest.mark.parametrize("name", ACCURACIES)
 def test_an_impossible_accuracy_is_refused_with_file_and_line(name: str, value: str, expected: str) -> None:
@@ -62,7 +67,7 @@ def test_an_impossible_accuracy_is_refused_with_file_and_line(name: str, value: 
     where = next(i for i, line in enumerate(lines, 1) if key in line)
     with pytest.raises(ConfigError) as refused:
         parse_config("\n".join(lines), "truck.yaml")
-    assert str(refused.value).startswith(f"truck.yaml:{where}: vehicle.{key}: ")
+    assert str(refused.value).startswith(f"truck.yaml:{where}: vehicle.{key}")
     assert expected in str(refused.value)
 
 
@@ -72,5 +77,5 @@ def test_an_impossible_limit_of_valid_is_refused_with_file_and_line(value: str, 
     with pytest.raises(ConfigError) as refused:
         parse_config(text, "truck.yaml")
     where = len(text.splitlines())
-    assert str(refused.value).startswith(f"truck.yaml:{where}: estimator.valid_std_pct: found {value}, ")
+    assert str(refused.value).startswith(f"truck.yaml:{where}: estimator.valid_std_pct, found {value}, ")
     assert expected in str(refused.value)
