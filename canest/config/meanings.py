@@ -14,7 +14,7 @@ MEANINGS: dict[str, str] = {
     "vehicle.mass_min_kg": "lightest the vehicle can be, kg; bounds every estimate",
     "vehicle.mass_max_kg": "heaviest the vehicle can be, kg",
     "vehicle.wheel_radius_m": "dynamic rolling radius of the driven wheels, m",
-    "vehicle.wheel_radius_accuracy_pct": f"accuracy of that, {ACCURACY}chosen, tread from new to worn",
+    "vehicle.wheel_radius_accuracy_pct": f"accuracy of the radius, {ACCURACY}chosen, tread from new to worn",
     "vehicle.wheel_inertia_kgm2": "moment of inertia of all wheels together, kg m²",
     "vehicle.final_drive": "ratio of the driven axle",
     "vehicle.gear_ratios": "gear number: transmission ratio; needed unless the bus sends the ratio",
@@ -28,11 +28,11 @@ MEANINGS: dict[str, str] = {
     "vehicle.retarder.reference_torque_Nm": "100 % of the retarder's percent torque, N m",
     "vehicle.retarder.location": "where its torque acts",
     "vehicle.drag_area_m2": "drag coefficient times frontal area, m²",
-    "vehicle.drag_area_accuracy_pct": f"accuracy of that, {ACCURACY}chosen, after Vahidi et al. (2005)",
+    "vehicle.drag_area_accuracy_pct": f"accuracy of the drag area, {ACCURACY}chosen, after Vahidi et al. (2005)",
     "vehicle.air_density_kgpm3": "used until ambient pressure and temperature are received, kg/m³",
     "vehicle.rolling_resistance": "rolling resistance coefficient, N per N",
-    "vehicle.rolling_resistance_accuracy_pct": f"accuracy of that, {ACCURACY}chosen, from UN "
-    "Regulation 117 and Vahidi et al. (2005)",
+    "vehicle.rolling_resistance_accuracy_pct": f"accuracy of the coefficient, {ACCURACY}chosen, from "
+    "UN Regulation 117 and Vahidi et al. (2005)",
     "vehicle.accelerometer.pitch_rad_per_mps2": "body pitch (squat), rad per m/s²; null: learned",
     "dbc": "files, beside the config or among the shipped ones; an empty list for tables",
     "signals": "role: where it comes from; see below",
