@@ -28,7 +28,7 @@ MEANINGS: dict[str, str] = {
     "vehicle.retarder.reference_torque_Nm": "100 % of the retarder's percent torque, N m",
     "vehicle.retarder.location": "where its torque acts",
     "vehicle.drag_area_m2": "drag coefficient times frontal area, m²",
-    "vehicle.drag_area_accuracy_pct": f"accuracy of the drag area, {ACCURACY}chosen, after Vahidi et al. (2005)",
+    "vehicle.drag_area_accuracy_pct": f"accuracy of the area, {ACCURACY}chosen, after Vahidi et al. (2005)",
     "vehicle.air_density_kgpm3": "used until ambient pressure and temperature are received, kg/m³",
     "vehicle.rolling_resistance": "rolling resistance coefficient, N per N",
     "vehicle.rolling_resistance_accuracy_pct": f"accuracy of the coefficient, {ACCURACY}chosen, from "
