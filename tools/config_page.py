@@ -20,7 +20,7 @@ from canest.config.sections import Source
 from canest.core.roles import ROLES, UNITS
 from canest.decode.validity import RULES
 from canest.vehicle.effects import EFFECTS
-from canest.vehicle.facts import Retarder
+from canest.vehicle.facts import Retarder, Vehicle
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "config.md"
 
@@ -52,6 +52,48 @@ What is larger than these limits is refused before anything is built of it:
 | config | 256 kB, 32 levels, 100 aliases, 10,000 keys and values (repetitions by aliases counted each time) |
 | database | 16 MB, 4096 bytes in a message, 256 kB in all messages |
 """
+
+ACCURACIES_TEXT = """### Accuracies
+
+Each `..._accuracy_pct` says how well a fact is known: two standard deviations, in percent of the fact.
+Nineteen of twenty such vehicles are then within it.
+
+Put there what you know, and leave the default where you know nothing. A torque or wheel radius that is 2 %
+off makes the mass 2 % wrong, and no amount of driving shows it. Only an honest accuracy puts that error into
+the standard deviation. A worse accuracy widens it, and `valid` comes later or, beyond
+`estimator.valid_std_pct`, never. An accuracy that is too good gives a narrow band around a wrong mass.
+
+The methods of the papers and version 0.1 of the default estimator do not use these facts.
+
+"""
+
+#: key of `vehicle`, where its default comes from, what makes it better
+ACCURACIES = (
+    (
+        "torque_accuracy_pct",
+        "40 CFR 1065.915, table 1, asks of an engine controller's torque 5 % of the maximum or 8 % of the "
+        "value; Regulation (EU) 582/2011, annex I, 5.2.5, allows 7 % at type approval",
+        "measured on a dynamometer, or by strain gauges at the shafts",
+    ),
+    (
+        "wheel_radius_accuracy_pct",
+        "chosen: 12 mm of tread on a radius of half a metre are 2.4 % from new to worn, and load and "
+        "pressure add to it; a larger default is safer and widens every standard deviation",
+        "measured over a known distance with these tyres",
+    ),
+    (
+        "rolling_resistance_accuracy_pct",
+        "chosen, from three: a label class is about ±9 % wide (Regulation (EC) 1222/2009, C3); 20 K of air "
+        "temperature make 12 % (UN Regulation 117, annex 6); Vahidi et al. (2005) call 50 % realistic",
+        "fitted to coast-downs of this vehicle",
+    ),
+    (
+        "drag_area_accuracy_pct",
+        "chosen, from two: Vahidi et al. (2005) call 25 % feasible; trailer and load space change it from "
+        "trip to trip",
+        "measured, and always with the same trailer",
+    ),
+)
 
 SIGNALS_TEXT = """
 A role's value is `physical value, converted into the role's unit, * scale + offset`. With `invert`
@@ -170,6 +212,8 @@ def page() -> str:
             if rows:
                 title = f"`{section}`" if section != "top" else "Top level" if rows[1:] else rows[0][0]
                 parts.append(f"## {title}\n\n" + _table(["key", "default", "allowed", "meaning"], rows))
+            if section == "vehicle":
+                parts.append(_accuracies())
             section, rows = top, []
         if key:
             shown = _default(PydanticUndefined if field.is_required() else default)
@@ -179,6 +223,14 @@ def page() -> str:
     parts.append(_signals())
     parts.append(_effects())
     return "\n".join(parts)
+
+
+def _accuracies() -> str:
+    rows = [
+        [f"`{key}`", _default(Vehicle.model_fields[key].default), source, better]
+        for key, source, better in ACCURACIES
+    ]
+    return ACCURACIES_TEXT + _table(["key", "default", "where the default comes from", "better, if"], rows)
 
 
 def _signals() -> str:

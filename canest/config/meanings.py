@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from canest.estimators.registry import BUILT_IN
 
+ACCURACY = "two standard deviations, %; default: "
 RECOVERY = "stays closed this long after its cause has cleared, s"
 ENABLED = "false: this gate never closes"
 
@@ -13,6 +14,7 @@ MEANINGS: dict[str, str] = {
     "vehicle.mass_min_kg": "lightest the vehicle can be, kg; bounds every estimate",
     "vehicle.mass_max_kg": "heaviest the vehicle can be, kg",
     "vehicle.wheel_radius_m": "dynamic rolling radius of the driven wheels, m",
+    "vehicle.wheel_radius_accuracy_pct": f"accuracy of the radius, {ACCURACY}chosen, tread from new to worn",
     "vehicle.wheel_inertia_kgm2": "moment of inertia of all wheels together, kg m²",
     "vehicle.final_drive": "ratio of the driven axle",
     "vehicle.gear_ratios": "gear number: transmission ratio; needed unless the bus sends the ratio",
@@ -21,12 +23,16 @@ MEANINGS: dict[str, str] = {
     "vehicle.engine_inertia_kgm2": "moment of inertia at the crank, with flywheel, kg m²",
     "vehicle.reference_torque_Nm": "100 % of the engine's torques, N m; SPN 544 replaces it once received",
     "vehicle.friction_torque_pct": "engine friction where SPN 514 is not sent, % of reference",
+    "vehicle.torque_accuracy_pct": f"accuracy of the reported torque, {ACCURACY}40 CFR 1065.915, table 1",
     "vehicle.retarder": "leave out when there is none, or when its torque is not reported",
     "vehicle.retarder.reference_torque_Nm": "100 % of the retarder's percent torque, N m",
     "vehicle.retarder.location": "where its torque acts",
     "vehicle.drag_area_m2": "drag coefficient times frontal area, m²",
+    "vehicle.drag_area_accuracy_pct": f"accuracy of the area, {ACCURACY}chosen, after Vahidi et al. (2005)",
     "vehicle.air_density_kgpm3": "used until ambient pressure and temperature are received, kg/m³",
     "vehicle.rolling_resistance": "rolling resistance coefficient, N per N",
+    "vehicle.rolling_resistance_accuracy_pct": f"accuracy of the coefficient, {ACCURACY}chosen, from "
+    "UN Regulation 117 and Vahidi et al. (2005)",
     "vehicle.accelerometer.pitch_rad_per_mps2": "body pitch (squat), rad per m/s²; null: learned",
     "dbc": "files, beside the config or among the shipped ones; an empty list for tables",
     "signals": "role: where it comes from; see below",
@@ -50,6 +56,8 @@ MEANINGS: dict[str, str] = {
     "estimator.name": "one of " + ", ".join(BUILT_IN),
     "estimator.initial_mass_kg": "start value, kg; null: the estimator chooses",
     "estimator.initial_grade": "start value, ratio",
+    "estimator.valid_std_pct": "`valid` needs a standard deviation below this, % of the mass; the papers' "
+    "methods keep 10",
     "estimator.options": "the estimator's own options; see estimators.md",
     "effects": "what the plain model lacks; see Effects below",
     "bus.interface": "as python-can names it: socketcan, udp_multicast, virtual, slcan, pcan, ...",

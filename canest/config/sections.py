@@ -91,6 +91,8 @@ class EstimatorSection(Section):
     name: str = "canest"
     initial_mass_kg: Number | None = Field(None, gt=0)
     initial_grade: Number | None = Field(None, ge=-0.5, le=0.5)
+    #: one standard deviation of the mass, not two: what the estimator reports
+    valid_std_pct: Number = Field(4.5, gt=0, le=20)
     options: dict[str, Any] = Field(default_factory=dict)
 
 

@@ -127,6 +127,9 @@ class VehicleFacts:
     rolling_resistance: coefficient of the config. pitch_rad_per_mps2: body pitch (squat) per m/s2.
     speed_step_mps, torque_step_Nm, accelerometer_step_mps2: resolution of the signals in use.
     filter_delay_s: how much later than the vehicle the filtered columns are.
+    torque_accuracy, wheel_radius_accuracy, rolling_resistance_accuracy, drag_area_accuracy: how well each is
+        known, one standard deviation as a fraction of its value (2 % in the config is 0.01).
+    valid_std: the mass may be valid while its standard deviation is below this fraction of it.
     """
 
     mass_min_kg: float
@@ -140,3 +143,8 @@ class VehicleFacts:
     accelerometer_step_mps2: float = 0.1
     has_accelerometer: bool = False
     filter_delay_s: float = 0.0
+    torque_accuracy: float = 0.025
+    wheel_radius_accuracy: float = 0.01
+    rolling_resistance_accuracy: float = 0.15
+    drag_area_accuracy: float = 0.10
+    valid_std: float = 0.045

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 TORQUE_ROLES = ("engine_torque_pct", "engine_torque", "engine_friction_pct", "retarder_torque_pct")
 #: staleness limit of a signal that only an effect knows
 EFFECT_SIGNAL_STALE_S = 5.0
+#: an accuracy of the config is two standard deviations in percent, one of the facts a fraction
+TWO_STD_PCT = 200.0
 _ACCELEROMETER = "longitudinal_accel"
 
 
@@ -189,6 +191,11 @@ def facts_of(config: Config) -> VehicleFacts:
         accelerometer_step_mps2=resolution["accelerometer"],
         has_accelerometer=_ACCELEROMETER in config.signals,
         filter_delay_s=delay_s(butterworth(config.filter.order, config.filter.cutoff_hz)),
+        torque_accuracy=v.torque_accuracy_pct / TWO_STD_PCT,
+        wheel_radius_accuracy=v.wheel_radius_accuracy_pct / TWO_STD_PCT,
+        rolling_resistance_accuracy=v.rolling_resistance_accuracy_pct / TWO_STD_PCT,
+        drag_area_accuracy=v.drag_area_accuracy_pct / TWO_STD_PCT,
+        valid_std=config.estimator.valid_std_pct / 100.0,
     )
 
 

@@ -25,13 +25,18 @@ class Accelerometer(Section):
 
 
 class Vehicle(Section):
-    """Facts of the vehicle that an engineer would know."""
+    """Facts of the vehicle that an engineer would know.
+
+    An accuracy is two standard deviations in percent of the fact: 19 in 20 such vehicles are within it. The
+    sources of the defaults are in docs/config.md.
+    """
 
     name: str = "vehicle"
     key: str = ""
     mass_min_kg: Number = Field(gt=50, le=500_000)
     mass_max_kg: Number = Field(gt=50, le=500_000)
     wheel_radius_m: Number = Field(gt=0.1, lt=2.0)
+    wheel_radius_accuracy_pct: Number = Field(2.0, gt=0, le=20)
     wheel_inertia_kgm2: Number = Field(0.0, ge=0, le=2_000)
     final_drive: Number = Field(gt=0.1, lt=30)
     gear_ratios: dict[int, Number] = Field(default_factory=dict)
@@ -40,10 +45,13 @@ class Vehicle(Section):
     engine_inertia_kgm2: Number = Field(0.0, ge=0, le=50)
     reference_torque_Nm: Number | None = Field(None, gt=1, le=65_000)
     friction_torque_pct: Number = Field(0.0, ge=-125, le=125)
+    torque_accuracy_pct: Number = Field(5.0, gt=0, le=50)
     retarder: Retarder | None = None
     drag_area_m2: Number = Field(gt=0, lt=30)
+    drag_area_accuracy_pct: Number = Field(20.0, gt=0, le=100)
     air_density_kgpm3: Number = Field(1.2, gt=0.5, lt=1.6)
     rolling_resistance: Number = Field(gt=0, lt=0.1)
+    rolling_resistance_accuracy_pct: Number = Field(30.0, gt=0, le=100)
     accelerometer: Accelerometer = empty_section()
 
     @property

@@ -23,8 +23,8 @@ from canest.estimators.kernel_arrays import state_in, state_out
 from canest.estimators.options import Options, parse
 from canest.estimators.status import StatusTracker
 
-#: a mass is trusted once its std is below this share of it
-VALID_SHARE = 0.045
+#: a mass that the data put beyond a bound by more than this share contradicts the bound
+BOUND_VIOLATION = 0.045
 #: effort that a remembered mass stands for: its std says all that is in doubt, m2/s3
 REMEMBERED = 10.0
 #: sine of the steepest slope given out; no road is steeper than 35 %
@@ -75,7 +75,7 @@ class Canest(Estimator):
         self._memory[at.SWING_VAR] = SWING_MPN * SWING_MPN
         self._memory[at.ACCEL_BEFORE] = math.nan
         self._windows = Windows(self._late_s)
-        self._status = StatusTracker(VALID_SHARE)
+        self._status = StatusTracker(self.facts.valid_std)
         # a guess is given out until there is something better, and has no other part in it
         guess = mass_kg or self.facts.initial_mass_kg
         self._memory[at.HELD_U] = 1.0 / guess if guess else prior.mean[at.U]
@@ -190,7 +190,7 @@ class Canest(Estimator):
 
     def _pressed(self) -> str:
         u, beyond = self._memory[at.HELD_U], self._memory[at.PRESSED]
-        if abs(beyond) <= VALID_SHARE * u:
+        if abs(beyond) <= BOUND_VIOLATION * u:
             return ""
         bound, is_so = ("mass_max_kg", "heavier") if beyond > 0.0 else ("mass_min_kg", "lighter")
         return (

@@ -1,0 +1,81 @@
+"""How well the facts are known: two standard deviations in percent, and what the estimator gets of them."""
+
+from __future__ import annotations
+
+import pytest
+
+from canest.config import load_config, parse_config
+from canest.core.errors import ConfigError
+from canest.core.samples import VehicleFacts
+from canest.pipeline.build import build, facts_of
+from canest.simulation.data_sheet import known_config
+from canest.simulation.reading import load_scenario
+from canest.system.shipped_files import shipped
+
+ACCURACIES = ("torque", "wheel_radius", "rolling_resistance", "drag_area")
+SIMULATED = (0.01, 0.0025, 0.085, 0.05)
+TRUCK = (shipped("configs") / "class8.yaml").read_text()
+
+
+def accuracies(facts: VehicleFacts) -> tuple[float, ...]:
+    return tuple(getattr(facts, f"{name}_accuracy") for name in ACCURACIES)
+
+
+def test_a_config_that_states_none_has_the_same_as_facts_made_by_hand() -> None:
+    given, by_hand = facts_of(load_config("kenworth")), VehicleFacts(4_000.0, 36_000.0)
+    assert accuracies(given) == accuracies(by_hand) == (0.025, 0.01, 0.15, 0.1)
+    assert given.valid_std == by_hand.valid_std == 0.045
+
+
+@pytest.mark.parametrize("name", ["class8", "class8-j1587", "vcan", "testcar"])
+def test_simulated_vehicles_state_their_own(name: str) -> None:
+    assert accuracies(facts_of(load_config(name))) == SIMULATED
+
+
+@pytest.mark.parametrize("name", ["pulse-21t", "hill-11.8-percent"])
+def test_the_config_of_a_simulated_drive_states_them_too(name: str) -> None:
+    declared = known_config(load_scenario(name))["vehicle"]
+    assert [declared[f"{fact}_accuracy_pct"] / 200.0 for fact in ACCURACIES] == list(SIMULATED)
+
+
+@pytest.mark.parametrize("name", ACCURACIES)
+def test_two_standard_deviations_in_percent_become_one_as_a_fraction(name: str) -> None:
+    config = load_config("kenworth", [f"vehicle.{name}_accuracy_pct=3"])
+    changed = accuracies(build(config).estimator.facts)
+    expected = [0.015 if other == name else 0 for other in ACCURACIES]
+    assert [new if new == 0.015 else 0 for new in changed] == expected
+
+
+def test_the_limit_of_valid_becomes_a_fraction_of_the_mass() -> None:
+    config = load_config("class8", ["estimator.valid_std_pct=2"])
+    assert build(config).estimator.facts.valid_std == 0.02
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        ("0", "greater than 0"),
+        ("-2", "greater than 0"),
+        ("101", "less than or equal to"),
+        ("yes", "a number"),
+    ],
+)
+@pytest.mark.parametrize("name", ACCURACIES)
+def test_an_impossible_accuracy_is_refused_with_file_and_line(name: str, value: str, expected: str) -> None:
+    key = f"{name}_accuracy_pct"
+    lines = [f"  {key}: {value}" if key in line else line for line in TRUCK.splitlines()]
+    where = next(i for i, line in enumerate(lines, 1) if key in line)
+    with pytest.raises(ConfigError) as refused:
+        parse_config("\n".join(lines), "truck.yaml")
+    assert str(refused.value).startswith(f"truck.yaml:{where}: vehicle.{key}")
+    assert expected in str(refused.value)
+
+
+@pytest.mark.parametrize(("value", "expected"), [("0", "greater than 0"), ("21", "less than or equal to 20")])
+def test_an_impossible_limit_of_valid_is_refused_with_file_and_line(value: str, expected: str) -> None:
+    text = TRUCK + f"\nestimator:\n  valid_std_pct: {value}\n"
+    with pytest.raises(ConfigError) as refused:
+        parse_config(text, "truck.yaml")
+    where = len(text.splitlines())
+    assert str(refused.value).startswith(f"truck.yaml:{where}: estimator.valid_std_pct, found {value}, ")
+    assert expected in str(refused.value)
