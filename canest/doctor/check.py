@@ -240,7 +240,7 @@ class Doctor:
             )
         if self._received.frames:
             hints += missing_signal_warnings(self.config, self.pipeline.intake.received)
-        warning = self.pipeline.estimator.doubts()
+        warning = self.pipeline.estimator.contradiction()
         hints += self._raw.hints() + [h for comparison in self._comparisons for h in comparison.hints()]
         return hints + ([warning] if warning else [])
 
