@@ -1,7 +1,8 @@
-"""Under pytest-xdist, tests that must share a worker do, without another word on the command line."""
+"""Under pytest-xdist, tests that share something run in one worker, whatever the command line says."""
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import pytest
@@ -9,17 +10,29 @@ import pytest
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Give all tests of one guest machine to one worker (see `vcan/conftest.py`), any other test to anyone.
+    """Give all tests of a module to one worker, and all of one guest machine (see `vcan/conftest.py`).
 
-    By module: xdist's own groups travel in test ids, where pytest 9.2 no longer lets it write them.
+    So a module's fixtures, drives and diagnoses of many seconds among them, are made once and not once per
+    worker. By module: xdist's own groups travel in test ids, where pytest 9.2 no longer lets it write them.
     """
     from xdist.scheduler import LoadScopeScheduling
 
-    class OneGuestOneWorker(LoadScopeScheduling):  # type: ignore[misc]
+    class OneModuleOneWorker(LoadScopeScheduling):  # type: ignore[misc]
         def _split_scope(self, nodeid: str) -> str:
             module = nodeid.partition("::")[0]
             if "vcan/" not in module:
-                return nodeid
+                return str(module)
             return "guest-2" if module.endswith("/test_service.py") else "guest-1"
 
-    return OneGuestOneWorker(config, log)
+    config.option.loadscopereorder = False  # the order below, not the number of tests
+    return OneModuleOneWorker(config, log)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Under xdist, put the long jobs first: a guest's, then modules with slow tests."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        return
+    guests = {item.path for item in items if item.get_closest_marker("vcan")}
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: 0 if item.path in guests else 1 if item.path in slow else 2)

@@ -43,7 +43,7 @@ def result_lines(result: ReplayResult, written: Sequence[Path]) -> list[str]:
         _put(lines, "error", errors_text(s["errors"]))
     if s.get("reason"):
         _put(lines, "because", s["reason"])
-    for note in result.notes:
+    for note in result.warnings:
         _put(lines, "note", note)
     for path in written:
         _put(lines, "written", str(path))

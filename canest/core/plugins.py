@@ -11,7 +11,9 @@ asks for it, not when canest starts.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 
 @cache
@@ -40,3 +42,22 @@ def load_plugins(group: str) -> tuple[dict[str, object], dict[str, str]]:
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             skipped[name] = f"{giver} cannot be imported: {reason}"
     return loaded, skipped
+
+
+def usable_plugins(
+    group: str, unfit: Callable[[str, object], str]
+) -> tuple[dict[str, type[Any]], dict[str, str]]:
+    """Return the classes of an entry point group by name, and what was skipped: name -> why, in one line.
+
+    unfit: (name, object) -> why the object cannot be used, "" for a class that can.
+    """
+    loaded, failed = load_plugins(group)
+    usable: dict[str, type[Any]] = {}
+    skipped = dict(failed)
+    for name, value in loaded.items():
+        reason = unfit(name, value)
+        if reason:
+            skipped[name] = reason
+        elif isinstance(value, type):
+            usable[name] = value
+    return usable, skipped

@@ -27,7 +27,7 @@ from canest.core.frames import (
 from canest.decode import j1939
 from canest.decode.counters import Counters
 from canest.decode.groups import Group, Want, build_groups
-from canest.decode.senders import Columns, Found, Sender
+from canest.decode.senders import Found, RoleColumns, Sender
 from canest.decode.transport_protocol import Transport
 
 if TYPE_CHECKING:
@@ -240,7 +240,7 @@ class Decoder:
         edges = (np.flatnonzero(key[1:] != key[:-1]) + 1).tolist()
         sequential = int(np.searchsorted(key, _FIRST_COLUMNAR << 8))
         samples = self._one_by_one(block[np.sort(rows[:sequential])]) if sequential else {}
-        columns = Columns(block)
+        columns = RoleColumns(block)
         for start, end in zip([0, *edges], [*edges, len(key)], strict=True):
             slot, low = divmod(int(key[start]), 256)
             if slot >= _FIRST_COLUMNAR:

@@ -17,7 +17,7 @@ _Step = tuple[WantedSignal, str, Callable[[int], float | None], SignalCounters, 
 _PADDING = b"\xff"
 
 
-class Columns:
+class RoleColumns:
     """The columns of a block on their way to roles."""
 
     def __init__(self, block: FrameBlock) -> None:
@@ -126,7 +126,7 @@ class Sender:
                 at[0].append(t_us)
                 at[1].append(value)
 
-    def push_columns(self, columns: Columns, rows: IntColumn) -> None:
+    def push_columns(self, columns: RoleColumns, rows: IntColumn) -> None:
         """Decode the frames at ``rows`` of a block (ascending)."""
         block = columns.block
         counters = self.counters

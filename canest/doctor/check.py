@@ -62,6 +62,10 @@ class Report:
         return {**asdict(self), "ready": self.ready}
 
 
+#: Frames that are looked at together. A live bus gives some 40 at a time, and each look has a fixed cost.
+_FRAMES_AT_ONCE = 4096
+
+
 class Doctor:
     """Watches a stream; `report` returns what it saw. Errors: ConfigError."""
 
@@ -78,9 +82,26 @@ class Doctor:
         self._consistency = ConsistencyCheck(config)
         self._comparisons = (self._consistency, SwitchCheck(config), TorqueSampleCheck(config))
         self._raw = RawValueCheck(config)
+        self._waiting: list[FrameBlock] = []
+        self._frames_waiting = 0
 
     def push(self, block: FrameBlock | TableBlock) -> None:
-        """Take the next block of a log or bus."""
+        """Take the next block of a log or bus. Small blocks of frames wait until they are worth a look."""
+        if not isinstance(block, FrameBlock):
+            self._look_at_waiting()
+            self._look_at(block)
+            return
+        self._waiting.append(block)
+        self._frames_waiting += max(1, len(block))  # even an empty block takes its place in the list
+        if self._frames_waiting >= _FRAMES_AT_ONCE:
+            self._look_at_waiting()
+
+    def _look_at_waiting(self) -> None:
+        waiting, self._waiting, self._frames_waiting = self._waiting, [], 0
+        if waiting:
+            self._look_at(waiting[0] if len(waiting) == 1 else FrameBlock.concatenate(waiting))
+
+    def _look_at(self, block: FrameBlock | TableBlock) -> None:
         if not len(block):
             return
         self._received.push(block)
@@ -98,6 +119,7 @@ class Doctor:
 
     def report(self, log: LogReader | None = None) -> Report:
         """Return what was found in all blocks so far. log: where they came from, unless from a bus."""
+        self._look_at_waiting()
         estimates = self.pipeline.finish()
         if len(estimates):
             self._status = STATUS_LABELS[int(estimates.status[-1])]
@@ -218,7 +240,7 @@ class Doctor:
             )
         if self._received.frames:
             hints += missing_signal_warnings(self.config, self.pipeline.intake.received)
-        warning = self.pipeline.estimator.doubts()
+        warning = self.pipeline.estimator.contradiction()
         hints += self._raw.hints() + [h for comparison in self._comparisons for h in comparison.hints()]
         return hints + ([warning] if warning else [])
 

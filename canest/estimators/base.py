@@ -42,7 +42,7 @@ class Estimator(ABC):
         """Return why this estimator cannot work with this vehicle's signals ('' when it can)."""
         return ""
 
-    def doubts(self) -> str:
+    def contradiction(self) -> str:
         """Return what in the samples contradicts the vehicle's facts, one sentence ('' for nothing)."""
         return ""
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from canest.core.errors import ConfigError
 from canest.core.nearest_name import expected_name
-from canest.core.plugins import load_plugins
+from canest.core.plugins import usable_plugins
 from canest.core.samples import VehicleFacts
 from canest.estimators.base import Estimator
 from canest.estimators.description import Description
@@ -91,16 +91,7 @@ def create(name: str, facts: VehicleFacts, options: Mapping[str, Any] | None = N
 
 def _added() -> tuple[dict[str, type[Estimator]], dict[str, str]]:
     """Return the usable estimators of other packages, and why the rest is not."""
-    loaded, failed = load_plugins(GROUP)
-    usable: dict[str, type[Estimator]] = {}
-    skipped = dict(failed)
-    for name, value in loaded.items():
-        reason = _unusable(name, value)
-        if reason:
-            skipped[name] = reason
-        elif isinstance(value, type):
-            usable[name] = value
-    return usable, skipped
+    return usable_plugins(GROUP, _unusable)
 
 
 def _unusable(name: str, value: object) -> str:

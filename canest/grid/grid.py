@@ -22,7 +22,7 @@ FOREVER_US = 1 << 61  #: older than any sample can be
 _NOTHING = (_NEVER_US, math.nan)
 _FEW = 50  #: ticks up to which the path one by one is faster; samples of a role that are kept as lists for it
 
-_Columns = tuple[IntColumn, FloatColumn]
+_TimedColumn = tuple[IntColumn, FloatColumn]
 _Lists = tuple[list[int], list[float]]
 
 
@@ -92,7 +92,7 @@ class Grid:
         #: role -> the sample in force: its stamp and value
         self._held: dict[str, tuple[int, float]] = {c.role: _NOTHING for c in channels}
         #: role -> samples not yet passed by a tick
-        self._ahead: dict[str, _Columns | _Lists] = {}
+        self._ahead: dict[str, _TimedColumn | _Lists] = {}
         self._next_us: int | None = None
         self._continues = False
 

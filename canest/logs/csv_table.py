@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Collection, Generator
+from collections.abc import Generator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,32 +12,19 @@ from numpy.typing import NDArray
 from canest.core.errors import LogError
 from canest.core.table_block import TableBlock
 from canest.logs.cells import number_of, seconds_of
-from canest.logs.compression import Source
 from canest.logs.line_splitting import text_lines
-from canest.logs.table_reader import TableReader
+from canest.logs.table_reader import TableFileReader
 
 _SEPARATORS = (",", ";", "\t")
 
 
-class CsvReader(TableReader):
+class CsvReader(TableFileReader):
     """Separated text with a header line: comma, semicolon (then perhaps decimal commas) or tab."""
 
     format = "csv"
 
-    def __init__(
-        self,
-        source: Source,
-        head: bytes,
-        time_column: str,
-        wanted: Collection[str] | None,
-        block_rows: int,
-        as_text: Collection[str] = (),
-    ) -> None:
-        super().__init__(source, time_column, wanted, as_text)
-        self._head, self._block_rows = head, block_rows
-        self._lines_seen = 0
-
     def _blocks(self) -> Generator[TableBlock]:
+        self._lines_seen = 0
         pending: list[str] = []
         header: list[str] | None = None
         for line in text_lines(self._source, self._head, self._cut_off):

@@ -24,12 +24,19 @@ class MemoryLog(ABC):
     """Frames or rows in memory. name: how messages call it."""
 
     name = "memory"
+    #: the error for whoever asks for one interface of it
+    no_channel = "a log in memory has no interfaces"
 
     @abstractmethod
     def __len__(self) -> int:
         """Return how many frames or rows there are."""
 
     @abstractmethod
+    def reader(
+        self, time_column: str, columns: Collection[str] | None, as_text: Collection[str]
+    ) -> LogReader:
+        """Return a reader for one pass; the arguments are those of `open_log`."""
+
     def open(
         self,
         *,
@@ -38,7 +45,10 @@ class MemoryLog(ABC):
         columns: Collection[str] | None,
         as_text: Collection[str],
     ) -> LogReader:
-        """Return a reader for one pass; the arguments are those of `open_log`. Errors: LogError."""
+        """Return a reader for one pass, as `open_log` does. Errors: LogError for a channel: there is none."""
+        if channel is not None:
+            raise LogError(self.no_channel, where=self.name, found=channel, expected="none")
+        return self.reader(time_column, columns, as_text)
 
     @property
     def text_bytes(self) -> int:
@@ -69,6 +79,7 @@ class FrameLog(MemoryLog):
     """A block of frames as a log."""
 
     name = "frames"
+    no_channel = "frames in memory have no interfaces"
 
     def __init__(self, frames: FrameBlock, name: str = "frames") -> None:
         self.frames, self.name = frames, name
@@ -76,19 +87,10 @@ class FrameLog(MemoryLog):
     def __len__(self) -> int:
         return len(self.frames)
 
-    def open(
-        self,
-        *,
-        channel: str | None,
-        time_column: str,
-        columns: Collection[str] | None,
-        as_text: Collection[str],
+    def reader(
+        self, time_column: str, columns: Collection[str] | None, as_text: Collection[str]
     ) -> LogReader:
-        """Return a reader. Errors: LogError for a channel: these frames name none."""
-        if channel is not None:
-            raise LogError(
-                "frames in memory have no interfaces", where=self.name, found=channel, expected="none"
-            )
+        """Return a reader."""
         return FrameLogReader(self)
 
 

@@ -13,29 +13,16 @@ from numpy.typing import NDArray
 from canest.core.errors import LogError
 from canest.core.table_block import TableBlock
 from canest.logs.cells import number_of, seconds_of
-from canest.logs.compression import Source
-from canest.logs.table_reader import TableReader
+from canest.logs.table_reader import TableFileReader
 from canest.system.installation import how_to_add
 
 _READ_BYTES = 1 << 20
 
 
-class ParquetReader(TableReader):
+class ParquetReader(TableFileReader):
     """A parquet file, batch by batch; a truncated one holds nothing, since its index stands at the end."""
 
     format = "parquet"
-
-    def __init__(
-        self,
-        source: Source,
-        head: bytes,
-        time_column: str,
-        wanted: Collection[str] | None,
-        block_rows: int,
-        as_text: Collection[str] = (),
-    ) -> None:
-        super().__init__(source, time_column, wanted, as_text)
-        self._head, self._block_rows = head, block_rows
 
     def _blocks(self) -> Generator[TableBlock]:
         try:

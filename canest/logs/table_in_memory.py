@@ -31,6 +31,8 @@ class TableLog(MemoryLog):
     Errors: LogError for what is no table, or has columns of different lengths.
     """
 
+    no_channel = "a table has no interfaces"
+
     def __init__(self, table: Any, name: str = "table") -> None:
         self.name = name
         self._table = table
@@ -46,17 +48,10 @@ class TableLog(MemoryLog):
     def __len__(self) -> int:
         return self._rows
 
-    def open(
-        self,
-        *,
-        channel: str | None,
-        time_column: str,
-        columns: Collection[str] | None,
-        as_text: Collection[str],
+    def reader(
+        self, time_column: str, columns: Collection[str] | None, as_text: Collection[str]
     ) -> LogReader:
-        """Return a reader. Errors: LogError for a channel: a table has none."""
-        if channel is not None:
-            raise LogError("a table has no interfaces", where=self.name, found=channel, expected="none")
+        """Return a reader."""
         return TableLogReader(self, time_column, columns, as_text)
 
     def holds_time(self, time_column: str) -> bool:

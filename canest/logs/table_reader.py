@@ -142,3 +142,19 @@ class TableReader(LogReader):
                 column[bad] = np.nan
             columns[name] = column
         return TableBlock(np.rint(values[:, 0] * 1e6).astype(np.int64), columns, dict(texts))
+
+
+class TableFileReader(TableReader):
+    """A table in a file. head: its first bytes, already read. block_rows: how many make a block."""
+
+    def __init__(
+        self,
+        source: Source,
+        head: bytes,
+        time_column: str,
+        wanted: Collection[str] | None,
+        block_rows: int,
+        as_text: Collection[str] = (),
+    ) -> None:
+        super().__init__(source, time_column, wanted, as_text)
+        self._head, self._block_rows = head, block_rows

@@ -39,15 +39,23 @@ NUMBA_S, INTERPRETED_S_PER_S = 0.45, 0.45 / 2700
 class ReplayResult:
     """What a replay found.
 
-    summary: the content of summary.json. notes: what a user should know beside it, one sentence each.
+    summary: the content of summary.json. warnings: what a user should know beside it, one sentence each.
     innovations: statistics of the estimator's own innovations (`nis`, `runs_z`, `windows`), where it has any.
     """
 
     log: str
     summary: dict[str, Any]
     score: Score | None = None
-    notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
     innovations: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def notes(self) -> list[str]:
+        """Return `warnings` under its name of 0.1.0, with a DeprecationWarning."""
+        import warnings  # wanted by the old name only
+
+        warnings.warn("ReplayResult.notes is now ReplayResult.warnings", DeprecationWarning, stacklevel=2)
+        return self.warnings
 
 
 def replay(
@@ -88,7 +96,7 @@ def replay(
     )
     if run.pipeline.updated:
         notes += missing_signal_warnings(config, run.pipeline.intake.received)
-    if warning := run.pipeline.estimator.doubts():
+    if warning := run.pipeline.estimator.contradiction():
         notes.append(warning)
     if score is not None:
         v = config.vehicle

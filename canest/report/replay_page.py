@@ -55,8 +55,8 @@ def replay_page(result: ReplayResult, config: Config, recorder: Recorder, score:
     page.sections.append(_gates(s))
     if recorder.whiteness.count:
         page.sections.append(_residual(recorder, result.innovations))
-    if result.notes:
-        page.sections.append(Section("Notes", text=" · ".join(result.notes)))
+    if result.warnings:
+        page.sections.append(Section("Notes", text=" · ".join(result.warnings)))
     return page
 
 

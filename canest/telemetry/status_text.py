@@ -27,7 +27,7 @@ def why_not_valid(view: DaemonView) -> str:
     if status == NOT_AVAILABLE:
         return f"no wanted frame for more than {config.sampling.hold_s:g} s: the bus is quiet"
     missing = pipeline.estimator.missing() or why_no_signal(config, counters, counters.frames)
-    if missing := missing or pipeline.estimator.doubts():
+    if missing := missing or pipeline.estimator.contradiction():
         return missing
     gate = LABELS.get(estimate.gate, "")
     learned_s = pipeline.updated * STEP_S

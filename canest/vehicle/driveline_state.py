@@ -7,7 +7,7 @@ import numpy as np
 from canest.core.columns import constant
 from canest.core.frames import BoolColumn, FloatColumn
 from canest.vehicle.facts import Vehicle
-from canest.vehicle.working_columns import Columns
+from canest.vehicle.working_columns import ModelColumns
 
 #: the engine's speed through the gear and the road's differ by a tyre's size and a message's delay
 _MISMATCH_SHARE, _MISMATCH_MPS = 0.15, 0.5
@@ -18,7 +18,7 @@ ENGAGED_ROLES = ("driveline_engaged", "lockup_engaged")
 CLUTCH_ROLES = (*ENGAGED_ROLES, "clutch_switch", "clutch_slip")
 
 
-def driveline_open(c: Columns, clutch_slip_pct: float) -> BoolColumn:
+def driveline_open(c: ModelColumns, clutch_slip_pct: float) -> BoolColumn:
     """Return where a signal reports that the engine is separated from the wheels (n,)."""
     found = constant(False, len(c))
     for role in ENGAGED_ROLES:
@@ -37,7 +37,7 @@ class ClutchReports:
     def __init__(self, vehicle: Vehicle) -> None:
         self._received = vehicle.has_one_gear
 
-    def reported(self, c: Columns) -> BoolColumn:
+    def reported(self, c: ModelColumns) -> BoolColumn:
         """Return where the clutch has been reported by then, or there is one gear and no clutch (n,)."""
         if self._received:
             return constant(True, len(c))
@@ -50,7 +50,7 @@ class ClutchReports:
         return reported
 
 
-def road_speed_of_engine(c: Columns, clutch_slip_pct: float) -> FloatColumn:
+def road_speed_of_engine(c: ModelColumns, clutch_slip_pct: float) -> FloatColumn:
     """Return the vehicle's speed from the engine's, m/s (n,): NaN where the engine turns by itself.
 
     At a crossing it idles in gear with its clutch open, and would be a truck that creeps: no stop, and no

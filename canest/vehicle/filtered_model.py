@@ -18,7 +18,7 @@ from canest.vehicle.model import LongitudinalModel, RawModel
 from canest.vehicle.range_rate_check import MAX_SPEED_MPS, MOTION_JUMP
 from canest.vehicle.spec import ModelSpec
 from canest.vehicle.stuck_sensor import StuckSensor
-from canest.vehicle.working_columns import Columns
+from canest.vehicle.working_columns import ModelColumns
 
 #: slower than this (m/s) the vehicle stands: speed sensors give no pulses below
 STANDSTILL_MPS = 0.2
@@ -60,7 +60,7 @@ class FilteredModel:
         self._last_filtered_mps = np.nan
         self._was_open = False
         #: the model's working columns of the last block (for reports and the diagnosis)
-        self.last_columns: Columns
+        self.last_columns: ModelColumns
 
     @np.errstate(all="ignore")  # signals may be any float: what is no sane number closes a gate
     def process(self, grid: GridBlock) -> ModelBlock:
@@ -123,7 +123,7 @@ class FilteredModel:
             raw.speed_is_engine & np.isnan(raw.speed_mps) & np.isfinite(raw.columns.engine_radps)
         )
 
-    def _rolling(self, c: Columns, grid: GridBlock) -> FloatColumn:
+    def _rolling(self, c: ModelColumns, grid: GridBlock) -> FloatColumn:
         """Return the rolling resistance coefficient, filtered where an effect lets it change."""
         if not self.model.effects:
             return c.mu

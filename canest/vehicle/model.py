@@ -28,7 +28,7 @@ from canest.vehicle.range_rate_check import MAX_SPEED_MPS
 from canest.vehicle.role_sources import AT_WHEELS, ratio_ways, speed_roles, torque_role
 from canest.vehicle.spec import ModelSpec
 from canest.vehicle.speed_choice import SpeedChoice
-from canest.vehicle.working_columns import Columns
+from canest.vehicle.working_columns import ModelColumns
 
 #: specific gas constant of dry air, J/(kg K)
 AIR_R = 287.05
@@ -48,7 +48,7 @@ class RawModel:
     far comes from the engine, through the gear. speed_is_late: it is the road speed of a rare message.
     """
 
-    columns: Columns
+    columns: ModelColumns
     speed_mps: FloatColumn
     force_N: FloatColumn
     traction_N: FloatColumn
@@ -158,11 +158,11 @@ class LongitudinalModel:
 
     # -- the steps ---------------------------------------------------------------------------------
 
-    def _run(self, stage: str, c: Columns) -> None:
+    def _run(self, stage: str, c: ModelColumns) -> None:
         for effect in self._stages[stage]:
             effect.apply(c)
 
-    def _columns(self, grid: GridBlock) -> Columns:
+    def _columns(self, grid: GridBlock) -> ModelColumns:
         n, v = len(grid), self.vehicle
         onward_us = self._monotonic(grid.t_us)  # where the clock was set back, the vehicle drove on
         if self._first_us is None:
@@ -172,7 +172,7 @@ class LongitudinalModel:
         for number, value in v.gear_efficiency.items():
             efficiency = np.where(gear == number, value, efficiency)
         zero = constant(0.0, n)
-        return Columns(
+        return ModelColumns(
             t_us=grid.t_us,
             elapsed_s=(onward_us - self._first_us).astype(np.float64) * 1e-6,
             torque_Nm=zero,
@@ -215,7 +215,7 @@ class LongitudinalModel:
         plausible = (density > 0.5) & (density < 1.7)
         return np.where(plausible, density, declared)
 
-    def _torque(self, c: Columns) -> None:
+    def _torque(self, c: ModelColumns) -> None:
         """Set net crank torque (or wheel torque): (actual - friction) % x reference, plus the retarder."""
         role = self.torque_role
         if role == "wheel_torque":
@@ -243,7 +243,7 @@ class LongitudinalModel:
             else:
                 c.extra_N = c.extra_N + torque * self.vehicle.final_drive / c.radius_m
 
-    def _speed_of(self, role: str, c: Columns, known: BoolColumn) -> FloatColumn:
+    def _speed_of(self, role: str, c: ModelColumns, known: BoolColumn) -> FloatColumn:
         """Return the speed that a role gives, m/s (n,). known: where the state of the clutch is reported."""
         if role == "output_shaft_speed":
             return c.signals[role] * (RADPS_PER_RPM / self.vehicle.final_drive) * c.radius_m
@@ -253,7 +253,7 @@ class LongitudinalModel:
             return c.signals[role] * (c.radius_m / self.vehicle.wheel_radius_m)
         return c.signals[role]
 
-    def _speed(self, c: Columns, ticks: GridBlock, known: BoolColumn) -> tuple[IntColumn, IntColumn]:
+    def _speed(self, c: ModelColumns, ticks: GridBlock, known: BoolColumn) -> tuple[IntColumn, IntColumn]:
         """Set speed and acceleration, from the finest speed that can be relied on.
 
         Return which that is, and the finest received so far, as positions in `speed_roles` (n,).

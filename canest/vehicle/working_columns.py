@@ -12,7 +12,7 @@ from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 
 
 @dataclass(slots=True)
-class Columns:
+class ModelColumns:
     """One block of ticks on its way from signals to forces; all columns (n,), unfiltered.
 
     torque_Nm: net torque at the crank (indicated less friction), positive drives.

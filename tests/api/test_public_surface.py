@@ -50,7 +50,7 @@ def test_public_surface_is_as_it_was():
     assert surface() == SURFACE.read_text().splitlines()
 
 
-def test_api_page_is_what_the_docstrings_say():
+def test_api_page_is_made_from_the_docstrings():
     assert TOOL["PAGE"].read_text() == TOOL["page"](), "python tools/api_page.py --write"
 
 

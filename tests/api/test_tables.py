@@ -121,7 +121,7 @@ def test_table_of_one_row_or_none():
         ({"vehicle_speed": np.ones(4000, complex)}, canest.LogError, "complex128 of shape"),
     ],
 )  # fmt: skip
-def test_what_a_table_lacks_is_said(change, error, text):
+def test_what_a_table_lacks_is_reported(change, error, text):
     table = {name: column for name, column in (columns() | change).items() if column is not None}
     with pytest.raises(error, match=text):
         canest.estimate(table, VAN)

@@ -57,7 +57,7 @@ def test_datagrams_that_are_no_whole_frame_are_left_out(loopback):
     assert [f[1] for f in frames] == [ID]
 
 
-def test_nothing_to_read_returns_at_once_and_still_tells_the_time(loopback):
+def test_nothing_to_read_returns_at_once_with_the_time(loopback):
     drain = KernelDrain(loopback[0])
     begin = time.monotonic()
     drained = drain.drain()

@@ -170,7 +170,7 @@ def test_an_unplugged_adapter_is_opened_again(virtual, buses):
         (OSError(), "OSError"),
     ],
 )
-def test_a_bus_that_cannot_be_opened_says_why_and_is_tried_again(monkeypatch, caplog, error, reason):
+def test_a_bus_that_cannot_be_opened_gives_its_reason_and_is_tried_again(monkeypatch, caplog, error, reason):
     class Absent(can.BusABC):
         def __init__(self, **_):
             raise error

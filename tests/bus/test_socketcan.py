@@ -152,7 +152,7 @@ def test_an_interface_that_goes_down_keeps_its_socket_and_comes_back(interface):
     assert interface.state == "up" and interface.opened == 1
 
 
-def test_an_error_that_only_the_sender_was_told_is_no_secret(interface):
+def test_an_error_that_only_the_sender_got_is_reported(interface):
     """A socket hands an error to whoever calls first; a link that is down must not pass for up."""
     interface.drain()
     interface.up = False
@@ -181,7 +181,7 @@ def test_an_unknown_socket_error_leads_to_a_new_socket(interface):
     assert interface.state == "up" and interface.opened == 2
 
 
-def test_error_frames_tell_the_controllers_state(interface):
+def test_error_frames_give_the_controllers_state(interface):
     def error(kind, detail=0):
         return packed(ERROR | kind, bytes([0, detail] + [0] * 6))
 

@@ -50,7 +50,7 @@ def test_two_senders_of_one_group_are_both_shown(canest):
     assert next(s for s in senders if s["address"] == 0)["not_available"] == 300
 
 
-def test_bike_says_what_stops_the_estimator(canest):
+def test_bike_names_what_stops_the_estimator(canest):
     found = report(canest, "-c", "kenworth", BIKE)
     assert "engine_torque_pct" in found["stops"]
     assert "not available" in found["stops"]
@@ -88,7 +88,7 @@ def test_a_log_in_reverse_stops_the_estimator(canest, tmp_path):
     assert "because   time runs backwards: " in done.out
 
 
-def test_differences_in_place_of_times_are_told(canest, tmp_path):
+def test_differences_in_place_of_times_are_reported(canest, tmp_path):
     path = tmp_path / "delta.log"
     before, lines = 0.0, []
     for line in lzma.decompress(KENWORTH.read_bytes()).decode().strip().splitlines():
@@ -115,7 +115,7 @@ def test_a_clock_that_stands_still_or_is_two_clocks_stops_the_estimator(canest, 
     assert f"because   {told}" in canest("replay", path, "-c", "kenworth").out
 
 
-def test_a_gear_ratio_that_nothing_tells_is_named(canest, tmp_path):
+def test_a_gear_ratio_without_a_signal_is_named(canest, tmp_path):
     """A ratio has ways, of which one is enough; the gates that close without any do not say which."""
     source = "signals.gear={message: ETC2, signal: TransCurrentGear, source: 0x31}"
     ratio = "signals.gear_ratio={message: ETC2, signal: TransActualGearRatio, source: 0x31}"
@@ -144,7 +144,7 @@ def test_messages_that_end_before_the_signal_are_the_reason(canest, tmp_path):
     assert f"({told})" in found["stops"]
 
 
-def test_a_signal_that_comes_too_seldom_is_told(canest, tmp_path):
+def test_a_signal_that_comes_too_seldom_is_reported(canest, tmp_path):
     path = tmp_path / "slow.log"
     lines = lzma.decompress(KENWORTH.read_bytes()).splitlines(keepends=True)
     torque = [line for line in lines if b"0CF00400" in line]
@@ -157,7 +157,7 @@ def test_a_signal_that_comes_too_seldom_is_told(canest, tmp_path):
     assert not role(report(canest, "-c", "kenworth", path, *slow), "engine_torque_pct")["hint"]
 
 
-def test_a_dbc_that_does_not_say_j1939_is_told_so(canest, tmp_path):
+def test_a_dbc_without_the_j1939_attribute_is_reported(canest, tmp_path):
     """Most hand-made DBC lack the attributes: their messages are then matched by the whole identifier."""
     dbc = (shipped("dbc") / "j1939.dbc").read_text()
     (tmp_path / "plain.dbc").write_text("".join(x for x in dbc.splitlines(True) if not x.startswith("BA_")))
@@ -202,7 +202,7 @@ def test_what_was_not_read_or_not_decoded_is_noted(canest, tmp_path):
     assert "note  not decoded: 1 remote frames" in canest("check", "-c", "kenworth", path).out
 
 
-def test_a_config_says_how_many_signals_come_from_where(canest):
+def test_a_config_counts_its_signals_by_their_source(canest):
     def told(name, *changes):
         done = canest("check", "-c", name, *(part for change in changes for part in ("--set", change)))
         assert done.code == 0, done.err
@@ -279,7 +279,7 @@ def test_a_bracket_in_a_columns_name_is_printed(canest, tmp_path):
     assert done.code == 0 and "v [/h]" in done.out
 
 
-def test_a_friction_and_brakes_that_nobody_tells_are_told(canest, tmp_path):
+def test_friction_and_brakes_without_a_signal_are_reported(canest, tmp_path):
     silent = ("FEDF00#", "F0000F#", "FEF1", "F0010B#")  # EEC3, ERC1, CCVS1, EBC1
     with lzma.open(DRIVE, "rt") as file:
         lines = [line for line in file.readlines()[:20_000] if not any(s in line for s in silent)]
@@ -313,7 +313,7 @@ def test_a_time_in_milliseconds_is_refused_at_once(canest, tmp_path):
         (("engine_friction_pct",), "no signal reports the engine's friction"),
     ],
 )
-def test_what_no_role_maps_is_told_as_what_nobody_sends(roles, told):
+def test_an_unmapped_role_is_reported_as_a_missing_signal(roles, told):
     config = load_config("class8")
     kept = {role: source for role, source in config.signals.items() if role not in roles}
     hints = missing_signal_warnings(config.model_copy(update={"signals": kept}), kept)
@@ -326,7 +326,7 @@ def test_a_pedal_that_counts_as_braking_needs_no_brake():
     assert not missing_signal_warnings(config, config.signals)
 
 
-def test_an_engine_speed_alone_tells_no_speed_while_nobody_tells_of_the_clutch(canest, tmp_path):
+def test_an_engine_speed_alone_gives_no_speed_without_a_clutch_signal(canest, tmp_path):
     some = tmp_path / "engine.log"
     frame = "(1700000000.{:06d}) can0 0CF00400#F07D9128A000F0FF\n"
     some.write_text("".join(frame.format(20_000 * n) for n in range(40)))

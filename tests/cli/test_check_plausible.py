@@ -57,7 +57,7 @@ def hints(drive, *overrides, without=()):
         ("engine_speed",),
     ],
 )
-def test_of_a_config_that_fits_nothing_is_said(drive, without):
+def test_a_config_that_fits_gets_no_hint(drive, without):
     assert hints(drive, without=without) == []
 
 
@@ -76,7 +76,7 @@ GEARLESS = ("gear_ratio", "gear", "output_shaft_speed")
 
 
 @pytest.mark.parametrize(("radius_m", "final_drive"), [(0.56, 4.18), (0.45, 3.36)])
-def test_where_nothing_tells_the_gear_the_table_is_tried_as_a_whole(drive, radius_m, final_drive):
+def test_without_a_gear_signal_the_table_is_tried_as_a_whole(drive, radius_m, final_drive):
     (told,) = hints(drive, f"vehicle.wheel_radius_m={radius_m}", without=GEARLESS)
     assert "engine and vehicle speed turn mostly in the ratio" in told
     radius, axle = (float(told.split(word)[1].split()[0]) for word in ("wheel_radius_m ", "final_drive "))
@@ -89,7 +89,7 @@ def test_a_table_that_no_factor_mends(drive):
     assert "is the table another gearbox's" in told
 
 
-def test_a_wheel_radius_is_told_once_for_all_road_speeds(drive):
+def test_a_wheel_radius_is_reported_once_for_all_road_speeds(drive):
     (told,) = hints(drive, "vehicle.wheel_radius_m=0.56")
     assert "vehicle speed and output shaft agree with wheel_radius_m 0.500" in told
 
@@ -103,7 +103,7 @@ def test_a_speed_in_another_unit(drive, role, scale, mistake):
     assert mistake in told and f"signals.{role}" in told
 
 
-def test_a_reference_torque_that_nobody_listens_to(drive):
+def test_a_reference_torque_that_the_config_does_not_map(drive):
     wrong = "vehicle.reference_torque_Nm=1500"
     assert "2100 N m (used when received), the config has 1500" in hints(drive, wrong)[0]
     (told,) = hints(drive, wrong, without=("reference_torque",))
@@ -111,14 +111,18 @@ def test_a_reference_torque_that_nobody_listens_to(drive):
     assert hints(drive, without=("reference_torque",)) == []
 
 
-def test_small_blocks_of_a_live_bus_tell_the_same(drive):
+def test_small_blocks_of_a_live_bus_give_the_same_report(drive):
     overrides = (f"vehicle.gear_ratios={RATIOS.replace('1.38', '1.62')}", "vehicle.wheel_radius_m=0.56")
-    doctor = Doctor(config_of(drive, *overrides, without=("gear_ratio",)))
+    config = config_of(drive, *overrides, without=("gear_ratio",))
+    live, whole = Doctor(config), Doctor(config)
     with open_log(drive) as log:
         for block in log:
+            whole.push(block)
             for first in range(0, len(block), 40):
-                doctor.push(block[first : first + 40])
-    assert len(doctor.report().hints) == len(hints(drive, *overrides, without=("gear_ratio",))) == 2
+                live.push(block[first : first + 40])
+    found = live.report()
+    assert found.to_json() == whole.report().to_json()
+    assert len(found.hints) == 2
 
 
 def test_stamps_that_stand_still_do_not_pile_up():

@@ -150,7 +150,7 @@ class TestConfig:
         assert done.code == 2
         assert "--set" in one_line(done)
 
-    def test_a_config_that_cannot_work_is_told_once_for_many_logs(self, canest):
+    def test_a_config_that_cannot_work_is_reported_once_for_many_logs(self, canest):
         option = "estimator.options.forgeting=0.9"
         done = canest("replay", KENWORTH, KENWORTH, "-c", "kenworth", "--set", option)
         assert done.code == 2

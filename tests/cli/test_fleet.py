@@ -50,19 +50,19 @@ def test_names_of_logs(log, name):
     assert log_name(Path(log)) == name
 
 
-def test_names_that_cannot_be_told_apart(tmp_path):
+def test_names_that_are_equal(tmp_path):
     logs = [tmp_path / "x" / "a.log", tmp_path / "y" / "x" / "a.log"]
     with pytest.raises(UsageError, match="same file"):
         unique_names(logs)
 
 
-def test_logs_are_shown_by_the_shortest_path_that_tells_them_apart():
+def test_logs_are_shown_by_the_shortest_unique_path():
     paths = ["/d/a/x.log", "/d/b/x.log", "/e/b/x.log", "y.log", "/d/b/y.log", "z.log", "./z.log"]
     shown = ["a/x.log", "d/b/x.log", "e/b/x.log", "y.log", "b/y.log", "z.log", "z.log"]
     assert short_names(paths) == shown
 
 
-def test_a_log_among_many_without_an_estimate_says_why(tmp_path):
+def test_a_log_among_many_without_an_estimate_has_a_reason(tmp_path):
     empty = tmp_path / "empty.log"
     empty.touch()
     told = "\n".join(many_lines(pooled(run_jobs([Job(KENWORTH), Job(empty)], load_config("kenworth"), 1))))

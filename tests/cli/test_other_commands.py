@@ -77,7 +77,7 @@ def test_demo_names_the_option_that_is_wrong(canest):
     assert done.err.startswith("error: --initial-mass: no mass of this vehicle, found 3, expected 7000 to")
 
 
-def test_compare_and_diagnose_tell_what_was_wrong_with_the_log_as_replay_does(canest, tmp_path):
+def test_compare_and_diagnose_warn_of_the_log_as_replay_does(canest, tmp_path):
     lines = lzma.decompress(KENWORTH.read_bytes()).splitlines(keepends=True)
     late = [line.replace(b"(0", b"(9", 1) for line in lines[-200:]]
     log = tmp_path / "flawed.log"

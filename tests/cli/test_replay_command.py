@@ -42,7 +42,7 @@ class TestKenworth:
         assert 4000 <= summary["mass_kg"] <= 36000
         assert summary["mass_std_kg"] > 0
 
-    def test_rows_gates_and_samples_tell_the_same(self, done):
+    def test_rows_gates_and_samples_agree(self, done):
         _, summary, rows = done
         assert list(rows[0]) == ["t_s", "mass_kg", "mass_std_kg", "grade", "grade_std", "status", "gate"]
         assert len(rows) == summary["samples"]

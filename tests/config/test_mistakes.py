@@ -238,7 +238,7 @@ def test_a_role_set_to_nothing_is_taken_away() -> None:
         ("estimator.initial_mass_kg=1e9", "expected 7000 to 40000 kg"),
     ],
 )
-def test_a_mistake_in_an_override_says_that_it_was_the_override(override: str, words: str) -> None:
+def test_a_mistake_in_an_override_names_the_override(override: str, words: str) -> None:
     assert words in refused(TRUCK, override)
 
 
@@ -364,7 +364,7 @@ def test_a_dbc_beside_its_config_is_found_from_anywhere_and_comes_before_the_shi
     assert load_config("class8").dbc == ("j1939.dbc",)
 
 
-def test_a_model_without_torque_or_speed_says_what_it_needs() -> None:
+def test_a_model_without_torque_or_speed_names_what_it_needs() -> None:
     def without(*roles: str) -> str:
         return "\n".join(x for x in TRUCK.splitlines() if not x.strip().startswith(roles))
 

@@ -150,7 +150,7 @@ def compiled(message: str, signal: str, validity: str = "j1939", **more) -> Comp
         ("EEC1", "EngSpeed", "full", 0xFFFF, None),
     ],
 )
-def test_values_end_and_indicators_begin_where_the_rule_says(
+def test_values_end_and_indicators_begin_where_the_standard_has_it(
     message, signal, validity, highest, first_absent
 ):
     c = compiled(message, signal, validity)

@@ -89,7 +89,7 @@ def test_missing_message_and_signal_name_what_is_near():
         find_signal(databases, "zzzzzzzz", "x")
 
 
-def test_decoder_says_which_role_lacks_its_signal():
+def test_decoder_names_the_role_that_lacks_its_signal():
     with pytest.raises(ConfigError, match=r"signals\.vehicle_speed"):
         Decoder(wants(("vehicle_speed", "CCVS1", "Speed")), [shipped_database()])
 

@@ -37,7 +37,7 @@ def numbers(result, role: str) -> list[float | None]:
     return [None if math.isnan(v) else v for v in result.samples.get(role, ([], []))[1]]
 
 
-def test_configured_address_is_heard_and_others_are_counted():
+def test_configured_address_is_decoded_and_others_are_counted():
     d = decoder((*SPEED, 0x00))
     result = push(d, [(1, ccvs(0x00), speed(50)), (2, ccvs(0x31), speed(99)), (3, ccvs(0x00, 3), speed(51))])
     assert numbers(result, "vehicle_speed") == [50, 51]
@@ -110,7 +110,7 @@ def test_destination_specific_group_from_any_destination():
     assert numbers(push(d, frames), "selected_gear") == [3, 3, 3]
 
 
-def test_gateway_frames_are_told_apart_by_their_parameter():
+def test_gateway_frames_are_distinguished_by_their_parameter():
     d = decoder(
         ("engine_speed", "J1587Gateway", "EngineSpeed", 0xF9, "full"),
         ("gear", "J1587Gateway", "TransRangeAttained", 0xF9, "ascii"),

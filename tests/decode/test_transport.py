@@ -131,7 +131,7 @@ def test_faulty_broadcast_is_dropped_and_the_next_one_is_good(how, reason):
 
 
 @pytest.mark.parametrize("later_us", [0, 3 * MS])
-def test_a_log_of_two_interfaces_that_hear_the_same_bus(later_us):
+def test_a_log_of_two_interfaces_on_the_same_bus(later_us):
     bus = Bus()
     bus.broadcast(engine_configuration(2450))
     bus.frames = [(t_us + k * later_us, *rest) for t_us, *rest in bus.frames for k in (0, 1)]
@@ -203,7 +203,7 @@ def destination_specific(bus: Bus, body: bytes) -> None:
     bus.manage(16, len(body), 0, 4, 4, source=0, destination=3)
 
 
-def test_overheard_session_with_a_repeated_request():
+def test_session_of_others_with_a_repeated_request():
     bus, body = Bus(), engine_configuration(1900)
     destination_specific(bus, body)
     bus.manage(17, 2, 1, source=3, destination=0)
@@ -217,7 +217,7 @@ def test_overheard_session_with_a_repeated_request():
 
 
 @pytest.mark.parametrize("by", [0, 3])
-def test_overheard_session_aborted_by_either_side(by):
+def test_session_of_others_aborted_by_either_side(by):
     bus, body = Bus(), engine_configuration(1900)
     destination_specific(bus, body)
     bus.packet(body, 1, destination=3)

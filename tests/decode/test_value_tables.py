@@ -70,7 +70,7 @@ def test_labels_and_raw_numbers_of_a_dbc_become_gears(config):
     np.testing.assert_array_equal(found, [1, 2, 0, -1, 5, np.nan, np.nan])
 
 
-def test_a_map_says_alone_what_is_valid(config):
+def test_a_map_alone_decides_what_is_valid(config):
     """Raw 14 and 15 of four bits are indicators to J1939; here the map lists one of them."""
     plain = config("  gear: {message: Gearbox, signal: Gear}\n")
     mapped = config("  gear: {message: Gearbox, signal: Gear, map: {14: 4}}\n")
@@ -194,11 +194,11 @@ def test_gear_text_of_a_parquet_file(config, tmp_path):
     np.testing.assert_array_equal(found["gear"], [3, 1, 0, 5, np.nan, np.nan])
 
 
-def test_a_log_without_a_listed_text_says_so(config, tmp_path):
+def test_a_log_without_a_listed_text_warns_of_it(config, tmp_path):
     from canest.offline.replay import replay
 
     (tmp_path / "t.csv").write_text("t_s,gear,v,M\n" + "".join(f"{i / 10},Fahrt,36,50\n" for i in range(50)))
     some = config(TABLE + "  engine_torque: {column: M}\n")
     result = replay(tmp_path / "t.csv", some)
-    assert any("'Fahrt'" in note for note in result.notes)
+    assert any("'Fahrt'" in note for note in result.warnings)
     assert "signals.gear.map lists" in result.summary["reason"]

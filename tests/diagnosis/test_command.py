@@ -88,7 +88,7 @@ def test_the_revised_config_is_the_old_one_with_effects(gain, out):
     assert new.effects and new.model_copy(update={"effects": old.effects}) == old
 
 
-def test_the_report_stands_alone_and_says_the_finding(out, told):
+def test_the_report_stands_alone_and_has_the_finding(out, told):
     html = (out / "report.html").read_text("utf-8")
     assert told["finding"].split(":")[0] in html
     assert "src=" not in html.split("<main>")[1] and "torque_gain" in html
@@ -96,7 +96,7 @@ def test_the_report_stands_alone_and_says_the_finding(out, told):
         assert heading in html, heading
 
 
-def test_a_log_of_half_a_minute_says_so_and_no_more(tmp_path, capsys):
+def test_a_log_of_half_a_minute_is_too_short_for_a_candidate(tmp_path, capsys):
     assert run(["diagnose", KENWORTH, "-c", "kenworth", "-o", str(tmp_path)]) == 0
     told = json.loads((tmp_path / "diagnosis.json").read_text("utf-8"))
     assert told["verdict"] == "nothing-to-explain" and told["selected"] == [] and told["candidates"] == []
@@ -106,7 +106,7 @@ def test_a_log_of_half_a_minute_says_so_and_no_more(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("config", ["kenworth", "class8"])  # class8 finds an altitude, and no speed
-def test_a_log_without_open_gates_says_so(config, tmp_path, capsys):
+def test_a_log_without_open_gates_has_that_finding(config, tmp_path, capsys):
     assert run(["diagnose", "tests/data/ip332/bike.log.xz", "-c", config, "-o", str(tmp_path)]) == 0
     told = json.loads((tmp_path / "diagnosis.json").read_text("utf-8"))
     assert told["verdict"] == "nothing-to-explain" and told["baseline"]["residual_rms_N"] is None

@@ -57,7 +57,7 @@ def test_shares_of_selected_effects_and_of_others_alone_are_of_one_measure(drive
     assert share["wheel_slip"] == pytest.approx(share["torque_delay"], abs=0.1)
 
 
-def test_what_an_effect_alone_would_do_is_told_where_nothing_is_selected(drive, found):
+def test_what_an_effect_alone_would_do_is_reported_where_nothing_is_selected(drive, found):
     told = found(drive(seed=6, sensors={"torque_delay_s": 0.0}), "--truth", "auto")
     assert told["selected"] == []
     assert max(c["score"] for c in told["candidates"]) > 0.001
@@ -103,7 +103,7 @@ def test_a_recording_of_the_daemon_is_pooled_in_the_order_of_its_segments(drive,
     assert told["reference"]["mass_known"] and told["reference"]["kind"] != "truth"
 
 
-def test_a_truth_of_another_time_says_nothing_and_is_no_reason_to_find_anything(drive, tmp_path, capsys):
+def test_a_truth_of_another_time_is_no_reason_to_find_anything(drive, tmp_path, capsys):
     truth = tmp_path / "other.csv"
     truth.write_text("t_s,grade,mass_kg\n1e6,0.1,21250\n1e7,0.2,21250\n")
     log = drive({"effect": "torque_gain", "gain": 0.9}, seed=3)
@@ -230,7 +230,7 @@ def test_what_no_vehicle_can_be_like_is_no_alternative(drive, found):
     assert all(c["explained"] == 0 for c in told["candidates"] if c["effect"] in impossible)
 
 
-def test_an_effect_is_told_by_the_parameters_of_the_vocabulary(drive, found):
+def test_an_effect_is_described_by_the_parameters_of_the_vocabulary(drive, found):
     told = found(drive({"effect": "headwind", "wind_mps": -6.0}), "--truth", "auto")
     slip = next(c for c in told["candidates"] if c["effect"] == "wheel_slip")
     assert set(slip["parameters"]) == {"slip_per_mps2"} and slip["settings"] == {"mass_kg": 21250.0}

@@ -73,7 +73,7 @@ def batch(fresh, speed, accel, extra, altitude, altitude_std, walk):
     return slopes @ p, np.sqrt(np.diag(slopes @ np.linalg.inv(A.T @ A) @ slopes.T))
 
 
-def test_a_mass_that_is_given_wins_over_the_table_and_the_table_need_not_tell_more(tmp_path):
+def test_a_mass_that_is_given_wins_over_the_table_which_needs_no_other_column(tmp_path):
     config = load_config("kenworth")
     log = Path(__file__).parents[1] / "data/kenworth/normal.log.xz"
     drive = Drive.load(log, config)
@@ -87,7 +87,7 @@ def test_a_mass_that_is_given_wins_over_the_table_and_the_table_need_not_tell_mo
 
 
 @pytest.mark.parametrize("gap", [None, 31])
-def test_smoothed_grade_and_its_doubt_are_those_of_the_batch(gap):
+def test_smoothed_grade_and_its_variance_are_those_of_the_batch(gap):
     _, sin_beta, std = smooth(*road(60, gap), None)
     expected, expected_std = batch(*road(60, gap))
     assert sin_beta == pytest.approx(expected, abs=1e-7)

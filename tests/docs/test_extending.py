@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 EXTENDING = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
 
 
-def test_the_table_of_effects_is_what_the_classes_say():
+def test_the_table_of_effects_is_made_from_the_classes():
     tool = runpy.run_path(str(ROOT / "tools" / "effects_table.py"))
     text = tool["PAGE"].read_text(encoding="utf-8")
     assert tool["table"]() in text, "python tools/effects_table.py --write"

@@ -73,7 +73,7 @@ def test_links_lead_somewhere(page):
             assert (page.parent / target).exists(), target
 
 
-def test_config_page_is_what_the_schema_says():
+def test_config_page_is_made_from_the_schema():
     tool = runpy.run_path(str(ROOT / "tools" / "config_page.py"))
     assert tool["PAGE"].read_text() == tool["page"](), "python tools/config_page.py --write"
 

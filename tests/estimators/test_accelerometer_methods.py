@@ -74,7 +74,7 @@ def test_pitch_correction_removes_what_the_body_adds():
     assert corrected.mass_kg[-1] == pytest.approx(d.mass_kg, rel=2e-3)
 
 
-def test_methods_without_their_signal_say_so():
+def test_methods_without_their_signal_name_it():
     facts = replace(FACTS, has_accelerometer=False)
     d = drive(5.0)
     blind = with_columns(
@@ -135,7 +135,7 @@ def test_observer_error_decays_with_the_corrected_signs():
     assert abs(r.grade[-1]) < 1e-3
 
 
-def test_observer_keeps_its_mass_and_says_so():
+def test_observer_keeps_its_mass_and_never_converges():
     method = create("dgo", replace(FACTS, initial_mass_kg=30_000.0), {})
     r = method.update(drive(20.0).block)
     assert not method.estimates_mass

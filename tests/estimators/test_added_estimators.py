@@ -65,7 +65,7 @@ def test_a_name_of_canest_stays_canests_own(add):
     assert registry.skipped() == {"rls": "canest has an estimator of this name"}
 
 
-def test_compare_says_which_one_it_left_out(add, tmp_path):
+def test_compare_names_the_one_it_left_out(add, tmp_path):
     log = tmp_path / "drive.csv"
     rows = "".join(f"{k * STEP_US / 1e6:.2f},10,500,1\n" for k in range(100))
     log.write_text("t_s,v_mps,torque_Nm,gear\n" + rows)

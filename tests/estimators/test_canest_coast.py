@@ -90,7 +90,7 @@ def test_what_bends_is_less_sure():
     assert bent[1, at] > 20 * straight[1, at]
 
 
-def test_a_coasting_too_short_tells_nothing():
+def test_a_coasting_too_short_gives_no_measurement():
     assert np.isnan(lines_of(samples([(50, 50 + SETTLES + EARLY + 4)]))).all()
 
 
@@ -250,14 +250,14 @@ def test_no_coasting_and_none_from_elsewhere_is_remembered(back_m):
 
 
 @pytest.mark.parametrize(("std", "shown"), [(0.01, True), (0.3, False)])
-def test_a_coasting_that_tells_little_is_no_witness(std, shown):
+def test_a_coasting_with_little_information_is_no_measurement(std, shown):
     memory = remembered(-0.3, std, -500.0, 520.0, 5.0)
     assert coasted_here(memory)
     assert shows(memory) == shown
 
 
 @pytest.mark.parametrize(("grade", "doubted"), [(0.01, False), (-0.02, True)])
-def test_a_road_that_cannot_be_is_doubted(grade, doubted):
+def test_a_grade_that_cannot_be_gets_more_variance(grade, doubted):
     n = at.BASE_STATES
     x, P = [0.0] * n, np.diag([1e-12] * n).tolist()
     x[at.U], P[at.GRADE][at.GRADE] = 1 / 20_000.0, 0.002**2
@@ -320,7 +320,7 @@ def test_a_coasting_moves_the_grade_at_once_and_the_mass_when_gates_open():
     assert seen.mass_kg[34 * 50 + 50] != unseen.mass_kg[34 * 50 + 50]
 
 
-def test_a_launch_with_shifts_is_told_by_several_witnesses():
+def test_a_launch_with_shifts_gives_several_measurements():
     shifts = [(4.0 + 3.0 * k, 4.8 + 3.0 * k) for k in range(4)]
     drive = trip(20, road=flat, throttle=lambda t, v: 0.85, start_mps=3.0, shifts=shifts)
     _, seen = run(drive)
@@ -331,7 +331,7 @@ def test_a_launch_with_shifts_is_told_by_several_witnesses():
 
 
 @pytest.mark.parametrize("road", [flat, hills])
-def test_coasting_for_long_tells_the_grade_all_the_time(road):
+def test_coasting_for_long_measures_the_grade_all_the_time(road):
     drive = trip(100, road=road, shifts=[(60.0, 90.0)])
     coasting = slice(62 * 50, 90 * 50)
     for of, most in ((drive, 0.15), (blind(drive), 9.0)):

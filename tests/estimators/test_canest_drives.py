@@ -281,7 +281,7 @@ def test_a_retarder_of_known_force_carries_the_grade_and_leaves_the_mass():
     assert errors[0] < 0.8 * errors[1]
 
 
-def test_a_driveline_that_comes_to_rest_tells_the_road_and_leaves_no_trace_in_the_mass():
+def test_a_driveline_that_comes_to_rest_measures_the_grade_and_leaves_no_trace_in_the_mass():
     drive = trip(160)
     shift, recovery = slice(5000, 5040), slice(5040, 5500)
     gate = drive.block.gate.copy()
@@ -301,7 +301,7 @@ def test_a_driveline_that_comes_to_rest_tells_the_road_and_leaves_no_trace_in_th
     np.testing.assert_array_equal(seen.grade[after], unseen.grade[after])
 
 
-def test_a_bend_tells_the_road_as_far_as_its_drag_is_known():
+def test_a_bend_measures_the_grade_as_far_as_its_drag_is_known():
     drive = trip(160, throttle=lambda t, v: pulses(t, v) if t < 95 else steady(t, v))
     bend = slice(5000, 6000)
     gate = drive.block.gate.copy()
@@ -334,7 +334,7 @@ def test_a_sharp_crest_is_no_other_load():
     assert (e.status[75 * 50 :] == Status.VALID).all()
 
 
-def test_a_filter_that_has_just_begun_tells_nothing_of_the_road():
+def test_a_filter_that_has_just_begun_gives_no_grade():
     """After a missing signal accelerations rise from zero for a while: no hill."""
     drive = trip(160)
     gate = drive.block.gate.copy()
@@ -364,7 +364,7 @@ def test_a_force_that_is_lost_leaves_distance_and_accelerometer(accelerometer):
 
 
 @pytest.mark.parametrize(("least", "most"), [(7_000.0, 18_000.0), (25_000.0, 40_000.0)])
-def test_a_mass_outside_its_bounds_is_doubted(least, most):
+def test_a_mass_outside_its_bounds_is_a_contradiction(least, most):
     facts = replace(FACTS, mass_min_kg=least, mass_max_kg=most)
     drive = trip(150)
     estimator, e = run(drive, facts=facts)
@@ -373,17 +373,17 @@ def test_a_mass_outside_its_bounds_is_doubted(least, most):
     later = slice(3000, None)
     assert (e.status[later] == Status.CONVERGING).all()
     assert np.mean(np.abs(e.mass_kg - 21_000.0)[later] < 3 * e.mass_std_kg[later]) > 0.98
-    assert f"{bound:,.0f} kg" in estimator.doubts()
+    assert f"{bound:,.0f} kg" in estimator.contradiction()
 
 
 @pytest.mark.parametrize(("least", "most"), [(7_000.0, 21_000.0), (21_000.0, 40_000.0)])
 def test_a_mass_on_its_bound_is_not(least, most):
     estimator, e = run(trip(150), facts=replace(FACTS, mass_min_kg=least, mass_max_kg=most))
     assert (e.status[4000:] == Status.VALID).all()
-    assert estimator.doubts() == ""
+    assert estimator.contradiction() == ""
 
 
-def test_altitude_steadies_the_grade_where_nothing_else_tells():
+def test_altitude_steadies_the_grade_where_nothing_else_measures_it():
     with_gps, without = trip(160, altitude=True), trip(160)
     errors = []
     for drive in (with_gps, without):

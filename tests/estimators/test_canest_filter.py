@@ -294,7 +294,7 @@ def test_a_considered_state_keeps_its_value_and_variance_but_widens_the_others(f
     np.testing.assert_array_equal(np.array(P)[:first, :first], P0[:first, :first])
 
 
-def test_the_axle_filter_tells_slip_as_one_filter_of_all_would():
+def test_the_axle_filter_separates_slip_as_one_filter_of_all_would():
     """What the small filter adds, summed up, is what a joint filter of slip, lag and scale knows."""
     rng = np.random.default_rng(8)
     prior = Canest("canest", FACTS)._prior
@@ -340,7 +340,7 @@ def test_travel_and_fading_equal_the_dense_prediction(road, states):
     np.testing.assert_allclose(P, dense.P, rtol=1e-12, atol=1e-14)
 
 
-def test_a_satellite_altitude_gets_no_surer_than_it_wanders_while_the_vehicle_stands():
+def test_a_satellite_altitude_keeps_the_variance_of_its_wander_while_the_vehicle_stands():
     """Against the scalar random walk, read once a second: or the first metres driven would be a hill."""
     n = 600
     altitude = np.full(n, np.nan)

@@ -19,7 +19,7 @@ from canest.estimators.canest_0_1.noise import (
 
 
 @pytest.mark.parametrize("doubt", [0.0, 0.3, 3.0])
-def test_a_level_is_found_whatever_the_states_doubt(doubt):
+def test_a_level_is_found_whatever_the_states_covariance(doubt):
     """doubt: variance of what the states add to an innovation, in true noise variances."""
     rng, true, found, ends = np.random.default_rng(4), 4e-4, 1e-3, []
     for i in range(20_000):
@@ -30,7 +30,7 @@ def test_a_level_is_found_whatever_the_states_doubt(doubt):
     assert np.mean(ends[5000:]) == pytest.approx(true, rel=0.2)
 
 
-def test_one_window_of_doubt_calls_no_noise_nothing():
+def test_one_uncertain_window_makes_no_noise_zero():
     variance = 1.6e-4
     expected = 0.05  # of the innovation: the load is new
     after = level(variance, surplus(0.0, expected, variance), 1e-6, 300)

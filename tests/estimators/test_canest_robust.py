@@ -68,7 +68,7 @@ def test_tick_by_tick_gives_the_same_bits():
     assert_same(columns(parts), whole())
 
 
-def test_an_accelerometer_first_heard_after_a_long_stop_gives_the_same_bits():
+def test_an_accelerometer_first_received_after_a_long_stop_gives_the_same_bits():
     block = trip(75, accelerometer=True, stops=[(15, 50)]).block
     block = replace(block, ax_ok=block.ax_ok & (np.arange(len(block)) >= 3000))
     estimator = create("canest", FACTS)
@@ -166,7 +166,7 @@ def test_no_noise_at_all():
     assert abs(drive.error(e)[-1]) < 0.02
 
 
-def test_a_window_is_what_its_samples_say():
+def test_a_window_is_the_sum_of_its_samples():
     """Every column of one window against plain means and differences."""
     drive = trip(4, accelerometer=True, altitude=True, slip_per_mps2=0.003)
     b = drive.block

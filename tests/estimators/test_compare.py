@@ -54,7 +54,7 @@ def test_every_name_has_a_row_with_the_contracts_columns(drive):
         assert len(result.estimates[name]) == len(result.speed_mps) == len(result.true_grade)
 
 
-def test_an_estimator_without_its_signal_says_so_instead_of_a_number(drive):
+def test_an_estimator_without_its_signal_has_a_reason_instead_of_a_number(drive):
     log, truth = drive
     config = load_config("class8.yaml")
     signals = {k: v for k, v in config.signals.items() if k != "longitudinal_accel"}

@@ -34,7 +34,7 @@ def test_every_name_that_a_class_describes_is_in_the_index():
 
 
 @pytest.mark.parametrize("name", registry.BUILT_IN)
-def test_every_option_has_a_meaning_and_says_what_is_allowed(name):
+def test_every_option_has_a_meaning_and_its_allowed_values(name):
     for row in option_rows(registry.describe(name).options):
         assert row.text, row.name
         assert row.allowed, row.name
@@ -42,7 +42,7 @@ def test_every_option_has_a_meaning_and_says_what_is_allowed(name):
             assert row.unit, row.name
 
 
-def test_the_page_is_what_the_code_says():
+def test_the_page_is_made_from_the_code():
     tool = runpy.run_path(str(ROOT / "tools" / "estimators_page.py"))
     text = tool["PAGE"].read_text(encoding="utf-8")
     assert tool["page"](text) == text, "python tools/estimators_page.py --write"

@@ -112,7 +112,7 @@ def test_batch_equals_lstsq_after_every_row():
 
 @pytest.mark.parametrize("name", ["batch-ls", "tls", "gtls"])
 @pytest.mark.parametrize("noise_mps2", [0.02, 0.005, 0.0])
-def test_a_constant_force_leaves_the_doubt_of_the_bounds_however_quiet_the_data(name, noise_mps2):
+def test_a_constant_force_leaves_the_variance_of_the_bounds_however_quiet_the_data(name, noise_mps2):
     d = drive(60.0)
     n = len(d.block)
     accel = noise_mps2 * np.random.default_rng(0).standard_normal(n)
@@ -125,7 +125,7 @@ def test_a_constant_force_leaves_the_doubt_of_the_bounds_however_quiet_the_data(
     assert not (r.status == Status.VALID).any()
 
 
-def test_the_doubt_of_batch_least_squares_is_that_of_repeated_drives():
+def test_the_variance_of_batch_least_squares_is_that_of_repeated_drives():
     """Prior and data both scatter, each as it says; a drive of little excitation has some of both."""
     rng = np.random.default_rng(4)
     d = drive(20.0, pulse_s=2.0)

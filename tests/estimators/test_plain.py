@@ -177,7 +177,7 @@ def test_batch_ls_is_lstsq_after_every_row():
     np.testing.assert_allclose(batch.P, np.linalg.inv(phi.T @ phi), rtol=1e-9)
 
 
-def test_batch_ls_of_rows_that_say_one_thing_is_no_number():
+def test_batch_ls_of_collinear_rows_is_no_number():
     batch = BatchLS()
     batch.update(np.arange(1.0, 9.0), np.outer(np.arange(1.0, 9.0), [1.0, 2.0]))
     assert np.isnan(batch.theta).all()

@@ -154,7 +154,7 @@ def test_a_reload_moves_the_metrics_port_and_the_status_socket(tmp_path, truck):
         assert daemon.process.wait(5) == 0
 
 
-def test_a_metrics_port_that_is_taken_at_the_start_is_told_and_done_without(tmp_path, truck):
+def test_a_metrics_port_that_is_taken_at_the_start_is_reported_and_done_without(tmp_path, truck):
     pytest.importorskip("prometheus_client")
     with socket.socket() as occupied:
         occupied.bind(("127.0.0.1", 0))
@@ -238,7 +238,7 @@ def test_status_shows_what_a_person_on_call_needs(tmp_path, drive, monkeypatch, 
     assert json.loads(capsys.readouterr().out) == [content]
 
 
-def test_status_of_a_killed_daemon_tells_what_it_had_learned(tmp_path, drive, monkeypatch, capsys):
+def test_status_of_a_killed_daemon_shows_what_it_had_learned(tmp_path, drive, monkeypatch, capsys):
     changes = [f"service.state_dir={tmp_path}", "service.learn='on+save'"]
     with Rig(monkeypatch, load_config("vcan", changes), drive) as rig:
         rig.run(60)
@@ -293,7 +293,7 @@ def test_a_status_socket_left_behind_is_replaced_and_a_client_that_leaves_is_sur
     assert not path.exists()
 
 
-def test_the_status_socket_lies_where_systemd_says(tmp_path):
+def test_the_status_socket_lies_in_systemds_runtime_directory(tmp_path):
     config = load_config("vcan", ["bus.channel=can0"])
     assert socket_path(config, {"RUNTIME_DIRECTORY": "/run/canest/truck"}) == Path(
         "/run/canest/truck/status-can0.sock"
@@ -378,7 +378,7 @@ def test_a_dbc_that_the_service_would_not_find_is_refused(tmp_path, capsys):
     assert "../mine.dbc" in capsys.readouterr().err and not root.exists()
 
 
-def test_a_config_of_before_that_is_refused_is_told(tmp_path, capsys, truck):
+def test_a_config_of_before_that_is_refused_is_reported(tmp_path, capsys, truck):
     (tmp_path / "etc/canest").mkdir(parents=True)
     (tmp_path / "etc/canest/bus1.yaml").write_text("vehicle: {}")
     argv = ["install-service", "--install", "-c", str(truck), "--name", "bus1", "--root", str(tmp_path)]

@@ -36,7 +36,7 @@ def test_the_broadcast_is_the_newest_estimate_within_the_frames_resolution(tmp_p
         assert abs(reported.mass_kg - 21_000) < 1_000
 
 
-def test_when_the_bus_falls_silent_the_broadcast_says_not_available_and_comes_back(
+def test_when_the_bus_falls_silent_the_broadcast_is_not_available_and_comes_back(
     tmp_path, drive, monkeypatch
 ):
     gap_us = 30_000_000
@@ -150,7 +150,7 @@ def test_the_real_attack_logs_are_survived_and_counted(tmp_path, data, monkeypat
     assert "addresses-lost-by-others now=1" in rig.log.getvalue()
 
 
-def test_a_bus_that_cannot_be_opened_says_why_once(tmp_path, monkeypatch):
+def test_a_bus_that_cannot_be_opened_logs_its_reason_once(tmp_path, monkeypatch):
     from canest.telemetry.snapshot import snapshot
     from canest.telemetry.status_view import rows as rows_of
 
@@ -203,7 +203,7 @@ def test_listen_only_sends_nothing_whatever_is_asked(tmp_path, data, monkeypatch
         assert rig.script.sent == [] and rig.opened[0][1] is False
 
 
-def test_metrics_and_snapshot_tell_the_same_and_are_well_formed(tmp_path, drive, monkeypatch):
+def test_metrics_and_snapshot_agree_and_are_well_formed(tmp_path, drive, monkeypatch):
     with Rig(monkeypatch, config(tmp_path, f"service.metrics_file={tmp_path}/m.prom"), drive) as rig:
         rig.run(42)
         rig.daemon.request_counters()

@@ -76,7 +76,7 @@ def test_a_defect_that_stays_ends_the_daemon_for_systemd_to_restart_it(tmp_path,
         assert rig.daemon.estimation.failures == MOST_FAILURES_IN_A_ROW
 
 
-def test_a_mass_learned_survives_a_restart_with_more_doubt(tmp_path, drive, monkeypatch):
+def test_a_mass_learned_survives_a_restart_with_more_variance(tmp_path, drive, monkeypatch):
     settings = config(tmp_path, "service.learn='on+save'")
     with Rig(monkeypatch, settings, drive) as rig:
         rig.run(80)
@@ -110,14 +110,14 @@ def test_learning_switched_off_writes_nothing(tmp_path, drive, monkeypatch, lear
     assert not (tmp_path / "learned-vcan0.json").exists()
 
 
-def test_an_unusable_state_file_is_told_and_set_aside(tmp_path, monkeypatch):
+def test_an_unusable_state_file_is_reported_and_set_aside(tmp_path, monkeypatch):
     (tmp_path / "learned-vcan0.json").write_text("half a fi")
     with Rig(monkeypatch, config(tmp_path, "service.learn='on+save'")) as rig:
         assert "state-not-used" in rig.log.getvalue()
     assert (tmp_path / "learned-vcan0.json.bad-corrupt").exists()
 
 
-def test_a_state_directory_that_cannot_be_written_is_told_once_and_counted(tmp_path, drive, monkeypatch):
+def test_a_state_directory_that_cannot_be_written_is_reported_once_and_counted(tmp_path, drive, monkeypatch):
     (tmp_path / "occupied").write_text("")
     settings = config(tmp_path, "service.learn='on+save'", f"service.state_dir={tmp_path}/occupied/x",
                       "service.save_every_s=2")  # fmt: skip

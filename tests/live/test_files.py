@@ -69,7 +69,7 @@ def test_a_directory_that_cannot_be_made_is_an_oserror(tmp_path):
         write_atomically(tmp_path / "occupied" / "file", b"x")
 
 
-def test_jobs_run_in_order_and_failures_are_counted_and_told(background):
+def test_jobs_run_in_order_and_failures_are_counted_and_reported(background):
     done = []
 
     def fail():
@@ -135,7 +135,7 @@ def test_a_recording_reads_back_as_the_same_frames(tmp_path, background):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_failed_write_tells_its_own_reason_and_the_file(background):
+def test_a_failed_write_reports_its_own_reason_and_the_file(background):
     log = TextLog(Path("/dev/full"), candump_renderer("can0"), background, kind="record")
     log.add(frames(10), 0.0)
     assert background.flush(5)

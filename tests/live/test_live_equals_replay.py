@@ -10,7 +10,7 @@ from canest.pipeline.pipeline import Pipeline
 from tests.live.rig import Rig, config, kenworth, rows
 
 
-def test_what_the_daemon_said_live_is_what_replay_says_of_its_recording(tmp_path, drive, monkeypatch):
+def test_live_estimates_equal_a_replay_of_the_daemons_recording(tmp_path, drive, monkeypatch):
     settings = config(
         tmp_path, f"service.record={tmp_path}/seen.log", f"service.log_estimates={tmp_path}/est.csv"
     )
@@ -45,7 +45,7 @@ def test_so_it_is_with_can_fd_frames_of_which_a_recording_holds_eight_bytes(tmp_
     assert result.summary["skipped_lines"] == 0
     assert lost["frames of wrong length"] > 1000
     note_begin = f"not decoded: {lost['frames of wrong length']:,} frames of wrong length"
-    assert any(note.startswith(note_begin) for note in result.notes)
+    assert any(note.startswith(note_begin) for note in result.warnings)
 
 
 def test_live_numbers_have_the_same_bits_as_one_block(tmp_path, data, monkeypatch):

@@ -44,7 +44,7 @@ def messages(sock):
             return found
 
 
-def test_systemd_hears_every_step_of_a_life(supervisor):
+def test_systemd_is_notified_of_every_step_of_a_life(supervisor):
     sock, environment = supervisor
     notifier = Notifier(environment)
     notifier.ready()

@@ -105,7 +105,7 @@ def test_a_file_that_must_not_be_used_is_set_aside_with_its_reason(tmp_path, rea
     assert "\n" not in restored.message and str(path) in restored.message
 
 
-def test_a_directory_in_the_files_place_is_told_and_survived(tmp_path):
+def test_a_directory_in_the_files_place_is_reported_and_survived(tmp_path):
     (tmp_path / "state.json").mkdir()
     restored = load(tmp_path / "state.json", CONFIG, NOW_S)
     assert restored.learned is None and "cannot be read" in restored.message
@@ -148,7 +148,7 @@ def test_any_values_in_the_right_places_give_a_sound_state_or_none(shelf, change
         assert math.isfinite(widened_std_kg(result, CONFIG, NOW_S))
 
 
-def test_doubt_grows_with_age_and_with_a_stop():
+def test_standard_deviation_grows_with_age_and_with_a_stop():
     just_now = widened_std_kg(learned(saved_s=NOW_S - 2), CONFIG, NOW_S)
     stood = widened_std_kg(learned(saved_s=NOW_S - 2, standing=True), CONFIG, NOW_S)
     hour = widened_std_kg(learned(saved_s=NOW_S - 3600), CONFIG, NOW_S)
@@ -159,7 +159,7 @@ def test_doubt_grows_with_age_and_with_a_stop():
     assert 0.9 * spread < day < 1.1 * spread  # a day later the load may be anything
 
 
-def test_another_model_of_the_same_vehicle_adds_doubt_but_keeps_the_mass():
+def test_another_model_of_the_same_vehicle_adds_variance_but_keeps_the_mass():
     other = load_config("vcan", ["vehicle.drag_area_m2=7"])
     assert fingerprint(other) != fingerprint(CONFIG)
     assert widened_std_kg(learned(), other, NOW_S) > widened_std_kg(learned(), CONFIG, NOW_S)
@@ -172,7 +172,7 @@ def test_settings_that_do_not_touch_the_model_do_not_change_its_fingerprint():
 
 
 @pytest.mark.parametrize("kind", ["FIFO", "directory", "socket"])
-def test_what_is_no_file_is_told_and_neither_waited_for_nor_replaced(tmp_path, kind):
+def test_what_is_no_file_is_reported_and_neither_waited_for_nor_replaced(tmp_path, kind):
     path = tmp_path / "state.json"
     with socket.socket(socket.AF_UNIX) as server:
         if kind == "FIFO":

@@ -35,7 +35,7 @@ def test_archives_are_known_by_their_content(tmp_path, suffix, name):
 
 
 @pytest.mark.parametrize("suffix", PACK)
-def test_a_truncated_archive_gives_what_it_holds_and_says_so(tmp_path, suffix):
+def test_a_truncated_archive_gives_what_it_holds_and_a_reason(tmp_path, suffix):
     packed = PACK[suffix](TEXT)
     path = tmp_path / f"cut.log{suffix}"
     path.write_bytes(packed[: len(packed) * 3 // 4])

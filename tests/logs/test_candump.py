@@ -209,7 +209,7 @@ def test_malformed_lines_are_counted_with_their_numbers_and_cost_nobody_else(cop
     assert len(parser.skipped) <= SKIPPED_SHOWN and all(len(text) <= 80 for _, text, _ in parser.skipped)
 
 
-def test_a_line_without_stamp_says_so():
+def test_a_line_without_stamp_has_that_reason():
     _, parser = parse("  can0  18FEDF00   [2]  8A A0\n")
     assert parser.skipped[0][2] == "no time stamp"
 
@@ -367,7 +367,7 @@ class TestCompiled:
         assert_same(compiled_block, block)
 
 
-def test_every_bad_line_has_its_number_told_and_endless_ones_their_count(tmp_path):
+def test_every_bad_line_is_reported_by_number_and_endless_ones_by_count(tmp_path):
     good = "(1700000000.{:06d}) can0 0CF00400#F07D9128A000F0FF\n"
     log = tmp_path / "a.log"
     log.write_text("".join("garbage\n" if n % 9 == 0 else good.format(n) for n in range(1, 601)))

@@ -204,7 +204,7 @@ def test_a_truncated_database_gives_what_it_holds(tmp_path, share):
     assert reader.truncated_reason.endswith(f"of the {size:,} bytes its header announces")
 
 
-def test_a_database_cut_in_its_first_page_says_so(tmp_path):
+def test_a_database_cut_in_its_first_page_has_that_reason(tmp_path):
     path = database(tmp_path / "drive.db", 5000)
     path.write_bytes(path.read_bytes()[:2000])
     with pytest.raises(LogError, match=r"drive\.db: damaged or cut short, .*, expected a whole \.db file"):

@@ -39,7 +39,7 @@ def test_csv_columns_come_as_numbers_with_exact_stamps(tmp_path):
     assert (reader.frames, reader.skipped_lines, reader.bad_cells) == (2, 0, {})
 
 
-def test_text_in_a_cell_is_told_with_the_first_row_that_has_it(tmp_path):
+def test_text_in_a_cell_is_reported_with_the_first_row_that_has_it(tmp_path):
     path = write(tmp_path / "a.csv", "t_s,v,w\n0.1,,1\n0.2,nan,2\n0.3,abc,3\n0.4,n/a,4\n0.5,5,5\n")
     block, reader = read(path)
     assert np.isnan(block.columns["v"]).tolist() == [True] * 4 + [False]

@@ -226,7 +226,7 @@ def test_a_spoofer_contesting_every_claim_cannot_make_us_flood():
     assert talk.claim.address is None
 
 
-def test_a_claim_the_bus_did_not_take_is_said_again_and_does_not_count():
+def test_a_claim_the_bus_did_not_take_is_sent_again_and_does_not_count():
     talk = Conversation()
     frames = talk.claim.poll(talk.now_us)
     assert frames

@@ -71,7 +71,7 @@ def request(pgn, source=0x21, destination=0xFF):
     return j1939.pack(REQUEST_PGN, source, destination=destination), pgn.to_bytes(3, "little")
 
 
-def test_it_claims_listens_and_only_then_broadcasts():
+def test_it_claims_waits_and_only_then_broadcasts():
     bus = Bus().run(LISTEN_US - TICK_US)
     assert bus.wire.groups() == [CLAIM_PGN]
     bus.run(500_000)
@@ -102,7 +102,7 @@ def test_beats_missed_while_we_were_stopped_are_not_made_up_for(stall_us):
     assert 5 <= len(bus.estimates()) <= 6
 
 
-def test_a_group_somebody_else_uses_silences_us_and_says_so():
+def test_a_group_somebody_else_uses_ends_our_broadcast_with_a_reason():
     foreign = (j1939.pack(OWN_PGN, 0x44), bytes(8))
     bus = Bus().run(500_000).run(LISTEN_US + 3_000_000, [foreign])
     assert bus.estimates() == []
@@ -227,7 +227,7 @@ def test_the_gross_mass_of_another_ecu_is_not_talked_over():
     assert CVW_PGN in bus.wire.groups()
 
 
-def test_the_odometer_is_read_from_the_first_sender_that_tells_it():
+def test_the_odometer_is_read_from_the_first_sender_that_has_it():
     monitor = BusMonitor(OWN_PGN)
     assert monitor.distance_km is None
     unknown, known = b"\xff" * 8, (200_000).to_bytes(4, "little") + b"\xff" * 4

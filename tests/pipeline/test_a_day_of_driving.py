@@ -22,8 +22,8 @@ from canest.simulation.run import simulate
 
 DAY_S, WARM_S = 86_400, 600
 DRIVE_S, BREAK_S = 300, 20  #: a drive, then a silent bus, over and over
-PIECE_S = 20
-MOST_GROWTH_KB = 2048
+PIECE_S = 60
+MOST_GROWTH_KB = 1024
 
 
 def resident_kb() -> int:

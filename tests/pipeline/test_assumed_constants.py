@@ -99,7 +99,7 @@ def test_not_available_does_not_take_back_a_constant(group):
         assert said.tobytes() == silent.tobytes()
 
 
-def test_a_controller_that_wakes_with_nothing_is_not_believed():
+def test_a_controller_that_wakes_with_nothing_is_not_used():
     frames = drive()
     third = of(frames, j1939.TP_DT_PGN) & (frames.data & np.uint64(0xFF) == 3) & (seconds(frames) < 30)
     zero = np.uint64(0x0000_FFFF_FFFF_FFFF)  # of the torque's two bytes

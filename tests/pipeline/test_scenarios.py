@@ -107,7 +107,7 @@ def test_an_engine_that_falls_silent_closes_the_gate_as_stale_and_freezes_the_ma
     assert pipeline.gate_counts["stale"] >= gone.sum()
 
 
-def test_an_engine_that_says_not_available_closes_the_gate_as_invalid() -> None:
+def test_an_engine_that_sends_not_available_closes_the_gate_as_invalid() -> None:
     torque = drive()["ActualEngPercentTorque"]
     assert callable(torque)
     _, e = estimate(bus(20, drive(ActualEngPercentTorque=lambda t: torque(t) if t < 10 else None)))

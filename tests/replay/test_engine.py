@@ -13,7 +13,7 @@ from canest.core.errors import LogError
 from canest.core.estimates import Estimates
 from canest.demo import DRIVE
 from canest.logs.truth import Truth
-from canest.offline.replay import compiling_pays, replay
+from canest.offline.replay import ReplayResult, compiling_pays, replay
 from canest.offline.scoring import Reference, Score
 
 DATA = Path(__file__).parents[1] / "data"
@@ -132,7 +132,7 @@ class TestTables:
         assert result.summary["skipped_lines"] == 1
         assert result.summary["gates"]["invalid"] > 0
         assert result.summary["mass_kg"] == pytest.approx(1600, rel=0.08)
-        assert any("garbage" in note for note in result.notes)
+        assert any("garbage" in note for note in result.warnings)
 
     def test_rows_in_reverse_are_the_reason(self, tmp_path):
         path = write_table(tmp_path / "trip.csv")
@@ -206,9 +206,9 @@ class TestBadInput:
         assert result.summary["skipped_lines"] == 3
         assert result.summary["frames"] == clean.summary["frames"]
         assert result.summary["mass_kg"] == clean.summary["mass_kg"]
-        assert any("garbage" in note for note in result.notes)
+        assert any("garbage" in note for note in result.warnings)
 
-    def test_frames_of_wrong_length_are_told(self, tmp_path):
+    def test_frames_of_wrong_length_are_reported(self, tmp_path):
         path = tmp_path / "short.log"
         path.write_text(
             "".join(
@@ -216,16 +216,16 @@ class TestBadInput:
                 for n in range(100)
             )
         )
-        notes = replay(path, self.config).notes
+        notes = replay(path, self.config).warnings
         assert "not decoded: 50 frames of wrong length" in notes
 
-    def test_two_interfaces_in_one_log_are_told_unless_one_is_chosen(self, tmp_path):
+    def test_two_interfaces_in_one_log_are_reported_unless_one_is_chosen(self, tmp_path):
         path = tmp_path / "two.log"
         line = "({:.6f}) can{} 0CF00400#010203040506FFFF\n"
         path.write_text("".join(line.format(10 + n / 100, int(n % 4 == 0)) for n in range(100)))
         told = "2 interfaces taken as one bus: can0 (75 frames), can1 (25 frames); --channel NAME takes one"
-        assert told in replay(path, self.config).notes
-        assert replay(path, self.config, channel="can0").notes == []
+        assert told in replay(path, self.config).warnings
+        assert replay(path, self.config, channel="can0").warnings == []
 
     def test_a_reference_torque_that_nobody_sends_is_the_reason(self, tmp_path):
         config = load_config("kenworth", ["vehicle.reference_torque_Nm=null"])
@@ -257,7 +257,7 @@ class TestBadInput:
         path.write_bytes(KENWORTH.read_bytes()[:-40_000])
         result = replay(path, self.config)
         assert 1000 < result.summary["frames"] < 19957
-        assert any("ends before it should" in note for note in result.notes)
+        assert any("ends before it should" in note for note in result.warnings)
 
     def test_empty_log(self, tmp_path):
         path = tmp_path / "empty.log"
@@ -286,7 +286,7 @@ class TestBadInput:
         path.write_bytes(b"".join(moved + lines[10_000:]))
         result = replay(path, self.config)
         assert result.summary["mass_kg"] is not None
-        assert any("clock set back" in note for note in result.notes)
+        assert any("clock set back" in note for note in result.warnings)
 
     def test_error_and_remote_frames_change_nothing(self, tmp_path):
         lines = log_text()
@@ -303,7 +303,7 @@ class TestBadInput:
 
 def test_samples_that_another_address_owns_are_noted():
     anyone = "signals.vehicle_speed={message: CCVS1, signal: WheelBasedVehicleSpeed}"
-    notes = replay(KENWORTH, load_config("kenworth", [anyone])).notes
+    notes = replay(KENWORTH, load_config("kenworth", [anyone])).warnings
     assert notes == [
         "vehicle_speed comes from several addresses: not used 300 from 0x31; name one with source:"
     ]
@@ -340,3 +340,9 @@ def test_listener_sees_every_sample():
     result = replay(KENWORTH, load_config("kenworth"), listener=lambda s, e: seen.append((len(s), len(e))))
     assert sum(n for n, _ in seen) == result.summary["samples"]
     assert all(a == b for a, b in seen)
+
+
+def test_warnings_under_their_old_name():
+    result = ReplayResult("drive.log", {}, warnings=["ends before it should"])
+    with pytest.warns(DeprecationWarning, match=r"ReplayResult\.warnings"):
+        assert result.notes is result.warnings

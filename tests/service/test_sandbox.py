@@ -38,7 +38,7 @@ def no_inet(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("under_systemd", "reason"), [(True, FORBIDDEN), (False, "this system allows no AF_INET sockets")]
 )
-def test_a_forbidden_multicast_says_what_forbids_it(
+def test_a_forbidden_multicast_names_what_forbids_it(
     monkeypatch: pytest.MonkeyPatch, under_systemd: bool, reason: str
 ) -> None:
     if under_systemd:
@@ -51,7 +51,7 @@ def test_a_forbidden_multicast_says_what_forbids_it(
 
 
 @pytest.mark.usefixtures("no_inet")
-def test_a_forbidden_metrics_port_says_what_forbids_it(
+def test_a_forbidden_metrics_port_names_what_forbids_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("prometheus_client")

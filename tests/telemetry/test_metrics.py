@@ -61,7 +61,7 @@ def answers(port):
     return False
 
 
-def test_who_connects_and_says_nothing_holds_neither_threads_nor_others_up(capfd):
+def test_a_silent_client_holds_neither_threads_nor_others_up(capfd):
     pytest.importorskip("prometheus_client")
     server, before = MetricsServer(free_port(), {}), threading.active_count()
     with contextlib.ExitStack() as idle:

@@ -36,7 +36,7 @@ class Bus:
         return self.sender_rates.faster
 
 
-def test_an_address_that_sends_twice_as_much_is_told_while_it_does():
+def test_an_address_that_sends_twice_as_much_is_reported_while_it_does():
     bus = Bus()
     assert not bus.send(50, 60)
     faster = bus.send(100, 2 * WINDOW_S)
@@ -54,13 +54,13 @@ def test_an_address_that_sends_twice_as_much_is_told_while_it_does():
         [(50, 10), (100, 60)],  # not yet known
     ],
 )
-def test_what_an_honest_sender_does_is_not_told(life):
+def test_a_sender_at_its_own_rate_is_not_reported(life):
     bus = Bus()
     for hz, seconds in life:
         assert not bus.send(hz, seconds)
 
 
-def test_counting_anew_after_a_reload_is_not_told():
+def test_counting_anew_after_a_reload_is_not_reported():
     bus = Bus()
     bus.send(50, 60)
     bus.sender.frames = 0
@@ -98,7 +98,7 @@ def forged_torque(drive, can_id, begin_s, end_s):
     return both[np.argsort(both.t_us, kind="stable")]
 
 
-def test_a_second_sender_of_a_signal_without_a_named_address_is_refused_and_told(
+def test_a_second_sender_of_a_signal_without_a_named_address_is_refused_and_reported(
     tmp_path, drive, monkeypatch
 ):
     settings = config(tmp_path, "signals.engine_torque_pct.source=null", "signals.engine_speed.source=null")

@@ -66,8 +66,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         guest = "guest-2" if shared and item.path.stem == _OTHER_HALF else "guest-1"
         item.stash[_ABROAD] = guest
         guests.setdefault(guest, []).append(item.nodeid)
-    if shared:
-        items.sort(key=lambda item: _ABROAD not in item.stash)  # the longest jobs first
     config.stash[_RUNS] = {guest: testing.GuestRun(config, ids) for guest, ids in guests.items()}
 
 

@@ -147,14 +147,14 @@ def test_checksum_is_the_sum_of_all_other_nibbles_and_the_identifiers(run: Run) 
     assert all(rig.is_sound(can_id, payload) for _, can_id, payload in run.broadcasts)
 
 
-def test_rate_is_never_above_what_the_config_says(run: Run) -> None:
+def test_rate_is_never_above_the_configs(run: Run) -> None:
     """Below it only as far as the machine cannot keep up; how well it can is the live benchmark's to say."""
     times = [t for t, _, _ in run.broadcasts]
     rate_hz = (len(times) - 1) / (times[-1] - times[0])
     assert 2.5 / run.slowness < rate_hz < 5.1
 
 
-def test_address_is_claimed_before_anything_is_said(run: Run) -> None:
+def test_address_is_claimed_before_the_first_broadcast(run: Run) -> None:
     ours = [(t, can_id) for t, can_id, _ in run.dumped if can_id & 0xFF == rig.ADDRESS]
     assert ours[0][1] >> 8 & 0x3FFFF == 0xEE00 | 0xFF  # PGN 60928 to everybody
     first_said_s = run.broadcasts[0][0]

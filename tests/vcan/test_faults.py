@@ -121,7 +121,9 @@ def test_interface_deleted_and_made_anew(
     assert daemon.status()["bus"]["interface_lost"] >= 1
 
 
-def test_silent_bus_is_told_and_is_no_fault(daemon: rig.Daemon, logs: Path, record_property: Record) -> None:
+def test_silent_bus_is_reported_and_is_no_fault(
+    daemon: rig.Daemon, logs: Path, record_property: Record
+) -> None:
     with rig.BroadcastReceiver(BUS) as receiver:
         with rig.playing(BUS, rig.cycle_log(logs)):
             receiver.until(lambda received: received.fresh, 60.0, "an estimate before the silence")

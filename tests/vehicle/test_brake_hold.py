@@ -25,7 +25,7 @@ ACTING = [
 
 @pytest.mark.parametrize(("role", "value"), ACTING)
 @pytest.mark.parametrize("stale", [True, False])
-def test_it_goes_on_until_it_is_heard_again(role: str, value: float, stale: bool) -> None:
+def test_it_goes_on_until_it_is_received_again(role: str, value: float, stale: bool) -> None:
     drive = Drive(None)
     gate = "RETARDER" if "retarder" in role else "BRAKE"
     assert names(drive.go(20, **{role: value})) == {gate}

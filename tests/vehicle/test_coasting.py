@@ -119,7 +119,7 @@ def test_any_cut_gives_the_same():
             np.testing.assert_array_equal(one, other)
 
 
-def test_where_a_released_pedal_stands_for_the_brake_it_tells():
+def test_where_a_released_pedal_stands_for_the_brake_it_marks_coasting():
     signals = {role: value for role, value in DRIVING.items() if not role.startswith("brake")}
     assert not coasts(Drive(signals).go(30, **PARTED)).any()
     drive = Drive(signals, gates={"brake": {"assume_when_pedal_released": True}})
@@ -139,7 +139,7 @@ def test_what_acts_denies_it_though_its_gate_is_disabled(gate):
     assert coasts(drive.go(30, **PARTED)).any()
 
 
-def test_a_speed_that_its_sender_smooths_tells_no_coasting():
+def test_a_speed_that_its_sender_smooths_shows_no_coasting():
     drive = Drive()
     lost = drive.go(30, output_shaft_speed=NAN, **PARTED)
     assert np.isfinite(lost.raw_speed_mps[5:]).all()  # the undriven axle's

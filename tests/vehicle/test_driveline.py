@@ -53,7 +53,7 @@ def test_in_gear_it_is() -> None:
     assert speed(driveline_engaged=told_once) == pytest.approx([8.0] * 2)  # nobody says that it is not
 
 
-def test_where_nothing_has_ever_told_when_the_clutch_is_open_it_is_not() -> None:
+def test_a_clutch_that_was_never_reported_open_is_closed() -> None:
     """As in a config without a clutch's roles: what is mapped and never sent tells no more than that."""
     assert np.isnan(speed(driveline_engaged=math.nan)).all()
     assert speed(driveline_engaged=math.nan, vehicle_speed=8.4) == pytest.approx([8.4] * 2)
@@ -89,7 +89,7 @@ def test_an_engine_that_idles_in_gear_with_its_clutch_open_stands() -> None:
     assert (speed(**idles, vehicle_speed=0.0) == 0.0).all()
 
 
-def test_the_only_speed_needs_someone_who_tells_of_the_clutch() -> None:
+def test_the_only_speed_needs_a_clutch_signal() -> None:
     roles = ["engine_torque", "engine_speed", "gear_ratio"]
     with pytest.raises(ConfigError, match=r"engine_speed is the only speed.*or one of driveline_engaged"):
         speed_roles(*facts(config(roles)))
@@ -101,7 +101,9 @@ def test_the_only_speed_needs_someone_who_tells_of_the_clutch() -> None:
 @pytest.mark.parametrize(
     ("engine_mps", "accel_mps2", "parted"), [(8.0, 0.0, False), (8.8, 0.0, True), (8.3, 1.0, False)]
 )
-def test_without_a_word_of_the_clutch_an_engine_that_differs_tells(engine_mps, accel_mps2, parted) -> None:
+def test_without_a_clutch_signal_a_different_engine_speed_opens_the_driveline(
+    engine_mps, accel_mps2, parted
+) -> None:
     """A road speed that is late by 0.25 s while the truck gains 1 m/s2 is 0.25 m/s behind."""
     t = np.arange(N) * 0.02
     road = 8.0 + accel_mps2 * (t - t[-1])

@@ -13,6 +13,7 @@ import pytest
 from canest.config import parse_config
 from canest.core.errors import ConfigError
 from canest.system.shipped_files import shipped
+from canest.vehicle import effects
 from canest.vehicle.effects import (
     EFFECTS,
     Effect,
@@ -70,7 +71,7 @@ def plugins(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, object]]:
     """Return what the entry points give, to be filled by a test."""
     loaded: dict[str, object] = {}
     skipped = {"broken_drag": "broken:Drag of broken cannot be imported: ImportError: no"}
-    monkeypatch.setattr(effect_registry, "load_plugins", lambda _group: (loaded, skipped))
+    monkeypatch.setattr("canest.core.plugins.load_plugins", lambda _group: (loaded, skipped))
     effect_registry.plugin_effects.cache_clear()
     yield loaded
     effect_registry.plugin_effects.cache_clear()
@@ -141,3 +142,10 @@ def test_known_effects_read_no_metadata() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_model_columns_under_their_old_name() -> None:
+    with pytest.warns(DeprecationWarning, match="ModelColumns"):
+        assert effects.Columns is effects.ModelColumns
+    with pytest.raises(AttributeError, match="Colums"):
+        _ = effects.Colums

@@ -178,7 +178,7 @@ def test_a_larger_wheel_is_faster_and_pulls_less() -> None:
     assert raw.traction_N[1] == pytest.approx(TRACTION_N / 1.02)
 
 
-def test_a_larger_wheel_goes_further_than_the_road_speed_counted_at_it_tells() -> None:
+def test_a_larger_wheel_goes_further_than_the_road_speed_counted_at_it() -> None:
     signals = {"output_shaft_speed": np.nan, "vehicle_speed": V}
     assert process(entry("wheel_radius", factor=1.02), **signals).speed_mps == pytest.approx(1.02 * V)
     assert process(**signals).speed_mps.tolist() == V.tolist()

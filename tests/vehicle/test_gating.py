@@ -138,7 +138,7 @@ def test_speeds_that_all_go_silent_are_stale() -> None:
     assert names(Drive().go(30, stale=speeds)) == {"STALE"}
 
 
-def test_a_ratio_that_goes_silent_is_stale_where_nothing_else_tells_it() -> None:
+def test_a_ratio_that_goes_silent_is_stale_where_nothing_else_gives_it() -> None:
     block = Drive().go(30, stale=["gear_ratio", "gear", "engine_speed"])
     assert names(block) == {"STALE"}
 
@@ -208,7 +208,7 @@ def test_lateral_acceleration_where_there_is_no_yaw_rate() -> None:
     assert names(Drive(signals).go(20, lateral_accel=0.9)) == {"OPEN"}
 
 
-def test_lateral_acceleration_where_the_yaw_rate_is_not_told() -> None:
+def test_lateral_acceleration_where_the_yaw_rate_is_missing() -> None:
     signals = {**DRIVING, "lateral_accel": 0.0}
     assert names(Drive(signals).go(20, yaw_rate=math.nan, lateral_accel=-1.1)) == {"TURNING"}
     assert names(Drive(signals).go(20, lateral_accel=-1.1)) == {"OPEN"}

@@ -155,7 +155,7 @@ def test_where_the_ratio_comes_from(signals: dict[str, Any], ratio: float, gear:
     assert raw.geared[1] == (ratio > 0)
 
 
-def test_a_reported_ratio_of_zero_is_neutral_whatever_its_neighbours_in_the_block_say() -> None:
+def test_a_reported_ratio_of_zero_is_neutral_whatever_its_neighbours_in_the_block() -> None:
     signals = SIGNALS | {"gear_ratio": [0.0, math.nan]}
     del signals["gear"]
     model = LongitudinalModel(model_spec(config(list(signals))))
@@ -192,7 +192,7 @@ def test_speed_falls_back_from_the_finest_to_the_coarsest() -> None:
     assert not raw.usable.any()
 
 
-def test_an_engines_speed_is_none_of_the_vehicle_where_nothing_tells_of_the_clutch() -> None:
+def test_an_engines_speed_is_none_of_the_vehicle_without_a_clutch_signal() -> None:
     speeds = {"output_shaft_speed": np.nan, "engine_speed": rpm(V + 2, RATIO), "vehicle_speed": V + 3}
     assert process(speeds).speed_mps == pytest.approx(V + 3)
     one_gear = {"gear_ratios": {1: 2.0}}
@@ -200,7 +200,7 @@ def test_an_engines_speed_is_none_of_the_vehicle_where_nothing_tells_of_the_clut
 
 
 @pytest.mark.parametrize("off", [0.97, 1.0, 1.03])
-def test_the_road_tells_the_gear_where_no_shaft_does(off: float) -> None:
+def test_the_road_speed_gives_the_gear_where_no_shaft_does(off: float) -> None:
     """Within a tyre's size and a late message; table entries are much further apart."""
     road = {"gear": None, "output_shaft_speed": None, "vehicle_speed": V * off}
     for gear, ratio in {1: 8.0, 2: 4.0, 3: 2.0, 4: 1.0}.items():

@@ -55,7 +55,7 @@ def test_where_there_is_no_step_nothing_is_lost() -> None:
     assert not np.isnan(speed).any()
 
 
-def test_a_speed_that_is_heard_late_for_the_first_time_is_taken_at_once() -> None:
+def test_a_speed_that_first_comes_late_is_taken_at_once() -> None:
     _, taken = chosen(lost(SHAFT, (0, 7)), AXLE, ENGINE)
     assert taken.tolist() == [1] * 7 + [0] * (N - 7)
 
@@ -91,7 +91,7 @@ def test_any_cut_gives_the_same_bits() -> None:
 
 
 @pytest.mark.parametrize("cut", [1, 60, 100, 101, 150, 300])
-def test_what_has_never_been_told_is_not_the_finest(cut: int) -> None:
+def test_a_speed_that_was_never_received_is_not_the_finest(cut: int) -> None:
     choice, found = SpeedChoice(ROLES), []
     speeds = lost(SHAFT, (0, 100), (200, 300)), lost(AXLE, (0, 50)), lost(ENGINE, (0, 20))
     for begin, end in pairwise((0, cut, N)):

@@ -183,7 +183,7 @@ class Canest(Estimator):
             )
         return EstimateBlock(mass, mass_std, grade, grade_std, status)
 
-    def doubts(self) -> str:
+    def contradiction(self) -> str:
         """Return what speaks against the numbers: a mass that presses on its bound, a deaf accelerometer."""
         found = [self._pressed(), _DEAF if self._memory[at.DEAF] > 0.0 else ""]
         return "; ".join(doubt for doubt in found if doubt)

@@ -14,7 +14,7 @@ from math import sqrt
 from typing import Any, ClassVar, Literal
 
 from canest.vehicle.effects.trials import DrivenData, Trial
-from canest.vehicle.working_columns import Columns
+from canest.vehicle.working_columns import ModelColumns
 
 #: where an effect acts, in the order of the model; "sampling" delays the torque, "load" adds mass
 Stage = Literal["sampling", "geometry", "crank", "driveline", "speed", "road", "load"]
@@ -91,7 +91,7 @@ class Effect:
         """Return the quantity that causes it: `cause_quantity`, unless its fields say otherwise."""
         return self.cause_quantity
 
-    def apply(self, c: Columns) -> None:
+    def apply(self, c: ModelColumns) -> None:
         """Change the working columns (in place of their arrays, never inside them)."""
 
     @classmethod
@@ -129,7 +129,7 @@ class Added(Effect):
     column: ClassVar[str]
     sign: ClassVar[float] = 1.0
 
-    def apply(self, c: Columns) -> None:
+    def apply(self, c: ModelColumns) -> None:
         """Add to the column."""
         (parameter,) = self.parameters
         setattr(c, self.column, getattr(c, self.column) + self.sign * getattr(self, parameter))
@@ -141,7 +141,7 @@ class Scaled(Effect):
 
     column: ClassVar[str]
 
-    def apply(self, c: Columns) -> None:
+    def apply(self, c: ModelColumns) -> None:
         """Scale the column."""
         (parameter,) = self.parameters
         setattr(c, self.column, getattr(c, self.column) * getattr(self, parameter))

@@ -11,7 +11,7 @@ from canest.core.frames import BoolColumn
 from canest.core.roles import RADPS_PER_RPM
 from canest.vehicle.effects.base import Added, Effect, Parameter, Scaled, Stage
 from canest.vehicle.effects.trials import DrivenData, Trial
-from canest.vehicle.working_columns import Columns
+from canest.vehicle.working_columns import ModelColumns
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ REGIMES = {"pedal_up": "accelerator", "brake": "brake_switch", "request": "retar
 _WHEN = {"pedal_up": "with the pedal up", "brake": "under the brake", "request": "when it is requested"}
 
 
-def _acts(c: Columns, cause: str, threshold: float = 0.5) -> BoolColumn:
+def _acts(c: ModelColumns, cause: str, threshold: float = 0.5) -> BoolColumn:
     """Return where a regime is on, or a role above a threshold (n,)."""
     if cause == "pedal_up":
         return c.signal("accelerator", missing=100.0) < PEDAL_UP_PCT
@@ -108,7 +108,7 @@ class RetarderUnreported(Effect):
         """Return the role behind the cause."""
         return REGIMES.get(self.cause, self.cause)
 
-    def apply(self, c: Columns) -> None:
+    def apply(self, c: ModelColumns) -> None:
         """Take it off the net torque while the cause is on."""
         c.torque_Nm = c.torque_Nm - self.torque_Nm * _acts(c, self.cause)
 
@@ -156,7 +156,7 @@ class SwitchedLoad(Effect):
         """Return the switching role."""
         return None if self.on_signal is None else REGIMES.get(self.on_signal, self.on_signal)
 
-    def apply(self, c: Columns) -> None:
+    def apply(self, c: ModelColumns) -> None:
         """Take power / speed off the net torque while on."""
         if self.on_signal is None:
             return

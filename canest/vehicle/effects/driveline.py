@@ -9,7 +9,7 @@ import numpy as np
 
 from canest.vehicle.effects.base import Added, Effect, Parameter, Scaled, Stage
 from canest.vehicle.effects.trials import DrivenData, Trial
-from canest.vehicle.working_columns import Columns
+from canest.vehicle.working_columns import ModelColumns
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class DrivelineLoss(Effect):
     loss: float = 0.0
     gear: int | None = None
 
-    def apply(self, c: Columns) -> None:
+    def apply(self, c: ModelColumns) -> None:
         """Scale the efficiency where the gear matches."""
         here = 1.0 if self.gear is None else (c.gear == self.gear)
         c.efficiency = c.efficiency * (1.0 - self.loss * here)
@@ -104,7 +104,7 @@ class WheelSlip(Effect):
     #: mass by which traction becomes an acceleration; None: the geometric mean of the config's bounds
     mass_kg: float | None = None
 
-    def apply(self, c: Columns) -> None:
+    def apply(self, c: ModelColumns) -> None:
         """Take the slip off a speed measured at the driven wheels."""
         mass = c.auxiliary["nominal_mass_kg"] if self.mass_kg is None else self.mass_kg
         traction_N = np.nan_to_num(c.auxiliary["traction_N"])  # a speed is known without any torque

@@ -18,7 +18,7 @@ from typing import Any, get_args, get_type_hints
 
 from canest.core.errors import ConfigError
 from canest.core.nearest_name import expected_name
-from canest.core.plugins import load_plugins
+from canest.core.plugins import usable_plugins
 from canest.vehicle.effects.base import Effect, Parameter
 from canest.vehicle.effects.crank import (
     RetarderUnreported,
@@ -111,16 +111,7 @@ def effect_from_config(entry: Mapping[str, Any], where: str = "effects") -> Effe
 @cache
 def plugin_effects() -> tuple[dict[str, type[Effect]], dict[str, str]]:
     """Return the effects of other packages by name, and those that were skipped: name -> why."""
-    loaded, skipped = load_plugins(EFFECTS_GROUP)
-    usable: dict[str, type[Effect]] = {}
-    skipped = dict(skipped)
-    for name, cls in loaded.items():
-        reason = unfit(name, cls)
-        if reason:
-            skipped[name] = reason
-        elif isinstance(cls, type):
-            usable[name] = cls
-    return usable, skipped
+    return usable_plugins(EFFECTS_GROUP, unfit)
 
 
 def unfit(name: str, cls: object) -> str:

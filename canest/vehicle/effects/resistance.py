@@ -10,7 +10,7 @@ import numpy as np
 from canest.core.samples import GRAVITY_MPS2
 from canest.vehicle.effects.base import Added, Effect, Parameter
 from canest.vehicle.effects.trials import DrivenData, Trial
-from canest.vehicle.working_columns import Columns
+from canest.vehicle.working_columns import ModelColumns
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class RollingResistanceSpeed(Effect):
     parameters: ClassVar[dict[str, Parameter]] = {"crr_per_mps": Parameter("s/m", 0.0, -0.002, 0.005, 2e-5)}
     crr_per_mps: float = 0.0
 
-    def apply(self, c: Columns) -> None:
+    def apply(self, c: ModelColumns) -> None:
         """Add to mu in proportion to speed."""
         c.mu = c.mu + self.crr_per_mps * c.speed_mps
 
@@ -122,7 +122,7 @@ class RollingResistanceTemperature(Effect):
         """Return the ambient temperature's role."""
         return "ambient_temperature"
 
-    def apply(self, c: Columns) -> None:
+    def apply(self, c: ModelColumns) -> None:
         """Add to mu; nothing while the temperature is not known."""
         below = ROLLING_REFERENCE_DEGC - c.signal("ambient_temperature", missing=ROLLING_REFERENCE_DEGC)
         c.mu = c.mu + self.crr_per_K * below
@@ -153,7 +153,7 @@ class RollingWarmup(Effect):
     crr_cold: float = 0.0
     tau_s: float = 300.0
 
-    def apply(self, c: Columns) -> None:
+    def apply(self, c: ModelColumns) -> None:
         """Add to mu, decaying with the time since the start."""
         c.mu = c.mu + self.crr_cold * np.exp(-c.elapsed_s / self.tau_s)
 
@@ -206,6 +206,6 @@ class CorneringDrag(Effect):
         """Return the yaw rate's role."""
         return "yaw_rate"
 
-    def apply(self, c: Columns) -> None:
+    def apply(self, c: ModelColumns) -> None:
         """Add to mu: like rolling resistance it is a force in proportion to mass."""
         c.mu = c.mu + self.coefficient_s2pm / GRAVITY_MPS2 * (c.speed_mps * c.signal("yaw_rate")) ** 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from canest.vehicle.effects import Columns, Effect, Parameter
+from canest.vehicle.effects import Effect, ModelColumns, Parameter
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class TrailerDrag(Effect):
         """Return the role that says whether a trailer is attached."""
         return self.on_signal
 
-    def apply(self, c: Columns) -> None:
+    def apply(self, c: ModelColumns) -> None:
         """Add to the drag area while the trailer is attached; nothing while nobody knows."""
         c.drag_area_m2 = c.drag_area_m2 + self.cda_delta_m2 * c.on(self.on_signal)
 

@@ -11,6 +11,7 @@ from typing import Literal
 
 import pytest
 
+from guest.bytecode import write_bytecode
 from guest.machine import Guest, GuestError
 
 #: From boot to the end of the last test; the guest is killed past it.
@@ -71,6 +72,7 @@ class GuestRun:
         if self._failed:
             raise self._failed
         if self._guest is None:
+            write_bytecode(self._config.rootpath, _INSIDE)
             command = [sys.executable, "-m", "pytest", "-v", "-o", "addopts=", "--strict-markers"]
             command += ["-p", "no:cacheprovider", "-o", "faulthandler_timeout=90", *self._node_ids]
             # No plugin of the host's environment is needed, and importing one costs seconds in emulation.

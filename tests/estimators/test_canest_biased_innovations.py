@@ -1,4 +1,4 @@
-"""What tells nothing of the mass: innovations that lean to one side."""
+"""Innovations with a bias move no mass."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def around_a_window(bias: float):
 
 
 @pytest.mark.parametrize("bias", [0.51, -0.51, 1.4])
-def test_innovations_that_lean_move_the_grade_and_no_mass(bias):
+def test_innovations_with_a_bias_move_the_grade_and_no_mass(bias):
     for (u, u_var, grade), (u_after, u_var_after, grade_after) in around_a_window(bias):
         assert u_after == u
         assert u_var_after >= u_var  # less a drift of the load by the metre
