@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import math
+from typing import NamedTuple
 
 from canest.core.samples import VehicleFacts
 
@@ -47,7 +46,9 @@ class Driver(NamedTuple):
     response_m: float = 1000.0  #: its correlation length
     scatter_share: float = 1.0  #: std of one answer, as a share of the answer
     most_1pm: float = 2.5e-4  #: no road answers faster: change of the grade per metre
-    usual_1pm: float = 3e-4  #: changes of the force beyond what this asks for in a second are the driver's own
+    usual_1pm: float = (
+        3e-4  #: changes of the force beyond what this asks for in a second are the driver's own
+    )
     usual_mps2: float = 0.02  #: and beyond this, whatever the road
     weight: float = 2.0  #: weight of that evidence per second of driving, in windows
 
@@ -58,9 +59,9 @@ class Load(NamedTuple):
     stop_s: float = 130.0  #: mean standing time after which it has changed
     least_stop_s: float = 3.0  #: in a shorter stop nobody loads
     creep_m: float = 10.0  #: a vehicle that has moved less still stands
-    moving_probability: float = 0.01  #: that it has changed in motion, taken again at each challenge
-    drift_probability: float = 0.02  #: that it drifts (spreading, leaking, snow), likewise
-    settle_probability: float = 0.2  #: that a drift has ended, likewise
+    moving_probability: float = 0.015  #: that it has changed in motion, taken again at each challenge
+    drift_probability: float = 0.3  #: that it drifts (spreading, leaking, snow), likewise
+    settle_probability: float = 0.1  #: that a drift has ended, likewise
     drift_per_rts: float = 3e-3  #: drift of the inverse mass, a share of it per root of a second
     drifted_share: float = 0.05  #: what it may have drifted by before it is noticed, std
     challenge_s: float = 8.0  #: open gates between two challenges

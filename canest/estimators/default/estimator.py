@@ -22,6 +22,7 @@ from canest.estimators.default.noise import Levels
 from canest.estimators.default.report import LEAD_1PM, Report
 from canest.estimators.default.sensors import Scratch
 from canest.estimators.default.windows import SHIFT, Windows
+from canest.estimators.description import Description
 from canest.estimators.options import Options, parse
 from canest.estimators.status import StatusTracker
 
@@ -33,7 +34,9 @@ _NODES = 48
 _STEEPEST = 0.33
 #: without samples for so long nothing is known to be as it was, s
 _SILENCE_S = 5.0
-_FAULTY = "the accelerometer does not follow the speed's acceleration, and is not used: another unit, sign or axis?"
+_FAULTY = (
+    "the accelerometer does not follow the speed's acceleration, and is not used: another unit, sign or axis?"
+)
 
 
 class GaussianSumOptions(Options):
@@ -43,6 +46,14 @@ class GaussianSumOptions(Options):
 class GaussianSum(Estimator):
     """Mass and grade as a sum of normal densities over the inverse mass (docs/theory.md)."""
 
+    descriptions = (
+        Description(
+            "canest-next",
+            "sum of Kalman filters over the inverse mass, one per hypothesis of load, road and driver",
+            "this project, to become the default (docs/theory.md)",
+            options=GaussianSumOptions,
+        ),
+    )
     constants: Constants = CONSTANTS
 
     def __init__(self, name: str, facts: VehicleFacts, options: Mapping[str, Any] | None = None) -> None:

@@ -14,8 +14,12 @@ from canest.core import jit
 from canest.estimators.default.model import MODES, U
 from canest.estimators.default.predict import Matrix, Vector, reset
 
-#: a mode less probable than this is left out until the next exchange, a load until the next challenge
+#: a mode less probable than this, its load's probability counted, is left out until the next exchange
 PRUNE = 1e-4
+#: a load less probable than this is left out until the next challenge
+PRUNE_LOAD = 1e-4
+#: least variance of an inverse mass, against rounding, 1/kg2
+_LEAST_VARIANCE = 1e-24
 #: loads are merged where that loses less than this, in nats
 MERGE = 0.02
 
@@ -68,7 +72,15 @@ def join(x: Vector, P: Matrix, weight: float, y: Vector, R: Matrix, other: float
 
 @jit.kernel
 def exchange(
-    filters: Filters, k: int, a: int, b: int, a_to_b: float, b_to_a: float, state: int, variance: float, room: Room
+    filters: Filters,
+    k: int,
+    a: int,
+    b: int,
+    a_to_b: float,
+    b_to_a: float,
+    state: int,
+    variance: float,
+    room: Room,
 ) -> None:
     """Let modes a and b of load k exchange probability; `state` lives in b, with a prior variance."""
     mode = filters.mode[k]
@@ -91,8 +103,8 @@ def exchange(
 
 
 @jit.kernel
-def weigh_modes(mode: Vector, found: Vector) -> float:
-    """Weigh the modes of a load by their log likelihoods; return that of the load."""
+def weigh_modes(mode: Vector, found: Vector, weight: float) -> float:
+    """Weigh the modes of a load of this weight by their log likelihoods; return that of the load."""
     top = -math.inf
     for m in range(MODES):
         if mode[m] > 0.0:
@@ -102,9 +114,9 @@ def weigh_modes(mode: Vector, found: Vector) -> float:
         if mode[m] > 0.0:
             mode[m] *= math.exp(found[m] - top)
             total += mode[m]
-    kept = 0.0
+    kept, least = 0.0, min(PRUNE / weight, 0.05)
     for m in range(MODES):
-        mode[m] = mode[m] / total if mode[m] >= PRUNE * total else 0.0
+        mode[m] = mode[m] / total if mode[m] >= least * total else 0.0
         kept += mode[m]
     for m in range(MODES):
         mode[m] /= kept
@@ -126,7 +138,7 @@ def weigh_loads(weight: Vector, pending: Vector) -> None:
         pending[k] = 0.0
     kept = 0.0
     for k in range(len(weight)):
-        weight[k] = weight[k] / total if weight[k] >= PRUNE * total else 0.0
+        weight[k] = weight[k] / total if weight[k] >= PRUNE_LOAD * total else 0.0
         kept += weight[k]
     for k in range(len(weight)):
         weight[k] /= kept
@@ -142,7 +154,7 @@ def moments_of_u(filters: Filters, k: int) -> tuple[float, float]:
             u = filters.x[k][m][U]
             mean += mode[m] * u
             square += mode[m] * (u * u + filters.P[k][m][U][U])
-    return mean, square - mean * mean
+    return mean, max(square - mean * mean, _LEAST_VARIANCE)
 
 
 @jit.kernel

@@ -115,7 +115,9 @@ def own_torque(fast_N: float, u: float, speed_mps: float, c: Constants) -> float
 
 
 @jit.kernel
-def change_modes(filters: Filters, metres: float, driven_m: float, u: float, c: Constants, v: Vehicle, room: Room) -> None:
+def change_modes(
+    filters: Filters, metres: float, driven_m: float, u: float, c: Constants, v: Vehicle, room: Room
+) -> None:
     """Let wind, curvature and response fade, and modes exchange probability.
 
     metres: since the last exchange of the road's modes (0: none now). driven_m: of the driver's, likewise.
@@ -126,7 +128,7 @@ def change_modes(filters: Filters, metres: float, driven_m: float, u: float, c: 
     alike = math.exp(-metres / driver.response_m)
     switch = 1.0 - math.exp(-driven_m / driver.switch_m)
     curvature_var, response_var = road.curvature_1pm * road.curvature_1pm, v.response * v.response
-    wind_var = (v.wind_mps * u) ** 2
+    wind_var = v.wind_mps * u * v.wind_mps * u
     answers, frees = switch * driver.answered_share, switch * (1.0 - driver.answered_share)
     for k in range(len(filters.weight)):
         if filters.weight[k] <= 0.0:
@@ -138,17 +140,23 @@ def change_modes(filters: Filters, metres: float, driven_m: float, u: float, c: 
                     decay(x, P, WIND, calm, wind_var * (1.0 - calm * calm))
                     if m >= STRAIGHT_ANSWERED:
                         decay(x, P, RESPONSE, alike, response_var * (1.0 - alike * alike))
-                    if m == CURVED_FREE or m == CURVED_ANSWERED:
+                    if m in (CURVED_FREE, CURVED_ANSWERED):
                         decay(x, P, CURVATURE, bent, curvature_var * (1.0 - bent * bent))
             exchange(filters, k, STRAIGHT_FREE, CURVED_FREE, bends, ends, CURVATURE, curvature_var, room)
-            exchange(filters, k, STRAIGHT_ANSWERED, CURVED_ANSWERED, bends, ends, CURVATURE, curvature_var, room)
+            exchange(
+                filters, k, STRAIGHT_ANSWERED, CURVED_ANSWERED, bends, ends, CURVATURE, curvature_var, room
+            )
         if driven_m > 0.0:
-            exchange(filters, k, STRAIGHT_FREE, STRAIGHT_ANSWERED, answers, frees, RESPONSE, response_var, room)
+            exchange(
+                filters, k, STRAIGHT_FREE, STRAIGHT_ANSWERED, answers, frees, RESPONSE, response_var, room
+            )
             exchange(filters, k, CURVED_FREE, CURVED_ANSWERED, answers, frees, RESPONSE, response_var, room)
 
 
 @jit.kernel
-def step_all(filters: Filters, found: Any, scratch: Scratch, w: Window, common: Common, c: Constants) -> Innovations:
+def step_all(
+    filters: Filters, found: Any, scratch: Scratch, w: Window, common: Common, c: Constants
+) -> Innovations:
     """Take a window into every hypothesis, weigh the modes; return the mean innovations.
 
     found: scratch, one per mode. The loads' log likelihoods gather until a gate opens.
@@ -168,8 +176,20 @@ def step_all(filters: Filters, found: Any, scratch: Scratch, w: Window, common: 
                 nis += share * one.nis
                 speed_surplus += share * one.speed_surplus
                 sensed_surplus += share * one.sensed_surplus
-        filters.pending[k] += c.noise.power * weigh_modes(mode, found)
+        filters.pending[k] += c.noise.power * weigh_modes(mode, found, weight)
     return Innovations(nis, speed_surplus, sensed_surplus)
+
+
+@jit.kernel
+def live(filters: Filters) -> float:
+    """Return how many densities are alive."""
+    count = 0.0
+    for k in range(len(filters.weight)):
+        if filters.weight[k] > 0.0:
+            for m in range(MODES):
+                if filters.mode[k][m] > 0.0:
+                    count += 1.0
+    return count
 
 
 @jit.kernel
@@ -229,9 +249,18 @@ def run(
         fast_N = w.traction_N - slow_N
         slow_N += WINDOW_S * fast_N
         unseen = p.unseen + 1.0
-        sees = not math.isnan(w.sensed_mps2) and comparison.faulty == 0.0 and not still and unseen >= _SEE_EVERY
+        sees = (
+            not math.isnan(w.sensed_mps2) and comparison.faulty == 0.0 and not still and unseen >= _SEE_EVERY
+        )
         swing = c.noise.swing_mpN * u * w.rotating_kg
-        levers = Levers(u, calm, levels.speed_var + swing * swing * levels.ringing_N2, levels.sensed_var)
+        levers = Levers(
+            u,
+            calm,
+            v.least_u,
+            v.most_u,
+            levels.speed_var + swing * swing * levels.ringing_N2,
+            levels.sensed_var,
+        )
         moved = w.traction_N - w.before_N
         drift = c.load.drift_per_rts * u
         common = Common(
@@ -248,7 +277,7 @@ def run(
                 merge_alike(filters, means, variances, room.d)
         changed_N = w.traction_N if begins else moved
         levels = follow(levels, innovations, changed_N, is_open, sees, c.noise, v)
-        given = report(filters, given, standing, nodes, metres, begins, c, v)
+        given = report(filters, given, nodes, metres, begins, c, v)
         p = Progress(
             mixed_m if road_m == 0.0 else 0.0, driven_m if driver_m == 0.0 else 0.0,
             before + 1.0 if is_open else 0.0, calm, slow_N, w.force_N,
@@ -261,4 +290,5 @@ def run(
         row[OUT_VAR] = given.mass_var + unknown_load_var(given.mass_kg, standing, c, v)
         row[OUT_GRADE], row[OUT_GRADE_VAR], row[OUT_BEND] = given.grade, given.grade_var, given.slope_1pm
         row[OUT_LEARNED], row[OUT_SPEED] = p.learned, max(w.speed_mps, 0.0)
+        row[OUT_LIVE] = live(filters)
     return Carried(p, standing, levels, comparison, given)

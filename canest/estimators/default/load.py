@@ -12,7 +12,14 @@ from typing import Any, NamedTuple
 
 from canest.core import jit
 from canest.estimators.default.constants import Constants, Load, Vehicle
-from canest.estimators.default.hypotheses import Filters, Room, copy_density, merge_loads, moments_of_u, most_probable
+from canest.estimators.default.hypotheses import (
+    Filters,
+    Room,
+    copy_density,
+    merge_loads,
+    moments_of_u,
+    most_probable,
+)
 from canest.estimators.default.model import (
     BIAS,
     CURVATURE,
@@ -23,7 +30,9 @@ from canest.estimators.default.model import (
     LAG,
     MODES,
     PITCH,
+    RESPONSE,
     SLIP,
+    STRAIGHT_ANSWERED,
     WIND,
     WINDUP,
     Q,
@@ -65,12 +74,14 @@ def changed_probability(seconds: float, load: Load) -> float:
 
 @jit.kernel
 def new_density(
-    filters: Filters, base: int, k: int, m: int, u: float, u_std: float, known_u: float, loosened: float,
-    prior_var: Any, moving: bool, rotating_kg: float,
+    filters: Filters, base: int, like: int, k: int, m: int, u: float, u_std: float, known_u: float,
+    loosened: float, prior_var: Any, moving: bool, rotating_kg: float,
 ) -> None:  # fmt: skip
-    """Make mode m of load k like that of the base, for another inverse mass u."""
+    """Make mode m of load k like the mode `like` of the base, for another inverse mass u."""
     x, P = filters.x[k][m], filters.P[k][m]
-    copy_density(filters.x[base][m], filters.P[base][m], x, P)
+    copy_density(filters.x[base][like], filters.P[base][like], x, P)
+    if like != m:
+        reset(x, P, RESPONSE, 0.0, 0.0)
     reset(x, P, U, u, u_std * u_std)
     ratio = u / known_u
     n = len(x)
@@ -83,12 +94,12 @@ def new_density(
                 P[j][state] *= ratio
     for state in _LOOSENED:
         if state < n:
-            unit = 1.0 if state == BIAS or state == PITCH else u * u
+            unit = 1.0 if state in (BIAS, PITCH) else u * u
             P[state][state] += loosened * prior_var[state] * unit
     if moving:  # the base may have taken the change of the load for one of the road
         x[Q] *= (1.0 + u * rotating_kg) / (1.0 + known_u * rotating_kg)
         P[GRADE][GRADE] += prior_var[GRADE]
-        if m == CURVED_FREE or m == CURVED_ANSWERED:
+        if m in (CURVED_FREE, CURVED_ANSWERED):
             P[CURVATURE][CURVATURE] += prior_var[CURVATURE]
     else:
         reset(x, P, Q, x[Q], _UNKNOWN_Q)
@@ -126,10 +137,19 @@ def open_load(
             u = centres[j]
             std = c.load.spread * u * spacing
             for m in range(MODES):
-                filters.mode[k][m] = filters.mode[base][m]
-                if filters.mode[k][m] > 0.0:
+                mode, like = filters.mode[base][m], m
+                if moving:  # what the base takes for an answer of the road may be the new load
+                    answered = m + STRAIGHT_ANSWERED
+                    if m >= STRAIGHT_ANSWERED:
+                        mode = 0.0
+                    else:
+                        if mode <= 0.0:
+                            like = answered
+                        mode += filters.mode[base][answered]
+                filters.mode[k][m] = mode
+                if mode > 0.0:
                     new_density(
-                        filters, base, k, m, u, std, known_u, loosened, prior_var, moving, rotating_kg
+                        filters, base, like, k, m, u, std, known_u, loosened, prior_var, moving, rotating_kg
                     )
             weight[k], filters.pending[k], filters.drifting[k] = probability / len(centres), 0.0, 0.0
             j += 1

@@ -52,7 +52,13 @@ def surplus(e: float, s: float, r: float, noise: Noise) -> float:
 
 @jit.kernel
 def follow(
-    levels: Levels, found: Innovations, changed_N: float, is_open: bool, sees: bool, noise: Noise, vehicle: Vehicle
+    levels: Levels,
+    found: Innovations,
+    changed_N: float,
+    is_open: bool,
+    sees: bool,
+    noise: Noise,
+    vehicle: Vehicle,
 ) -> Levels:
     """Return the levels after a window. changed_N: of the traction. sees: the accelerometer was used."""
     speed_var, sensed_var, ringing, windows, nis_sum = levels

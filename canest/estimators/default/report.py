@@ -52,7 +52,7 @@ def left_out(weight: Any) -> float:
 
 @jit.kernel
 def summed_mixture(filters: Filters, nodes: Any, least: float, power: float) -> tuple[float, float]:
-    """Return mean and variance of 1/u over the nodes (uniform in log u); a mean of zero where all is beyond."""
+    """Return mean and variance of 1/u over the nodes (uniform in log u); zeros where all is beyond."""
     total = first = second = 0.0
     for node in nodes:
         density = 0.0
@@ -65,20 +65,22 @@ def summed_mixture(filters: Filters, nodes: Any, least: float, power: float) -> 
                         off = node - filters.x[k][m][U]
                         distance = off * off / variance
                         if distance < 40.0:
-                            density += filters.weight[k] * mode[m] * math.exp(-0.5 * distance) / math.sqrt(variance)
+                            density += (
+                                filters.weight[k] * mode[m] * math.exp(-0.5 * distance) / math.sqrt(variance)
+                            )
         density *= node
         total += density
         first += density / node
         second += density / (node * node)
     if total <= 0.0:
         return 0.0, 0.0
-    return first / total, max(second / total - (first / total) ** 2, 0.0)
+    mean = first / total
+    return mean, max(second / total - mean * mean, 0.0)
 
 
 @jit.kernel
 def report(
-    filters: Filters, before: Report, standing: Standing, nodes: Any, metres: float, begins: bool, c: Constants,
-    vehicle: Vehicle,
+    filters: Filters, before: Report, nodes: Any, metres: float, begins: bool, c: Constants, vehicle: Vehicle,
 ) -> Report:  # fmt: skip
     """Return what is reported after a window."""
     power, least = c.noise.power, left_out(filters.weight)
@@ -104,7 +106,8 @@ def report(
     u1 /= total
     u2 /= total
     g1 /= total
-    spread = max(u2 - u1 * u1, 0.0) / (u1 * u1)
+    scale = max(u1, 0.1 * vehicle.least_u)
+    spread = max(u2 - u1 * u1, 0.0) / (scale * scale)
     windows = before.windows - 1.0
     if spread < _WIDE * _WIDE and vehicle.least_u < u1 < vehicle.most_u:
         mass = (1.0 + spread) / u1
@@ -137,4 +140,6 @@ def unknown_load_var(mass: float, standing: Standing, c: Constants, vehicle: Veh
     least, most = 1.0 / vehicle.most_u, 1.0 / vehicle.least_u
     width = math.log(most / least)
     mean, square = (most - least) / width, 0.5 * (most * most - least * least) / width
-    return probability * (square - 2.0 * mass * mean + mass * mass)
+    spread: float = square - 2.0 * mass * mean + mass * mass
+    var: float = probability * spread
+    return var

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2
@@ -55,19 +55,30 @@ class Levers(NamedTuple):
 
     mean_u: float  #: inverse mass, mean of all
     calm_mps: float  #: slow speed: an instrument for levers, whose noise must not meet that of the innovation
+    least_u: float  #: bounds of the inverse mass
+    most_u: float
     speed_var: float  #: variance of a speed, oscillation of the driveline included
     sensed_var: float
 
 
 @jit.kernel
-def begin_balance(x: Vector, P: Matrix, scratch: Scratch, w: Window, c: Levers, began_mps: float, noise: Noise) -> None:
+def bounded_u(x: Vector, c: Levers) -> float:
+    """Return the inverse mass of a density, within the bounds of the vehicle."""
+    u: float = min(max(x[U], c.least_u), c.most_u)
+    return u
+
+
+@jit.kernel
+def begin_balance(
+    x: Vector, P: Matrix, scratch: Scratch, w: Window, c: Levers, began_mps: float, noise: Noise
+) -> None:
     """Begin a balance of momentum with the speed before the window."""
-    u = x[U]
+    u = bounded_u(x, c)
     whole, mean_whole = 1.0 + u * w.rotating_kg, 1.0 + c.mean_u * w.rotating_kg
     reset(x, P, Q, w.before_mps * whole, 100.0)
     h = scratch.h
     h[0] = 1.0
-    h[1] = (w.before_N + half_delay_s(x) * w.before_Nps) * mean_whole
+    h[1] = (w.before_N + half_delay_s(x, u) * w.before_Nps) * mean_whole
     h[2] = began_mps * w.before_N * mean_whole
     h[3] = w.before_Nps
     h[4] = -w.rotating_kg * began_mps
@@ -81,16 +92,18 @@ def speed(x: Vector, P: Matrix, scratch: Scratch, w: Window, c: Levers, noise: N
 
     v measured = v + delta T + sigma v T + gamma dT/dt, with delta, sigma, gamma times u.
     """
-    u = x[U]
+    u = bounded_u(x, c)
     whole, mean_whole = 1.0 + u * w.rotating_kg, 1.0 + c.mean_u * w.rotating_kg
     h = scratch.h
     h[0] = 1.0
-    h[1] = (w.traction_N + half_delay_s(x) * w.traction_Nps) * mean_whole
+    h[1] = (w.traction_N + half_delay_s(x, u) * w.traction_Nps) * mean_whole
     h[2] = c.calm_mps * w.traction_N * mean_whole
     h[3] = w.traction_Nps
     h[4] = -w.rotating_kg * c.calm_mps
     z = w.speed_mps + w.rotating_kg * (w.speed_mps - c.calm_mps) * u
-    e, s = condition_on(x, P, _SPEED, h, z, speed_noise(w, c, noise) * whole * whole, noise.outlier, scratch.K)
+    e, s = condition_on(
+        x, P, _SPEED, h, z, speed_noise(w, c, noise) * whole * whole, noise.outlier, scratch.K
+    )
     return e / whole, s / (whole * whole)
 
 
@@ -102,9 +115,10 @@ def speed_noise(w: Window, c: Levers, noise: Noise) -> float:
 
 
 @jit.kernel
-def half_delay_s(x: Vector) -> float:
+def half_delay_s(x: Vector, u: float) -> float:
     """Return half of the remaining delay: its lever is the traction halfway through it."""
-    return 0.5 * min(max(x[DELAY] / x[U], -_LONGEST_DELAY_S), _LONGEST_DELAY_S)
+    half: float = 0.5 * min(max(x[DELAY] / u, -_LONGEST_DELAY_S), _LONGEST_DELAY_S)
+    return half
 
 
 @jit.kernel
@@ -122,8 +136,9 @@ def accelerometer(
     r = c.sensed_var
     if w.open == 0.0:
         jerk = (w.accel_mps2 - accel_before) / WINDOW_S
-        u = x[U]
-        r += (u * slip * prior.slip_per_mps2) ** 2 + (jerk * prior.lag_s) ** 2
+        u = bounded_u(x, c)
+        slipped, late = u * slip * prior.slip_per_mps2, jerk * prior.lag_s
+        r += slipped * slipped + late * late
         r += _CLOSED_NOISE * w.accel_mps2 * w.accel_mps2
         rate = slip = 0.0
     h = scratch.h
@@ -150,13 +165,20 @@ def altitude(
 
 @jit.kernel
 def closed_balance(
-    x: Vector, P: Matrix, scratch: Scratch, w: Window, c: Levers, closed: Closed, roll_share: float, noise: Noise
+    x: Vector,
+    P: Matrix,
+    scratch: Scratch,
+    w: Window,
+    c: Levers,
+    closed: Closed,
+    roll_share: float,
+    noise: Noise,
 ) -> None:
     """Update all but the mass with a = u (F - J a) - g mu - g theta - c omega, where a gate hides a force.
 
     The gate is a retarder of known force, a bend, or the dwell after another gate.
     """
-    hidden = closed.force_share * x[U] * w.force_N
+    hidden = closed.force_share * bounded_u(x, c) * w.force_N
     r = 2.0 * c.speed_var / (WINDOW_S * WINDOW_S)
     if w.retarding > 0.0:
         r += 25.0 * hidden * hidden
@@ -190,7 +212,8 @@ def coasting(
     h = scratch.h
     h[0], h[1], h[2], h[3] = GRAVITY_MPS2, -GRAVITY_MPS2 * back_m, w.drag_N_per_mps, lever
     e, s = condition_on(x, P, _COASTED, h, z, r, noise.outlier, scratch.K)
-    return log_likelihood(e, s, noise.outlier)
+    found: float = log_likelihood(e, s, noise.outlier)
+    return found
 
 
 @jit.kernel

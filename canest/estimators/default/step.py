@@ -27,6 +27,7 @@ from canest.estimators.default.sensors import (
     accelerometer,
     altitude,
     begin_balance,
+    bounded_u,
     closed_balance,
     coasting,
     has_coasted,
@@ -64,14 +65,16 @@ class Found(NamedTuple):
 
 
 @jit.kernel
-def predict(x: Vector, P: Matrix, m: int, drifting: bool, s: Scratch, w: Window, c: Common, k: Constants) -> None:
+def predict(
+    x: Vector, P: Matrix, m: int, drifting: bool, s: Scratch, w: Window, c: Common, k: Constants
+) -> None:
     """Predict the road, the load and the height; the momentum follows where the gates are open."""
     if drifting:
         P[U][U] += c.drift_var
     if c.height_known:
         P[HEIGHT][HEIGHT] += k.road.height_wander_m2ps * (WINDOW_S + w.gap_s)
     if c.metres > 0.0:
-        curved = m == CURVED_FREE or m == CURVED_ANSWERED
+        curved = m in (CURVED_FREE, CURVED_ANSWERED)
         travel(x, P, s.h, s.K, c.metres, curved, c.height_known, k.road.roughness_1pm)
     if c.answers_kg != 0.0 and m >= STRAIGHT_ANSWERED:
         scatter = k.driver.scatter_share * c.levers.mean_u * c.answers_kg
@@ -97,15 +100,18 @@ def balance(x: Vector, P: Matrix, s: Scratch, w: Window, c: Common, k: Constants
 
 
 @jit.kernel
-def step(x: Vector, P: Matrix, m: int, drifting: bool, s: Scratch, w: Window, c: Common, k: Constants) -> Found:
+def step(
+    x: Vector, P: Matrix, m: int, drifting: bool, s: Scratch, w: Window, c: Common, k: Constants
+) -> Found:
     """Take one window into the density (x, P) of mode m."""
     predict(x, P, m, drifting, s, w, c, k)
     found = c.own_torque if m >= STRAIGHT_ANSWERED else 0.0
     nis = speed_surplus = sensed_surplus = 0.0
     motion = w.accel_mps2
     if w.open > 0.0:
-        driven = x[U] * w.force_N - w.roll_mps2 - GRAVITY_MPS2 * x[GRADE] - w.drag_N_per_mps * x[WIND]
-        motion = driven / (1.0 + x[U] * w.rotating_kg)
+        u = bounded_u(x, c.levers)
+        driven = u * w.force_N - w.roll_mps2 - GRAVITY_MPS2 * x[GRADE] - w.drag_N_per_mps * x[WIND]
+        motion = driven / (1.0 + u * w.rotating_kg)
         likelihood, nis, speed_surplus, _ = balance(x, P, s, w, c, k)
         found += likelihood
     elif w.retarding > 0.0 or w.coarse > 0.0:
