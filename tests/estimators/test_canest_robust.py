@@ -1,4 +1,4 @@
-"""`canest` gives the same bits however the samples are cut, and never a number nobody should believe."""
+"""The project's own estimators: the same bits however the samples are cut, and never a number out of bounds."""
 
 from __future__ import annotations
 
@@ -21,6 +21,8 @@ from .momentum import FACTS, trip
 
 NAMES = [f.name for f in fields(EstimateBlock)]
 STATED = replace(FACTS, initial_mass_kg=15_000.0)
+SENSED = replace(FACTS, has_accelerometer=True)
+OWN = pytest.mark.parametrize("own", ["canest", "canest-next"])
 
 
 @cache
@@ -44,8 +46,8 @@ def columns(parts):
 
 
 @cache
-def whole():
-    return columns([create("canest", FACTS).update(rough())])
+def whole(own):
+    return columns([create(own, SENSED).update(rough())])
 
 
 def assert_same(a, b):
@@ -53,37 +55,41 @@ def assert_same(a, b):
         np.testing.assert_array_equal(a[name], b[name], err_msg=name)
 
 
+@OWN
 @settings(max_examples=20, deadline=None)
 @given(edges=st.lists(st.integers(0, 3000), max_size=12))
-def test_any_cut_gives_the_same_bits(edges):
-    block, estimator = rough(), create("canest", FACTS)
+def test_any_cut_gives_the_same_bits(own, edges):
+    block, estimator = rough(), create(own, SENSED)
     bounds = [0, *sorted(edges), len(block)]
     parts = [estimator.update(block[a:b]) for a, b in pairwise(bounds)]
-    assert_same(columns(parts), whole())
+    assert_same(columns(parts), whole(own))
 
 
-def test_tick_by_tick_gives_the_same_bits():
-    block, estimator = rough(), create("canest", FACTS)
+@OWN
+def test_tick_by_tick_gives_the_same_bits(own):
+    block, estimator = rough(), create(own, SENSED)
     parts = [estimator.update(block[i : i + 1]) for i in range(len(block))]
-    assert_same(columns(parts), whole())
+    assert_same(columns(parts), whole(own))
 
 
-def test_an_accelerometer_first_received_after_a_long_stop_gives_the_same_bits():
+@OWN
+def test_an_accelerometer_first_received_after_a_long_stop_gives_the_same_bits(own):
     block = trip(75, accelerometer=True, stops=[(15, 50)]).block
     block = replace(block, ax_ok=block.ax_ok & (np.arange(len(block)) >= 3000))
-    estimator = create("canest", FACTS)
+    estimator = create(own, SENSED)
     parts = [estimator.update(block[i : i + 10]) for i in range(0, len(block), 10)]
-    assert_same(columns(parts), columns([create("canest", FACTS).update(block)]))
+    assert_same(columns(parts), columns([create(own, SENSED).update(block)]))
 
 
+@OWN
 @pytest.mark.skipif(not jit.available(), reason="numba is not installed")
-def test_compiled_gives_the_same_bits():
+def test_compiled_gives_the_same_bits(own):
     jit.enable()
     try:
-        compiled = columns([create("canest", FACTS).update(rough())])
+        compiled = columns([create(own, SENSED).update(rough())])
     finally:
         jit.enable(False)
-    assert_same(compiled, whole())
+    assert_same(compiled, whole(own))
 
 
 def check(e):
@@ -95,13 +101,14 @@ def check(e):
     assert ((e.grade_std > 0) & (e.grade_std <= 1.0)).all()
 
 
+@OWN
 @settings(max_examples=30, deadline=None)
 @given(
     seed=st.integers(0, 10_000),
     size=st.sampled_from([3.0, 100.0, 1e6, 1e300, np.inf, np.nan]),
     share=st.sampled_from([0.002, 0.3]),
 )
-def test_outliers_in_every_column_never_get_out(seed, size, share):
+def test_outliers_in_every_column_never_get_out(own, seed, size, share):
     rng, block = np.random.default_rng(seed), rough()
     bad = {}
     for f in fields(ModelBlock):
@@ -110,32 +117,42 @@ def test_outliers_in_every_column_never_get_out(seed, size, share):
             hit = rng.random(len(column)) < share
             with np.errstate(invalid="ignore", over="ignore"):
                 bad[f.name] = np.where(hit, column * size * rng.choice([-1, 1], len(column)), column)
-    check(create("canest", STATED).update(replace(block, **bad)))
+    check(create(own, STATED).update(replace(block, **bad)))
 
 
+@OWN
 @settings(max_examples=20, deadline=None)
 @given(
     force=st.sampled_from([0.0, -1e4, 1.0, 5e4, 9e5]),
     accel=st.sampled_from([0.0, 1e-9, -0.5, 3.0, 49.0]),
     speed=st.sampled_from([0.0, 1e-6, 20.0, 140.0]),
 )
-def test_constant_regressors_never_get_out(force, accel, speed):
+def test_constant_regressors_never_get_out(own, force, accel, speed):
     block = rough()
     n = len(block)
     flat = {"force_N": force, "traction_N": force, "accel_mps2": accel, "speed_mps": speed, "aero_N": 0.0}
     constant = {name: np.full(n, value) for name, value in flat.items()}
-    check(create("canest", STATED).update(replace(block, gate=np.zeros(n, np.uint8), **constant)))
+    check(create(own, STATED).update(replace(block, gate=np.zeros(n, np.uint8), **constant)))
 
 
+def covariances(estimator):
+    if estimator.name == "canest":
+        return np.array(estimator._PP)
+    filters = estimator._filters
+    alive = np.array(filters.weight)[:, None] * np.array(filters.mode) > 0.0
+    return np.array(filters.P)[alive]
+
+
+@OWN
 @pytest.mark.parametrize("standing", [False, True])
-def test_hours_without_excitation(standing):
+def test_hours_without_excitation(own, standing):
     """Six hours at one speed, or parked: the covariance stays a covariance."""
     hour = 180_000
     block = rough()[np.resize(np.arange(1000, 1200), hour)]
     v = np.full(hour, 0.0 if standing else 22.0)
     jit.enable()
     try:
-        estimator = create("canest", STATED)
+        estimator = create(own, STATED)
         for i in range(6):
             e = estimator.update(
                 replace(
@@ -152,15 +169,16 @@ def test_hours_without_excitation(standing):
             check(e)
     finally:
         jit.enable(False)
-    for P in np.array(estimator._PP):
+    for P in covariances(estimator):
         assert (np.diag(P) >= 0).all()
         scale = np.sqrt(np.maximum(np.diag(P), 1e-300))
         assert np.linalg.eigvalsh(P / np.outer(scale, scale)).min() > -1e-6
 
 
-def test_no_noise_at_all():
+@OWN
+def test_no_noise_at_all(own):
     drive = trip(100, noise=0.0)
-    estimator = create("canest", STATED)
+    estimator = create(own, STATED)
     e = estimator.update(drive.block)
     check(e)
     assert abs(drive.error(e)[-1]) < 0.02
@@ -191,10 +209,11 @@ def test_a_window_is_the_sum_of_its_samples():
     assert w["coarse"] == 0.0
 
 
-def test_a_gap_counts_as_time_and_never_as_momentum():
+@OWN
+def test_a_gap_counts_as_time_and_never_as_momentum(own):
     drive = trip(60)
     late = np.where(np.arange(3000) >= 1500, 45_000_000, 0)
-    e = create("canest", STATED).update(replace(drive.block, t_us=drive.block.t_us + late))
+    e = create(own, STATED).update(replace(drive.block, t_us=drive.block.t_us + late))
     # nobody knows what was loaded in three quarters of a minute
     assert e.mass_std_kg[1520] > 5 * e.mass_std_kg[1490]
     assert abs(drive.error(e)[-1]) < 0.05

@@ -21,7 +21,7 @@ from canest.estimators.default.load import Standing
 from canest.estimators.default.noise import Levels
 from canest.estimators.default.report import LEAD_1PM, Report
 from canest.estimators.default.sensors import Scratch
-from canest.estimators.default.windows import SHIFT, Windows
+from canest.estimators.default.windows import COLUMNS, SHIFT, Windows
 from canest.estimators.description import Description
 from canest.estimators.options import Options, parse
 from canest.estimators.status import StatusTracker
@@ -30,6 +30,7 @@ from canest.estimators.status import StatusTracker
 _LOADS = 9
 #: masses over which a wide mixture is summed
 _NODES = 48
+_SENSED = COLUMNS.index("sensed_mps2")
 #: sine of the steepest slope given out; no road is steeper than 35 %
 _STEEPEST = 0.33
 #: without samples for so long nothing is known to be as it was, s
@@ -144,6 +145,8 @@ class GaussianSum(Estimator):
         give: Any = np.array if jit.enabled() else (lambda a: np.asarray(a).tolist())
         filters = Filters(*(np.array(a) if jit.enabled() else a for a in self._filters))
         size = len(self._prior_var)
+        if size <= at.BIAS:  # the vehicle's facts name no accelerometer
+            windows[_SENSED] = np.nan
         vector, matrix = np.zeros(size), np.zeros((size, size))
         scratch = Scratch(*(give(vector) for _ in range(3)))
         room = Room(give(vector), give(matrix), give(vector), give(matrix), give(vector))
