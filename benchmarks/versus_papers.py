@@ -47,9 +47,8 @@ def one_drive(job: tuple[Family, int]) -> list[dict[str, Any]]:
         truth = read_truth(next(Path(folder).glob("*.truth.csv")))
         for start in WRONG_STARTS_KG:
             config = load_config("class8", [f"estimator.name={OURS}", f"estimator.initial_mass_kg={start}"])
-            found = compare(config, log, METHODS, reference=Reference(truth), compiled=True).table[
-                "estimators"
-            ]
+            done = compare(config, log, names=METHODS, reference=Reference(truth), compiled=True)
+            found = done.table["estimators"]
             rows.append(
                 {
                     "family": family.name,
