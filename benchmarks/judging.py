@@ -132,6 +132,7 @@ def judge(
         "mass_rms": _rms(100 * share[first & known]),
         "mass_max": _largest(100 * share[first & known]),
         "rms_120": _rms(100 * share[later & known]),
+        "bias": 100 * _mean(share[later & known]),
         "settled_max": _largest(100 * share[done]),
         "grade_rms": _rms(slope[moving]),
         "in2": 100 * _mean(z[sure] <= 2),

@@ -12,6 +12,7 @@ HEADINGS = {
     "mass_rms": "mass RMS, %",
     "mass_max": "worst, %",
     "rms_120": "mass RMS from 120 s, %",
+    "bias": "mean error from 120 s, %",
     "settled_max": "worst once settled, %",
     "std": "median std, %",
     "in2": "in 2 std, %",
