@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from canest.config.load import load_config
+from canest.core.errors import ConfigError
 from canest.core.frames import BoolColumn, FloatColumn, FrameBlock
 from canest.core.samples import EstimateBlock, ModelBlock, Status, VehicleFacts
-from canest.estimators.registry import create, estimator_class
+from canest.estimators.registry import create, estimator_class, require_known
 from canest.pipeline.build import facts_of
 from canest.pipeline.pipeline import Pipeline
 from canest.simulation.run import simulate
@@ -76,6 +78,15 @@ def prepare(
         np.interp(t, truth["t_s"], truth["grade"]),
         np.interp(t, truth["t_s"], truth["speed_mps"]),
     )
+
+
+def estimator_name(text: str) -> str:
+    """Return the name of an estimator that a command line gives."""
+    try:
+        require_known(text, "--estimator")
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return text
 
 
 def by_gate(estimators: Sequence[str]) -> dict[bool, list[str]]:

@@ -14,8 +14,8 @@ PULSES: Scenario = {"kind": "pulses"}
 MIXED: Scenario = {"kind": "mixed", "retarder": True}
 LIGHT_KG, HEAVY_KG = (14000.0, 18000.0), (27000.0, 33000.0)
 NIGHT_S = 8 * 3600
-#: where the truck of `one_manoeuvre` begins to accelerate, and what it does then
-MANOEUVRE_S, MANOEUVRE_LASTS_S, FROM_MPS, TO_MPS = 60.0, 7.6, 20.0, 24.2
+#: the one manoeuvre: when and how fast, how long; a throttle push is not cut short below the last speed
+MANOEUVRE_S, MANOEUVRE_MPS, MANOEUVRE_M, FREE_MPS = 60.0, 21.0, 168.0, 30.0
 #: phases of the manoeuvre, spread over so many metres
 PHASES, PHASES_M = 9, 200.0
 _SHORT_STOPS = {"kind": "stop-and-go", "speeds_mps": [10.0, 15.0], "drive_s": [50, 80]}
@@ -93,10 +93,10 @@ def cruise(speed_mps: float, start_mps: float, **more: Any) -> Scenario:
 
 
 def rough_road(seed: int) -> Scenario:
-    """Drive over a road with as much grade at every wavelength from 30 m to 3 km, 1.5 % RMS in all."""
+    """Drive over a road with as much grade at every wavelength from 50 m to 3 km, 1.5 % RMS in all."""
     rng = np.random.default_rng(seed)
     at_m = np.arange(0.0, 14000.0, 5.0)
-    waves_m = np.geomspace(30.0, 3000.0, 24)
+    waves_m = np.geomspace(50.0, 3000.0, 24)
     phases = rng.uniform(0, 2 * np.pi, len(waves_m))
     grade = 0.015 * np.sqrt(2 / len(waves_m)) * np.sin(2 * np.pi * at_m[:, None] / waves_m + phases).sum(1)
     return truck(seed, road={"kind": "points", "at_m": at_m.tolist(), "grade": grade.round(5).tolist()})
@@ -118,13 +118,23 @@ def with_effects(seed: int, *effects: Scenario, **changes: Any) -> Scenario:
 
 
 def one_manoeuvre(phase: int) -> Scenario:
-    """Hold 20 m/s, accelerate once over 168 m, hold the new speed; the phase moves the start."""
-    begin = MANOEUVRE_S + phase % PHASES * PHASES_M / PHASES / FROM_MPS
-    end = begin + MANOEUVRE_LASTS_S
-    driver = {"kind": "given", "start_mps": FROM_MPS, "fixed_gear": 10, "firmness_1ps": 1.0}
-    driver |= {"at_s": [0.0, begin, end], "speed_mps": [FROM_MPS, FROM_MPS, TO_MPS]}
-    mass = drawn(phase // PHASES, (16000, 24000))
-    return truck(1, mass_kg=mass, duration_s=160, road={"kind": "flat"}, driver=driver)
+    """Hold 21 m/s, push and lift the throttle twice within 168 m, hold 21 m/s; the phase moves it along."""
+    begin = MANOEUVRE_S + phase % PHASES * PHASES_M / PHASES / MANOEUVRE_MPS
+    pushes = [0.75, 0.0, 0.75, 0.0]
+    lasts = MANOEUVRE_M / MANOEUVRE_MPS
+    at = [begin + lasts * k / len(pushes) for k in range(len(pushes) + 1)]
+    driver = {
+        "kind": "given",
+        "start_mps": MANOEUVRE_MPS,
+        "fixed_gear": 10,
+        "firmness_1ps": 0.2,
+        "at_s": [0.0, begin - 0.01, *at],
+        "speed_mps": [MANOEUVRE_MPS] * 2 + [FREE_MPS] * len(pushes) + [MANOEUVRE_MPS],
+        "throttle": [None, None, *pushes, None],
+    }
+    seed = phase // PHASES
+    mass = drawn(seed, (18000, 24000))
+    return truck(seed, mass_kg=mass, duration_s=begin + 60, road={"kind": "flat"}, driver=driver)
 
 
 def after_a_night(seed: int) -> tuple[Scenario, Scenario]:

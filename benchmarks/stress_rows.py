@@ -53,9 +53,9 @@ STUCK_MPS2 = 0.3
 class Row:
     """Drives of one kind.
 
-    drive: a seed -> one scenario, or several one after the other. facts: what the vehicle's facts say
-    otherwise. judged_s: the part of the drive that counts, from its first sample on. phases: so many drives
-    per seed.
+    drive: a seed -> one scenario, or several one after the other. edit_frames, edit_samples: what is wrong
+    with the signals. facts: what the vehicle's facts say otherwise. judged_s: the part of the drive that
+    counts, seconds from its first sample on. phases: so many drives per seed.
     """
 
     name: str
