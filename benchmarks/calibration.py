@@ -127,7 +127,7 @@ def one_drive(job: tuple[Family, int, list[str]]) -> list[Run]:
                             **innovations,
                         }
                     )
-    return runs
+    return sorted(runs, key=lambda run: estimators.index(run["estimator"]))
 
 
 def page(runs: list[Run], command: str) -> str:

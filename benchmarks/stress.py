@@ -52,7 +52,7 @@ def one_drive(job: Job) -> list[Run]:
                 figures = judged(row, drive, estimates) | innovations
                 about = {"drive": name, "seed": seed, "estimator": estimator, "accelerometer": accelerometer}
                 runs.append(about | figures)
-    return runs
+    return sorted(runs, key=lambda run: estimators.index(run["estimator"]))
 
 
 def judged(row: Row, drive: Drive, estimates: EstimateBlock) -> dict[str, float]:
