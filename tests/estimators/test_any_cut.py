@@ -16,7 +16,7 @@ from canest.estimators.registry import BUILT_IN, create
 
 from .synthetic import FACTS, cut, drive, join, with_columns
 
-PAPERS = [name for name in BUILT_IN if name != "canest"]
+PAPERS = [name for name in BUILT_IN if not name.startswith("canest")]
 CASES = [(name, {}) for name in PAPERS] + [
     ("rlsmf", {"regression": "integrated"}),
     ("rls", {"start": "batch", "outliers": {"batch": 20}}),

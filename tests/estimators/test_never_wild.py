@@ -13,7 +13,7 @@ from canest.estimators.registry import BUILT_IN, create
 
 from .synthetic import FACTS, drive, with_columns
 
-PAPERS = [name for name in BUILT_IN if name != "canest"]
+PAPERS = [name for name in BUILT_IN if not name.startswith("canest")]
 VARIANTS = [(name, {}) for name in PAPERS] + [
     ("rlsmf", {"regression": "integrated"}),
     ("rlsmf", {"preset": "2005-experiment"}),
