@@ -7,13 +7,19 @@ from canest.estimators.description import Description
 
 
 class DefaultEstimator(Canest):
-    """The estimator `canest`, with the description that lists and pages show."""
+    """The estimator `canest`, and its version 0.1 under a name of its own."""
 
     descriptions = (
         Description(
             "canest",
             "two mixed Kalman filters over momentum, height and accelerometer, linear in the inverse mass",
             "this project, the default",
+            options=CanestOptions,
+        ),
+        Description(
+            "canest-0.1",
+            "the default of version 0.1, unchanged",
+            "this project, version 0.1",
             options=CanestOptions,
         ),
     )

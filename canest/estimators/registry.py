@@ -36,6 +36,7 @@ BUILT_IN: dict[str, str] = {
     "dgo": _PAPERS + "kidambi2014.dgo:Dgo",
     "pmg": _PAPERS + "kidambi2014.pmg:Pmg",
     "canest": "canest.estimators.default_estimator:DefaultEstimator",
+    "canest-0.1": "canest.estimators.default_estimator:DefaultEstimator",
     "canest-next": "canest.estimators.default.estimator:GaussianSum",
 }
 

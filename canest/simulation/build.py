@@ -179,6 +179,8 @@ def course_of(
     if hidden.load:
         load_on = (np.mod(t, hidden.load.period_s) < hidden.load.on_s).astype(float)
     times, masses = _masses(spec, hidden)
+    kinds = {change.t_s: change for change in spec.mass_kg}
+    changes = [kinds.get(at) for at in times]  # None: a payload change
 
     def table(column: Any) -> Table:
         return contain(np.asarray(column, np.float64))
@@ -191,8 +193,10 @@ def course_of(
         crr_extra=table(crr_extra),
         drag_scale=table(_drag_scale(hidden.drafting, t, rng["drafting"])),
         load_on=table(load_on),
-        mass_times=table(times),
+        mass_times=table([*times, math.inf]),
         masses=table(masses),
+        mass_in_motion=table([change is not None and change.moving for change in changes]),
+        mass_rates=table([change.rate_kgps if change else 0.0 for change in changes]),
     )
 
 
@@ -210,6 +214,13 @@ def _drag_scale(drafting: Drafting | None, t: Any, rng: np.random.Generator) -> 
 
 def _masses(spec: Scenario, hidden: Hidden) -> tuple[list[float], list[float]]:
     """Return times and masses: the scenario's, and the undeclared changes of payload on top."""
+    if hidden.payloads and any(change.moving or change.rate_kgps for change in spec.mass_kg):
+        raise ConfigError(
+            "payload_change needs a mass that changes at standstills",
+            where="undeclared",
+            found="mass_kg with moving or rate_kgps",
+            expected="all changes in mass_kg",
+        )
     changes = [(change.t_s, change.mass_kg) for change in spec.mass_kg]
     times = sorted({when for when, _ in changes} | {when for when, _ in hidden.payloads})
     masses = [

@@ -28,10 +28,10 @@ def known_config(scenario: Scenario) -> dict[str, Any]:
     declared.pop("key", None)
     declared.update(_data_sheet(scenario.vehicle))
     declared["name"] = scenario.title or "simulated vehicle"
-    masses = [change.mass_kg for change in scenario.mass_kg]
-    if not declared["mass_min_kg"] * ROOM_BELOW < min(masses) <= max(masses) < declared["mass_max_kg"]:
-        declared["mass_min_kg"] = round(min(masses) * LIGHTER)
-        declared["mass_max_kg"] = round(max(masses) * HEAVIER)
+    lightest, heaviest = scenario.mass_range_kg
+    if not declared["mass_min_kg"] * ROOM_BELOW < lightest <= heaviest < declared["mass_max_kg"]:
+        declared["mass_min_kg"] = round(lightest * LIGHTER)
+        declared["mass_max_kg"] = round(heaviest * HEAVIER)
     return config
 
 

@@ -128,5 +128,7 @@ class Course(NamedTuple):
     crr_extra: Table  #: added to the rolling resistance coefficient
     drag_scale: Table  #: share of the drag area
     load_on: Table  #: 1 while the switched load is on
-    mass_times: Table  #: s; a mass holds from the first standstill after its time
+    mass_times: Table  #: s; a mass holds from the first standstill after its time; the last is infinite
     masses: Table  #: kg
+    mass_in_motion: Table  #: 1 where a mass holds from its time itself
+    mass_rates: Table  #: kg/s while the vehicle moves, until the next mass

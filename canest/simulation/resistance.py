@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 from canest.core.jit import kernel
-from canest.simulation.constants import CURVATURE, DISTANCE, GRADE, GRAVITY, MASS, SPEED
+from canest.simulation.constants import CURVATURE, DISTANCE, GRADE, GRAVITY, MASS, RECORD_S, SPEED
 from canest.simulation.parameters import Course, ResistanceParameters
 from canest.simulation.states import DRAG, FIXED, NEXT_CHANGE, ROAD_LOAD, State
 
-STANDSTILL_MPS = 0.01  #: a load may change below it (chosen)
+STANDSTILL_MPS = 0.01  #: the vehicle stands below it (chosen)
 
 
 @kernel
@@ -31,15 +31,34 @@ def look_up_road(course: Course, x: State) -> None:
 
 @kernel
 def load_cargo(course: Course, x: State, time_s: float) -> bool:
-    """Change the mass when its time has come and the vehicle stands; return whether it changed."""
-    if x[SPEED] >= STANDSTILL_MPS:
-        return False
+    """Set the mass of a change that is due, or add what 5 ms in motion add; return whether it changed."""
+    standing = x[SPEED] < STANDSTILL_MPS
     change = int(x[NEXT_CHANGE])
-    if change >= len(course.mass_times) or time_s < course.mass_times[change]:
+    if time_s >= course.mass_times[change]:
+        due = change if standing else last_in_motion(course, change, time_s)
+        if due >= 0:
+            x[MASS] = course.masses[due]
+            x[NEXT_CHANGE] = due + 1
+            return True
+    rate = course.mass_rates[change - 1]
+    if standing or rate == 0.0:
         return False
-    x[MASS] = course.masses[change]
-    x[NEXT_CHANGE] = change + 1
+    x[MASS] += rate * RECORD_S
     return True
+
+
+@kernel
+def last_in_motion(course: Course, change: int, time_s: float) -> int:
+    """Return the last change from `change` on that is due in motion, -1 for none.
+
+    It takes the place of earlier ones that no standstill has let happen.
+    """
+    found = -1
+    while time_s >= course.mass_times[change]:
+        if course.mass_in_motion[change] > 0.0:
+            found = change
+        change += 1
+    return found
 
 
 @kernel

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Any
 
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from canest.simulation.drivers import Driver
 from canest.simulation.effects import Effect
@@ -14,10 +14,15 @@ from canest.simulation.vehicles import Strict, VehicleSpec, vehicle_with
 
 
 class MassChange(Strict):
-    """Mass from the first standstill at or after `t_s`."""
+    """Mass from the first standstill at or after `t_s`, or from `t_s` itself if it changes in motion.
+
+    Until the next change it grows by `rate_kgps` while the vehicle moves (negative: a spreader loses mass).
+    """
 
     t_s: float = Field(ge=0)
     mass_kg: float = Field(gt=0)
+    moving: bool = False  #: changes at `t_s`, whether the vehicle stands or not
+    rate_kgps: float = 0.0
 
 
 class Bus(Strict):
@@ -74,7 +79,27 @@ class Scenario(Strict):
 
     @field_validator("mass_kg")
     @classmethod
-    def _starts(cls, value: list[MassChange]) -> list[MassChange]:
+    def _starts(cls, value: list[MassChange], info: ValidationInfo) -> list[MassChange]:
         if not value or value[0].t_s != 0 or any(b.t_s <= a.t_s for a, b in pairwise(value)):
             raise ValueError("a list of mass changes starts at t_s 0 and goes forward in time")
+        lightest = _mass_range(value, info.data.get("duration_s", 0.0))[0]
+        if lightest <= 0:
+            raise ValueError(f"found a rate_kgps that leaves {lightest:g} kg, expected a mass above 0")
         return value
+
+    @property
+    def mass_range_kg(self) -> tuple[float, float]:
+        """Return the lightest and the heaviest that the vehicle can become."""
+        return _mass_range(self.mass_kg, self.duration_s)
+
+
+def _mass_range(changes: list[MassChange], duration_s: float) -> tuple[float, float]:
+    """Return the lowest and the highest mass (kg) if the vehicle never stands."""
+    ends = [
+        next((later.t_s for later in changes[k + 1 :] if later.moving), duration_s)
+        for k in range(len(changes))
+    ]
+    masses = [change.mass_kg for change in changes]
+    for change, end in zip(changes, ends, strict=True):
+        masses.append(change.mass_kg + change.rate_kgps * max(0.0, end - change.t_s))
+    return min(masses), max(masses)

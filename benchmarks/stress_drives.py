@@ -1,0 +1,144 @@
+"""The scenarios of the stress benchmark: each function gives one drive by its seed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from canest.simulation.run import simulate
+
+Scenario = dict[str, Any]
+
+PULSES: Scenario = {"kind": "pulses"}
+MIXED: Scenario = {"kind": "mixed", "retarder": True}
+LIGHT_KG, HEAVY_KG = (14000.0, 18000.0), (27000.0, 33000.0)
+NIGHT_S = 8 * 3600
+#: the one manoeuvre: when and how fast, how long; a throttle push is not cut short below the last speed
+MANOEUVRE_S, MANOEUVRE_MPS, MANOEUVRE_M, FREE_MPS = 60.0, 21.0, 168.0, 30.0
+#: phases of the manoeuvre, spread over so many metres
+PHASES, PHASES_M = 9, 200.0
+_SHORT_STOPS = {"kind": "stop-and-go", "speeds_mps": [10.0, 15.0], "drive_s": [50, 80]}
+
+
+def drawn(seed: int, span: tuple[float, float]) -> float:
+    """Return a mass between two, kg, by the seed."""
+    return float(round(np.random.default_rng(seed).uniform(*span), -2))
+
+
+def truck(seed: int, **changes: Any) -> Scenario:
+    """Return an ordinary drive of a truck with small undeclared errors, with some keys changed."""
+    return {
+        "seed": seed,
+        "duration_s": 400,
+        "vehicle": "class8",
+        "mass_kg": drawn(seed, (12000, 34000)),
+        "road": {"kind": "highway", "grade_max": 0.04},
+        "driver": MIXED,
+        "small_errors": True,
+        "sensors": {"altitude_noise_m": 2.0},
+    } | changes
+
+
+def spreader(seed: int, rate_kgps: float, driver: Scenario) -> Scenario:
+    """Lose mass all the time, from 24 to 30 t."""
+    load = {"t_s": 0, "mass_kg": drawn(seed, (24000, 30000)), "rate_kgps": -rate_kgps}
+    return truck(
+        seed, duration_s=600, mass_kg=[load], driver=driver, road={"kind": "highway", "grade_max": 0.03}
+    )
+
+
+def town() -> Scenario:
+    """Return a driver who stops too shortly for loading."""
+    return {**_SHORT_STOPS, "stand_s": [3, 8]}
+
+
+def changed_in_motion(seed: int, before: tuple[float, float], after: tuple[float, float]) -> Scenario:
+    """Change the load at 200 s under a pulsating throttle, on flat road and on hills."""
+    loads = [
+        {"t_s": 0, "mass_kg": drawn(seed, before)},
+        {"t_s": 200, "mass_kg": drawn(seed + 1, after), "moving": True},
+    ]
+    road = {"kind": "flat"} if seed % 2 else {"kind": "highway", "grade_max": 0.03}
+    return truck(seed, duration_s=500, mass_kg=loads, driver=PULSES, road=road)
+
+
+def changed_in_short_stop(seed: int) -> Scenario:
+    """Change the load in a stop of 12 to 22 s, up and down."""
+    before, after = (LIGHT_KG, HEAVY_KG) if seed % 2 else (HEAVY_KG, LIGHT_KG)
+    loads = [{"t_s": 0, "mass_kg": drawn(seed, before)}, {"t_s": 250, "mass_kg": drawn(seed + 1, after)}]
+    return truck(seed, duration_s=700, mass_kg=loads, driver={**_SHORT_STOPS, "stand_s": [12, 22]})
+
+
+def stepped_road(seed: int) -> Scenario:
+    """Drive over grades of up to 4.5 % that change within 2 m."""
+    grades = np.random.default_rng(seed).uniform(-0.045, 0.045, 24).round(4).tolist()
+    return truck(seed, road={"kind": "steps", "grades": grades, "length_m": 450.0})
+
+
+def sine_road(seed: int, wavelength_m: float, driver: Scenario) -> Scenario:
+    """Drive over hills of one wavelength."""
+    return truck(seed, driver=driver, road={"kind": "sine", "amplitude": 0.03, "wavelength_m": wavelength_m})
+
+
+def motorway(seed: int) -> Scenario:
+    """Hold one speed on long gentle grades."""
+    road = {"kind": "highway", "grade_max": 0.02, "stretch_m": [800, 2500]}
+    return truck(seed, duration_s=700, road=road, driver=cruise(23.5, 20.0))
+
+
+def cruise(speed_mps: float, start_mps: float, **more: Any) -> Scenario:
+    """Return a driver who holds a speed, with the engine brake downhill."""
+    return {"kind": "cruise", "speed_mps": speed_mps, "start_mps": start_mps, "retarder": True, **more}
+
+
+def rough_road(seed: int) -> Scenario:
+    """Drive over a road with as much grade at every wavelength from 50 m to 3 km, 1.5 % RMS in all."""
+    rng = np.random.default_rng(seed)
+    at_m = np.arange(0.0, 14000.0, 5.0)
+    waves_m = np.geomspace(50.0, 3000.0, 24)
+    phases = rng.uniform(0, 2 * np.pi, len(waves_m))
+    grade = 0.015 * np.sqrt(2 / len(waves_m)) * np.sin(2 * np.pi * at_m[:, None] / waves_m + phases).sum(1)
+    return truck(seed, road={"kind": "points", "at_m": at_m.tolist(), "grade": grade.round(5).tolist()})
+
+
+def looking_ahead(seed: int) -> Scenario:
+    """Gather speed 250 m before a climb, and let it go before the crest."""
+    first = simulate(truck(seed, driver=cruise(21.0, 19.0))).history
+    t, distance, grade = (first[name][::400] for name in ("t_s", "distance_m", "grade"))
+    ahead = np.interp(distance + 250.0, distance, grade)
+    wanted = 21.0 + np.clip(70.0 * (ahead - grade), -3.0, 3.0)
+    driver = {"kind": "given", "start_mps": 19.0, "firmness_1ps": 0.15, "retarder": True}
+    return truck(seed, driver={**driver, "at_s": t.tolist(), "speed_mps": wanted.round(2).tolist()})
+
+
+def with_effects(seed: int, *effects: Scenario, **changes: Any) -> Scenario:
+    """Drive with larger undeclared effects than the small ones of every vehicle."""
+    return truck(seed, undeclared=list(effects), **changes)
+
+
+def one_manoeuvre(phase: int) -> Scenario:
+    """Hold 21 m/s, push and lift the throttle twice within 168 m, hold 21 m/s; the phase moves it along."""
+    begin = MANOEUVRE_S + phase % PHASES * PHASES_M / PHASES / MANOEUVRE_MPS
+    pushes = [0.75, 0.0, 0.75, 0.0]
+    lasts = MANOEUVRE_M / MANOEUVRE_MPS
+    at = [begin + lasts * k / len(pushes) for k in range(len(pushes) + 1)]
+    driver = {
+        "kind": "given",
+        "start_mps": MANOEUVRE_MPS,
+        "fixed_gear": 10,
+        "firmness_1ps": 0.2,
+        "at_s": [0.0, begin - 0.01, *at],
+        "speed_mps": [MANOEUVRE_MPS] * 2 + [FREE_MPS] * len(pushes) + [MANOEUVRE_MPS],
+        "throttle": [None, None, *pushes, None],
+    }
+    seed = phase // PHASES
+    mass = drawn(seed, (18000, 24000))
+    return truck(seed, mass_kg=mass, duration_s=begin + 60, road={"kind": "flat"}, driver=driver)
+
+
+def after_a_night(seed: int) -> tuple[Scenario, Scenario]:
+    """Drive, be silent for eight hours, and drive away with another load."""
+    evening = truck(seed, duration_s=300, driver=PULSES, mass_kg=drawn(seed, LIGHT_KG))
+    start = {"start_s": 1_700_000_000 + 300 + NIGHT_S}
+    return evening, truck(seed + 1, duration_s=100, driver=PULSES, mass_kg=drawn(seed, HEAVY_KG), bus=start)
