@@ -33,6 +33,8 @@ _NODES = 48
 _SENSED = COLUMNS.index("sensed_mps2")
 #: sine of the steepest slope given out; no road is steeper than 35 %
 _STEEPEST = 0.33
+#: std of a mass that nothing speaks for, as a share of it
+_UNKNOWN = 0.5
 #: without samples for so long nothing is known to be as it was, s
 _SILENCE_S = 5.0
 _FAULTY = (
@@ -183,13 +185,14 @@ class GaussianSum(Estimator):
         since = np.clip((ticks - last_ticks[rows]) * STEP_S, 0.0, _SILENCE_S) + self._late_s
         ahead_m = table[kernel.OUT_SPEED] * since
         sine = np.clip(table[kernel.OUT_GRADE] + table[kernel.OUT_BEND] * ahead_m, -_STEEPEST, _STEEPEST)
-        grade_std = np.sqrt(table[kernel.OUT_GRADE_VAR] + (LEAD_1PM * ahead_m) ** 2)
+        grade_std = np.minimum(np.sqrt(table[kernel.OUT_GRADE_VAR] + (LEAD_1PM * ahead_m) ** 2), 1.0)
         facts = self.facts
         mass = np.clip(table[kernel.OUT_MASS], facts.mass_min_kg, facts.mass_max_kg)
         mass_std = np.sqrt(table[kernel.OUT_VAR] + (self._gain * mass) ** 2)
         learned = table[kernel.OUT_LEARNED] > 0.0
         silent = (ticks - last_ticks[rows]) * STEP_S > _SILENCE_S
-        mass_std = np.where(silent, np.maximum(mass_std, 0.5 * mass), mass_std)
+        mass_std = np.where(silent, np.maximum(mass_std, _UNKNOWN * mass), mass_std)
+        mass_std = np.minimum(mass_std, facts.mass_max_kg)
         status = self._status.update(learned & ~silent, mass, mass_std)
         status[learned & silent] = Status.CONVERGING
         grade = sine / np.sqrt(1.0 - sine * sine)
