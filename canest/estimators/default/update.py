@@ -2,8 +2,8 @@
 
     e = z - h x,  s = h P h' + r,  K = P h' / s,  x <- x + K e,  P <- P - K s K'
 
-Heavy tails: where e^2 > outlier s, s is raised to e^2 / outlier. The states then move by P h' outlier / e: the
-larger such an innovation is, the less it moves them.
+Heavy tails: where e^2 > outlier s, s is raised to e^2 / outlier. The states then move by P h' outlier / e:
+the larger such an innovation is, the less it moves them.
 """
 
 from __future__ import annotations
