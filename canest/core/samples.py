@@ -45,8 +45,11 @@ class ModelBlock:
     mu: rolling resistance coefficient (with effects), dimensionless, filtered.
     traction_N: the part of F that comes from the reported engine torque, filtered.
     aero_N: the part of F that is aerodynamic drag (positive against the motion), filtered.
-    force_per_torque_1pm: d(traction)/d(net crank torque) = ratio x efficiency / radius, unfiltered.
-    rotating_mass_kg: effective mass of wheels and engine inertia in this gear, unfiltered.
+    force_per_torque_1pm: d(traction)/d(net crank torque) = ratio x losses / radius, where the losses are the
+        efficiency, or 1 / efficiency in overrun (as in `force_N`); unfiltered.
+    rotating_mass_kg: effective mass of wheels and engine inertia in this gear while the engine drives,
+        unfiltered. It does not change in overrun, so the momentum (M + rotating mass) x speed does not jump;
+        what overrun takes more of the engine's inertia is a force in `force_N`.
     coasting_N: known forces on a vehicle that coasts with its driveline open (neither engine nor brakes reach
         the road), rotating inertia not subtracted, unfiltered; NaN where it does not. There
         `rotating_mass_kg` is that of the wheels alone.

@@ -13,6 +13,7 @@ from canest.core.samples import STEP_S, ModelBlock
 from canest.grid.grid import GridBlock
 from canest.vehicle.brake_hold import BrakeHold
 from canest.vehicle.butterworth import Filter
+from canest.vehicle.driveline_losses import loss_factor
 from canest.vehicle.gating import Excitation, Gating
 from canest.vehicle.model import LongitudinalModel, RawModel
 from canest.vehicle.range_rate_check import MAX_SPEED_MPS, MOTION_JUMP
@@ -54,7 +55,7 @@ class FilteredModel:
         wanted = spec.gates.low_excitation.enabled
         use = excitation_gate if wanted is None else wanted
         self._excitation = Excitation(spec) if use else None
-        names = ("speed", "force", "traction", "aero", "mu", "accelerometer", "undriven")
+        names = ("speed", "crank", "extra", "aero", "mu", "accelerometer", "undriven")
         self._filters = {n: Filter(spec.filter.order, spec.filter.cutoff_hz) for n in names}
         self._last_usable = {n: _LastUsable() for n in names}
         self._last_filtered_mps = np.nan
@@ -70,12 +71,16 @@ class FilteredModel:
         self.last_columns = c = raw.columns
         moving = np.abs(raw.speed_mps) <= MAX_SPEED_MPS  # known, whatever becomes of the torque
         speed, started = self._filtered("speed", raw.speed_mps, moving, grid)
-        force, _ = self._filtered("force", raw.force_N, raw.usable, grid)
-        traction, _ = self._filtered("traction", raw.traction_N, raw.usable, grid)
+        crank_force, _ = self._filtered("crank", raw.crank_force_N, raw.usable, grid)
+        extra, _ = self._filtered("extra", c.extra_N, raw.usable, grid)
         aero, _ = self._filtered("aero", raw.aero_N, raw.usable, grid)
         before = shifted(speed, self._last_filtered_mps)
         accel = np.where(started | np.isnan(before), 0.0, speed - before) / STEP_S
         self._last_filtered_mps = float(speed[-1])
+        # the losses are those of the filtered torque and acceleration: noise has no direction of power
+        geared_force = crank_force - np.where(raw.usable, raw.crank_mass_kg, 0.0) * accel
+        losses = loss_factor(geared_force, raw.efficiency)
+        force = losses * geared_force - raw.wheel_mass_kg * accel - aero + extra
         gate = self._gating.close(grid, raw, accel)
         if self._excitation is not None:
             low = self._excitation.low(force, gate == 0)
@@ -97,9 +102,9 @@ class FilteredModel:
             accel_mps2=accel,
             force_N=force,
             mu=self._rolling(c, grid),
-            traction_N=traction,
+            traction_N=losses * crank_force,
             aero_N=aero,
-            force_per_torque_1pm=raw.force_per_torque_1pm,
+            force_per_torque_1pm=losses * raw.lever_1pm,
             rotating_mass_kg=rotating,
             coasting_N=coasting,
             undriven_mps=self._sensor("undriven", c.signals.get("undriven_speed"), grid),

@@ -1,10 +1,10 @@
 """The longitudinal model: from held signals to the forces along the road.
 
-    F = (T - J_e domega/dt) i eta / r - J_w / r^2 a - F_aero + F_extra        (2005 paper, eq. 1)
+    F = k (T - J_e domega/dt) i / r - J_w / r^2 a - F_aero + F_extra          (2005 paper, eq. 1)
     M (a + g sin(beta) + g mu cos(beta)) = F
 
-with the wheels' inertia added and domega/dt = a i / r while the driveline is engaged. Where the engine is
-driven by the wheels (T < 0) the losses are on its side: the force is T i / (eta r).
+with the wheels' inertia added and domega/dt = a i / r while the driveline is engaged. k are the losses: eta
+where the engine drives, 1 / eta where the wheels drive it (`canest.vehicle.driveline_losses`).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from canest.core.frames import BoolColumn, FloatColumn, IntColumn, MonotonicCloc
 from canest.core.roles import RADPS_PER_RPM
 from canest.core.samples import STEP_S
 from canest.grid.grid import GridBlock
+from canest.vehicle.driveline_losses import loss_factor
 from canest.vehicle.driveline_state import ClutchReports, road_speed_of_engine
 from canest.vehicle.friction import EngineFriction
 from canest.vehicle.gear_ratio import GearRatio
@@ -43,6 +44,7 @@ _FRICTION = "engine_friction_pct"
 class RawModel:
     """The unfiltered model of consecutive ticks, all columns (n,); units as in `ModelBlock`.
 
+    lever_1pm: i / r. crank_force_N, crank_mass_kg: T i / r and J_e (i / r)^2, before the losses.
     usable: every needed number is there. geared: the ratio from crank to wheel is known (or not needed).
     speed_is_shaft: the speed comes from the gearbox's output shaft. speed_is_engine: the finest speed so
     far comes from the engine, through the gear. speed_is_late: it is the road speed of a rare message.
@@ -50,6 +52,10 @@ class RawModel:
 
     columns: ModelColumns
     speed_mps: FloatColumn
+    lever_1pm: FloatColumn
+    crank_force_N: FloatColumn
+    crank_mass_kg: FloatColumn
+    efficiency: FloatColumn
     force_N: FloatColumn
     traction_N: FloatColumn
     aero_N: FloatColumn
@@ -119,35 +125,38 @@ class LongitudinalModel:
         self._torque(c)
         self._run("crank", c)
         self._run("driveline", c)
-        # losses always take: a driving engine gives less to the wheels, an overrun one takes more from them
-        if self.at_wheels:
-            per_torque = 1.0 / c.radius_m
-            traction = c.wheel_torque_Nm * per_torque
+        if self.at_wheels:  # such torque has had its losses, and has accelerated everything before the wheels
+            lever, efficiency = 1.0 / c.radius_m, constant(1.0, len(c))
+            crank_force, crank_mass = c.wheel_torque_Nm * lever, constant(0.0, len(c))
         else:
-            per_torque = c.ratio / c.radius_m * np.where(c.torque_Nm < 0, 1.0 / c.efficiency, c.efficiency)
-            traction = c.torque_Nm * per_torque
-        c.auxiliary["traction_N"] = traction
+            lever, efficiency = c.ratio / c.radius_m, c.efficiency
+            crank_force, crank_mass = c.torque_Nm * lever, c.crank_inertia_kgm2 * lever * lever
+        # for the slip of the wheels, without which there is no acceleration yet
+        c.auxiliary["traction_N"] = loss_factor(crank_force, efficiency) * crank_force
         known = self._clutch_reports.reported(c)
         source, finest = self._speed(c, grid, known)
         speed_is_engine, late = (finest >= self._engine) & known, finest == self._late
         self._run("road", c)
-        # torque measured at the wheels has already accelerated everything before them
-        before = 0.0 if self.at_wheels else c.crank_inertia_kgm2 * c.ratio * c.ratio * c.efficiency
         wheels = c.wheel_inertia_kgm2 / c.radius_m**2
-        rotating = wheels + before / c.radius_m**2
+        geared_force = crank_force - crank_mass * c.accel_mps2
+        losses = loss_factor(geared_force, efficiency)
         air = c.speed_mps + c.wind_mps
         aero = 0.5 * c.density_kgpm3 * c.drag_area_m2 * air * np.abs(air)
-        force = traction - rotating * c.accel_mps2 - aero + c.extra_N
+        force = losses * geared_force - wheels * c.accel_mps2 - aero + c.extra_N
         usable = (np.abs(force) <= MAX_FORCE_N) & (np.abs(c.speed_mps) <= MAX_SPEED_MPS)
         geared = geared | self.at_wheels
         return RawModel(
             columns=c,
             speed_mps=c.speed_mps,
+            lever_1pm=lever,
+            crank_force_N=crank_force,
+            crank_mass_kg=crank_mass,
+            efficiency=efficiency,
             force_N=force,
-            traction_N=traction,
+            traction_N=losses * crank_force,
             aero_N=aero,
-            force_per_torque_1pm=per_torque,
-            rotating_mass_kg=rotating,
+            force_per_torque_1pm=losses * lever,
+            rotating_mass_kg=wheels + efficiency * crank_mass,
             wheel_mass_kg=wheels,
             usable=usable,
             geared=geared,

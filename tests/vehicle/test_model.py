@@ -67,6 +67,68 @@ def test_an_engine_on_the_overrun_pays_its_losses_too() -> None:
     assert raw.traction_N[1] == pytest.approx(-100 * RATIO / RADIUS_M / EFFICIENCY)
 
 
+def test_an_engine_braking_in_first_gear_brakes_its_own_inertia_through_the_losses() -> None:
+    """By hand: 12 t on the level, foot off in first gear (ratio 32), slowing down.
+
+    Forwards: from a torque at the crank to a deceleration, of three bodies with the forces between them.
+    """
+    mass_kg, ratio, torque_Nm, g = 12_000.0, 8.0 * FINAL_DRIVE, -150.0, 9.80665
+    speed = 2.0
+    drag_N = mass_kg * g * MU + 0.5 * DENSITY * DRAG_AREA_M2 * speed**2
+    # unknowns: torque in the gearbox, torque at the wheels, deceleration
+    #   crank:   J_e (i / r) a         = T - T_gearbox
+    #   gearbox: T_wheels              = T_gearbox i / eta      (the wheels drive)
+    #   vehicle: (M + J_w / r^2) a     = T_wheels / r - drag
+    equations = np.array(
+        [
+            [1.0, 0.0, ENGINE_INERTIA * ratio / RADIUS_M],
+            [ratio / EFFICIENCY, -1.0, 0.0],
+            [0.0, 1.0 / RADIUS_M, -(mass_kg + WHEEL_INERTIA / RADIUS_M**2)],
+        ]
+    )
+    in_gearbox, at_wheels, accel = np.linalg.solve(equations, [torque_Nm, 0.0, drag_N])
+    assert in_gearbox < 0  # it is overrun in the gearbox as well
+    v = np.array([speed - accel * 0.02, speed])
+    raw = process(
+        {
+            "engine_torque_pct": None,
+            "engine_torque": torque_Nm,
+            "gear": 1.0,
+            "output_shaft_speed": rpm(v),
+            "engine_speed": rpm(v, ratio),
+        }
+    )
+    assert raw.force_N[1] == pytest.approx(mass_kg * (accel + g * MU), rel=1e-9)
+    assert raw.force_N[1] + raw.aero_N[1] + raw.wheel_mass_kg[1] * accel == pytest.approx(
+        at_wheels / RADIUS_M, rel=1e-9
+    )
+    assert raw.traction_N[1] == pytest.approx(torque_Nm * ratio / RADIUS_M / EFFICIENCY)
+
+
+@pytest.mark.parametrize("torque_Nm", [-20.0, 20.0])
+@pytest.mark.parametrize("accel", [-1.0, 1.0])
+def test_losses_follow_the_torque_in_the_gearbox_not_that_of_the_engine(
+    torque_Nm: float, accel: float
+) -> None:
+    """The crank's inertia takes 48 N m at 1 m/s2: more than the engine gives."""
+    v = np.array([10.0, 10.0 + accel * 0.02])
+    speeds = {"output_shaft_speed": rpm(v), "engine_speed": rpm(v, RATIO)}
+    raw = process({"engine_torque_pct": None, "engine_torque": torque_Nm, **speeds})
+    in_gearbox = torque_Nm - ENGINE_INERTIA * RATIO / RADIUS_M * accel
+    kept = EFFICIENCY if accel < 0 else 1 / EFFICIENCY
+    left = in_gearbox * RATIO / RADIUS_M * kept - WHEEL_INERTIA / RADIUS_M**2 * accel - raw.aero_N[1]
+    assert raw.force_N[1] == pytest.approx(left)
+
+
+def test_the_force_is_continuous_where_the_power_changes_its_direction() -> None:
+    def force(torque_Nm: float) -> float:
+        return float(process({"engine_torque_pct": None, "engine_torque": torque_Nm}).force_N[1])
+
+    in_balance = ENGINE_INERTIA * RATIO / RADIUS_M  # at 1 m/s2
+    per_Nm = RATIO / RADIUS_M / EFFICIENCY
+    assert abs(force(in_balance + 1e-6) - force(in_balance - 1e-6)) < 2.1e-6 * per_Nm
+
+
 def test_friction_and_reference_torque_from_the_bus_take_the_place_of_the_declared_ones() -> None:
     raw = process({"engine_friction_pct": 10.0, "reference_torque": 1000.0})
     assert raw.columns.torque_Nm[1] == pytest.approx(450.0)

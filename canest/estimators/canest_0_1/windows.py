@@ -33,7 +33,7 @@ COLUMNS = (
     "before_N",  # traction there
     "before_Nps",  # and its rate
     "speed_mps",  # at the end
-    "force_N",  # mean, rotating inertia not subtracted
+    "force_N",  # mean, the inertia of `rotating_kg` not subtracted
     "traction_N",  # at the end
     "traction_Nps",  # its rate there
     "roll_mps2",  # mean g mu
