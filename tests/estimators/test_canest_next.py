@@ -117,3 +117,22 @@ def test_an_inverted_accelerometer_is_left_out():
     # until enough has been compared it is used, with what it costs
     assert np.abs(drive.error(e))[-1000:].max() < 0.04
     assert (np.abs(drive.error(e)) < 3 * e.mass_std_kg / drive.mass_kg)[3000:].all()
+
+
+def test_a_vehicle_beyond_its_bounds_is_named():
+    drive = trip(200, mass_kg=30_000.0)
+    estimator = create("canest-next", replace(STATED, mass_max_kg=24_000.0))
+    e = estimator.update(drive.block)
+    assert "heavier than vehicle.mass_max_kg = 24,000 kg" in estimator.contradiction()
+    assert (e.mass_kg[2000:] <= 24_000.0).all()
+    assert (e.status[5000:] != Status.VALID).all()
+    assert estimator.snapshot()["learned"]
+
+
+def test_a_remembered_mass_is_kept_until_the_driving_says_otherwise():
+    drive = trip(120, mass_kg=30_000.0)
+    estimator = create("canest-next", STATED)
+    estimator.restore(29_500.0, 600.0)
+    e = estimator.update(drive.block)
+    assert abs(e.mass_kg[100] / 29_500.0 - 1.0) < 0.05
+    assert np.abs(drive.error(e))[-1000:].max() < 0.03

@@ -16,7 +16,7 @@ from canest.estimators.default import kernel
 from canest.estimators.default import model as at
 from canest.estimators.default.accelerometer import Comparison
 from canest.estimators.default.constants import CONSTANTS, Constants, gain_std, vehicle_of
-from canest.estimators.default.hypotheses import Filters, Room
+from canest.estimators.default.hypotheses import Filters, Room, moments_of_u, most_probable
 from canest.estimators.default.load import Standing
 from canest.estimators.default.noise import Levels
 from canest.estimators.default.report import LEAD_1PM, Report
@@ -107,7 +107,8 @@ class GaussianSum(Estimator):
         report = Report(guess, guess * guess, facts.initial_grade or 0.0, c.prior.grade**2, 0.0, 0.0, 0.0)
         self._carried = kernel.Carried(kernel.Progress(), Standing(), levels, Comparison(), report)
         self._windows = Windows(self._late_s)
-        self._status = StatusTracker(facts.valid_std)
+        bounds = (facts.mass_min_kg, facts.mass_max_kg)
+        self._status = StatusTracker(facts.valid_std, bounds_kg=bounds)
         self._gain = gain_std(facts)
         first = np.zeros(kernel.OUTPUTS)
         first[: kernel.OUT_BEND] = report[: kernel.OUT_BEND]
@@ -208,6 +209,26 @@ class GaussianSum(Estimator):
         std = math.sqrt(self._last[kernel.OUT_VAR] + (self._gain * mass) ** 2)
         learned = bool(self._last[kernel.OUT_LEARNED] > 0.0)
         return {"mass_kg": mass, "mass_std_kg": std, "learned": learned, **self.consistency()}
+
+    def contradiction(self) -> str:
+        """Return what in the samples contradicts the vehicle's facts ('' for nothing)."""
+        faulty = _FAULTY if self._carried.comparison.faulty > 0.0 else ""
+        return "; ".join(found for found in (self._beyond_bound(), faulty) if found)
+
+    def _beyond_bound(self) -> str:
+        """Return the bound of the mass beyond which the driving leads, in a sentence."""
+        if not self._last[kernel.OUT_LEARNED]:
+            return ""
+        filters, v, facts = self._filters, self._vehicle, self.facts
+        u, var = moments_of_u.interpreted(filters, most_probable.interpreted(filters.weight))
+        margin = facts.valid_std * u
+        if var > margin * margin or v.least_u - margin < u < v.most_u + margin:
+            return ""
+        bound, is_so = ("mass_max_kg", "heavier") if u < v.least_u else ("mass_min_kg", "lighter")
+        return (
+            f"the driving shows a vehicle {is_so} than vehicle.{bound} = {getattr(facts, bound):,.0f} kg: "
+            "the bound is wrong, or torque, ratio or wheel radius are"
+        )
 
     def consistency(self) -> dict[str, float]:
         """Return the mean normalised innovation squared (1 when honest), and over how many windows."""
