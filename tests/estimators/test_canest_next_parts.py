@@ -120,18 +120,12 @@ def test_a_stop_changes_the_load_with_the_time_it_lasts():
     assert changed_probability(load.stop_s, load) == pytest.approx(1.0 - np.exp(-1.0))
 
 
-def test_creeping_counts_as_standing():
-    load, standing = CONSTANTS.load, Standing()
-    blank = dict.fromkeys(Window._fields, 0.0)
-    still = Window(**{**blank, "stopped": 1.0})
-    creep = Window(**{**blank, "distance_m": 0.5})
-    for window in [still] * 10 + [creep] * 4 + [still] * 10:
-        standing = stand(standing, window, load)
-    assert standing.standing_s == pytest.approx(4.0)
-    for _ in range(30):
-        standing = stand(standing, creep, load)
-    assert standing.standing_s == 0.0
-    assert standing.unknown_s == pytest.approx(4.0)
+def test_gaps_and_stops_count_as_time_in_which_the_load_is_not_seen():
+    standing, blank = Standing(), dict.fromkeys(Window._fields, 0.0)
+    still, gap = Window(**{**blank, "stopped": 1.0}), Window(**{**blank, "gap_s": 7.0})
+    for window in [still] * 10 + [Window(**blank)] * 4 + [gap]:
+        standing = stand(standing, window)
+    assert standing.unknown_s == pytest.approx(9.0)
 
 
 def test_a_wide_mixture_is_summed_over_the_masses():

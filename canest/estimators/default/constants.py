@@ -50,7 +50,7 @@ class Driver(NamedTuple):
         3e-4  #: changes of the force beyond what this asks for in a second are the driver's own
     )
     usual_mps2: float = 0.02  #: and beyond this, whatever the road
-    weight: float = 2.0  #: weight of that evidence per second of driving, in windows
+    weight: float = 2.0  #: weight of that evidence, per open window
 
 
 class Load(NamedTuple):
@@ -58,8 +58,7 @@ class Load(NamedTuple):
 
     stop_s: float = 130.0  #: mean standing time after which it has changed
     least_stop_s: float = 3.0  #: in a shorter stop nobody loads
-    creep_m: float = 10.0  #: a vehicle that has moved less still stands
-    moving_probability: float = 0.015  #: that it has changed in motion, taken again at each challenge
+    moving_probability: float = 0.01  #: that it has changed in motion, taken again at each challenge
     drift_probability: float = 0.3  #: that it drifts (spreading, leaking, snow), likewise
     settle_probability: float = 0.1  #: that a drift has ended, likewise
     drift_per_rts: float = 3e-3  #: drift of the inverse mass, a share of it per root of a second
@@ -86,8 +85,8 @@ class Noise(NamedTuple):
     gust_mps: float = 0.15  #: std of the gusts
     gust_s: float = 5.0  #: their correlation time
     jitter_s: float = 0.004  #: the delay of the torque changes from frame to frame by this
-    ringing: float = 0.75  #: share of a driveline's swing left a window later
-    swing_mpN: float = 1e-6  #: speed of that swing per change of the traction
+    ringing: float = 0.75  #: share of a driveline's swing, squared, left a window later
+    swing_mpN: float = 1e-6  #: speed of that swing per change of the traction, (m/s)/N
     outlier: float = 9.0  #: innovations are cut at the root of this, in stds
     power: float = 0.5  #: windows are not independent: share of the log likelihood that counts for the mass
 
@@ -101,7 +100,7 @@ class Wind(NamedTuple):
 
 
 class Closed(NamedTuple):
-    """What is measured while the gates are closed: the slope, and never the mass."""
+    """What is measured while the gates are closed."""
 
     force_share: float = 0.1  #: std of a retarder's force, of what a gate hides
     drag_mps2: float = 0.03  #: drag of an open driveline, and a vehicle that rocks on its tyres

@@ -209,7 +209,7 @@ def run(
         is_open, still = w.open > 0.0, w.stopped > 0.0
         # -- what has happened since the window before
         metres = w.distance_m + w.gap_s * max(w.speed_mps, 0.0)
-        standing = stand(standing, w, c.load)
+        standing = stand(standing, w)
         height_known = p.height_known > 0.0 and w.gap_s <= c.road.height_lost_s
         before = 0.0 if w.gap_s > 0.0 else p.open_windows
         begins = is_open and before == 0.0
@@ -225,7 +225,7 @@ def run(
                 open_load(
                     filters, probability, loosened, centres, prior_var, False, w.rotating_kg, c, v, room
                 )
-            standing = Standing(standing.standing_s, standing.moved_m, 0.0)
+            standing = Standing(0.0)
         elif is_open and not begins and challenged_s > c.load.challenge_s:
             challenged_s = 0.0
             question_drift(filters, c.load)

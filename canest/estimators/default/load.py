@@ -49,21 +49,16 @@ _UNKNOWN_Q = 100.0
 
 
 class Standing(NamedTuple):
-    """How long the vehicle has stood, creeping included."""
+    """How long the load has not been seen."""
 
-    standing_s: float = 0.0  #: in this stop, zero once it moves
-    moved_m: float = 0.0  #: since it last stood
-    unknown_s: float = 0.0  #: standing time since the load was last taken up
+    unknown_s: float = 0.0  #: standing and missing time since the load was last taken up
 
 
 @jit.kernel
-def stand(standing: Standing, w: Window, load: Load) -> Standing:
-    """Return the standing times after a window."""
-    still = w.stopped > 0.0
-    stood_s = w.gap_s + (WINDOW_S if still else 0.0)
-    moved_m = 0.0 if still or w.gap_s > 0.0 else standing.moved_m + w.distance_m
-    standing_s = standing.standing_s + stood_s if moved_m <= load.creep_m else 0.0
-    return Standing(standing_s, moved_m, standing.unknown_s + stood_s)
+def stand(standing: Standing, w: Window) -> Standing:
+    """Return the standing time after a window; while nothing is received the vehicle may have stood."""
+    still_s = WINDOW_S if w.stopped > 0.0 else 0.0
+    return Standing(standing.unknown_s + w.gap_s + still_s)
 
 
 @jit.kernel
@@ -97,7 +92,11 @@ def new_density(
             unit = 1.0 if state in (BIAS, PITCH) else u * u
             P[state][state] += loosened * prior_var[state] * unit
     if moving:  # the base may have taken the change of the load for one of the road
-        x[Q] *= (1.0 + u * rotating_kg) / (1.0 + known_u * rotating_kg)
+        # the speed is known, so q = (1 + u J) v is as unknown as u
+        lever = rotating_kg * x[Q] / (1.0 + known_u * rotating_kg)
+        x[Q] += (u - known_u) * lever
+        P[Q][U] = P[U][Q] = lever * u_std * u_std
+        P[Q][Q] += lever * lever * u_std * u_std
         P[GRADE][GRADE] += prior_var[GRADE]
         if m in (CURVED_FREE, CURVED_ANSWERED):
             P[CURVATURE][CURVATURE] += prior_var[CURVATURE]

@@ -110,7 +110,8 @@ def speed(x: Vector, P: Matrix, scratch: Scratch, w: Window, c: Levers, noise: N
 @jit.kernel
 def speed_noise(w: Window, c: Levers, noise: Noise) -> float:
     """Return the variance of a measured speed: its noise, and what the torque's jitter makes of it."""
-    jitter = c.mean_u * w.traction_Nps * noise.jitter_s / (1.0 + c.mean_u * w.rotating_kg)
+    moved = w.traction_N - w.before_N
+    jitter = c.mean_u * moved * noise.jitter_s / (1.0 + c.mean_u * w.rotating_kg)
     return c.speed_var + jitter * jitter
 
 

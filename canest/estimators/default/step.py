@@ -92,9 +92,10 @@ def balance(x: Vector, P: Matrix, s: Scratch, w: Window, c: Common, k: Constants
     nis = e * e / var
     if nis > k.road.step_nis:
         # no noise explains it: the road has a step here, and the speed is what was measured
-        step = e / (WINDOW_S * GRAVITY_MPS2)
+        missing = e * (1.0 + bounded_u(x, c.levers) * w.rotating_kg)
+        step = missing / (WINDOW_S * GRAVITY_MPS2)
         P[GRADE][GRADE] += min(step * step, k.prior.grade * k.prior.grade)
-        P[Q][Q] += e * e
+        P[Q][Q] += missing * missing
     excess = surplus(e, var, speed_noise(w, c.levers, k.noise), k.noise)
     return Found(log_likelihood(e, var, k.noise.outlier), nis, excess, 0.0)
 
