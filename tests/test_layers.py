@@ -24,6 +24,7 @@ PUBLIC = {"__init__.py", "__main__.py", "api.py", "py.typed"}  #: all that may l
 
 DEFAULT_ESTIMATOR = "kernels of the default estimator, whose state is given one by one"
 STATE = "numba compiles scalars and arrays, so the state is given one by one"
+NEXT = "the compiled loop of canest-next, and kernels that take a density's vectors and matrices one by one"
 RECURSION = "one loop over one documented recursion: a call per sample costs more than its work"
 
 LARGE_FILES = {
@@ -32,6 +33,7 @@ LARGE_FILES = {
 LONG_FUNCTIONS = {
     "estimators/canest_0_1/filter.py: settle": DEFAULT_ESTIMATOR,
     "estimators/canest_0_1/kernel.py: run": DEFAULT_ESTIMATOR,
+    "estimators/default/kernel.py: run": NEXT,
     "estimators/papers/kidambi2014/ekf_filter.py: ekf_steps": RECURSION,
     "estimators/papers/rhode2013/rsvd.py: append_rows": RECURSION,
     "estimators/papers/vahidi2005/rls.py: matrix_rls": RECURSION,
@@ -44,6 +46,12 @@ MANY_ARGUMENTS = {
     "estimators/canest_0_1/kernel.py: run": DEFAULT_ESTIMATOR,
     "estimators/canest_0_1/senses.py: feel": DEFAULT_ESTIMATOR,
     "estimators/canest_0_1/senses.py: retard": DEFAULT_ESTIMATOR,
+    "estimators/default/hypotheses.py: exchange": NEXT,
+    "estimators/default/kernel.py: run": NEXT,
+    "estimators/default/load.py: new_density": NEXT,
+    "estimators/default/load.py: open_load": NEXT,
+    "estimators/default/sensors.py: accelerometer": NEXT,
+    "estimators/default/update.py: condition_all_but_mass": NEXT,
     "vehicle/butterworth.py: _section_kernel": STATE,
 }
 
