@@ -109,8 +109,8 @@ def page(runs: list[Run], found: list[tuple[str, Effect, Effect]], command: str)
         f"Every constant of `canest-next` halved / doubled, one at a time, on {drives} simulated drives:",
         f"{', '.join(dict.fromkeys(run['drive'] for run in default))};",
         f"without and with accelerometer, {len(default)} runs. Shown are the mean differences from the",
-        "default, in points. Effect: the largest of them. A run notices where an RMS changes by 2 % of it, or",
-        "a share by a point. Mass RMS is the mean over the runs, stops with a changed load included.",
+        "default, in points. Effect: the largest of them. A run notices where an RMS changes by 2 % of it,",
+        "or a share by a point. Mass RMS is the mean over the runs, stops with a changed load included.",
         "",
         f"    {command} -o docs/measured/sensitivity.md",
         "",
@@ -118,7 +118,8 @@ def page(runs: list[Run], found: list[tuple[str, Effect, Effect]], command: str)
         "",
         *table(found),
         "",
-        f"Effect below {SMALL_POINTS:g} points, and noticed by less than {SMALL_RUNS:g} % of the runs: {small}.",
+        f"Effect below {SMALL_POINTS:g} points, noticed by less than {SMALL_RUNS:g} % of the runs:",
+        f"{small}.",
         "",
     ]
     return "\n".join(lines)
