@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from canest.config.load import load_config
 from canest.core.errors import ConfigError
 from canest.core.frames import BoolColumn, FloatColumn, FrameBlock
 from canest.core.samples import EstimateBlock, ModelBlock, Status, VehicleFacts
+from canest.estimators.base import Estimator
 from canest.estimators.registry import create, estimator_class, require_known
 from canest.pipeline.build import facts_of
 from canest.pipeline.pipeline import Pipeline
@@ -107,9 +109,16 @@ def estimate(
     name: str, drive: Drive, start_kg: float, *, accelerometer: bool
 ) -> tuple[EstimateBlock, dict[str, float]]:
     """Return the estimates of a drive, and what the estimator's snapshot tells of its innovations."""
+    return estimate_with(partial(create, name), drive, start_kg, accelerometer=accelerometer)
+
+
+def estimate_with(
+    make: Callable[[VehicleFacts], Estimator], drive: Drive, start_kg: float, *, accelerometer: bool
+) -> tuple[EstimateBlock, dict[str, float]]:
+    """Do as `estimate` does, with an estimator that need not be registered."""
     samples = drive.samples if accelerometer else without_accelerometer(drive.samples)
     facts = replace(drive.facts, initial_mass_kg=start_kg, has_accelerometer=accelerometer)
-    estimator = create(name, facts)
+    estimator = make(facts)
     estimates = estimator.update(samples)
     found = estimator.snapshot()
     return estimates, {key: float(found.get(key, np.nan)) for key in ("nis", "runs_z", "windows")}

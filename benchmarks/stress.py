@@ -40,12 +40,8 @@ def one_drive(job: Job) -> list[Run]:
     jit.enable()
     name, seed, estimators = job
     row, runs = BY_NAME[name], []
-    scenarios = row.scenarios(seed)
     for gate, names in by_gate(estimators).items():
-        drive = prepare(*scenarios, edit=row.edit_frames, excitation_gate=gate)
-        facts = replace(drive.facts, **row.facts)
-        samples = row.edit_samples(drive.samples) if row.edit_samples else drive.samples
-        drive = replace(drive, samples=samples, facts=facts)
+        drive = draw(row, seed, excitation_gate=gate)
         for estimator in names:
             for accelerometer in row.accelerometer:
                 estimates, innovations = estimate(estimator, drive, START_KG, accelerometer=accelerometer)
@@ -53,6 +49,13 @@ def one_drive(job: Job) -> list[Run]:
                 about = {"drive": name, "seed": seed, "estimator": estimator, "accelerometer": accelerometer}
                 runs.append(about | figures)
     return sorted(runs, key=lambda run: estimators.index(run["estimator"]))
+
+
+def draw(row: Row, seed: int, *, excitation_gate: bool = False) -> Drive:
+    """Simulate one drive of a row, with what is wrong with its signals and facts."""
+    drive = prepare(*row.scenarios(seed), edit=row.edit_frames, excitation_gate=excitation_gate)
+    samples = row.edit_samples(drive.samples) if row.edit_samples else drive.samples
+    return replace(drive, samples=samples, facts=replace(drive.facts, **row.facts))
 
 
 def judged(row: Row, drive: Drive, estimates: EstimateBlock) -> dict[str, float]:

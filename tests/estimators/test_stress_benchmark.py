@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,29 +9,15 @@ from canest.core.frames import FrameBlock
 from canest.core.samples import EstimateBlock, Status
 from canest.simulation import load_scenario, simulate
 
-BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+
+@pytest.fixture(scope="module")
+def rows(benchmark_module):
+    return benchmark_module("stress_rows")
 
 
 @pytest.fixture(scope="module")
-def rows():
-    before, known = list(sys.path), set(sys.modules)
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
-        import stress_rows
-
-        yield stress_rows
-    finally:
-        sys.path[:] = before
-        for name in set(sys.modules) - known:
-            if Path(getattr(sys.modules[name], "__file__", None) or ".").parent == BENCHMARKS:
-                del sys.modules[name]
-
-
-@pytest.fixture(scope="module")
-def judging(rows):
-    import judging
-
-    return judging
+def judging(benchmark_module):
+    return benchmark_module("judging")
 
 
 def scenario(rows, name, seed=1):
