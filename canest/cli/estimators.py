@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -68,7 +67,7 @@ def show(name: str, as_json: bool) -> None:
     rows = list(option_rows(found.options))
     if as_json:
         presets = {key: dict(values) for key, values in found.options.presets.items()}
-        options = [asdict(row) for row in rows]
+        options = [row._asdict() for row in rows]
         _print_json({**_described(found), "presets": presets, "options": options})
         return
     console = _console()

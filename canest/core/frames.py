@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -167,8 +167,7 @@ def frame_of(message: Any) -> tuple[int, int, bytes]:
     return round(message.timestamp * 1e6), can_id, payload
 
 
-@dataclass(slots=True)
-class RoleSamples:
+class RoleSamples(NamedTuple):
     """Decoded samples of one stretch of the stream, per role of the signal map.
 
     samples: role -> (t_us int64 (n,), value float64 (n,)), in order of arrival; NaN where the sender

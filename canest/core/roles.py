@@ -7,7 +7,7 @@ canest; a source in another unit of the same dimension is converted, any other u
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 RADPS_PER_RPM = math.pi / 30
 
@@ -43,8 +43,7 @@ def conversion(role: str, unit: str) -> tuple[float, float] | None:
     return UNITS[known.unit].get(unit)
 
 
-@dataclass(frozen=True, slots=True)
-class Role:
+class Role(NamedTuple):
     """One role: its unit inside canest, how old a sample may be, and what it is for."""
 
     name: str

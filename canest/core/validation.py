@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from pydantic import ValidationError
 
@@ -16,8 +15,7 @@ _WORDS = {"a valid ": "a ", "a integer": "a whole number", "a tuple": "a list", 
 Kind = Literal["unknown key", "missing", "contradiction", "wrong value"]
 
 
-@dataclass(frozen=True, slots=True)
-class Mistake:
+class Mistake(NamedTuple):
     """One mistake in nested keys and values.
 
     path: keys from the outermost to the wrong one, () for the whole. words: the whole sentence of a

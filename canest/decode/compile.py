@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +28,7 @@ _NAN = float("nan")
 _FLOATS = {32: ("<I", "<f", np.uint32, np.float32), 64: ("<Q", "<d", np.uint64, np.float64)}
 
 
-@dataclass(frozen=True, slots=True)
-class Field:
+class Field(NamedTuple):
     """Where a field lies in a payload of ``size`` bytes that has been read as one integer.
 
     The integer is little-endian, or big-endian after a byte swap when ``swapped``.

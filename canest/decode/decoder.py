@@ -8,8 +8,7 @@ Multi-packet groups always go frame by frame: they are rare, and their packets d
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +38,7 @@ _IDS_REMEMBERED = 4096  #: identifiers resolved and kept; a bus has some hundred
 _UNWANTED, _FRAME_BY_FRAME, _FIRST_COLUMNAR = range(3)  #: slots of the table over parameter groups
 
 
-@dataclass(frozen=True, slots=True)
-class _Route:
+class _Route(NamedTuple):
     """Who takes the data frames of one identifier: a sender, or else the transport protocol."""
 
     sender: Sender | None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from canest.core.errors import ConfigError
 from canest.core.frames import EXTENDED
@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 MAX_GROUPS = 250  #: slots of one byte
 
 
-@dataclass(frozen=True, slots=True)
-class Want:
+class Want(NamedTuple):
     """One entry of a config's signal map, resolved.
 
     source: address that may send it, None for any (see `canest.decode.ownership`).
@@ -45,8 +44,7 @@ class Want:
     texts: TextTable | None = None
 
 
-@dataclass(slots=True)
-class WantedSignal:
+class WantedSignal(NamedTuple):
     """A compiled signal with the role it serves; ``owner`` is None when the config names the source."""
 
     role: str

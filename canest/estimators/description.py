@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import types
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel, Field
 from pydantic.config import JsonDict
@@ -25,8 +24,7 @@ PAPERS = {
 _SIGNS = {"gt": "> ", "ge": "≥ ", "lt": "< ", "le": "≤ "}
 
 
-@dataclass(frozen=True, slots=True)
-class Description:
+class Description(NamedTuple):
     """One estimator: what lists, pages and error messages know of it.
 
     name: as a config writes it. text: the method in one line. source: the paper and its equations.
@@ -45,8 +43,7 @@ class Description:
         return tuple(self.options.presets)
 
 
-@dataclass(frozen=True, slots=True)
-class OptionRow:
+class OptionRow(NamedTuple):
     """One option for people: dotted name, default (JSON types), unit, allowed values, meaning."""
 
     name: str

@@ -9,7 +9,7 @@ then followed, and frames of the other are left out, since stretches of one fram
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,8 +21,7 @@ _INTERLEAVED_AFTER = 200
 _OTHER_IN_A_ROW = 100
 
 
-@dataclass(frozen=True, slots=True)
-class Stretch:
+class Stretch(NamedTuple):
     """Frames whose stamps never decrease. ``jump``: how it follows what came before."""
 
     frames: FrameBlock

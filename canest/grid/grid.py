@@ -10,6 +10,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,8 +27,7 @@ _TimedColumn = tuple[IntColumn, FloatColumn]
 _Lists = tuple[list[int], list[float]]
 
 
-@dataclass(frozen=True, slots=True)
-class Channel:
+class Channel(NamedTuple):
     """How one role is held: ``delay_us`` it reports late, ``stale_us`` it may age."""
 
     role: str
@@ -35,8 +35,7 @@ class Channel:
     stale_us: int = FOREVER_US
 
 
-@dataclass(frozen=True, slots=True)
-class Feed:
+class Feed(NamedTuple):
     """One monotone stretch of decoded samples.
 
     samples: role -> (t_us, value); no value is minus zero. jump, before_us: how it follows what came before

@@ -16,10 +16,9 @@ import threading
 import time
 from collections.abc import Iterator
 from contextvars import ContextVar
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from canest.core.errors import LogError
 
@@ -36,8 +35,7 @@ _CPU_GRACE_S = 60
 _STATM_RESIDENT, _STATM_DATA = 1, 5
 
 
-@dataclass(frozen=True, slots=True)
-class LogBudget:
+class LogBudget(NamedTuple):
     """Limits of one log; infinite for none.
 
     time_s: of computing; None for 60 s and 60 s more per 100 MB of log, unpacked.

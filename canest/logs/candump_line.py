@@ -13,8 +13,8 @@ Both text forms of can-utils' ``candump`` are understood, with everything its op
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import NamedTuple
 
 from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE
 
@@ -45,8 +45,7 @@ _NO_STAMP = re.compile(rb"\s*\S+\s+(?:[0-9A-Fa-f]{8}|[0-9A-Fa-f]{3})(?:#|\s+\[\d
 _WHITE = b" \t\r\n\x0b\x0c"
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
+class Line(NamedTuple):
     """A well-formed line: the frame, and where its parts stood (for `canest.logs.candump_layout`)."""
 
     t_us: int

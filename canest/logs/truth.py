@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,8 +16,7 @@ from canest.logs.memory import MemoryLog
 COLUMNS = ("grade", "mass_kg")
 
 
-@dataclass(frozen=True, slots=True)
-class Truth:
+class Truth(NamedTuple):
     """Truth at its own rate: t_us int64 (n,), increasing; grade tan(beta), mass_kg float64 (n,) or None."""
 
     t_us: IntColumn

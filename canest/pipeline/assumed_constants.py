@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,8 +22,7 @@ TOLERANCE = 0.01
 MASS_STD_SHARE = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class AssumedConstants:
+class AssumedConstants(NamedTuple):
     """Role -> the number assumed for it, and by how much the reported one may differ (same unit)."""
 
     numbers: Mapping[str, tuple[float, float]] = field(default_factory=dict)

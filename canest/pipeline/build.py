@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from canest.config.schema import Config
 from canest.config.sections import Source
@@ -43,8 +42,7 @@ TWO_STD_PCT = 200.0
 _ACCELEROMETER = "longitudinal_accel"
 
 
-@dataclass(frozen=True, slots=True)
-class IntakeSpec:
+class IntakeSpec(NamedTuple):
     """What selects, orders and checks frames.
 
     wants: role -> DBC signal. hold_us: silence after which ticks stop. max_backward_us: how far a
@@ -61,16 +59,14 @@ class IntakeSpec:
     torque: Mapping[str, TorqueLimit]
 
 
-@dataclass(frozen=True, slots=True)
-class GridSpec:
+class GridSpec(NamedTuple):
     """What holds samples on the 50 Hz ticks: one channel per role, and when ticks stop."""
 
     channels: tuple[Channel, ...]
     hold_us: int
 
 
-@dataclass(frozen=True, slots=True)
-class EstimatorSpec:
+class EstimatorSpec(NamedTuple):
     """Which estimator, what it may know of the vehicle, and its options; `where` locates its mistakes."""
 
     name: str
@@ -82,8 +78,7 @@ class EstimatorSpec:
         return create(self.name, self.facts, self.options)
 
 
-@dataclass(frozen=True, slots=True)
-class PipelineSpec:
+class PipelineSpec(NamedTuple):
     """All that a pipeline is made of."""
 
     intake: IntakeSpec

@@ -8,7 +8,7 @@ stream is cut.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +18,7 @@ from canest.core.frames import BoolColumn, FloatColumn
 from canest.core.samples import RATE_HZ
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
+class Section(NamedTuple):
     """One second-order section, a0 = 1 (b2 = a2 = 0 for the first-order one of an odd order)."""
 
     b0: float

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,8 +33,7 @@ JUMP_HOLD_S = 1.0
 _FEW = 50  #: samples of one role up to which walking them is faster than columns (both give the same bits)
 
 
-@dataclass(frozen=True, slots=True)
-class Limit:
+class Limit(NamedTuple):
     """A signal may differ by ``slack`` at once and by ``rate`` more per second, its size has bounds."""
 
     slack: float

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from canest.vehicle.facts import Vehicle
 from canest.vehicle.gate_settings import Gates
@@ -12,8 +11,7 @@ if TYPE_CHECKING:
     from canest.vehicle.effects import Effect  # two dozen dataclasses, of no use to a vehicle without effects
 
 
-@dataclass(frozen=True, slots=True)
-class AccelerometerSource:
+class AccelerometerSource(NamedTuple):
     """How the longitudinal accelerometer arrives.
 
     stale_s: age in seconds up to which a sample counts.
@@ -24,16 +22,14 @@ class AccelerometerSource:
     same_message: tuple[str, ...] = ("longitudinal_accel",)
 
 
-@dataclass(frozen=True, slots=True)
-class FilterSpec:
+class FilterSpec(NamedTuple):
     """The Butterworth low-pass of the regression: order, and -3 dB frequency in Hz."""
 
     order: int = 2
     cutoff_hz: float = 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class ModelSpec:
+class ModelSpec(NamedTuple):
     """Everything that the longitudinal model, its filters and its gates depend on.
 
     roles: the mapped roles, in the order of the signal map. required: those of them that close the gate
@@ -52,4 +48,4 @@ class ModelSpec:
 
     def with_effects(self, effects: tuple[Effect, ...]) -> ModelSpec:
         """Return the same model with exactly these effects."""
-        return replace(self, effects=effects)
+        return self._replace(effects=effects)
