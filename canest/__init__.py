@@ -1,41 +1,10 @@
 """canest: vehicle mass and road grade from the CAN bus, at 50 Hz, live or from logs.
 
-The public names are those of `__all__` (docs/api.md); each is imported when it is first used.
+The public names are those of `__all__` (docs/api.md); each is imported when it is first used. Type checkers
+read them from `__init__.pyi`.
 """
 
 __version__ = "0.1.0"
-
-TYPE_CHECKING = False  # `typing` itself would be most of what importing this costs
-if TYPE_CHECKING:
-    from canest import estimators
-    from canest.api import (
-        BusError,
-        CanestError,
-        Comparison,
-        Config,
-        ConfigError,
-        Diagnosis,
-        Estimates,
-        FrameBlock,
-        Gate,
-        LogError,
-        OutputError,
-        Pipeline,
-        Replay,
-        Signals,
-        SimulatedDrive,
-        Status,
-        UsageError,
-        Vehicle,
-        compare,
-        demo_drive,
-        diagnose,
-        estimate,
-        load_config,
-        read_signals,
-        replay,
-        simulate,
-    )
 
 __all__ = [
     "BusError",

@@ -20,7 +20,8 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "canest"
 
 MOST_LINES_OF_A_FILE, MOST_LINES_OF_A_FUNCTION, MOST_ARGUMENTS = 300, 60, 8
-PUBLIC = {"__init__.py", "__main__.py", "api.py", "py.typed"}  #: all that may lie at the top of canest/
+#: all that may lie at the top of canest/
+PUBLIC = {"__init__.py", "__init__.pyi", "__main__.py", "api.py", "py.typed"}
 
 DEFAULT_ESTIMATOR = "kernels of the default estimator, whose state is given one by one"
 STATE = "numba compiles scalars and arrays, so the state is given one by one"

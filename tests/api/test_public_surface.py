@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import inspect
 import runpy
@@ -58,6 +59,14 @@ def test_names_of_package_and_api_are_the_same():
     from canest import api
 
     assert sorted(set(canest.__all__) - {"estimators"}) == sorted(api.__all__)
+
+
+def test_a_type_checker_sees_the_names_that_there_are():
+    stub = ast.parse((ROOT / "canest" / "__init__.pyi").read_text())
+    imported = {a.name for n in stub.body if isinstance(n, ast.ImportFrom) for a in n.names}
+    listed = next(n.value for n in stub.body if isinstance(n, ast.Assign))
+    assert ast.literal_eval(listed) == canest.__all__
+    assert imported == set(canest.__all__)
     assert dir(canest) == sorted([*canest.__all__, "__version__"])
 
 
@@ -75,7 +84,7 @@ def test_no_subpackage_carries_the_name_of_a_public_function():
 
 def test_top_of_the_package_holds_nothing_else():
     files = {path.name for path in (ROOT / "canest").iterdir() if path.is_file()}
-    assert files == {"__init__.py", "__main__.py", "api.py", "py.typed"}
+    assert files == {"__init__.py", "__init__.pyi", "__main__.py", "api.py", "py.typed"}
 
 
 @pytest.mark.parametrize("statement", ["import canest", "import canest; dir(canest); canest.__version__"])
