@@ -10,12 +10,11 @@ A mechanism is switched off by the values of constants, or by removing a signal 
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Sequence
 
 import numpy as np
 from ablation_list import MECHANISMS
-from tables import HEADINGS, Run
+from tables import HEADINGS, Run, drive_count, page_head
 from variants import (
     DEFAULT,
     FAMILIES,
@@ -30,6 +29,7 @@ from variants import (
     jobs_of,
     means,
     run_all,
+    write_results,
 )
 
 #: what a set of drives is called, and which they are
@@ -38,6 +38,13 @@ SETS = {"calibration": list(FAMILIES), "stress": [name for name in NAMES if name
 SHOWN = 2
 #: smaller changes of one drive are not shown, points
 SMALL = 0.1
+
+ABOUT = """\
+Each mechanism of `canest-next` switched off, one at a time, on {drives} simulated drives of the
+calibration and stress benchmarks, without and with accelerometer. The first row is the whole
+estimator, the others are mean differences from it: where an RMS rises, the mechanism pays. A
+run notices where an RMS changes by 2 % of it, or a share by a point. Mass RMS is the mean over the
+runs, stops with a changed load included. The mechanisms with the largest effect come first."""
 
 
 def of_drives(runs: list[Run], drives: Sequence[str]) -> list[Run]:
@@ -87,19 +94,8 @@ def single_drives(runs: list[Run], found: list[tuple[str, Effect]]) -> list[str]
 
 def page(runs: list[Run], found: list[tuple[str, Effect]], command: str) -> str:
     """Return the tables as a page of the docs."""
-    drives = len({(run["drive"], run["seed"]) for run in runs})
-    lines = [
-        "# Ablation",
-        "",
-        f"Each mechanism of `canest-next` switched off, one at a time, on {drives} simulated drives of the",
-        "calibration and stress benchmarks, without and with accelerometer. The first row is the whole",
-        "estimator, the others are mean differences from it: where an RMS rises, the mechanism pays. A",
-        "run notices where an RMS changes by 2 % of it, or a share by a point. Mass RMS is the mean over the",
-        "runs, stops with a changed load included. The mechanisms with the largest effect come first.",
-        "",
-        f"    {command} -o docs/measured/ablation.md",
-        "",
-    ]
+    about = ABOUT.format(drives=drive_count(runs))
+    lines = page_head("Ablation", about, f"{command} -o docs/measured/ablation.md")
     for title, names in SETS.items():
         if of_drives(runs, names):
             lines += [f"## On the {title} drives", "", *table(runs, found, names), ""]
@@ -111,11 +107,8 @@ def page(runs: list[Run], found: list[tuple[str, Effect]], command: str) -> str:
 def main() -> None:
     """Run the benchmark and print its tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    common_options(parser, NAMES, seed=950)
     names = [mechanism.name for mechanism in MECHANISMS]
-    parser.add_argument(
-        "--only", action="append", choices=names, metavar="NAME", help=f"only these, of: {'; '.join(names)}"
-    )
+    common_options(parser, NAMES, names, seed=950)
     options = parser.parse_args()
     chosen = [m for m in MECHANISMS if not options.only or m.name in options.only]
     runs = run_all(jobs_of(options, chosen), options.jobs)
@@ -124,12 +117,7 @@ def main() -> None:
     for names_of_set in SETS.values():
         if of_drives(runs, names_of_set):
             print("\n".join(table(runs, found, names_of_set)))
-    if options.output:
-        command = command_line("ablation", options)
-        command += "".join(f' --only "{name}"' for name in options.only or [])
-        options.output.write_text(page(runs, found, command), encoding="utf-8")
-    if options.json:
-        options.json.write_text(json.dumps(runs, indent=1), encoding="utf-8")
+    write_results(options, page(runs, found, command_line("ablation", options)), runs)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 from judging import Drive, by_gate, estimate, estimator_name, judge, prepare
-from tables import Run, grouped, page_table, text_table
+from tables import Run, drive_count, grouped, page_head, page_table, text_table
 
 from canest.core import jit
 
@@ -130,24 +130,21 @@ def one_drive(job: tuple[Family, int, list[str]]) -> list[Run]:
     return sorted(runs, key=lambda run: estimators.index(run["estimator"]))
 
 
+ABOUT = """\
+{drives} simulated drives with loads of 9 to 36 t (city: two changes of load in long stops), each
+from starts of 9, 21 and 36 t; starred ones carry undeclared errors. RMS is over all samples, gated
+ones and stops with a changed load too; `settled` means 60 s of open gates after a change. In n
+std: the truth lies within n standard deviations, from 60 s on. NIS: normalised innovation squared,
+1 when honest."""
+
+
 def page(runs: list[Run], command: str) -> str:
     """Return the table as a page of the docs."""
-    drives = len({(run["drive"], run["seed"]) for run in runs})
-    lines = [
-        "# How right, and how right about how right",
-        "",
-        f"{drives} simulated drives with loads of 9 to 36 t (city: two changes of load in long stops), each",
-        "from starts of 9, 21 and 36 t; starred ones carry undeclared errors. RMS is over all samples, gated",
-        "ones and stops with a changed load too; `settled` means 60 s of open gates after a change. In n",
-        "std: the truth lies within n standard deviations, from 60 s on. NIS: normalised innovation squared,",
-        "1 when honest.",
-        "",
-        f"    {command} -o docs/measured/calibration.md",
-        "",
-        *page_table(list(grouped(runs, [f.name for f in FAMILIES], total=True)), PAGE_FIGURES),
-        "",
-    ]
-    return "\n".join(lines)
+    about = ABOUT.format(drives=drive_count(runs))
+    command += " -o docs/measured/calibration.md"
+    head = page_head("How right, and how right about how right", about, command)
+    table = page_table(list(grouped(runs, [f.name for f in FAMILIES], total=True)), PAGE_FIGURES)
+    return "\n".join([*head, *table, ""])
 
 
 def main() -> None:

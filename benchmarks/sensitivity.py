@@ -9,9 +9,8 @@ One constant is changed at a time, on the same simulated drives. What cannot be 
 from __future__ import annotations
 
 import argparse
-import json
 
-from tables import HEADINGS, Run
+from tables import HEADINGS, Run, drive_count, page_head
 from variants import (
     DEFAULT,
     FAMILIES,
@@ -27,8 +26,19 @@ from variants import (
     jobs_of,
     run_all,
     value_of,
+    write_results,
 )
 
+ABOUT = """\
+Every constant of `canest-next` halved / doubled, one at a time, on {drives} simulated drives,
+without and with accelerometer, {runs} runs:
+
+- of the calibration benchmark: {calibration}
+- of the stress benchmark: {stress}
+
+Shown are the mean differences from the default, in points. Effect: the largest of them. A run
+notices where an RMS changes by 2 % of it, or a share by a point. Mass RMS is the mean over the
+runs, stops with a changed load included."""
 #: what must stay below 1, and the most it is set to
 PROBABILITIES = ("driver.answered_share", "load.moving_probability", "load.drift_probability")
 PROBABILITIES += ("load.settle_probability", "noise.ringing")
@@ -101,19 +111,16 @@ def table(found: list[tuple[str, Effect, Effect]]) -> list[str]:
 def page(runs: list[Run], found: list[tuple[str, Effect, Effect]], command: str) -> str:
     """Return the table as a page of the docs."""
     default = by_variant(runs)[DEFAULT]
-    drives = len({(run["drive"], run["seed"]) for run in runs})
     small = ", ".join(f"`{name}`" for name in without_effect(found)) or "none"
+    driven = dict.fromkeys(run["drive"] for run in default)
+    about = ABOUT.format(
+        drives=drive_count(runs),
+        runs=len(default),
+        calibration=", ".join(name for name in driven if name in FAMILIES) or "none",
+        stress=", ".join(name for name in driven if name not in FAMILIES) or "none",
+    )
     lines = [
-        "# Sensitivity",
-        "",
-        f"Every constant of `canest-next` halved / doubled, one at a time, on {drives} simulated drives:",
-        f"{', '.join(dict.fromkeys(run['drive'] for run in default))};",
-        f"without and with accelerometer, {len(default)} runs. Shown are the mean differences from the",
-        "default, in points. Effect: the largest of them. A run notices where an RMS changes by 2 % of it,",
-        "or a share by a point. Mass RMS is the mean over the runs, stops with a changed load included.",
-        "",
-        f"    {command} -o docs/measured/sensitivity.md",
-        "",
+        *page_head("Sensitivity", about, f"{command} -o docs/measured/sensitivity.md"),
         default_line(default),
         "",
         *table(found),
@@ -128,23 +135,15 @@ def page(runs: list[Run], found: list[tuple[str, Effect, Effect]], command: str)
 def main() -> None:
     """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    common_options(parser, [*FAMILIES, *ROWS], seed=900)
     names = constant_names()
-    parser.add_argument(
-        "--only", action="append", choices=names, metavar="GROUP.NAME", help="only these constants"
-    )
+    common_options(parser, [*FAMILIES, *ROWS], names, seed=900)
     options = parser.parse_args()
     chosen = [name for name in names if not options.only or name in options.only]
     runs = run_all(jobs_of(options, variants_of(chosen)), options.jobs)
     found = effects(runs, chosen)
     print(default_line(by_variant(runs)[DEFAULT]))
     print("\n".join(table(found)))
-    if options.output:
-        command = command_line("sensitivity", options)
-        command += "".join(f" --only {name}" for name in options.only or [])
-        options.output.write_text(page(runs, found, command), encoding="utf-8")
-    if options.json:
-        options.json.write_text(json.dumps(runs, indent=1), encoding="utf-8")
+    write_results(options, page(runs, found, command_line("sensitivity", options)), runs)
 
 
 if __name__ == "__main__":

@@ -57,6 +57,16 @@ def grouped(runs: list[Run], drives: Sequence[str], total: bool = False) -> Iter
                     yield Group(drive, estimator, accelerometer, mine)
 
 
+def drive_count(runs: list[Run]) -> int:
+    """Return how many drives the runs are of."""
+    return len({(run["drive"], run["seed"]) for run in runs})
+
+
+def page_head(title: str, text: str, command: str) -> list[str]:
+    """Return how a page begins: title, what is on it, and the command that writes it."""
+    return [f"# {title}", "", text, "", f"    {command}", ""]
+
+
 def pooled(runs: list[Run], figures: Sequence[str]) -> dict[str, float]:
     """Pool runs: root mean square of RMS figures, worst of maxima, mean of shares, median of stds.
 

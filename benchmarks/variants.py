@@ -6,6 +6,7 @@ Shared by `sensitivity.py` and `ablation.py`. A drive is simulated once, then ev
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -176,13 +177,19 @@ def default_line(runs: list[Run]) -> str:
     return "Default: " + "; ".join(f"{HEADINGS[f]}: {figures[f]:.2f}" for f in FIGURES) + "."
 
 
-def common_options(parser: argparse.ArgumentParser, drives: Sequence[str], seed: int) -> None:
-    """Add the options that both benchmarks have. drives: what is driven unless told otherwise."""
+def common_options(
+    parser: argparse.ArgumentParser, drives: Sequence[str], variants: Sequence[str], seed: int
+) -> None:
+    """Add the options that both benchmarks have. drives: what is driven unless `--drive` is given."""
     parser.add_argument("--drives", type=int, default=1, help="drives of every kind")
     parser.add_argument("--seed", type=int, default=seed, help="the first of them")
     listed = "; ".join(NAMES).replace("%", "%%")  # argparse fills in what follows one %
     parser.add_argument(
         "--drive", action="append", choices=NAMES, metavar="NAME", help=f"only these, of: {listed}"
+    )
+    listed = "; ".join(variants).replace("%", "%%")
+    parser.add_argument(
+        "--only", action="append", choices=variants, metavar="NAME", help=f"only these, of: {listed}"
     )
     parser.add_argument("-o", "--output", type=Path, help="write a page here")
     parser.add_argument("--json", type=Path, help="write every run's figures here")
@@ -200,4 +207,13 @@ def jobs_of(options: Any, variants: Sequence[Variant]) -> list[Job]:
 def command_line(script: str, options: Any) -> str:
     """Return the command that gives the same page."""
     words = f"python benchmarks/{script}.py --drives {options.drives} --seed {options.seed}"
-    return words + "".join(f' --drive "{name}"' for name in options.drive or [])
+    words += "".join(f' --drive "{name}"' for name in options.drive or [])
+    return words + "".join(f' --only "{name}"' for name in options.only or [])
+
+
+def write_results(options: Any, page: str, runs: list[Run]) -> None:
+    """Write the page and the runs' figures where the options want them."""
+    if options.output:
+        options.output.write_text(page, encoding="utf-8")
+    if options.json:
+        options.json.write_text(json.dumps(runs, indent=1), encoding="utf-8")
