@@ -90,24 +90,18 @@ def estimates_csv(estimates: Estimates, rows: slice) -> bytes:
     """Return rows of est.csv."""
     t_us = estimates.t_us[rows]
     comma = text.constant(b",", len(t_us))
-    return text.join(
-        [
-            text.seconds(t_us),
-            comma,
-            text.fixed(estimates.mass_kg[rows], MASS_DECIMALS),
-            comma,
-            text.fixed(estimates.mass_std_kg[rows], MASS_DECIMALS),
-            comma,
-            text.fixed(estimates.grade[rows], GRADE_DECIMALS),
-            comma,
-            text.fixed(estimates.grade_std[rows], GRADE_DECIMALS),
-            comma,
-            text.labels(estimates.status[rows], STATUS_LABELS),
-            comma,
-            text.labels(estimates.gate[rows], LABELS),
-            text.constant(b"\n", len(t_us)),
-        ]
-    )
+    numbers = [
+        (estimates.mass_kg, MASS_DECIMALS),
+        (estimates.mass_std_kg, MASS_DECIMALS),
+        (estimates.grade, GRADE_DECIMALS),
+        (estimates.grade_std, GRADE_DECIMALS),
+    ]
+    fields = [text.seconds(t_us)]
+    for column, decimals in numbers:
+        fields += [comma, text.fixed(column[rows], decimals)]
+    for codes, labels in ((estimates.status, STATUS_LABELS), (estimates.gate, LABELS)):
+        fields += [comma, text.labels(codes[rows], labels)]
+    return text.join([*fields, text.constant(b"\n", len(t_us))])
 
 
 class ParquetEstimateWriter(EstimateWriter):

@@ -1,10 +1,9 @@
 """What a command may load: a set of modules, since a time depends on the machine."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from fresh_interpreter import output_of
 
 KENWORTH = Path(__file__).parents[1] / "data" / "kenworth" / "normal.log.xz"
 
@@ -32,11 +31,7 @@ def loaded_by(*arguments: str) -> set[str]:
         "    assert not ended.code\n"
         "print('MODULES', *sys.modules)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return set(done.stdout.split("MODULES ")[-1].split())
+    return set(output_of(code).split("MODULES ")[-1].split())
 
 
 def own(modules: set[str]) -> set[str]:

@@ -9,15 +9,10 @@ from canest.core.frames import FrameBlock
 from canest.core.samples import EstimateBlock, Status
 from canest.simulation import load_scenario, simulate
 
+from .benchmark_modules import benchmark
 
-@pytest.fixture(scope="module")
-def rows(benchmark_module):
-    return benchmark_module("stress_rows")
-
-
-@pytest.fixture(scope="module")
-def judging(benchmark_module):
-    return benchmark_module("judging")
+rows = benchmark("stress_rows")
+judging = benchmark("judging")
 
 
 def scenario(rows, name, seed=1):

@@ -8,20 +8,11 @@ import pytest
 from canest.core import jit
 from canest.estimators.default.constants import CONSTANTS
 
+from .benchmark_modules import benchmark
 
-@pytest.fixture(scope="module")
-def variants(benchmark_module):
-    return benchmark_module("variants")
-
-
-@pytest.fixture(scope="module")
-def sensitivity(benchmark_module):
-    return benchmark_module("sensitivity")
-
-
-@pytest.fixture(scope="module")
-def ablation(benchmark_module):
-    return benchmark_module("ablation")
+variants = benchmark("variants")
+sensitivity = benchmark("sensitivity")
+ablation = benchmark("ablation")
 
 
 @pytest.fixture

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import pytest
+from fresh_interpreter import output_of
 
 from canest.config import parse_config
 from canest.core.errors import ConfigError
@@ -138,10 +137,7 @@ def test_known_effects_read_no_metadata() -> None:
         "load_config('class8', ['effects=[{effect: headwind, wind_mps: 1.0}]'])\n"
         "sys.exit(load_plugins.cache_info().misses)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
-    )
-    assert done.returncode == 0, done.stderr
+    output_of(code)
 
 
 def test_model_columns_under_their_old_name() -> None:
