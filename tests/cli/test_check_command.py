@@ -62,7 +62,7 @@ def test_signal_from_another_address_is_suggested(canest):
     assert any("0x0B" in hint and "vehicle_speed" in hint for hint in found["hints"])
 
 
-def test_strict_turns_the_verdict_into_an_exit_code(canest):
+def test_strict_exits_with_1_where_the_config_does_not_fit(canest):
     assert canest("check", "-c", "kenworth", BIKE, "--strict").code == 1
     assert canest("check", "-c", "kenworth", KENWORTH, "--strict").code == 0
 

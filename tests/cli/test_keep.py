@@ -123,7 +123,7 @@ def test_devices_may_be_named_as_often_as_one_likes(canest, log):
     assert done.code == 0
 
 
-def test_notes_of_many_logs_are_shown(canest, log, tmp_path):
+def test_warnings_of_many_logs_are_shown(canest, log, tmp_path):
     cut = tmp_path / "cut.log.xz"
     cut.write_bytes(log.read_bytes()[:20_000])
     done = canest("replay", log, cut, "-c", "kenworth", "--json", tmp_path / "all.json")

@@ -260,7 +260,7 @@ def test_types_of_columns():
     assert (t_us.dtype, values.dtype) == (np.int64, np.float64)
 
 
-def test_identifiers_beyond_what_is_remembered():
+def test_identifiers_beyond_the_size_of_the_cache():
     d = Decoder(wants(("selected_gear", "TC1", "TransRequestedGear", None, "gear")), [shipped_database()])
     frames = [(k, EXTENDED | 0x0C010000 | k, b"\0\0\x80" + ABSENT[3:]) for k in range(6000)]
     d.push(FrameBlock.from_frames(frames))

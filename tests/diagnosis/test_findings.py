@@ -209,7 +209,7 @@ def test_what_is_reported_late_is_compared_with_the_road_of_the_same_moment(
     assert told["candidates"][0]["effect"] == "torque_delay" and told["candidates"][0]["explained"] > 0.9
 
 
-def test_torque_measured_at_the_half_shafts_knows_nothing_of_the_crank(drive, found):
+def test_torque_measured_at_the_half_shafts_excludes_the_crank(drive, found):
     log = drive(
         {"effect": "rolling_resistance", "crr_delta": 0.004},
         vehicle="electric-car", mass_kg=1500, driver={"kind": "mixed"}, duration_s=120,

@@ -114,7 +114,7 @@ def test_an_empty_block_gives_an_empty_estimate(name):
 
 
 @pytest.mark.parametrize("name", PAPERS)
-def test_a_remembered_mass_is_where_it_starts(name):
+def test_a_restored_mass_is_where_it_starts(name):
     method = create(name, FACTS, {})
     method.restore(31_000.0, 500.0)
     r = method.update(BLOCK[:1])

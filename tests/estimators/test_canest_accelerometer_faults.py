@@ -45,7 +45,7 @@ def test_the_gain_decides_whatever_bias_road_and_noise(gain, sound):
     assert told[300:].any() == sound
 
 
-def test_a_coarse_speed_is_no_witness():
+def test_a_coarse_speed_is_no_evidence():
     """A J1587 road speed has steps of half a mile per hour: most of what it tells of changes is rounding."""
     accel, step = 0.5 * driven(), 0.2235
     speed = 15.0 + np.cumsum(accel) * 0.2

@@ -70,7 +70,7 @@ def test_a_line_is_the_least_squares_one():
     assert line["coast_back_s"] == pytest.approx((99 - taken.mean()) * 0.02)
 
 
-def test_its_variance_is_honest():
+def test_its_variance_covers_the_error():
     errors, stds = [], []
     for seed in range(300):
         found = lines_of(samples([(50, 95)], seed=seed))
@@ -184,7 +184,7 @@ def test_samples_that_are_not_visited_would_change_nothing(seed, monkeypatch):
 
 
 @pytest.mark.parametrize("size", [1.0, 30.0, 1e6, 1e160, 1e300, np.inf, np.nan])
-def test_wild_speeds_give_no_line_or_a_possible_one(size):
+def test_outliers_of_speed_give_no_line_or_a_possible_one(size):
     rng = np.random.default_rng(1)
     for row in (1, 2, 3):
         rows = samples([(20, 230)])
@@ -241,7 +241,7 @@ def test_on_a_slope_worked_out_by_hand(wheels):
 
 
 @pytest.mark.parametrize("back_m", [np.nan, 150.0, -80_000.0])
-def test_no_coasting_and_none_from_elsewhere_is_remembered(back_m):
+def test_no_coasting_and_none_from_elsewhere_is_kept(back_m):
     memory = [0.0] * at.MEMORY
     accel = -0.3 if np.isfinite(back_m) else np.nan
     assert not note(memory, accel, 1e-4, -500.0, 520.0, back_m)
@@ -345,7 +345,7 @@ def test_coasting_for_long_measures_the_grade_all_the_time(road):
     assert (drive.block.gate[coasting] == Gate.SHIFT).all()
 
 
-def test_a_lie_about_the_driveline_is_not_valid_for_long():
+def test_a_wrongly_reported_driveline_is_not_valid_for_long():
     """It says open while the engine pulls: every coasting tells another slope."""
     drive = trip(120, road=flat)
     gate, force = drive.block.gate.copy(), np.full(len(drive.block), np.nan)

@@ -54,7 +54,7 @@ def test_without_a_start_value_there_is_no_number_until_the_first_window():
     assert (e.status[:first] == Status.UNESTIMATED).all()
 
 
-def test_a_start_value_is_given_out_before_anything_is_learned():
+def test_a_start_value_is_reported_before_anything_is_learned():
     _, e = run(trip(2), 12_000.0)
     assert e.mass_kg[0] == pytest.approx(12_000.0)
     assert e.status[0] == Status.UNESTIMATED
@@ -136,7 +136,7 @@ def test_a_load_change_in_a_stop_is_found(accelerometer):
     assert (e.status[driven_s > 70] == Status.VALID).all()
 
 
-def test_the_load_from_before_a_long_stop_is_soon_trusted_again():
+def test_the_load_from_before_a_long_stop_is_soon_valid_again():
     drive = trip(260, stops=[(110, 175)])
     _, e = run(drive)
     t = np.arange(len(e)) * 0.02
@@ -413,7 +413,7 @@ def test_a_clock_set_back_in_a_stop_hides_no_load():
     assert not (wrong & (e.status == Status.VALID))[t > 60].any()
 
 
-def test_satellites_found_anew_are_no_hill():
+def test_a_new_satellite_fix_is_no_hill():
     drive, same = trip(200, altitude=True), trip(200, altitude=True)
     drive.block.altitude_m[100 * 50 :] += 40.0
     _, leapt = run(drive)
@@ -423,7 +423,7 @@ def test_satellites_found_anew_are_no_hill():
     assert np.abs(leapt.mass_kg / e.mass_kg - 1.0)[after].max() < 0.005
 
 
-def test_restore_starts_from_the_remembered_mass():
+def test_restore_starts_from_the_stored_mass():
     drive = trip(60, throttle=steady, start_mps=24.0)
     estimator = create("canest", FACTS)
     estimator.restore(21_500.0, 900.0)

@@ -397,7 +397,7 @@ def test_noise_free_windows_give_the_exact_mass_and_grade():
     assert estimator.consistency()["nis"] < 1.0
 
 
-def test_the_surer_of_two_grades_is_given_out():
+def test_the_grade_with_the_smaller_variance_is_reported():
     memory = [0.0] * at.MEMORY
     memory[at.COARSE_VAR] = memory[at.LAST_VAR] = 1.0
     assert surer(memory, 0.02, 1e-6, True, 0.0, 0.0) == (0.02, 1e-6)

@@ -129,7 +129,7 @@ def test_a_vehicle_beyond_its_bounds_is_named():
     assert estimator.snapshot()["learned"]
 
 
-def test_a_remembered_mass_is_kept_until_the_driving_says_otherwise():
+def test_a_restored_mass_is_kept_until_the_driving_contradicts_it():
     drive = trip(120, mass_kg=30_000.0)
     estimator = create("canest-next", STATED)
     estimator.restore(29_500.0, 600.0)

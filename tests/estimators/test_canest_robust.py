@@ -117,7 +117,7 @@ def estimated(own, block):
     size=st.sampled_from([3.0, 100.0, 1e6, 1e300, np.inf, np.nan]),
     share=st.sampled_from([0.002, 0.3]),
 )
-def test_outliers_in_every_column_never_get_out(own, seed, size, share):
+def test_outliers_in_every_column_never_reach_the_estimate(own, seed, size, share):
     rng, block = np.random.default_rng(seed), rough()
     bad = {}
     for f in fields(ModelBlock):

@@ -97,7 +97,7 @@ def test_filters_go_on_starting_every_five_seconds_after_the_clock_was_set_back(
     assert method.running == method.options.filters
 
 
-def test_selection_does_not_trust_copies_of_one_guess():
+def test_selection_is_not_valid_on_copies_of_one_estimate():
     """Filters that have seen a constant force only agree because they started from each other."""
     d = drive(60.0, pulse_s=1000.0)
     facts = replace(FACTS, initial_mass_kg=12_000.0)

@@ -98,7 +98,7 @@ def test_an_empty_block_teaches_nothing(make):
 
 
 @each
-def test_what_is_given_out_is_not_the_state(make):
+def test_the_reported_estimate_is_a_copy_of_the_state(make):
     y, phi = rows(20)
     method = make()
     method.update(y, phi)

@@ -35,7 +35,7 @@ def test_a_tick_takes_what_is_stamped_at_or_before_it_and_nothing_later() -> Non
     assert ticks(blocks, "a") == {0: 1.0, 20: 1.0, 40: 3.0, 60: 4.0}
 
 
-def test_a_tick_is_not_given_out_while_something_may_still_belong_to_it() -> None:
+def test_a_tick_is_held_while_a_sample_may_still_belong_to_it() -> None:
     grid = Grid([Channel("a")], HOLD_US)
     assert ticks(grid.take(feed({"a": [(0, 1.0), (20, 2.0)]}, 20, "gap")), "a") == {0: 1.0}
     assert ticks(grid.take(feed({"a": [(20, 3.0)]}, 20)), "a") == {}

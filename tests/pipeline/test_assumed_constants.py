@@ -68,7 +68,7 @@ def test_a_reference_torque_that_comes_late_begins_the_mass_anew(estimator):
     assert off_pct(e) < off_pct(whole) + 3.0
 
 
-def test_a_remembered_mass_is_what_it_begins_with():
+def test_a_restored_mass_is_what_it_begins_with():
     frames = drive()
     late = frames[~(of(frames, *TRANSPORT) & (seconds(frames) < LATE_S))]
     pipeline = Pipeline(load_config("class8", [WRONG]))

@@ -170,7 +170,7 @@ def test_time_that_passes_on_a_silent_bus_ends_in_sleep() -> None:
     assert len(pipeline.finish()) == 0
 
 
-def test_a_remembered_mass_is_where_the_estimate_starts() -> None:
+def test_a_restored_mass_is_where_the_estimate_starts() -> None:
     pipeline = Pipeline(CONFIG)
     pipeline.restore(31_000.0, 900.0)
     e = pipeline.push(bus(1, PARKED))

@@ -26,7 +26,7 @@ def screen():
     return RangeRateCheck({"x": Limit(slack=1.0, rate=10.0)}, {"x"})
 
 
-def test_one_wild_sample_is_refused_and_reported():
+def test_one_outlier_is_rejected_and_reported():
     kept = screen().apply({"x": column([(0, 5.0), (10_000, 90.0), (20_000, 5.2)])})
     assert kept["x"][1].tolist() == [5.0, 5.2]
     for name in (JUMP, MOTION_JUMP):

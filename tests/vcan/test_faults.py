@@ -198,7 +198,7 @@ def test_spoofed_address_is_counted_and_not_used(daemon: rig.Daemon, receiver: r
     )
 
 
-def test_wild_values_from_the_right_address_do_not_move_a_mass(
+def test_outliers_from_the_right_address_do_not_move_a_mass(
     daemon: rig.Daemon, receiver: rig.BroadcastReceiver
 ) -> None:
     """Random bytes under the engine's own identifier, between its true frames: implausible jumps."""

@@ -275,7 +275,7 @@ def test_installed_from_any_folder_with_a_private_umask_it_reaches_the_network_i
 
 
 @pytest.mark.parametrize("name", ["can0.network"])
-def test_networkd_knows_every_key_of_the_example(name: str) -> None:
+def test_networkd_accepts_every_key_of_the_example(name: str) -> None:
     """networkd complains of what it does not know and goes on, so nobody else would notice."""
     networkd = Path("/lib/systemd/systemd-networkd")
     folder = Path("/etc/systemd/network")

@@ -78,13 +78,13 @@ def test_a_clutch_that_slips_in_a_launch_is_no_coasting():
     assert coasts(drive.go(30, **PARTED)).all()
 
 
-def test_after_a_gap_nobody_knows_whether_it_has_stood():
+def test_after_a_gap_a_standstill_is_unknown():
     drive = Drive()
     drive.go(10)
     assert not coasts(drive.go(300, gap=True, **PARTED)).any()
 
 
-def test_where_the_ratio_or_the_engine_is_not_known_nobody_denies_it():
+def test_where_the_ratio_or_the_engine_is_unknown_coasting_stands():
     drive = Drive()
     assert coasts(drive.go(30, **(PARTED | {"gear_ratio": NAN, "gear": 0.0}))).all()
     assert coasts(drive.go(30, **(PARTED | {"engine_speed": NAN}))).all()
@@ -128,7 +128,7 @@ def test_where_a_released_pedal_stands_for_the_brake_it_marks_coasting():
 
 
 @pytest.mark.parametrize("gate", ["brake", "turning", "retarder"])
-def test_what_acts_denies_it_though_its_gate_is_disabled(gate):
+def test_what_acts_rules_coasting_out_though_its_gate_is_disabled(gate):
     acts = {
         "brake": {"brake_switch": 1.0},
         "turning": {"yaw_rate": 0.3},

@@ -141,7 +141,7 @@ def test_where_the_road_takes_over_from_the_engine_the_step_between_them_teaches
     assert (block.gate[by_road & (t > 2.0)] == Gate.DRIVELINE).all()
 
 
-def test_what_is_not_used_as_a_speed_is_none_for_screen_and_watch_either() -> None:
+def test_what_is_not_used_as_a_speed_is_left_out_of_the_range_and_stuck_sensor_checks() -> None:
     """EEC1 and CCVS1: a brake that the road speed shows convicts an accelerometer."""
     roles = ["engine_torque", "engine_speed", "vehicle_speed", "longitudinal_accel"]
     assert motion_roles(*facts(config(roles))) == {"vehicle_speed", "longitudinal_accel"}

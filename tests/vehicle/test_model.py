@@ -187,7 +187,7 @@ def test_air_density_from_the_weather_where_it_is_plausible() -> None:
         assert raw.columns.density_kgpm3[1] == DENSITY
 
 
-def test_the_wind_of_reversing_pushes() -> None:
+def test_in_reverse_the_air_resists_the_other_way() -> None:
     raw = process({"output_shaft_speed": rpm(-V)})
     assert raw.aero_N[1] == pytest.approx(-AERO_N)
 
@@ -236,7 +236,7 @@ def test_efficiency_per_gear() -> None:
     assert raw.columns.efficiency == pytest.approx([0.95] * 2)
 
 
-def test_speed_falls_back_from_the_finest_to_the_coarsest() -> None:
+def test_speed_falls_back_from_the_finest_to_the_coarsest_signal() -> None:
     speeds = {
         "output_shaft_speed": rpm(V),
         "undriven_speed": V + 1,

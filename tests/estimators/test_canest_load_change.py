@@ -1,4 +1,4 @@
-"""After a long stop: mostly the same load, sometimes another; what is given out is the likelier one."""
+"""After a long stop: mostly the same load, sometimes another; the likelier one is reported."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def by_numbers(before, before_std, u, std):
 
 @pytest.mark.parametrize("std", [0.4e-6, 1e-6, 3e-6, 8e-6])
 @pytest.mark.parametrize("apart", [0.0, 1e-6, -4e-6, 9e-6, -2e-5])
-def test_the_likelier_one_is_given_out(std, apart):
+def test_the_likelier_load_is_reported(std, apart):
     before, before_std = 5e-5, 1e-6
     odds, joint = by_numbers(before, before_std, before + apart, std)
     given, given_std = compared(before, before_std, before + apart, std)
@@ -72,7 +72,7 @@ def test_of_a_vehicle_of_any_weight_it_gives_a_number(u, std):
     assert 0.0 < given_std <= 2.0 * np.hypot(std, abs(u - 1 / 38_000))
 
 
-def test_where_nothing_is_remembered_nothing_is_compared():
+def test_without_an_earlier_load_nothing_is_compared():
     memory = memory_of(5e-5, 1e-6, LEARNED=0.0, LEFT=1.0)
     remember(memory)
     compare(memory, 6e-5, 1e-12, ANY**2)
