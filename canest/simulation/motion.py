@@ -29,9 +29,9 @@ from canest.simulation.driveline import change_gear, clutch_locks, integrate, lo
 from canest.simulation.driver_pedals import accelerate, slow_down
 from canest.simulation.engine import accessory_torque, set_demand, set_operating_point
 from canest.simulation.gearbox import shift
-from canest.simulation.parameters import Course, VehicleParameters
+from canest.simulation.parameters import Course, Plan, VehicleParameters
 from canest.simulation.pitch import pitch_body
-from canest.simulation.resistance import load_cargo, look_up_road, set_road_load
+from canest.simulation.resistance import load_cargo, set_road_load
 from canest.simulation.retarder import UNREPORTED_RADPS, USABLE_RADPS, use_retarder, use_unreported
 from canest.simulation.states import INPUT_SPEED, TAKEN, UNREPORTED, State
 
@@ -41,29 +41,42 @@ SLIP_FROM_RADPS = 1.0  #: no clutch slip is reported of an engine slower than th
 @kernel
 def move(vehicle: VehicleParameters, course: Course, x: State, out: Any) -> None:
     """Move the vehicle from a state on and fill `out`, flat: one row of `COLUMNS` every 5 ms."""
+    plan = plan_at(course, 0)
     for k in range(len(out) // COLUMN_COUNT):
-        step(vehicle, course, x, k)
+        if k % RECORDS_PER_PLAN_STEP == 0:
+            plan = plan_at(course, k // RECORDS_PER_PLAN_STEP)
+        step(vehicle, course, plan, x, k * RECORD_S)
         at = k * COLUMN_COUNT
         for column in range(COLUMN_COUNT):
             out[at + column] = x[column]
 
 
 @kernel
-def step(vehicle: VehicleParameters, course: Course, x: State, k: int) -> None:
-    """Change the state to that of record k, 5 ms later."""
-    planned = k // RECORDS_PER_PLAN_STEP
-    wanted = course.wanted_speed[planned]
-    load_on = course.load_on[planned]
+def plan_at(course: Course, planned: int) -> Plan:
+    """Return what is planned from `planned` times `PLAN_S` on."""
+    return Plan(
+        course.wanted_speed[planned],
+        course.throttle[planned],
+        course.crr_extra[planned],
+        course.drag_scale[planned],
+        course.load_on[planned],
+    )
+
+
+@kernel
+def step(vehicle: VehicleParameters, course: Course, plan: Plan, x: State, time_s: float) -> None:
+    """Change the state to that of the record at a time, 5 ms later."""
+    wanted = plan.wanted_speed
+    load_on = plan.load_on
     speed = x[SPEED]
     before = x[PHASE]
     # where the vehicle is, and what the engine can do there
-    look_up_road(course, x)
-    if load_cargo(course, x, k * RECORD_S):
+    if load_cargo(course, x, time_s):
         set_driveline(vehicle, x)
-    set_road_load(vehicle.resistance, x, course.crr_extra[planned], course.drag_scale[planned])
+    set_road_load(vehicle.resistance, course, plan, x)
     set_operating_point(vehicle, x)
     # what driver and control units make of it
-    act(vehicle, x, wanted, course.throttle[planned])
+    act(vehicle, x, wanted, plan.throttle)
     shift(vehicle.gearbox, x, wanted)
     phase = x[PHASE]
     if phase != before:

@@ -132,3 +132,13 @@ class Course(NamedTuple):
     masses: Table  #: kg
     mass_in_motion: Table  #: 1 where a mass holds from its time itself
     mass_rates: Table  #: kg/s while the vehicle moves, until the next mass
+
+
+class Plan(NamedTuple):
+    """What a course plans for the next `PLAN_S`."""
+
+    wanted_speed: float  #: m/s
+    throttle: float  #: 0..1, negative for none
+    crr_extra: float  #: added to the rolling resistance coefficient
+    drag_scale: float  #: share of the drag area
+    load_on: float  #: 1 while the switched load is on

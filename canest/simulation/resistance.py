@@ -6,27 +6,10 @@ import math
 
 from canest.core.jit import kernel
 from canest.simulation.constants import CURVATURE, DISTANCE, GRADE, GRAVITY, MASS, RECORD_S, SPEED
-from canest.simulation.parameters import Course, ResistanceParameters
+from canest.simulation.parameters import Course, Plan, ResistanceParameters
 from canest.simulation.states import DRAG, FIXED, NEXT_CHANGE, ROAD_LOAD, State
 
 STANDSTILL_MPS = 0.01  #: the vehicle stands below it (chosen)
-
-
-@kernel
-def look_up_road(course: Course, x: State) -> None:
-    """Set grade and curvature, linear between the metres; the last value goes on for ever."""
-    grades = course.grades
-    curvatures = course.curvatures
-    distance = x[DISTANCE]
-    end = len(grades) - 2
-    at = int(distance)
-    if at >= end:
-        x[GRADE] = grades[end]
-        x[CURVATURE] = curvatures[end]
-    else:
-        part = distance - at
-        x[GRADE] = grades[at] + (grades[at + 1] - grades[at]) * part
-        x[CURVATURE] = curvatures[at] + (curvatures[at + 1] - curvatures[at]) * part
 
 
 @kernel
@@ -62,18 +45,34 @@ def last_in_motion(course: Course, change: int, time_s: float) -> int:
 
 
 @kernel
-def set_road_load(p: ResistanceParameters, x: State, crr_extra: float, drag_scale: float) -> None:
-    """Set F = m g (grade + crr) cos(beta) + cornering + drag + 1/2 rho Cd A (v + wind)^2."""
+def set_road_load(p: ResistanceParameters, course: Course, plan: Plan, x: State) -> None:
+    """Set grade, curvature, and F = m g (grade + crr) cos(beta) + cornering + drag + 1/2 rho Cd A (v + w)^2.
+
+    w: wind. The road is linear between the metres; its last value goes on for ever.
+    """
+    grades = course.grades
+    curvatures = course.curvatures
+    distance = x[DISTANCE]
+    end = len(grades) - 2
+    at = int(distance)
+    if at >= end:
+        grade = grades[end]
+        curvature = curvatures[end]
+    else:
+        part = distance - at
+        grade = grades[at] + (grades[at + 1] - grades[at]) * part
+        curvature = curvatures[at] + (curvatures[at + 1] - curvatures[at]) * part
     mass = x[MASS]
     speed = x[SPEED]
-    grade = x[GRADE]
     cosine = 1.0 / math.sqrt(1.0 + grade * grade)
-    crr = p.crr + crr_extra + p.crr_per_mps * speed
-    lateral = speed * speed * x[CURVATURE]
+    crr = p.crr + plan.crr_extra + p.crr_per_mps * speed
+    lateral = speed * speed * curvature
     cornering = mass * p.cornering * (lateral * lateral)
     fixed = mass * GRAVITY * (grade + crr) * cosine + cornering + p.drag_force
-    drag = p.half_rho_cda * drag_scale
+    drag = p.half_rho_cda * plan.drag_scale
     air = speed + p.wind
+    x[GRADE] = grade
+    x[CURVATURE] = curvature
     x[FIXED] = fixed
     x[DRAG] = drag
     x[ROAD_LOAD] = fixed + drag * air * abs(air)

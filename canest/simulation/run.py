@@ -16,11 +16,11 @@ from canest.core.frames import FloatColumn
 from canest.simulation.build import course_of, initial_state, vehicle_parameters
 from canest.simulation.bus_car import car_frames
 from canest.simulation.bus_j1939 import j1939_frames
-from canest.simulation.constants import BRAKE_LIGHT, COLUMN_COUNT, RECORD_S
+from canest.simulation.constants import BRAKE_LIGHT, COLUMN_COUNT, RECORD_S, RECORDS_PER_PLAN_STEP
 from canest.simulation.data_sheet import known_config
 from canest.simulation.drive import SimulatedDrive
 from canest.simulation.effects import Hidden, combine, small_errors
-from canest.simulation.motion import move, step
+from canest.simulation.motion import move, plan_at, step
 from canest.simulation.parameters import Course, VehicleParameters
 from canest.simulation.reading import load_scenario, name_of
 from canest.simulation.scenario import Scenario
@@ -117,7 +117,9 @@ def _interpreted(vehicle: VehicleParameters, course: Course, state: State, recor
     """Return what `move` gives: the interpreter adds a whole row faster than it sets twenty numbers."""
     rows, take_step = array("d"), step.interpreted
     for k in range(records):
-        take_step(vehicle, course, state, k)
+        if k % RECORDS_PER_PLAN_STEP == 0:
+            plan = plan_at.interpreted(course, k // RECORDS_PER_PLAN_STEP)
+        take_step(vehicle, course, plan, state, k * RECORD_S)
         rows.extend(state[:COLUMN_COUNT])
     return np.frombuffer(rows)
 
