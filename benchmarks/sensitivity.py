@@ -106,7 +106,7 @@ def page(runs: list[Run], found: list[tuple[str, Effect, Effect]], command: str)
     lines = [
         "# Sensitivity",
         "",
-        f"Every constant of `canest-next` halved / doubled, one at a time, on {drives} simulated drives:",
+        f"Every constant of `canest` halved / doubled, one at a time, on {drives} simulated drives:",
         f"{', '.join(dict.fromkeys(run['drive'] for run in default))};",
         f"without and with accelerometer, {len(default)} runs. Shown are the mean differences from the",
         "default, in points. Effect: the largest of them. A run notices where an RMS changes by 2 % of it,",
