@@ -40,7 +40,7 @@ SHOWN = 2
 SMALL = 0.1
 
 ABOUT = """\
-Each mechanism of `canest-next` switched off, one at a time, on {drives} simulated drives of the
+Each mechanism of `canest` switched off, one at a time, on {drives} simulated drives of the
 calibration and stress benchmarks, without and with accelerometer. The first row is the whole
 estimator, the others are mean differences from it: where an RMS rises, the mechanism pays. A
 run notices where an RMS changes by 2 % of it, or a share by a point. Mass RMS is the mean over the

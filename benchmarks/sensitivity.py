@@ -30,7 +30,7 @@ from variants import (
 )
 
 ABOUT = """\
-Every constant of `canest-next` halved / doubled, one at a time, on {drives} simulated drives,
+Every constant of `canest` halved / doubled, one at a time, on {drives} simulated drives,
 without and with accelerometer, {runs} runs:
 
 - of the calibration benchmark: {calibration}

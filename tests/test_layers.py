@@ -23,36 +23,36 @@ MOST_LINES_OF_A_FILE, MOST_LINES_OF_A_FUNCTION, MOST_ARGUMENTS = 300, 60, 8
 #: all that may lie at the top of canest/
 PUBLIC = {"__init__.py", "__init__.pyi", "__main__.py", "api.py", "py.typed"}
 
-DEFAULT_ESTIMATOR = "kernels of the default estimator, whose state is given one by one"
+VERSION_0_1 = "kernels of the default estimator, whose state is given one by one"
 STATE = "numba compiles scalars and arrays, so the state is given one by one"
-NEXT = "the compiled loop of canest-next, and kernels that take a density's vectors and matrices one by one"
+DEFAULT = "the compiled loop of the default, and kernels that take vectors and matrices one by one"
 RECURSION = "one loop over one documented recursion: a call per sample costs more than its work"
 
 LARGE_FILES = {
-    "estimators/canest_0_1/kernel.py": DEFAULT_ESTIMATOR,
+    "estimators/canest_0_1/kernel.py": VERSION_0_1,
 }
 LONG_FUNCTIONS = {
-    "estimators/canest_0_1/filter.py: settle": DEFAULT_ESTIMATOR,
-    "estimators/canest_0_1/kernel.py: run": DEFAULT_ESTIMATOR,
-    "estimators/default/kernel.py: run": NEXT,
+    "estimators/canest_0_1/filter.py: settle": VERSION_0_1,
+    "estimators/canest_0_1/kernel.py: run": VERSION_0_1,
+    "estimators/default/kernel.py: run": DEFAULT,
     "estimators/papers/kidambi2014/ekf_filter.py: ekf_steps": RECURSION,
     "estimators/papers/rhode2013/rsvd.py: append_rows": RECURSION,
     "estimators/papers/vahidi2005/rls.py: matrix_rls": RECURSION,
 }
 MANY_ARGUMENTS = {
-    "estimators/canest_0_1/axle.py: slip_seen": DEFAULT_ESTIMATOR,
-    "estimators/canest_0_1/coarse.py: coarse_grade": DEFAULT_ESTIMATOR,
-    "estimators/canest_0_1/filter.py: correct": DEFAULT_ESTIMATOR,
-    "estimators/canest_0_1/filter.py: start": DEFAULT_ESTIMATOR,
-    "estimators/canest_0_1/kernel.py: run": DEFAULT_ESTIMATOR,
-    "estimators/canest_0_1/senses.py: feel": DEFAULT_ESTIMATOR,
-    "estimators/canest_0_1/senses.py: retard": DEFAULT_ESTIMATOR,
-    "estimators/default/hypotheses.py: exchange": NEXT,
-    "estimators/default/kernel.py: run": NEXT,
-    "estimators/default/load.py: new_density": NEXT,
-    "estimators/default/load.py: open_load": NEXT,
-    "estimators/default/sensors.py: accelerometer": NEXT,
-    "estimators/default/update.py: condition_all_but_mass": NEXT,
+    "estimators/canest_0_1/axle.py: slip_seen": VERSION_0_1,
+    "estimators/canest_0_1/coarse.py: coarse_grade": VERSION_0_1,
+    "estimators/canest_0_1/filter.py: correct": VERSION_0_1,
+    "estimators/canest_0_1/filter.py: start": VERSION_0_1,
+    "estimators/canest_0_1/kernel.py: run": VERSION_0_1,
+    "estimators/canest_0_1/senses.py: feel": VERSION_0_1,
+    "estimators/canest_0_1/senses.py: retard": VERSION_0_1,
+    "estimators/default/hypotheses.py: exchange": DEFAULT,
+    "estimators/default/kernel.py: run": DEFAULT,
+    "estimators/default/load.py: new_density": DEFAULT,
+    "estimators/default/load.py: open_load": DEFAULT,
+    "estimators/default/sensors.py: accelerometer": DEFAULT,
+    "estimators/default/update.py: condition_all_but_mass": DEFAULT,
     "vehicle/butterworth.py: _section_kernel": STATE,
 }
 

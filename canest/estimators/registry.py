@@ -35,9 +35,8 @@ BUILT_IN: dict[str, str] = {
     "ekf-select": _PAPERS + "kidambi2014.ekf_select:EkfSelect",
     "dgo": _PAPERS + "kidambi2014.dgo:Dgo",
     "pmg": _PAPERS + "kidambi2014.pmg:Pmg",
-    "canest": "canest.estimators.default_estimator:DefaultEstimator",
-    "canest-0.1": "canest.estimators.default_estimator:DefaultEstimator",
-    "canest-next": "canest.estimators.default.estimator:GaussianSum",
+    "canest": "canest.estimators.default.estimator:GaussianSum",
+    "canest-0.1": "canest.estimators.canest_0_1.estimator:Canest",
 }
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from canest.core import jit
 from canest.core.gates import Gate
 from canest.core.samples import EstimateBlock, ModelBlock
-from canest.estimators.canest_0_1.windows import COLUMNS, SHIFT, TICKS, Windows
+from canest.estimators.default.windows import COLUMNS, SHIFT, TICKS, Windows
 from canest.estimators.registry import create
 
 from .momentum import FACTS, trip
@@ -22,7 +22,7 @@ from .momentum import FACTS, trip
 NAMES = [f.name for f in fields(EstimateBlock)]
 STATED = replace(FACTS, initial_mass_kg=15_000.0, torque_accuracy=0.01, wheel_radius_accuracy=0.0025)
 SENSED = replace(FACTS, has_accelerometer=True)
-OWN = pytest.mark.parametrize("own", ["canest", "canest-next"])
+OWN = pytest.mark.parametrize("own", ["canest-0.1", "canest"])
 
 
 @cache
@@ -103,7 +103,7 @@ def check(e):
 
 def estimated(own, block):
     """Run compiled where that saves minutes; both give the same bits."""
-    jit.enable(own == "canest-next")
+    jit.enable(own == "canest")
     try:
         return create(own, STATED).update(block)
     finally:
@@ -145,7 +145,7 @@ def test_constant_regressors_never_get_out(own, force, accel, speed):
 
 
 def covariances(estimator):
-    if estimator.name == "canest":
+    if estimator.name == "canest-0.1":
         return np.array(estimator._PP)
     filters = estimator._filters
     alive = np.array(filters.weight)[:, None] * np.array(filters.mode) > 0.0
@@ -224,7 +224,7 @@ def test_a_gap_counts_as_time_and_never_as_momentum(own):
     late = np.where(np.arange(3000) >= 1500, 45_000_000, 0)
     e = create(own, STATED).update(replace(drive.block, t_us=drive.block.t_us + late))
     # nobody knows what was loaded in three quarters of a minute
-    times = 5 if own == "canest" else 3
+    times = 5 if own == "canest-0.1" else 3
     assert e.mass_std_kg[1520] > times * e.mass_std_kg[1490]
     assert abs(drive.error(e)[-1]) < 0.05
 

@@ -12,6 +12,8 @@ from canest.estimators.registry import create
 
 from .momentum import FACTS, trip
 
+STATED = replace(FACTS, torque_accuracy=0.005, wheel_radius_accuracy=0.001)
+
 
 @pytest.fixture(scope="module")
 def drive():
@@ -19,7 +21,7 @@ def drive():
 
 
 def estimates(drive, **facts):
-    return create("canest", replace(FACTS, **facts)).update(drive.block)
+    return create("canest", replace(STATED, **facts)).update(drive.block)
 
 
 @pytest.mark.parametrize("limit", [0.016, 0.02, 0.045])

@@ -1,4 +1,4 @@
-"""`canest`: the default estimator, two mixed Kalman filters over windows of 0.2 s (see `canest_kernel`)."""
+"""`canest-0.1`: the default of version 0.1, two mixed Kalman filters over windows of 0.2 s."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from canest.estimators.canest_0_1 import states as at
 from canest.estimators.canest_0_1.noise import SWING_MPN
 from canest.estimators.canest_0_1.prior import LOUDEST, prior_of
 from canest.estimators.canest_0_1.roads import CURVED_M, STRAIGHT_M
-from canest.estimators.canest_0_1.windows import COLUMNS, SHIFT, Windows
+from canest.estimators.default.windows import COLUMNS, SHIFT, Windows
+from canest.estimators.description import Description
 from canest.estimators.kernel_arrays import pack as give
 from canest.estimators.kernel_arrays import state_in, state_out
 from canest.estimators.options import Options, parse
@@ -44,7 +45,14 @@ class Canest(Estimator):
     vehicle facts (`canest_prior`), and the states become numbers for others (`canest_output`).
     """
 
-    names = ("canest",)
+    descriptions = (
+        Description(
+            "canest-0.1",
+            "the default of version 0.1: two mixed Kalman filters, linear in the inverse mass",
+            "this project, version 0.1",
+            options=CanestOptions,
+        ),
+    )
 
     def __init__(self, name: str, facts: VehicleFacts, options: Mapping[str, Any] | None = None) -> None:
         super().__init__(name, facts, options)

@@ -59,10 +59,11 @@ class Load(NamedTuple):
     stop_s: float = 130.0  #: mean standing time after which it has changed
     least_stop_s: float = 3.0  #: in a shorter stop nobody loads
     moving_probability: float = 0.01  #: that it has changed in motion, taken again at each challenge
+    surprised_probability: float = 0.1  #: the same where an innovation has no other cause
+    surprise_nis: float = 25.0
     drift_probability: float = 0.3  #: that it drifts (spreading, leaking, snow), likewise
-    settle_probability: float = 0.1  #: that a drift has ended, likewise
-    drift_per_rts: float = 3e-3  #: drift of the inverse mass, a share of it per root of a second
-    drifted_share: float = 0.05  #: what it may have drifted by before it is noticed, std
+    drift_1ps: float = 3e-4  #: std of a drift of the inverse mass, a share of it per second
+    drifted_s: float = 10.0  #: how long it may have drifted before it is noticed
     challenge_s: float = 8.0  #: open gates between two challenges
     banks: int = 4  #: normal densities that stand for an unknown load, log-spaced
     spread: float = 0.7  #: their std, in their spacing

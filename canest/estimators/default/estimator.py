@@ -51,9 +51,9 @@ class GaussianSum(Estimator):
 
     descriptions = (
         Description(
-            "canest-next",
+            "canest",
             "sum of Kalman filters over the inverse mass, one per hypothesis of load, road and driver",
-            "this project, to become the default (docs/theory.md)",
+            "this project, the default (docs/theory.md)",
             options=GaussianSumOptions,
         ),
     )

@@ -210,6 +210,24 @@ def most_probable(weight: Vector) -> int:
 
 
 @jit.kernel
+def prune_impossible(filters: Filters, least: float, most: float) -> None:
+    """Leave out loads, but for the most probable, whose inverse mass lies beyond the bounds by its std."""
+    weight = filters.weight
+    best = most_probable(weight)
+    left = 1.0
+    for k in range(len(weight)):
+        if k != best and weight[k] > 0.0:
+            u, var = moments_of_u(filters, k)
+            off = max(least - u, u - most)
+            if off > 0.0 and off * off > var:
+                left -= weight[k]
+                weight[k] = 0.0
+    if left < 1.0:
+        for k in range(len(weight)):
+            weight[k] /= left
+
+
+@jit.kernel
 def mean_inverse_mass(filters: Filters, least: float, most: float) -> float:
     """Return the mean of u over all hypotheses, each within the vehicle's bounds."""
     mean = 0.0

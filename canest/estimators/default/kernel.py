@@ -15,6 +15,7 @@ from canest.estimators.default.hypotheses import (
     exchange,
     mean_inverse_mass,
     merge_alike,
+    prune_impossible,
     weigh_loads,
     weigh_modes,
 )
@@ -62,6 +63,7 @@ class Progress(NamedTuple):
     accel_mps2: float = 0.0  #: of the window before
     challenged_s: float = 0.0  #: open gates since the last challenge
     faulty: float = 0.0  #: 1 where the accelerometer is left out
+    surprised: float = 0.0  #: 1 where an innovation was beyond all noise
 
 
 class Carried(NamedTuple):
@@ -226,11 +228,13 @@ def run(
                     filters, probability, loosened, centres, prior_var, False, w.rotating_kg, c, v, room
                 )
             standing = Standing(0.0)
-        elif is_open and not begins and challenged_s > c.load.challenge_s:
-            challenged_s = 0.0
-            question_drift(filters, c.load)
+        elif is_open and not begins and (challenged_s > c.load.challenge_s or p.surprised > 0.0):
+            if challenged_s > c.load.challenge_s:
+                challenged_s = 0.0
+                question_drift(filters, c.load)
+            changed = c.load.surprised_probability if p.surprised > 0.0 else c.load.moving_probability
             open_load(
-                filters, c.load.moving_probability, c.load.loosened, centres, prior_var, True,
+                filters, changed, c.load.loosened, centres, prior_var, True,
                 w.rotating_kg, c, v, room,
             )  # fmt: skip
         # -- what all hypotheses share
@@ -262,12 +266,11 @@ def run(
             levels.sensed_var,
         )
         moved = w.traction_N - w.before_N
-        drift = c.load.drift_per_rts * u
         common = Common(
             levers, begins, began, metres, answered_force(w, p, metres, u, begins, c),
             own_torque(fast_N, u, w.speed_mps, c) if is_open else 0.0,
             unknown_force(w.traction_N, abs(moved), v.torque_std_Nm * w.gear_1pm, w.drag_N_per_mps, c.noise),
-            height_known, sees, p.accel_mps2, drift * drift * (WINDOW_S + min(w.gap_s, 10.0)), roll_share,
+            height_known, sees, p.accel_mps2, WINDOW_S + min(w.gap_s, 10.0), roll_share,
         )  # fmt: skip
         # -- each hypothesis, and what they learn together
         innovations = step_all(filters, found, scratch, w, common, c)
@@ -275,6 +278,7 @@ def run(
             weigh_loads(filters.weight, filters.pending)
             if road_m > 0.0:
                 merge_alike(filters, means, variances, room.d)
+            prune_impossible(filters, v.least_u, v.most_u)
         changed_N = w.traction_N if begins else moved
         levels = follow(levels, innovations, changed_N, is_open, sees, c.noise, v)
         given = report(filters, given, nodes, metres, begins, c, v)
@@ -284,6 +288,7 @@ def run(
             1.0 if is_open or w.retarding > 0.0 else 0.0, 0.0 if sees else unseen,
             1.0 if height_known or not math.isnan(w.altitude_m) else 0.0,
             1.0 if is_open or p.learned > 0.0 else 0.0, w.accel_mps2, challenged_s, comparison.faulty,
+            1.0 if innovations.nis > c.load.surprise_nis else 0.0,
         )  # fmt: skip
         row = out[k]
         row[OUT_MASS] = given.mass_kg

@@ -30,6 +30,7 @@ from canest.estimators.default.model import (
     LAG,
     MODES,
     PITCH,
+    RATE,
     RESPONSE,
     SLIP,
     STRAIGHT_ANSWERED,
@@ -78,6 +79,7 @@ def new_density(
     if like != m:
         reset(x, P, RESPONSE, 0.0, 0.0)
     reset(x, P, U, u, u_std * u_std)
+    reset(x, P, RATE, 0.0, 0.0)
     ratio = u / known_u
     n = len(x)
     for state in _TIMES_U:
@@ -168,15 +170,20 @@ def question_drift(filters: Filters, load: Load) -> None:
     if free < 0:
         return
     begins = drifting[base] == 0.0
-    probability = load.drift_probability if begins else load.settle_probability
+    probability = load.drift_probability
     for m in range(MODES):
         filters.mode[free][m] = filters.mode[base][m]
         if filters.mode[free][m] > 0.0:
             x, P = filters.x[free][m], filters.P[free][m]
             copy_density(filters.x[base][m], filters.P[base][m], x, P)
             if begins:
-                drifted = load.drifted_share * x[U]
-                P[U][U] += drifted * drifted
+                rate = load.drift_1ps * x[U]
+                rate_var, since = rate * rate, load.drifted_s
+                P[RATE][RATE] = rate_var
+                P[RATE][U] = P[U][RATE] = since * rate_var
+                P[U][U] += since * since * rate_var
+            else:
+                reset(x, P, RATE, 0.0, 0.0)
     drifting[free] = 1.0 - drifting[base]
     filters.pending[free] = filters.pending[base]
     weight[free] = probability * weight[base]

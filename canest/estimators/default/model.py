@@ -24,11 +24,12 @@ WINDUP = 7  #: compliance of the driveline times u
 HEIGHT = 8  #: m
 ROLLING = 9  #: error of the rolling resistance coefficient
 U = 10  #: inverse mass, 1/kg
-BIAS = 11  #: offset of the accelerometer, m/s2
-PITCH = 12  #: g times pitch of the body per m/s2
-LAG = 13  #: delay of the accelerometer times u, s/kg
-STATES = 14
-STATES_WITHOUT_ACCELEROMETER = 11
+RATE = 11  #: drift of the inverse mass, 1/(kg s); zero where the load does not drift
+BIAS = 12  #: offset of the accelerometer, m/s2
+PITCH = 13  #: g times pitch of the body per m/s2
+LAG = 14  #: delay of the accelerometer times u, s/kg
+STATES = 15
+STATES_WITHOUT_ACCELEROMETER = 12
 
 #: modes of a load hypothesis: the road is straight or curved; torque is free, or the road answers it
 MODES = 4

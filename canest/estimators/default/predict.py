@@ -10,6 +10,7 @@ from canest.estimators.default.model import (
     CURVATURE,
     GRADE,
     HEIGHT,
+    RATE,
     RESPONSE,
     ROLLING,
     WIND,
@@ -21,6 +22,7 @@ Vector = Any  #: (n,), list interpreted, array compiled
 Matrix = Any  #: (n, n), likewise
 
 _SLOPE = (GRADE, ROLLING)
+_RATE = (RATE,)
 _CURVATURE = (CURVATURE,)
 _ANSWER = (U, RESPONSE)
 _MOMENTUM = (GRADE, WIND, U)
@@ -67,6 +69,13 @@ def reset(x: Vector, P: Matrix, i: int, value: float, variance: float) -> None:
         own[k] = 0.0
         P[k][i] = 0.0
     own[i] = variance
+
+
+@jit.kernel
+def drift(x: Vector, P: Matrix, f: Vector, row: Vector, seconds: float) -> None:
+    """Let the load drift: u <- u + dt rho."""
+    f[0] = seconds
+    propagate(x, P, U, _RATE, f, row)
 
 
 @jit.kernel

@@ -16,11 +16,10 @@ from canest.estimators.default.model import (
     STRAIGHT_ANSWERED,
     WIND,
     Q,
-    U,
     Window,
 )
 from canest.estimators.default.noise import surplus
-from canest.estimators.default.predict import Matrix, Vector, accelerate, answer, travel
+from canest.estimators.default.predict import Matrix, Vector, accelerate, answer, drift, travel
 from canest.estimators.default.sensors import (
     Levers,
     Scratch,
@@ -51,7 +50,7 @@ class Common(NamedTuple):
     height_known: bool
     sees: bool  #: the accelerometer is used
     accel_before: float
-    drift_var: float  #: that a drifting load's inverse mass gains, 1/kg2
+    seconds: float  #: of the window, and of the gap before it
     roll_share: float  #: std of the rolling resistance, as a share
 
 
@@ -70,7 +69,7 @@ def predict(
 ) -> None:
     """Predict the road, the load and the height; the momentum follows where the gates are open."""
     if drifting:
-        P[U][U] += c.drift_var
+        drift(x, P, s.h, s.K, c.seconds)
     if c.height_known:
         P[HEIGHT][HEIGHT] += k.road.height_wander_m2ps * (WINDOW_S + w.gap_s)
     if c.metres > 0.0:

@@ -85,7 +85,7 @@ def test_with_a_faulty_one_no_number_is_called_valid_and_a_contradiction_is_repo
         "stuck": np.where(np.arange(len(sensed)) < 5000, sensed, 0.3),
         "in g": sensed / 9.81,
     }
-    estimator = create("canest", FACTS)
+    estimator = create("canest-0.1", FACTS)
     e = estimator.update(replace(drive.block, accelerometer_mps2=changed[fault]))
     t = np.arange(len(e)) * 0.02
     assert (e.status[t > 240] == Status.CONVERGING).all()
@@ -95,7 +95,7 @@ def test_with_a_faulty_one_no_number_is_called_valid_and_a_contradiction_is_repo
 
 
 def test_a_sound_one_is_no_contradiction():
-    estimator = create("canest", FACTS)
+    estimator = create("canest-0.1", FACTS)
     e = estimator.update(trip(300, accelerometer=True).block)
     assert (e.status[12_000:] == Status.VALID).all()
     assert estimator.contradiction() == ""

@@ -1,4 +1,4 @@
-"""The parts of `canest-next` against dense linear algebra and moments by hand."""
+"""The parts of `canest` against dense linear algebra and moments by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`canest-next` where the load, the road or the silence is not what a filter of one model expects."""
+"""`canest` where the load, the road or the silence is not what a filter of one model expects."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def compiled():
 
 def run(drive, **facts):
     sensed = bool(np.isfinite(drive.block.accelerometer_mps2).any())
-    estimator = create("canest-next", replace(STATED, has_accelerometer=sensed, **facts))
+    estimator = create("canest", replace(STATED, has_accelerometer=sensed, **facts))
     return estimator.update(drive.block)
 
 
@@ -121,7 +121,7 @@ def test_an_inverted_accelerometer_is_left_out():
 
 def test_a_vehicle_beyond_its_bounds_is_named():
     drive = trip(200, mass_kg=30_000.0)
-    estimator = create("canest-next", replace(STATED, mass_max_kg=24_000.0))
+    estimator = create("canest", replace(STATED, mass_max_kg=24_000.0))
     e = estimator.update(drive.block)
     assert "heavier than vehicle.mass_max_kg = 24,000 kg" in estimator.contradiction()
     assert (e.mass_kg[2000:] <= 24_000.0).all()
@@ -131,7 +131,7 @@ def test_a_vehicle_beyond_its_bounds_is_named():
 
 def test_a_restored_mass_is_kept_until_the_driving_contradicts_it():
     drive = trip(120, mass_kg=30_000.0)
-    estimator = create("canest-next", STATED)
+    estimator = create("canest", STATED)
     estimator.restore(29_500.0, 600.0)
     e = estimator.update(drive.block)
     assert abs(e.mass_kg[100] / 29_500.0 - 1.0) < 0.05

@@ -22,7 +22,7 @@ def around_a_window(bias: float):
     """What both filters know before and after a window in which torque moves; bias: so far they lean."""
     block = trip(30).block
     assert block.traction_N[MORE - 1] > 0.0
-    estimator = create("canest", FACTS)
+    estimator = create("canest-0.1", FACTS)
     estimator.update(block[:HEARD])
     estimator._memory[k.BIASED] = bias
     before = known(estimator)

@@ -10,7 +10,6 @@ import pytest
 from canest.core import jit
 from canest.core.gates import Gate
 from canest.core.samples import GRAVITY_MPS2, Status
-from canest.estimators.canest_0_1 import lines
 from canest.estimators.canest_0_1 import states as at
 from canest.estimators.canest_0_1.coast import (
     DRAGS_MPS2,
@@ -23,12 +22,13 @@ from canest.estimators.canest_0_1.coast import (
 )
 from canest.estimators.canest_0_1.estimator import Canest
 from canest.estimators.canest_0_1.filter import OUTLIER
-from canest.estimators.canest_0_1.lines import COLUMNS, EARLY, MOST_MPS2, SETTLES, CoastLines
+from canest.estimators.default import lines
+from canest.estimators.default.lines import COLUMNS, EARLY, MOST_MPS2, SETTLES, CoastLines
 
 from .momentum import flat, hills, pulses, trip
 from .synthetic import FACTS
-from .test_canest_drives import degrees, replace_block, run
-from .test_canest_filter import Dense, h, random_gaussian, redrawn
+from .test_version_0_1_drives import degrees, replace_block, run
+from .test_version_0_1_filter import Dense, h, random_gaussian, redrawn
 
 N = 240
 WINDOW_ENDS = np.array([k for k in range(16, N) if (k + 1001) % 10 == 0])
@@ -207,7 +207,7 @@ def remembered(accel, std, force, wheels, back_m):
 @pytest.mark.parametrize("road", [at.STRAIGHT, at.CURVED])
 def test_the_filter_takes_it_as_a_dense_one_would(road):
     """a (1 + u J) = u F - g mu - g (theta - d kappa) - c omega, solved for the noise."""
-    dense = Dense(Canest("canest", FACTS), road)
+    dense = Dense(Canest("canest-0.1", FACTS), road)
     dense.n = n = at.STATES
     dense.x, dense.P = random_gaussian(np.random.default_rng(4))
     if road == at.STRAIGHT:

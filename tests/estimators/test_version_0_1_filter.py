@@ -43,7 +43,7 @@ from canest.estimators.canest_0_1.roads import (
     usual_curvature,
 )
 from canest.estimators.canest_0_1.senses import HEIGHT_STD_M, HEIGHT_WANDER
-from canest.estimators.canest_0_1.windows import COLUMNS, WINDOW_S
+from canest.estimators.default.windows import COLUMNS, WINDOW_S
 
 from .synthetic import FACTS
 
@@ -181,7 +181,7 @@ def test_momentum_balance_equals_two_dense_filters(compiled):
         n = 60
         swings = np.random.default_rng(2).normal(0, 9000, (2, n))
         w = random_windows(n, traction_Nps=swings[0], before_Nps=swings[1], rotating_kg=1500.0)
-        estimator = Canest("canest", replace(FACTS, mass_max_kg=400_000.0))  # no bound is ever met
+        estimator = Canest("canest-0.1", replace(FACTS, mass_max_kg=400_000.0))  # no bound is ever met
         roads = [Dense(estimator, at.STRAIGHT), Dense(estimator, at.CURVED)]
         weight = np.array(estimator._weight)
         out = estimator._filter(w)
@@ -265,7 +265,7 @@ def random_gaussian(rng, n=at.STATES):
 
 def test_mixing_equals_the_moments_of_the_mixtures():
     rng = np.random.default_rng(5)
-    dense = [Dense(Canest("canest", FACTS), road) for road in (at.STRAIGHT, at.CURVED)]
+    dense = [Dense(Canest("canest-0.1", FACTS), road) for road in (at.STRAIGHT, at.CURVED)]
     for d in dense:
         d.x, d.P = random_gaussian(rng)
     dense[0].x, dense[0].P = redrawn(dense[0].x, dense[0].P, 0.0)  # a straight knows no curvature
@@ -282,7 +282,7 @@ def test_mixing_equals_the_moments_of_the_mixtures():
 def test_a_considered_state_keeps_its_value_and_variance_but_widens_the_others(first):
     n = at.STATES
     x0, P0 = random_gaussian(np.random.default_rng(3))
-    dense = Dense(Canest("canest", FACTS), at.CURVED)
+    dense = Dense(Canest("canest-0.1", FACTS), at.CURVED)
     dense.x, dense.P, dense.n = x0.copy(), P0.copy(), n
     dense.correct(h(n, GRADE=2.0, U=0.5, BIAS=1.0, PITCH=0.3), 0.3, 5.0, first=first)
     x, P = list(x0), [list(row) for row in P0]
@@ -297,7 +297,7 @@ def test_a_considered_state_keeps_its_value_and_variance_but_widens_the_others(f
 def test_the_axle_filter_separates_slip_as_one_filter_of_all_would():
     """What the small filter adds, summed up, is what a joint filter of slip, lag and scale knows."""
     rng = np.random.default_rng(8)
-    prior = Canest("canest", FACTS)._prior
+    prior = Canest("canest-0.1", FACTS)._prior
     y, Y = list(prior.axle_mean), np.diag(np.square(prior.axle_std)).tolist()
     memory = [0.0] * at.MEMORY
     memory[at.UNDRIVEN_VAR] = noise_var = 0.01**2
@@ -323,7 +323,7 @@ def test_the_axle_filter_separates_slip_as_one_filter_of_all_would():
 @pytest.mark.parametrize("road", [at.STRAIGHT, at.CURVED])
 @pytest.mark.parametrize("states", [at.BASE_STATES, at.STATES])
 def test_travel_and_fading_equal_the_dense_prediction(road, states):
-    dense = Dense(Canest("canest", FACTS), road)
+    dense = Dense(Canest("canest-0.1", FACTS), road)
     dense.n = states
     dense.x, dense.P = random_gaussian(np.random.default_rng(11), states)
     if road == at.STRAIGHT:
@@ -346,7 +346,7 @@ def test_a_satellite_altitude_keeps_the_variance_of_its_wander_while_the_vehicle
     altitude = np.full(n, np.nan)
     altitude[::5] = 100.0
     still = dict.fromkeys(("distance_m", "open", "speed_mps", "before_mps", "accel_mps2"), 0.0)
-    estimator = Canest("canest", FACTS)
+    estimator = Canest("canest-0.1", FACTS)
     estimator._filter(random_windows(n, altitude_m=altitude, stopped=1.0, **still))
     reading = variance = HEIGHT_STD_M**2
     for i in range(1, n):
@@ -390,7 +390,7 @@ def test_noise_free_windows_give_the_exact_mass_and_grade():
     accel, speed = w[AT["accel_mps2"]], np.empty(n)
     speed[:] = 20 + np.cumsum(accel) * WINDOW_S
     w[AT["speed_mps"]], w[AT["before_mps"]] = speed, speed - accel * WINDOW_S
-    estimator = Canest("canest", FACTS)
+    estimator = Canest("canest-0.1", FACTS)
     out = estimator._filter(w)
     assert 1 / out[-1, at.OUT_U] == pytest.approx(21000, rel=3e-3)
     assert out[-1, at.OUT_GRADE] == pytest.approx(0.01, abs=1e-3)

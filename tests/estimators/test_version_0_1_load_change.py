@@ -10,7 +10,7 @@ from canest.estimators.canest_0_1 import states as at
 from canest.estimators.canest_0_1.recall import ANOTHER, LITTLE, compare, give_mass, refute, remember
 
 from .momentum import flat, hills, pulses, trip
-from .test_canest_drives import run
+from .test_version_0_1_drives import run
 
 ANY = 3e-5  # std of the inverse mass when nothing is known
 

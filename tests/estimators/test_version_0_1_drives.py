@@ -18,7 +18,7 @@ from .momentum import FACTS, flat, hills, pulses, steady, trip
 
 
 def run(drive, start_kg=None, facts=FACTS):
-    estimator = create("canest", replace(facts, initial_mass_kg=start_kg))
+    estimator = create("canest-0.1", replace(facts, initial_mass_kg=start_kg))
     return estimator, estimator.update(drive.block)
 
 
@@ -425,7 +425,7 @@ def test_a_new_satellite_fix_is_no_hill():
 
 def test_restore_starts_from_the_stored_mass():
     drive = trip(60, throttle=steady, start_mps=24.0)
-    estimator = create("canest", FACTS)
+    estimator = create("canest-0.1", FACTS)
     estimator.restore(21_500.0, 900.0)
     e = estimator.update(drive.block)
     assert e.mass_kg[0] == pytest.approx(21_500.0)
@@ -450,7 +450,7 @@ def replace_block(drive, **columns):
 def with_clock_set(drive, at_s, by_s):
     cut = round(at_s * 50)
     drive.block.t_us[cut:] += round(by_s * 1e6)
-    estimator = create("canest", FACTS)
+    estimator = create("canest-0.1", FACTS)
     parts = [estimator.update(drive.block[part]) for part in (slice(0, cut), slice(cut, None))]
     return EstimateBlock(
         **{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(parts[0])}
