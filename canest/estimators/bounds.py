@@ -15,10 +15,13 @@ def beyond_bound(u: float, u_var: float, facts: VehicleFacts) -> str:
 
     P(mass beyond the bound) > 99.9 %, where the mass has the posterior's variance and that of its gain:
     M = F / a, F proportional to torque / radius, a to the radius, which therefore counts twice.
-    Enough has been learned where the posterior alone is as narrow as that of a valid mass.
+    Enough has been learned where the posterior alone is, by its own mean, as narrow as that of a valid mass:
+    a speed that does not follow the force at all makes a mass without end, and shows nothing of a vehicle.
 
     u, u_var: mean and variance of the inverse mass without bounds and without the gain's, 1/kg and 1/kg2.
     """
+    if u <= 0.0 or u_var > (facts.valid_std * u) ** 2:
+        return ""
     gain = math.hypot(facts.torque_accuracy, 2.0 * facts.wheel_radius_accuracy)
     for bound, is_so, bound_kg, side in (
         ("mass_max_kg", "heavier", facts.mass_max_kg, 1.0),
@@ -26,8 +29,7 @@ def beyond_bound(u: float, u_var: float, facts: VehicleFacts) -> str:
     ):
         # as shares of the bound's own inverse mass
         beyond, var = side * (1.0 - u * bound_kg), u_var * bound_kg * bound_kg
-        learned = var <= facts.valid_std * facts.valid_std
-        if learned and beyond > SIGNIFICANT * math.sqrt(var + gain * gain):
+        if beyond > SIGNIFICANT * math.sqrt(var + gain * gain):
             return (
                 f"the driving shows a vehicle {is_so} than vehicle.{bound} = {bound_kg:,.0f} kg: "
                 "the bound is wrong, or torque, ratio or wheel radius are"

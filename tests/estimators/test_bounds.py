@@ -13,7 +13,8 @@ FACTS = VehicleFacts(7_000.0, 40_000.0, torque_accuracy=0.01, wheel_radius_accur
 ROTATING = Path(__file__).parents[1] / "data" / "obd-car" / "rotating-28-pids.csv.xz"
 CAR = """
 vehicle: {name: car, mass_min_kg: 1300, mass_max_kg: MOST, wheel_radius_m: 0.31, wheel_inertia_kgm2: 4,
-  gear_ratios: {1: 3.78, 2: 2.06, 3: 1.35, 4: 0.97, 5: 0.77, 6: 0.63}, final_drive: 3.6, driveline_efficiency: 0.95,
+  gear_ratios: {1: 3.78, 2: 2.06, 3: 1.35, 4: 0.97, 5: 0.77, 6: 0.63}, final_drive: 3.6,
+  driveline_efficiency: 0.95,
   engine_inertia_kgm2: 0.2, reference_torque_Nm: 320, friction_torque_pct: 8, drag_area_m2: 0.7,
   rolling_resistance: 0.010}
 dbc: []
