@@ -12,17 +12,24 @@ from canest.core.roles import ROLES
 from canest.core.samples import STATUS_LABELS
 from canest.core.table_block import TableBlock
 from canest.decode import j1939
-from canest.decode.database import find_signal, is_j1939
+from canest.decode.database import find_signal, is_j1939, overlap_warnings
 from canest.doctor.consistency import ConsistencyCheck
 from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.raw_values import RawValueCheck, text_hints
-from canest.doctor.reasons import gate_shares, needed_roles, what_lacks, why_hardly_open, why_no_time
+from canest.doctor.reasons import (
+    gate_shares,
+    needed_roles,
+    stale_roles_text,
+    what_lacks,
+    why_hardly_open,
+    why_no_time,
+)
 from canest.doctor.received import Received
 from canest.doctor.signal_report import RoleReport, Sender, complaint, judge, senders_of
 from canest.doctor.stretches import Samples
 from canest.doctor.switches import SwitchCheck
 from canest.doctor.torque_samples import TorqueSampleCheck
-from canest.doctor.warnings import log_warnings, stream_warnings
+from canest.doctor.warnings import log_warnings, stale_warnings, stream_warnings
 from canest.pipeline.build import model_spec, stale_limit_s
 from canest.pipeline.pipeline import Pipeline
 from canest.pipeline.signal_map import J1939_DATABASE, decoder_for
@@ -151,8 +158,10 @@ class Doctor:
             status=self._status,
             stops=stops,
             hints=[hint for hint in hints if hint != stops],
-            notes=([] if log is None else log_warnings(log) + self._tables.warnings())
-            + stream_warnings(self.pipeline.intake, self.pipeline.stuck_ticks),
+            notes=overlap_warnings(self.config.databases)
+            + ([] if log is None else log_warnings(log) + self._tables.warnings())
+            + stream_warnings(self.pipeline.intake, self.pipeline.stuck_ticks)
+            + stale_warnings(self.config, self.pipeline),
         )
 
     def _frames(self, block: FrameBlock) -> Samples:
@@ -216,7 +225,7 @@ class Doctor:
             if backward or not self.pipeline.samples:
                 return backward
             shares = gate_shares(self.pipeline.gate_counts, self.pipeline.samples)
-            return f"every sample was refused by a gate: {shares}"
+            return f"every sample was refused by a gate: {shares}{stale_roles_text(self.pipeline)}"
         return self._consistency.missing_table() or why_hardly_open(self.pipeline, self._status)
 
     def _hints(self, reports: list[RoleReport]) -> list[str]:

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 from canest.core import jit
 from canest.core.frames import FrameBlock
 from canest.core.samples import STATUS_LABELS, EstimateBlock, ModelBlock
+from canest.decode.database import overlap_warnings
 from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.reasons import why_unestimated
-from canest.doctor.warnings import log_warnings, stream_warnings
+from canest.doctor.warnings import log_warnings, stale_warnings, stream_warnings
 from canest.logs.compression import ARCHIVE_SUFFIXES
 from canest.logs.estimate_writer import open_writer
 from canest.logs.memory import MemoryLog
@@ -99,10 +100,12 @@ def replay(
     if score is not None:
         summary["errors"] = score.errors()
     notes = (
-        log_warnings(run.reader)
+        overlap_warnings(config.databases)
+        + log_warnings(run.reader)
         + run.table_map.warnings()
         + stream_warnings(run.pipeline.intake, run.pipeline.stuck_ticks)
     )
+    notes += stale_warnings(config, run.pipeline)
     if run.pipeline.updated:
         notes += missing_signal_warnings(config, run.pipeline.intake.received)
     if warning := run.pipeline.estimator.contradiction():
@@ -195,6 +198,7 @@ def _summary(run: LogRun, last: Estimates | None) -> dict[str, Any]:
         "samples": pipeline.samples,
         "updated": pipeline.updated,
         "gates": pipeline.gate_counts,
+        "stale_roles": pipeline.stale_ticks,
         "estimator": run.config.estimator.name,
         "mass_kg": _number(last.mass_kg[-1]) if last is not None else None,
         "mass_std_kg": _number(last.mass_std_kg[-1]) if last is not None else None,

@@ -208,7 +208,8 @@ def test_a_measured_bus_weighs_more_with_more_passengers(tmp_path):
     config = tmp_path / "bus.yaml"
     config.write_text(
         "vehicle: {name: bus, mass_min_kg: 18000, mass_max_kg: 33000, wheel_radius_m: 1.0, "
-        "wheel_inertia_kgm2: 0, gear_ratios: {1: 1.0}, final_drive: 1.0, driveline_efficiency: 1.0, engine_inertia_kgm2: 0, "
+        "wheel_inertia_kgm2: 0, gear_ratios: {1: 1.0}, final_drive: 1.0, driveline_efficiency: 1.0, "
+        "engine_inertia_kgm2: 0, "
         "drag_area_m2: 5.5, rolling_resistance: 0.008}\n"
         "dbc: []\nsampling: {time_column: time_unix}\nestimator: {name: canest}\n"
         "signals:\n"
