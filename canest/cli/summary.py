@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from canest.offline.leg_text import error_parts, leg_text, loads, mass_text, settled_text
+from canest.offline.reported_masses import report_lines
 from canest.system.result_files import write_result
 
 if TYPE_CHECKING:
@@ -48,6 +49,8 @@ def result_lines(result: ReplayResult, written: Sequence[Path]) -> list[str]:
     if "errors" in s:
         _put(lines, "error", settled_text(s["errors"], s["driving_s"]))
         _put(lines, "", f"all samples, standing too: {errors_text(s['errors'])}")
+    for line in report_lines(s["reported_masses"], s["legs"]):
+        _put(lines, "reported", line)
     if s.get("reason"):
         _put(lines, "because", s["reason"])
     for note in result.warnings:

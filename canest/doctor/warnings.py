@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canest.core.roles import COMPARED
 from canest.core.samples import RATE_HZ
 from canest.pipeline.build import stale_limit_s
 
@@ -89,6 +90,8 @@ def stream_warnings(intake: Intake, stuck_ticks: Mapping[str, int] | None = None
     if lost:
         notes.append("not decoded: " + ", ".join(f"{n:,} {what}" for what, n in lost.items()))
     for role, others in sorted(intake.decoder.counters.contested().items()):
+        if role in COMPARED:
+            continue
         counts = ", ".join(f"{n:,} from 0x{address or 0:02X}" for address, n in others.items())
         notes.append(f"{role} comes from several addresses: not used {counts}; name one with source:")
     refused = intake.range_rate_check.refused

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from canest.core.samples import STATUS_LABELS, Status
@@ -28,6 +28,7 @@ class Leg:
     status: "valid", "converging" or "unestimated": the best that was reached.
     load: 1 for the first leg with a valid mass, 2 for the next, None without a valid mass.
     true_mass_kg, mass_error_pct: the truth at `mass_t_s`, and the error there; None where nobody knows.
+    reported_kg: what other controllers reported meanwhile: sender -> median, kg.
     """
 
     from_s: float
@@ -44,6 +45,7 @@ class Leg:
     load: int | None = None
     true_mass_kg: float | None = None
     mass_error_pct: float | None = None
+    reported_kg: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def is_valid(self) -> bool:

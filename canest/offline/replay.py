@@ -21,6 +21,7 @@ from canest.logs.estimate_writer import open_writer
 from canest.logs.memory import MemoryLog
 from canest.offline.leg import Leg
 from canest.offline.legs import Legs, Motion
+from canest.offline.reported_masses import ReportedMasses
 from canest.offline.scoring import Reference, Score
 from canest.pipeline.pipeline import Listener, Pipeline
 from canest.pipeline.table_map import TableMap, open_for
@@ -81,8 +82,8 @@ def replay(
     """
     begin = time.perf_counter()
     jit.enable(compiling_pays([log]))
-    motion, driven = Motion(), Legs()
-    run = LogRun(log, config, listener=_all_of(motion, listener), channel=channel)
+    motion, driven, reported = Motion(), Legs(), ReportedMasses(config)
+    run = LogRun(log, config, listener=_all_of(motion, listener), channel=channel, reported=reported)
     score = reference.score() if reference is not None and reference.known else None
     last: Estimates | None = None
     with closing(run.reader), open_writer(output) if output is not None else nullcontext() as writer:
@@ -96,7 +97,9 @@ def replay(
     legs = driven.legs()
     if score is not None:
         legs = score.with_truth(legs)
+    others, legs = reported.compared(legs)
     summary = _summary(run, last) | _legs_summary(driven, legs)
+    summary["reported_masses"] = [mass.to_json() for mass in others]
     if score is not None:
         summary["errors"] = score.errors()
     notes = (
@@ -135,8 +138,10 @@ class LogRun:
         *,
         listener: Listener | None = None,
         channel: str | None = None,
+        reported: ReportedMasses | None = None,
     ) -> None:
         self.config = config
+        self._reported = reported
         self.pipeline = Pipeline(config, listener=listener)
         self.table_map = TableMap(config, log)
         self.reader: LogReader = open_for(config, log, channel)
@@ -145,9 +150,14 @@ class LogRun:
         """Yield the estimates, in blocks (none of them empty)."""
         for block in self.reader:
             if isinstance(block, FrameBlock):
+                if self._reported is not None:
+                    self._reported.push(block)
                 estimates = self.pipeline.push(block)
             else:
-                estimates = self.pipeline.push_samples(self.table_map.samples(block), block.t_us)
+                samples = self.table_map.samples(block)
+                if self._reported is not None:
+                    self._reported.push_samples(samples)
+                estimates = self.pipeline.push_samples(samples, block.t_us)
             if progress is not None:
                 progress(self.reader.bytes_done, self.reader.bytes_total)
             if len(estimates):

@@ -7,6 +7,7 @@ from typing import Any
 
 from canest.core.samples import RATE_HZ
 from canest.offline.leg_text import clock_text, span_text
+from canest.offline.reported_masses import report_lines
 from canest.report.page import Card, Section, Table
 from canest.report.recorder import Recorder
 
@@ -83,6 +84,23 @@ def legs_section(s: Mapping[str, Any]) -> Section:
         "agree within their standard deviations are one leg. Only a leg with a valid mass is a load."
     )
     return Section("Load legs", text=text, table=Table(header, rows, left=(0, 1)))
+
+
+def reported_section(s: Mapping[str, Any]) -> Section:
+    """Return the table of what other controllers report of the mass."""
+    agrees = {True: "yes", False: "no", None: "-"}
+    rows = []
+    for mass in s["reported_masses"]:
+        apart, error = _percent(mass["difference_pct"]), _percent(mass["error_pct"])
+        row = [mass["sender"], _figure(mass["mass_kg"]), apart, agrees[mass["agrees"]], error]
+        rows.append([*row, f"{mass['values']:,}"])
+    text = ". ".join(report_lines(s["reported_masses"], s["legs"])[len(rows) :])
+    header = ["sender", "last, kg", "against ours", "within 2 std", "against the truth", "values"]
+    return Section("Masses that other controllers report", text=text, table=Table(header, rows))
+
+
+def _percent(value: float | None) -> str:
+    return "-" if value is None else f"{value:+.1f} %"
 
 
 def _figure(value: float | None) -> str:

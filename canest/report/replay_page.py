@@ -18,7 +18,7 @@ from canest.report.gate_colours import OPEN_COLOUR, spans_of
 from canest.report.gate_colours import look as gate_look
 from canest.report.page import Page, Section, Table
 from canest.report.recorder import Recorder, residual_N
-from canest.report.replay_figures import cards, legs_section
+from canest.report.replay_figures import cards, legs_section, reported_section
 from canest.vehicle.model import LongitudinalModel
 from canest.vehicle.role_sources import AT_WHEELS, torque_role
 
@@ -49,6 +49,8 @@ def replay_page(result: ReplayResult, config: Config, recorder: Recorder, score:
         page.sections.append(_drive(stamps, columns, config, recorder, score))
     if s["legs"]:
         page.sections.append(legs_section(s))
+    if s["reported_masses"]:
+        page.sections.append(reported_section(s))
     page.sections.append(_gates(s))
     if recorder.whiteness.count:
         page.sections.append(_residual(recorder, result.innovations))

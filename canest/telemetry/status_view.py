@@ -52,7 +52,11 @@ def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str
     broadcast = f"on, from address {node['address']:#04x}" if node["address"] is not None else "silent"
     lines.append(("broadcast", f"silent: {node['silent_because']}" if node["silent_because"] else broadcast))
     if snapshot["masses_of_others_kg"]:
-        masses = ", ".join(f"{kg:,.0f} kg from {a}" for a, kg in snapshot["masses_of_others_kg"].items())
+        apart_pct = snapshot["masses_of_others_pct"]
+        masses = ", ".join(
+            f"{kg:,.0f} kg from {a}" + (f" ({apart_pct[a]:+.1f} % of ours)" if a in apart_pct else "")
+            for a, kg in snapshot["masses_of_others_kg"].items()
+        )
         lines.append(("mass by others", masses))
     if snapshot["other_senders"]:
         lines.append(("unexpected", _counted(snapshot["other_senders"], 4)))

@@ -151,7 +151,7 @@ class TestWhatIsSaid:
             "estimator": "canest", "mass_kg": 31_350.0, "mass_std_kg": 5_000.0, "status": "converging",
             "last_valid": last._asdict(), "valid_share": found.valid_share, "driving_s": found.driving_s,
             "legs": [part.to_json() for part in score.with_truth(found.legs())], "errors": score.errors(),
-            "wall_s": 0.1,
+            "reported_masses": [], "wall_s": 0.1,
         }  # fmt: skip
         return ReplayResult("drive.log", summary)
 
