@@ -83,7 +83,8 @@ def test_a_makers_estimate_in_a_table(tmp_path):
     (tmp_path / "car.csv").write_text("t_s,torque,speed,weight\n" + rows)
     (tmp_path / "car.yaml").write_text(
         "vehicle: {name: car, mass_min_kg: 1000, mass_max_kg: 2500, wheel_radius_m: 0.3, "
-        "gear_ratios: {1: 9.0}, final_drive: 1.0,\n  drag_area_m2: 0.7, rolling_resistance: 0.01}\ndbc: []\nsignals:\n"
+        "gear_ratios: {1: 9.0}, final_drive: 1.0,\n  drag_area_m2: 0.7, rolling_resistance: 0.01}\n"
+        "dbc: []\nsignals:\n"
         "  engine_torque: {column: torque, unit: Nm}\n  vehicle_speed: {column: speed, unit: m/s}\n"
         "  reported_mass: {column: weight, unit: t}\n"
     )
