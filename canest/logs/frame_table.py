@@ -137,12 +137,28 @@ def _layout(line: str) -> FrameTable | None:
         data = (whole,)
     if time is None or identifier is None or not data:
         return None
-    optional = [_first(names, known) for known in (_EXTENDED, _REMOTE, _ERROR, _CHANNELS)]
+    extended, remote = _first(names, _EXTENDED), _first(names, _REMOTE)
+    error, channel = _first(names, _ERROR), _first(names, _CHANNELS)
     length = None if len(data) > 1 else _first(names, _LENGTHS)
-    needed = [names.index(time), identifier, data[0], *(at for at in (*optional, length) if at is not None)]
+    needed = [
+        names.index(time),
+        identifier,
+        data[0],
+        *(at for at in (extended, remote, error, channel, length) if at is not None),
+    ]
     separator = max(_SEPARATORS, key=line.count)
     return FrameTable(
-        separator, max(needed) + 1, _TIMES[time], names.index(time), identifier, data, *optional, length
+        separator=separator,
+        cells=max(needed) + 1,
+        seconds=_TIMES[time],
+        time=names.index(time),
+        identifier=identifier,
+        data=data,
+        extended=extended,
+        remote=remote,
+        error=error,
+        channel=channel,
+        length=length,
     )
 
 
