@@ -129,8 +129,7 @@ class _Moving(NamedTuple):
     @staticmethod
     def of(e: Estimates, speed_mps: FloatColumn, at: IntColumn) -> _Moving:
         """Return the samples at ``at``."""
-        columns = (e.t_us, speed_mps, e.mass_kg, e.mass_std_kg, e.grade, e.status)
-        return _Moving(*(column[at] for column in columns))
+        return _Moving(e.t_us[at], speed_mps[at], e.mass_kg[at], e.mass_std_kg[at], e.grade[at], e.status[at])
 
 
 class _OpenLeg:

@@ -184,7 +184,11 @@ class Score:
 
     def errors(self) -> dict[str, Any]:
         """Return the `errors` of summary.json; null where nothing could be counted."""
-        errors = {**self._all.figures(), "after_s": self.after_s, "without_estimate": self.without_estimate}
+        errors: dict[str, Any] = {
+            **self._all.figures(),
+            "after_s": self.after_s,
+            "without_estimate": self.without_estimate,
+        }
         if self.settled_samples is not None:
             errors["settled"] = {**self._settled.figures(), "samples": self.settled_samples}
         return errors
