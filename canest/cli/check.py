@@ -62,9 +62,12 @@ def command(
     doctor = Doctor(config)
     title = _config_line(chosen.name, config)
     if log is None and not live:
-        _write_json(json_path, chosen.name, {"signals": len(config.signals)})
+        from canest.decode.database import overlap_warnings
+
+        notes = overlap_warnings(config.databases)
+        _write_json(json_path, chosen.name, {"signals": len(config.signals), "notes": notes})
         if json_path != "-":
-            print(title)
+            print("\n".join([title, *(f"note  {note}" for note in notes)]))
         return 0
     reader = None
     if log is not None:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from canest.doctor.check import Report
-    from canest.doctor.signal_report import RoleReport
+    from canest.doctor.signal_report import RoleReport, Sender
 
 #: columns of a table that goes to a file or a pipe
 _FILE_WIDTH = 180
@@ -124,12 +124,21 @@ def _rows(entry: RoleReport, everyone: bool) -> Iterator[dict[str, str | Text]]:
     for index, sender in enumerate([*mine, *others]):
         first = bool(mine) and index == 0
         yield (head if first else {"verdict": Text("also", "dim")}) | {
+            **_range(entry, sender, first),
             "from": f"0x{sender.address:02X}" if sender.address is not None else without_address,
             "rate Hz": "" if sender.rate_hz is None else f"{sender.rate_hz:.1f}",
             "values": f"{sender.valid:,}" if sender.valid else "",
             "n/a": f"{sender.not_available:,}" if sender.not_available else "",
             "error": f"{sender.error_value:,}" if sender.error_value else "",
         }
+
+
+def _range(entry: RoleReport, sender: Sender, first: bool) -> dict[str, str]:
+    """Return a sender's own range, where it is known: not that of another beside its address."""
+    unit = f" {entry.unit}" if entry.unit else ""
+    if sender.low is not None:
+        return {"range": f"{sender.low:.4g} .. {sender.high:.4g}{unit}"}
+    return {} if first else {"range": ""}
 
 
 def _labels(entry: RoleReport, verbose: bool) -> str:

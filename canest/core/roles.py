@@ -112,11 +112,15 @@ ROLES: dict[str, Role] = dict(
         _role("pitch", "rad", 0.25, "slope sensor pitch, uphill positive (SPN 3318)"),
         _role("altitude", "m", 5.0, "altitude (SPN 580)"),
         # reported by other controllers
-        _role("reported_mass", "kg", 10.0, "gross combination mass from another controller (SPN 1760)"),
+        _role(
+            "reported_mass", "kg", 10.0, "gross mass that other controllers report (SPN 1760), only compared"
+        ),
     ]
 )
 #: these values never expire: neither silence nor "not available" clears them
 LASTING = frozenset(name for name, role in ROLES.items() if role.stale_s == math.inf)
+#: roles that are only compared with the estimate: every sender counts for itself, none owns them
+COMPARED = frozenset(("reported_mass",))
 #: roles that report whether the service brake is on
 BRAKES = ("brake_switch", "brake_pedal")
 #: roles that are 0 or 1

@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 from canest.core.errors import ConfigError
 from canest.decode.database_limits import refuse_excess
@@ -21,6 +22,11 @@ if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal
 #: formats whose files are written in Windows' letters; the others in UTF-8
 _WINDOWS_FORMATS = ("dbc", "sym")
+#: what cantools says of two signals that have bits in common
+_OVERLAP = "are overlapping in message"
+_OVERLAPS_SHOWN = 3
+#: database -> its signals that overlap, where some do
+_overlaps: WeakKeyDictionary[Database, list[str]] = WeakKeyDictionary()
 
 
 def parse(content: bytes, suffix: str, where: str) -> Database:
@@ -33,9 +39,20 @@ def parse(content: bytes, suffix: str, where: str) -> Database:
     cantools_database = _cantools_database()
     file_format = suffix[1:].lower()
     encoding = "cp1252" if file_format in _WINDOWS_FORMATS else "utf-8"
-    try:
+    overlaps: list[str] = []
+
+    def load(strict: bool) -> Any:
         text = io.TextIOWrapper(io.BytesIO(content), encoding=encoding, errors="replace")
-        loaded = cantools_database.load(text, file_format)
+        return cantools_database.load(text, file_format, strict=strict)
+
+    try:
+        try:
+            loaded = load(strict=True)
+        except cantools_database.Error as error:
+            if _OVERLAP not in str(error):
+                raise
+            loaded = load(strict=False)
+            overlaps = _overlaps_of(loaded, cantools_database.Error)
     except Exception as error:  # a damaged file meets any exception of cantools' parsers
         reason = str(error).strip().splitlines() or [type(error).__name__]
         raise ConfigError(
@@ -44,7 +61,32 @@ def parse(content: bytes, suffix: str, where: str) -> Database:
     if not isinstance(loaded, cantools_database.Database) or not loaded.messages:
         raise ConfigError("database without CAN messages", where=where, expected="a DBC file with messages")
     database: Database = loaded
+    if overlaps:
+        _overlaps[database] = overlaps
     return database
+
+
+def overlap_warnings(databases: Iterable[Database]) -> list[str]:
+    """Return which signals of databases overlap, one sentence for each of the first, then how many more."""
+    found = [sentence for database in databases for sentence in _overlaps.get(database, [])]
+    more = len(found) - _OVERLAPS_SHOWN
+    return found[:_OVERLAPS_SHOWN] + ([f"{more} more messages have signals that overlap"] if more > 0 else [])
+
+
+def _overlaps_of(database: Any, error_class: type[Exception]) -> list[str]:
+    """Return the first overlap of each message. Errors: error_class for what else is wrong with a message."""
+    found = []
+    for message in database.messages:
+        try:
+            message.refresh(strict=True)
+        except error_class as error:
+            if _OVERLAP not in str(error):
+                raise
+            _refuse_too_long(message, error_class)
+            found.append(
+                f"{str(error).rstrip('.')}: both are read as the database has them, one may be wrong"
+            )
+    return found
 
 
 def _cantools_database() -> Any:
@@ -101,3 +143,13 @@ def _near(name: str, names: Iterable[str]) -> str:
 def is_j1939(message: Message) -> bool:
     """Return True when a message is matched by parameter group, False when by its exact identifier."""
     return bool(message.is_extended_frame) and message.protocol == "j1939"
+
+
+def _refuse_too_long(message: Message, error_class: type[Exception]) -> None:
+    """Refuse a signal beyond the end of its message, which an overlap before it has hidden."""
+    for signal in message.signals:
+        first = signal.start
+        if signal.byte_order == "big_endian":
+            first = 8 * (first // 8) + 7 - first % 8
+        if first + signal.length > 8 * message.length:
+            raise error_class(f"The signal {signal.name} does not fit in message {message.name}")

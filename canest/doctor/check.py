@@ -12,20 +12,29 @@ from canest.core.roles import ROLES
 from canest.core.samples import STATUS_LABELS
 from canest.core.table_block import TableBlock
 from canest.decode import j1939
-from canest.decode.database import find_signal, is_j1939
+from canest.decode.database import find_signal, is_j1939, overlap_warnings
+from canest.decode.per_sender import PerSender
 from canest.doctor.consistency import ConsistencyCheck
+from canest.doctor.differing_masses import ROLE, differing
 from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.raw_values import RawValueCheck, text_hints
-from canest.doctor.reasons import gate_shares, needed_roles, what_lacks, why_hardly_open, why_no_time
+from canest.doctor.reasons import (
+    gate_shares,
+    needed_roles,
+    stale_roles_text,
+    what_lacks,
+    why_hardly_open,
+    why_no_time,
+)
 from canest.doctor.received import Received
-from canest.doctor.signal_report import RoleReport, Sender, complaint, judge, senders_of
+from canest.doctor.signal_report import RoleReport, Sender, address_text, complaint, judge, senders_of
 from canest.doctor.stretches import Samples
 from canest.doctor.switches import SwitchCheck
 from canest.doctor.torque_samples import TorqueSampleCheck
-from canest.doctor.warnings import log_warnings, stream_warnings
+from canest.doctor.warnings import log_warnings, stale_warnings, stream_warnings
 from canest.pipeline.build import model_spec, stale_limit_s
 from canest.pipeline.pipeline import Pipeline
-from canest.pipeline.signal_map import J1939_DATABASE, decoder_for
+from canest.pipeline.signal_map import J1939_DATABASE, decoder_for, wants_of
 from canest.pipeline.table_map import TableMap, wrong_kind
 from canest.vehicle.model import LongitudinalModel
 
@@ -77,6 +86,9 @@ class Doctor:
         anyone = {role: s.model_copy(update={"source": None}) for role, s in config.signals.items()}
         self._unmapped = _unmapped_reference(config)
         self._survey = decoder_for(config.model_copy(update={"signals": anyone | self._unmapped}))
+        unowned = {role: want for role, want in wants_of(config).items() if want.source is None}
+        self._by_sender = PerSender(unowned, config.databases) if unowned else None
+        self._sender_ranges: dict[int | None, Received] = {}
         self._received = Received()
         self._status = STATUS_LABELS[0]
         self._consistency = ConsistencyCheck(config)
@@ -151,13 +163,18 @@ class Doctor:
             status=self._status,
             stops=stops,
             hints=[hint for hint in hints if hint != stops],
-            notes=([] if log is None else log_warnings(log) + self._tables.warnings())
-            + stream_warnings(self.pipeline.intake, self.pipeline.stuck_ticks),
+            notes=overlap_warnings(self.config.databases)
+            + ([] if log is None else log_warnings(log) + self._tables.warnings())
+            + stream_warnings(self.pipeline.intake, self.pipeline.stuck_ticks)
+            + stale_warnings(self.config, self.pipeline),
         )
 
     def _frames(self, block: FrameBlock) -> Samples:
         self._raw.push(block)
         received = self._survey.push(block).samples
+        if self._by_sender is not None:
+            for address, samples in self._by_sender.push(block).items():
+                self._sender_ranges.setdefault(address, Received()).note(samples)
         self._consistency.push({role: received[role] for role in self._unmapped if role in received})
         return self._decoder.push(block).samples
 
@@ -174,6 +191,8 @@ class Doctor:
         )
         if source.column is None:
             found.senders = senders_of(self._survey.counters, role)
+            if source.source is None:
+                self._note_ranges(found)
         elif source.column in self._received.columns:
             bad, rows = self._received.missing_cells.get(role, 0), self._received.rows
             found.senders = [Sender(None, self._received.row_rate_hz, rows, rows - bad, bad, 0, 0)]
@@ -184,6 +203,13 @@ class Doctor:
         limit_s = math.inf if self.pipeline.clock.counters["gaps"] else stale_limit_s(role, source)
         found.verdict, found.hint = judge(found, source, limit_s)
         return found
+
+    def _note_ranges(self, found: RoleReport) -> None:
+        """Note for each sender of a role the range of its own values."""
+        for sender in found.senders:
+            own = self._sender_ranges.get(sender.address)
+            if own is not None and found.role in own.ranges:
+                sender.low, sender.high, _ = own.ranges[found.role]
 
     def _comes_from_others(self, role: str) -> bool:
         """Return whether a message that is matched by its exact identifier is there under others."""
@@ -216,7 +242,7 @@ class Doctor:
             if backward or not self.pipeline.samples:
                 return backward
             shares = gate_shares(self.pipeline.gate_counts, self.pipeline.samples)
-            return f"every sample was refused by a gate: {shares}"
+            return f"every sample was refused by a gate: {shares}{stale_roles_text(self.pipeline)}"
         return self._consistency.missing_table() or why_hardly_open(self.pipeline, self._status)
 
     def _hints(self, reports: list[RoleReport]) -> list[str]:
@@ -242,7 +268,18 @@ class Doctor:
             hints += missing_signal_warnings(self.config, self.pipeline.intake.received)
         warning = self.pipeline.estimator.contradiction()
         hints += self._raw.hints() + [h for comparison in self._comparisons for h in comparison.hints()]
+        hints += self._differing_masses(reports)
         return hints + ([warning] if warning else [])
+
+    def _differing_masses(self, reports: list[RoleReport]) -> list[str]:
+        """Return that two senders report masses which differ."""
+        senders = next((found.senders for found in reports if found.role == ROLE), [])
+        last = {
+            address_text(sender.address): sender.high
+            for sender in senders
+            if sender.high is not None and sender.high > 0.0
+        }
+        return [f"signals.{ROLE}: {sentence}" for sentence in differing(last)]
 
 
 def _unmapped_reference(config: Config) -> dict[str, Source]:

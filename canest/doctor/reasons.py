@@ -27,6 +27,8 @@ _FEW_JUMPS, _JUMPING_SHARE = 10, 0.01
 _OPEN_SHARE = 0.05
 #: no more frames than these fit into a tick, at 1 Mbit/s
 _MOST_IN_A_TICK = 200
+#: stale roles that a sentence names
+_STALE_SHOWN = 3
 
 
 class FinishedRun(Protocol):
@@ -125,7 +127,10 @@ def why_not_learning(run: FinishedRun) -> str:
     if not pipeline.samples:
         return "the log is too short for a single 50 Hz sample of the needed signals"
     if not pipeline.updated:
-        return f"every sample was refused by a gate: {shares} (canest check compares the signals)"
+        return (
+            f"every sample was refused by a gate: {shares}{stale_roles_text(pipeline)} "
+            "(canest check compares the signals)"
+        )
     return (
         f"only {pipeline.updated / RATE_HZ:.1f} s of {pipeline.samples / RATE_HZ:.1f} s could be learned from"
         + (f" (gates: {shares})" if shares else "")
@@ -142,7 +147,7 @@ def why_hardly_open(pipeline: Pipeline, status: str) -> str:
     if pipeline.updated < _OPEN_SHARE * driven:
         return (
             f"hardly any sample may be learned from, {pipeline.updated:,} of {driven:,} while driving: "
-            f"closed are {shares}"
+            f"closed are {shares}{stale_roles_text(pipeline)}"
         )
     if status == STATUS_LABELS[Status.UNESTIMATED]:
         learned_s, all_s = pipeline.updated / RATE_HZ, pipeline.samples / RATE_HZ
@@ -173,6 +178,15 @@ def why_no_time(clock: Clock) -> str:
     if stamps > _MOST_IN_A_TICK and clock.first_us == clock.last_us and not backward:
         return f"time stands still: all {stamps:,} stamps are the same"
     return ""
+
+
+def stale_roles_text(pipeline: Pipeline) -> str:
+    """Return which roles closed the gate `stale`, the longest first, '' where none did."""
+    worst = sorted(pipeline.stale_ticks.items(), key=lambda item: -item[1])
+    shares = (
+        f"{role} {100 * ticks / max(pipeline.samples, 1):.0f} %" for role, ticks in worst[:_STALE_SHOWN]
+    )
+    return f" (stale: {', '.join(shares)})" if worst else ""
 
 
 def gate_shares(gates: dict[str, int], samples: int) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from canest.core.roles import COMPARED
+
 if TYPE_CHECKING:
     from canest.config.sections import Source
     from canest.decode.counters import Counters, SenderCounters
@@ -30,6 +32,8 @@ class Sender:
     wrong_length: int
     unknown_mux: int = 0
     remote_frames: int = 0
+    low: float | None = None  #: range of its own values, in the role's unit
+    high: float | None = None
 
 
 @dataclass(slots=True)
@@ -98,8 +102,8 @@ def judge(entry: RoleReport, source: Source, stale_s: float) -> tuple[str, str]:
         if bad > MOSTLY * (bad + entry.values):
             return OK, f"only {entry.values:,} of {bad + entry.values:,} samples hold a value"
         with_values = [s for s in mine if s.valid]
-        if source.source is None and len(with_values) > 1:
-            shown = ", ".join(_shown(s.address) for s in with_values)
+        if source.source is None and len(with_values) > 1 and entry.role not in COMPARED:
+            shown = ", ".join(address_text(s.address) for s in with_values)
             return OK, f"several addresses send it ({shown}): name one with source:"
         every_s = min((1.0 / s.rate_hz if s.rate_hz else 0.0 for s in with_values), default=0.0)
         if every_s > stale_s:
@@ -107,12 +111,12 @@ def judge(entry: RoleReport, source: Source, stale_s: float) -> tuple[str, str]:
         return OK, ""
     if others:
         best = max(others, key=lambda s: s.valid)
-        where = _shown(best.address)
+        where = address_text(best.address)
         return ELSEWHERE, f"{where} sends it with {best.valid:,} values: try source: {where}"
     if mine:
         return SILENT, _why_silent(mine)
     if entry.senders:
-        shown = ", ".join(_shown(s.address) for s in entry.senders)
+        shown = ", ".join(address_text(s.address) for s in entry.senders)
         return ABSENT, f"sent by {shown} only, and without a sound value"
     return ABSENT, ""
 
@@ -135,7 +139,7 @@ def complaint(entry: RoleReport) -> str:
     """Return what is wrong with a role that has no values, as the end of a sentence."""
     expected = entry.expected
     if entry.source is not None:
-        expected += f" from {_shown(entry.source)}"
+        expected += f" from {address_text(entry.source)}"
     if entry.verdict == SILENT:
         bad = sum(s.not_available for s in entry.senders if entry.source in (None, s.address))
         if bad:
@@ -146,5 +150,6 @@ def complaint(entry: RoleReport) -> str:
     return f"was not found as {expected}" + (f" ({entry.hint})" if entry.hint else "")
 
 
-def _shown(address: int | None) -> str:
+def address_text(address: int | None) -> str:
+    """Return a source address for a person; None is a column of a table."""
     return "the table" if address is None else f"0x{address:02X}"

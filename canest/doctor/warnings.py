@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canest.core.roles import COMPARED
 from canest.core.samples import RATE_HZ
+from canest.pipeline.build import stale_limit_s
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from canest.config import Config
     from canest.grid.clock import Clock
     from canest.logs.base import LogReader
     from canest.pipeline.intake import Intake
+    from canest.pipeline.pipeline import Pipeline
 
 _LINES_SHOWN = 3
 _ADDRESSES_SHOWN = 8
+#: a role that was stale for less, as before its first value, is not worth a word
+_STALE_LEAST_S, _STALE_SHARE = 1.0, 0.01
 
 
 def log_warnings(reader: LogReader) -> list[str]:
@@ -51,6 +57,22 @@ def interleaved_clocks(clock: Clock) -> str:
     )
 
 
+def stale_warnings(config: Config, pipeline: Pipeline) -> list[str]:
+    """Return which roles closed the gate `stale`, for how long, and after which silence they do."""
+    notes = []
+    for role, ticks in sorted(pipeline.stale_ticks.items(), key=lambda item: -item[1]):
+        if ticks < max(_STALE_LEAST_S * RATE_HZ, _STALE_SHARE * pipeline.samples):
+            continue
+        limit_s = stale_limit_s(role, config.signals[role])
+        never = "" if role in pipeline.intake.received else ", and never had a value"
+        share = f"{100 * ticks / pipeline.samples:.0f} % of the time"
+        notes.append(
+            f"{role} was stale for {ticks / RATE_HZ:,.1f} s, {share}: "
+            f"a value counts for {limit_s:g} s (signals.{role}.stale_s){never}"
+        )
+    return notes
+
+
 def stream_warnings(intake: Intake, stuck_ticks: Mapping[str, int] | None = None) -> list[str]:
     """Return what could not be used of all that an intake was given, one sentence each.
 
@@ -68,6 +90,8 @@ def stream_warnings(intake: Intake, stuck_ticks: Mapping[str, int] | None = None
     if lost:
         notes.append("not decoded: " + ", ".join(f"{n:,} {what}" for what, n in lost.items()))
     for role, others in sorted(intake.decoder.counters.contested().items()):
+        if role in COMPARED:
+            continue
         counts = ", ".join(f"{n:,} from 0x{address or 0:02X}" for address, n in others.items())
         notes.append(f"{role} comes from several addresses: not used {counts}; name one with source:")
     refused = intake.range_rate_check.refused

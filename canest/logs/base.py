@@ -18,6 +18,8 @@ from canest.logs.compression import Source
 #: frames per block: large enough that the pipeline's fixed cost per block vanishes, a few MB of columns
 BLOCK_FRAMES = 1 << 17
 
+#: formats of frames that are read
+KNOWN_LOGS = "candump text, .asc .blf .trc .mf4 .db, .csv of python-can, Vehicle Spy or a CANalyzer trace"
 #: a damaged log may name any number of interfaces
 _CHANNELS_SHOWN = 8
 #: glibc's largest adaptive limit is 32 MB

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from canest.core.errors import LogError
 from canest.core.table_block import TableBlock
+from canest.logs.base import KNOWN_LOGS
 from canest.logs.cells import number_of, seconds_of
 from canest.logs.line_splitting import text_lines
 from canest.logs.table_reader import TableFileReader
@@ -22,6 +23,8 @@ class CsvReader(TableFileReader):
     """Separated text with a header line: comma, semicolon (then perhaps decimal commas) or tab."""
 
     format = "csv"
+    unless_a_table = "no log format that canest knows; read as a table of decoded signals, "
+    else_expected = f"; or a log: {KNOWN_LOGS}"
 
     def _blocks(self) -> Generator[TableBlock]:
         self._lines_seen = 0

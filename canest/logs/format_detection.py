@@ -6,11 +6,13 @@ from collections.abc import Collection
 from pathlib import Path
 
 from canest.core.errors import LogError
-from canest.logs.base import BLOCK_FRAMES, LogReader
+from canest.logs.base import BLOCK_FRAMES, KNOWN_LOGS, LogReader
 from canest.logs.candump import CandumpParser, Wanted
 from canest.logs.candump_line import Line, is_ignorable, parse_line
 from canest.logs.candump_reader import CandumpReader
 from canest.logs.compression import ARCHIVE_SUFFIXES, Source
+from canest.logs.frame_table import frame_table
+from canest.logs.frame_table_reader import FrameTableReader, refuse_channel_of
 from canest.logs.memory import MemoryLog
 
 _HEAD_BYTES = 1 << 16
@@ -21,7 +23,7 @@ _PARQUET = b"PAR1"
 #: editors of another system put it before a text
 _BOM = b"\xef\xbb\xbf"
 _CANDUMP_SUFFIXES = (".log", ".txt", ".candump", ".dump", "")
-EXPECTED = "candump text, .asc .blf .trc .mf4 .csv .db, or a table (.csv .parquet), also compressed"
+EXPECTED = f"{KNOWN_LOGS}, or a table of decoded signals (.csv .parquet), also compressed"
 
 
 def open_log(
@@ -62,6 +64,9 @@ def open_log(
     if _looks_like_candump(text):
         return CandumpReader(source, text, CandumpParser(wanted, channel), block_frames)
     text_suffix = _text_format(text, suffix)
+    if text_suffix == "table" and (laid_out := frame_table(text)) is not None:
+        refuse_channel_of(laid_out, source, channel)
+        return FrameTableReader(source, text, laid_out, wanted, channel, block_frames)
     if text_suffix == "table":
         from canest.logs.csv_table import CsvReader
 

@@ -30,6 +30,8 @@ class TableReader(LogReader):
     """
 
     kind = "table"
+    #: what else may be wrong where a file that is read as a table is none, and what else it might be
+    unless_a_table = else_expected = ""
 
     def __init__(
         self,
@@ -92,11 +94,11 @@ class TableReader(LogReader):
         """Return the positions of the columns to read, that of the time first."""
         if self._time_column not in self.columns:
             raise LogError(
-                f"the table has no time column {self._time_column!r}",
+                f"{self.unless_a_table}the table has no time column {self._time_column!r}",
                 where=str(self.path),
                 found=", ".join(self.columns[:12]),
                 expected="a column of seconds of this name (of a drive's own table the config names it: "
-                "sampling.time_column)",
+                f"sampling.time_column){self.else_expected}",
             )
         names = list(dict.fromkeys(name for name in self.columns if name and name != self._time_column))
         chosen = [name for name in names if self._wanted is None or name in self._wanted]

@@ -19,6 +19,8 @@ class ModelStream:
         self._filtered_model = FilteredModel(model, excitation_gate=excitation_gate)
         self._assumed = AssumedConstantsCheck(assumed)
         self._learned = False
+        #: role -> ticks on which it closed the gate `stale`
+        self.stale_ticks = self._filtered_model.stale_ticks
         #: role -> ticks on which the sensor was stuck (see `StuckSensor`)
         self.stuck_ticks = self._filtered_model.stuck_sensor.stuck_ticks
 

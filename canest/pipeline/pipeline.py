@@ -112,6 +112,11 @@ class Pipeline:
         return dict(self._model.stuck_ticks)
 
     @property
+    def stale_ticks(self) -> dict[str, int]:
+        """Return, by role, the ticks on which it closed the gate `stale`; of speeds, where none was fresh."""
+        return dict(self._model.stale_ticks)
+
+    @property
     def gate_counts(self) -> dict[str, int]:
         """Return samples refused per gate, by name."""
         return {name: self.gates[name] for name in LABELS.values() if name and self.gates[name]}

@@ -9,7 +9,7 @@ import math
 from typing import Any
 
 from canest.core.gates import LABELS
-from canest.core.samples import RATE_HZ
+from canest.core.samples import RATE_HZ, Status
 from canest.doctor.missing_signals import missing_signal_warnings
 from canest.node.estimate_frame import STATUS_NAMES
 from canest.telemetry.daemon_view import DaemonView
@@ -152,7 +152,16 @@ def _signals(view: DaemonView) -> dict[str, Any]:
         "stuck_signals": stuck_s,
         "frozen_signals": stuck_s,  # deprecated
         "masses_of_others_kg": {address(a): m.mass_kg for a, m in sorted(masses.items())},
+        "masses_of_others_pct": _against_ours(view, {address(a): m.mass_kg for a, m in masses.items()}),
     }
+
+
+def _against_ours(view: DaemonView, masses_kg: dict[str, float]) -> dict[str, float]:
+    """Return how much more than ours others report, %; nothing while ours is not valid."""
+    ours = view.estimate
+    if ours.status != Status.VALID or not ours.mass_kg > 0.0:
+        return {}
+    return {a: round(100.0 * (kg / ours.mass_kg - 1.0), 2) for a, kg in sorted(masses_kg.items())}
 
 
 def _ticks(view: DaemonView) -> dict[str, Any]:

@@ -52,8 +52,7 @@ def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str
     broadcast = f"on, from address {node['address']:#04x}" if node["address"] is not None else "silent"
     lines.append(("broadcast", f"silent: {node['silent_because']}" if node["silent_because"] else broadcast))
     if snapshot["masses_of_others_kg"]:
-        masses = ", ".join(f"{kg:,.0f} kg from {a}" for a, kg in snapshot["masses_of_others_kg"].items())
-        lines.append(("mass by others", masses))
+        lines.append(("mass by others", _masses_of_others(snapshot)))
     if snapshot["other_senders"]:
         lines.append(("unexpected", _counted(snapshot["other_senders"], 4)))
     lines += _sender_warnings(snapshot)
@@ -87,6 +86,15 @@ def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str
             lines.append((name, _counted({k: v for k, v in snapshot[name].items() if isinstance(v, int)})))
     lines.append(("up", f"{snapshot['uptime_s'] / 3600:.1f} h, pid {snapshot['pid']}, {snapshot['config']}"))
     return lines
+
+
+def _masses_of_others(snapshot: dict[str, Any]) -> str:
+    """Return what others report, and how much more than ours that is."""
+    apart_pct = snapshot["masses_of_others_pct"]
+    return ", ".join(
+        f"{kg:,.0f} kg from {a}" + (f" ({apart_pct[a]:+.1f} % of ours)" if a in apart_pct else "")
+        for a, kg in snapshot["masses_of_others_kg"].items()
+    )
 
 
 def _sender_warnings(snapshot: dict[str, Any]) -> list[tuple[str, str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 
 import numpy as np
 
@@ -62,6 +63,11 @@ class FilteredModel:
         self._was_open = False
         #: the model's working columns of the last block (for reports and the diagnosis)
         self.last_columns: ModelColumns
+
+    @property
+    def stale_ticks(self) -> Counter[str]:
+        """Return, by role, the ticks on which it closed the gate `stale`."""
+        return self._gating.stale_ticks
 
     @np.errstate(all="ignore")  # signals may be any float: what is no sane number closes a gate
     def process(self, grid: GridBlock) -> ModelBlock:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +49,8 @@ class Gating:
         self._last_ratio = np.nan
         #: where the driveline does not link engine and wheels, in the last block (see `_separated`)
         self.separated: BoolColumn = constant(False, 0)
+        #: role -> ticks on which the gate `stale` was closed by it; of speeds, where none was fresh, all
+        self.stale_ticks: Counter[str] = Counter()
         self._coasting = Coasting(spec, at_wheels=model.at_wheels)
         #: where the vehicle coasts with its driveline open, in the last block (see `Coasting`)
         self.coasting: BoolColumn = constant(False, 0)
@@ -131,11 +135,19 @@ class Gating:
         stale = constant(True, len(grid))
         for role in self._model.speed_roles:
             stale = stale & grid.stale[role]
+        self._count_stale(self._model.speed_roles, stale)
         for role in self._needed:
+            self._count_stale((role,), grid.stale[role])
             stale = stale | grid.stale[role]
         for role in self._gearing:
-            stale = stale | (grid.stale[role] & ~raw.geared)
+            ungeared = grid.stale[role] & ~raw.geared
+            self._count_stale((role,), ungeared)
+            stale = stale | ungeared
         return stale
+
+    def _count_stale(self, roles: Iterable[str], stale: BoolColumn) -> None:
+        if count := int(np.count_nonzero(stale)):
+            self.stale_ticks.update(dict.fromkeys(roles, count))
 
     def _braking(self, raw: RawModel, has: dict[str, FloatColumn]) -> BoolColumn:
         c = raw.columns

@@ -32,7 +32,10 @@ def role(found: dict, name: str) -> dict:
 def test_kenworth_has_everything(canest):
     found = report(canest, "-c", "kenworth", KENWORTH)
     assert found["stops"] == ""
-    assert {r["verdict"] for r in found["roles"]} == {"ok"}
+    # nobody on this bus reports a mass, which is only compared
+    assert {r["role"]: r["verdict"] for r in found["roles"] if r["verdict"] != "ok"} == {
+        "reported_mass": "not found"
+    }
     torque = role(found, "engine_torque_pct")
     assert torque["senders"][0]["address"] == 0
     assert 49 < torque["senders"][0]["rate_hz"] < 51

@@ -254,6 +254,7 @@ def test_the_snapshot_is_json_and_stays_small_under_noise(tmp_path, drive, monke
 
 def test_masses_of_other_ecus_stand_beside_ours(tmp_path, drive, monkeypatch):
     from canest.telemetry.snapshot import snapshot
+    from canest.telemetry.status_view import rows
 
     cvw = [
         (
@@ -271,6 +272,10 @@ def test_masses_of_other_ecus_stand_beside_ours(tmp_path, drive, monkeypatch):
         shown = snapshot(rig.daemon.view(rig.now_us))
         assert shown["masses_of_others_kg"] == {"0x0B": 21_300.0, "0x27": 22_600.0}
         assert shown["estimate"]["mass_kg"] == pytest.approx(21_000, rel=0.05)
+        ours = shown["estimate"]["mass_kg"]
+        apart = {a: kg / ours * 100 - 100 for a, kg in shown["masses_of_others_kg"].items()}
+        assert shown["masses_of_others_pct"] == pytest.approx(apart, abs=0.02)
+        assert "% of ours" in dict(rows(shown))["mass by others"]
 
 
 def test_an_impossible_bus_is_one_plain_error(tmp_path):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from canest.core import jit
 from canest.core.samples import STEP_S, EstimateBlock, ModelBlock, Status, VehicleFacts
 from canest.estimators.base import Estimator
+from canest.estimators.bounds import beyond_bound
 from canest.estimators.canest_0_1 import kernel, output
 from canest.estimators.canest_0_1 import states as at
 from canest.estimators.canest_0_1.noise import SWING_MPN
@@ -24,8 +25,6 @@ from canest.estimators.kernel_arrays import state_in, state_out
 from canest.estimators.options import Options, parse
 from canest.estimators.status import StatusTracker
 
-#: a mass that the data put beyond a bound by more than this share contradicts the bound
-BOUND_VIOLATION = 0.045
 #: effort that a remembered mass stands for: its std says all that is in doubt, m2/s3
 REMEMBERED = 10.0
 #: sine of the steepest slope given out; no road is steeper than 35 %
@@ -193,18 +192,15 @@ class Canest(Estimator):
 
     def contradiction(self) -> str:
         """Return what speaks against the numbers: a mass that presses on its bound, a deaf accelerometer."""
-        found = [self._pressed(), _DEAF if self._memory[at.DEAF] > 0.0 else ""]
+        found = [self._beyond_bound(), _DEAF if self._memory[at.DEAF] > 0.0 else ""]
         return "; ".join(doubt for doubt in found if doubt)
 
-    def _pressed(self) -> str:
-        u, beyond = self._memory[at.HELD_U], self._memory[at.PRESSED]
-        if abs(beyond) <= BOUND_VIOLATION * u:
+    def _beyond_bound(self) -> str:
+        if not self._memory[at.LEARNED]:
             return ""
-        bound, is_so = ("mass_max_kg", "heavier") if beyond > 0.0 else ("mass_min_kg", "lighter")
-        return (
-            f"the driving says that the vehicle is {is_so} than vehicle.{bound} = "
-            f"{getattr(self.facts, bound):,.0f} kg: the bound is wrong, or torque, ratio or wheel radius are"
-        )
+        u, beyond = self._memory[at.HELD_U], self._memory[at.PRESSED]
+        u_var = sum(w * P[at.U][at.U] for w, P in zip(self._weight, self._PP, strict=True))
+        return beyond_bound(u - beyond, u_var, self.facts)
 
     def snapshot(self) -> dict[str, Any]:
         """Return the mass with its std, and how well the innovations behave."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2, STEP_S, STEP_US, EstimateBlock, ModelBlock, Status, VehicleFacts
 from canest.estimators.base import Estimator
+from canest.estimators.bounds import beyond_bound
 from canest.estimators.default import kernel
 from canest.estimators.default import model as at
 from canest.estimators.default.accelerometer import Comparison
@@ -219,16 +220,8 @@ class GaussianSum(Estimator):
         """Return the bound of the mass beyond which the driving leads, in a sentence."""
         if not self._last[kernel.OUT_LEARNED]:
             return ""
-        filters, v, facts = self._filters, self._vehicle, self.facts
-        u, var = moments_of_u.interpreted(filters, most_probable.interpreted(filters.weight))
-        margin = facts.valid_std * u
-        if var > margin * margin or v.least_u - margin < u < v.most_u + margin:
-            return ""
-        bound, is_so = ("mass_max_kg", "heavier") if u < v.least_u else ("mass_min_kg", "lighter")
-        return (
-            f"the driving shows a vehicle {is_so} than vehicle.{bound} = {getattr(facts, bound):,.0f} kg: "
-            "the bound is wrong, or torque, ratio or wheel radius are"
-        )
+        u, var = moments_of_u.interpreted(self._filters, most_probable.interpreted(self._filters.weight))
+        return beyond_bound(u, var, self.facts)
 
     def consistency(self) -> dict[str, float]:
         """Return the mean normalised innovation squared (1 when honest), and over how many windows."""

@@ -1,0 +1,37 @@
+"""When the driving contradicts a bound of the mass: the posterior lies beyond it, significantly."""
+
+from __future__ import annotations
+
+import math
+
+from canest.core.samples import VehicleFacts
+
+#: 99.9 % of a normal density lie below so many standard deviations
+SIGNIFICANT = 3.09
+
+
+def beyond_bound(u: float, u_var: float, facts: VehicleFacts) -> str:
+    """Return the bound of the mass beyond which the driving leads, in a sentence ('' for none).
+
+    P(mass beyond the bound) > 99.9 %, where the mass has the posterior's variance and that of its gain:
+    M = F / a, F proportional to torque / radius, a to the radius, which therefore counts twice.
+    Enough has been learned where the posterior alone is, by its own mean, as narrow as that of a valid mass:
+    a speed that does not follow the force at all makes a mass without end, and shows nothing of a vehicle.
+
+    u, u_var: mean and variance of the inverse mass without bounds and without the gain's, 1/kg and 1/kg2.
+    """
+    if u <= 0.0 or u_var > (facts.valid_std * u) ** 2:
+        return ""
+    gain = math.hypot(facts.torque_accuracy, 2.0 * facts.wheel_radius_accuracy)
+    for bound, is_so, bound_kg, side in (
+        ("mass_max_kg", "heavier", facts.mass_max_kg, 1.0),
+        ("mass_min_kg", "lighter", facts.mass_min_kg, -1.0),
+    ):
+        # as shares of the bound's own inverse mass
+        beyond, var = side * (1.0 - u * bound_kg), u_var * bound_kg * bound_kg
+        if beyond > SIGNIFICANT * math.sqrt(var + gain * gain):
+            return (
+                f"the driving shows a vehicle {is_so} than vehicle.{bound} = {bound_kg:,.0f} kg: "
+                "the bound is wrong, or torque, ratio or wheel radius are"
+            )
+    return ""
