@@ -89,9 +89,13 @@ def _refuse_channel(source: Source, channel: str | None) -> None:
 def _from_python_can(
     source: Source, head: bytes, suffix: str, wanted: Wanted | None, channel: str | None, block_frames: int
 ) -> LogReader:
-    from canest.logs.python_can import PythonCanReader
+    # each wanted for its format alone
+    if suffix == ".mf4":
+        from canest.logs.mf4 import Mf4Reader as Reader
+    else:
+        from canest.logs.python_can import PythonCanReader as Reader
 
-    return PythonCanReader(source, head, suffix, wanted, channel, block_frames)
+    return Reader(source, head, suffix, wanted, channel, block_frames)
 
 
 def _suffix(path: Path) -> str:

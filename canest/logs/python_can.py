@@ -13,7 +13,7 @@ from functools import partial
 from importlib import reload
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, cast
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
 from canest.logs.candump_line import CLASSIC_BYTES
 from canest.logs.compression import Source
 from canest.logs.damaged import blf_reader, quiet_messages, silenced, sqlite_reader
+from canest.logs.frame_columns import NO_CHANNEL, FrameColumns
 from canest.logs.python_can_lines import Lines, in_plain_words
 from canest.system.installation import how_to_add
 
@@ -78,6 +79,7 @@ class PythonCanReader(LogReader):
         self._skipped: list[tuple[int, str, str]] = []
         self._channels: dict[str, int] = {}
         self._lines: Lines | None = None
+        self._stored: BinaryIO | None = None
 
     @property
     def frames(self) -> int:
@@ -115,14 +117,27 @@ class PythonCanReader(LogReader):
         if self._suffix in _TEXT_SUFFIXES:
             yield from self._text_messages()
             return
+        with self.stored() as file:
+            yield from self._binary_messages(file)
+
+    @contextlib.contextmanager
+    def stored(self) -> Iterator[BinaryIO]:
+        """Yield a file that can be read at any place: of an archive or a pipe a copy."""
+        if self._stored is not None:
+            self._stored.seek(0)
+            yield self._stored
+        elif self._source.is_plain:
+            with self.path.open("rb") as self._stored:
+                yield self._stored
+        else:
+            with tempfile.NamedTemporaryFile(suffix=self._suffix) as unpacked:
+                self._unpack(unpacked)
+                self._stored = cast(BinaryIO, unpacked.file)  # asammdf knows no wrapper
+                yield self._stored
+
+    def _show_progress(self, file: BinaryIO) -> None:
         if self._source.is_plain:
-            with self.path.open("rb") as file:
-                yield from self._binary_messages(file)
-            return
-        # these formats are read at any place: what is packed, or comes through a pipe, becomes a file first
-        with tempfile.NamedTemporaryFile(suffix=self._suffix) as unpacked:
-            self._unpack(unpacked)
-            yield from self._binary_messages(unpacked.file)  # asammdf knows no wrapper
+            self._source.bytes_done = max(self._source.bytes_done, file.tell())
 
     def _unpack(self, file: Any) -> None:
         try:
@@ -240,6 +255,44 @@ class PythonCanReader(LogReader):
         can_id |= EXTENDED * message.is_extended_id if not message.is_error_frame else ERROR
         can_id |= REMOTE * message.is_remote_frame
         return round(stamp * 1e6), can_id, length, int.from_bytes(payload[:8], "little")
+
+    def _select_columns(self, columns: FrameColumns) -> FrameBlock:
+        """Count frames, and return those that are wanted; as `_frame` does with one message."""
+        t_s = columns.t_s
+        sane = np.abs(t_s) <= _SECONDS_MAX  # false for NaN
+        if not sane.all():
+            for stamp in t_s[~sane].tolist():
+                self._skip(self._frames + 1, str(stamp), "impossible time stamp")
+            columns = columns[sane]
+        if (columns.length > _BYTES_MAX).any():
+            beyond = columns.length > _BYTES_MAX
+            for can_id in (columns.can_id[beyond] & np.uint32(ID_MASK)).tolist():
+                self._skip(self._frames + 1, f"{can_id:x}", "no CAN frame")
+            columns = columns[~beyond]
+        self._frames += len(columns)
+        columns = self._of_channel(columns)
+        block = FrameBlock(
+            np.rint(columns.t_s * 1e6).astype(np.int64),
+            columns.can_id,
+            columns.length.astype(np.uint8),
+            columns.data,
+        )
+        return block if self._wanted is None else block[self._wanted(block.can_id)]
+
+    def _of_channel(self, columns: FrameColumns) -> FrameColumns:
+        if columns.channel is None:
+            numbers, counts = [NO_CHANNEL], [len(columns)]
+        else:
+            found = np.unique(columns.channel, return_counts=True)
+            numbers, counts = found[0].tolist(), found[1].tolist()
+        keep = np.ones(len(columns), np.bool_)
+        for number, count in zip(numbers, counts, strict=True):
+            name = _UNNAMED if number == NO_CHANNEL else str(number)
+            if count:
+                self._channels[name] = self._channels.get(name, 0) + count
+            if self._channel is not None and name != self._channel:
+                keep &= False if columns.channel is None else columns.channel != number
+        return columns if keep.all() else columns[keep]
 
     def _select(self, frames: list[tuple[int, int, int, int]]) -> FrameBlock:
         t_us, can_id, length, data = zip(*frames, strict=True)
