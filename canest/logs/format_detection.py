@@ -92,6 +92,8 @@ def _from_python_can(
     # each wanted for its format alone
     if suffix == ".mf4":
         from canest.logs.mf4 import Mf4Reader as Reader
+    elif suffix == ".blf":
+        from canest.logs.blf import BlfReader as Reader
     else:
         from canest.logs.python_can import PythonCanReader as Reader
 

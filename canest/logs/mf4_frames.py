@@ -48,7 +48,8 @@ class RecordReader:
         else:
             length, data = self._payload(records)
             if kind == _ERROR:
-                data = np.where(can_id & np.uint32(REMOTE), np.uint64(0), data)
+                remote = (can_id[: len(length)] & np.uint32(REMOTE)) != 0
+                length, data = np.where(remote, 0, length), np.where(remote, np.uint64(0), data)
         channel = self._integers("BusChannel", records, 0) if "BusChannel" in fields else None
         return FrameColumns(t_s, can_id, length, data, channel)[: len(length)]
 

@@ -171,6 +171,7 @@ class PythonCanReader(LogReader):
         if not damage:
             try:
                 announced = getattr(reader, "file_size", 0)
+                self._resume(reader, file)
                 with reader:
                     yield from quiet_messages(reader)
             except MemoryError:
@@ -185,6 +186,9 @@ class PythonCanReader(LogReader):
             self.truncated_reason = f"holds {actual:,} of the {announced:,} bytes its header announces"
         elif damage:
             self.truncated_reason = f"damaged after {self._frames:,} frames: {damage}"
+
+    def _resume(self, reader: Any, file: BinaryIO) -> None:
+        """Let python-can's reader begin where another one stopped."""
 
     def _text_messages(self) -> Iterator[Any]:
         """Iterate with a fresh reader behind every line that ends one; the header is read again each time."""
