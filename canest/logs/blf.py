@@ -26,7 +26,7 @@ _UNPACKED_MAX = 1 << 26
 
 
 class BlfReader(PythonCanReader):
-    """A BLF log. Where a stretch is odd, python-can goes on from there, with what is left of the one before."""
+    """A BLF log. Where a stretch is odd, python-can goes on from there."""
 
     _containers: _Containers | None = None
 
@@ -97,9 +97,8 @@ class _Containers:
     def _read_header(self) -> None:
         self._file.seek(0)
         header = self._file.read(_HEADER_BYTES)
-        _, header_bytes, self.announced, year, month, _, day, hour, minute, second, milli = _HEADER.unpack_from(
-            header
-        )
+        _, header_bytes, self.announced, *begin = _HEADER.unpack_from(header)
+        year, month, _, day, hour, minute, second, milli = begin
         if header_bytes < len(header) or len(header) < _HEADER_BYTES:
             raise OddBlfError
         try:

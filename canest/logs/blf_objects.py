@@ -13,7 +13,13 @@ from canest.logs.frame_columns import FrameColumns, payload_words
 
 _CAN_MESSAGE, _CAN_MESSAGE2, _CAN_ERROR_EXT, _CAN_FD_MESSAGE, _CAN_FD_MESSAGE_64 = 1, 86, 73, 100, 101
 #: what must be there of an object's body
-_BODY_BYTES = {_CAN_MESSAGE: 16, _CAN_MESSAGE2: 16, _CAN_ERROR_EXT: 32, _CAN_FD_MESSAGE: 84, _CAN_FD_MESSAGE_64: 40}
+_BODY_BYTES = {
+    _CAN_MESSAGE: 16,
+    _CAN_MESSAGE2: 16,
+    _CAN_ERROR_EXT: 32,
+    _CAN_FD_MESSAGE: 84,
+    _CAN_FD_MESSAGE_64: 40,
+}
 _SIGNATURE = b"LOBJ"
 _SIGNATURE_WORD = int.from_bytes(_SIGNATURE, "little")
 _BASE = struct.Struct("<4sHHLL")

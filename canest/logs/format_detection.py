@@ -94,6 +94,8 @@ def _from_python_can(
         from canest.logs.mf4 import Mf4Reader as Reader
     elif suffix == ".blf":
         from canest.logs.blf import BlfReader as Reader
+    elif suffix == ".asc":
+        from canest.logs.asc import AscReader as Reader
     else:
         from canest.logs.python_can import PythonCanReader as Reader
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Generator, Iterator
+
 import numpy as np
 
 from canest.core.frames import FrameBlock
@@ -31,7 +32,7 @@ _BLOCK_BYTES = 1 << 24
 
 
 class Mf4Reader(PythonCanReader):
-    """An MF4 log: plain or packed records, records of one group or mixed ones, also of unfinished recordings."""
+    """An MF4 log: plain or packed records, sorted or mixed, also of unfinished recordings."""
 
     def _blocks(self) -> Generator[FrameBlock]:
         with self.stored() as file:

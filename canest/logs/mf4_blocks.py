@@ -1,6 +1,6 @@
 """The blocks of an MDF 4 file (ASAM MDF 4.1): links, texts, and the data behind lists and compression.
 
-Whatever is not as the standard's common subset has it raises `UnsupportedMf4Error`: another reader may know more.
+Whatever is not in the standard's common subset raises `UnsupportedMf4Error`: another reader may know more.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FloatColumn, IntColumn
+from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, IntColumn
 from canest.logs.frame_columns import FrameColumns, payload_words
 from canest.logs.mf4_blocks import DataStream, UnsupportedMf4Error
 from canest.logs.mf4_groups import KINDS, Field, Group
@@ -116,10 +116,13 @@ def mixed_records(
 ) -> Iterator[list[tuple[Group, NDArray[np.uint8]]]]:
     """Yield blocks of a stream in which records of several groups stand one behind the other.
 
-    Each block: for every group with frames, the group and its records. A record that is cut off at the end of the file is left out.
+    Each block: for every group with frames, the group and its records.
+    A record that is cut off at the end of the file is left out.
     Errors: UnsupportedMf4Error for what belongs to no group.
     """
-    sizes = {group.record_id: _LENGTH_BYTES if group.variable_length else group.record_bytes for group in groups}
+    sizes = {
+        group.record_id: _LENGTH_BYTES if group.variable_length else group.record_bytes for group in groups
+    }
     variable = {group.record_id for group in groups if group.variable_length}
     wanted = {group.record_id: group for group in groups if group.kind}
     longest = id_bytes + max(sizes.values(), default=0)
@@ -167,4 +170,3 @@ def _walk(
         places[record_id].append(at)
         at = beyond
     return places, at
-

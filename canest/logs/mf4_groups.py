@@ -1,4 +1,4 @@
-"""The channel groups of an MF4 file that log a CAN bus (ASAM MDF bus logging), and where their fields stand."""
+"""The channel groups of an MF4 file that log a CAN bus (ASAM MDF bus logging), and their fields."""
 
 from __future__ import annotations
 
@@ -25,6 +25,11 @@ _RECORD_FLAG_VARIABLE = 1  #: of a channel group whose records have a length of 
 #: unfinished recordings: what a logger that lost power has not written (ASAM MDF 4.1, 5.3)
 COUNTS_MISSING, LENGTH_MISSING, VARIABLE_BYTES_MISSING = 1, 4, 32
 KINDS = ("CAN_DataFrame", "CAN_ErrorFrame", "CAN_RemoteFrame")
+_NEEDED: dict[str, set[str]] = {
+    KINDS[0]: {"ID", "DataLength", "DataBytes"},
+    KINDS[1]: set(),
+    KINDS[2]: {"ID", "DLC"},
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,9 +168,9 @@ def _fields(file: Mf4File, kind: str, channels: dict[str, Block], record_bytes: 
         channel = channels.get(f"{kind}.{name}")
         if channel is not None:
             fields[name] = _field(file, channel, record_bytes, name == "DataBytes")
-    needed = {KINDS[0]: {"ID", "DataLength", "DataBytes"}, KINDS[1]: set[str](), KINDS[2]: {"ID", "DLC"}}[kind]
-    if needed - fields.keys():
-        raise UnsupportedMf4Error(f"frames without {', '.join(sorted(needed - fields.keys()))}")
+    missing = _NEEDED[kind] - fields.keys()
+    if missing:
+        raise UnsupportedMf4Error(f"frames without {', '.join(sorted(missing))}")
     return fields
 
 
@@ -183,7 +188,7 @@ def _field(file: Mf4File, channel: Block, record_bytes: int, is_payload: bool = 
         if data_type != _BYTES or bit or bits % 8 or conversion is not None or (variable and bits > 64):
             raise UnsupportedMf4Error("data bytes of another type")
         return Field(byte, 0, bits, False, None, data_address=channel.link(5) if variable else 0)
-    if data_type not in (_UNSIGNED, _FLOAT) or not 0 < bits or bit + bits > 64:
+    if data_type not in (_UNSIGNED, _FLOAT) or not bits or bit + bits > 64:
         raise UnsupportedMf4Error(f"a number of type {data_type}")
     if data_type == _FLOAT and (bit or bits not in (32, 64)):
         raise UnsupportedMf4Error(f"a float of {bits} bits")

@@ -6,7 +6,6 @@ import contextlib
 import gc
 import logging
 import math
-import re
 import tempfile
 from collections.abc import Generator, Iterator, Mapping
 from functools import partial
@@ -25,7 +24,7 @@ from canest.logs.candump_line import CLASSIC_BYTES
 from canest.logs.compression import Source
 from canest.logs.damaged import blf_reader, quiet_messages, silenced, sqlite_reader
 from canest.logs.frame_columns import NO_CHANNEL, FrameColumns
-from canest.logs.python_can_lines import Lines, in_plain_words
+from canest.logs.python_can_lines import Lines, OneLine, in_plain_words
 from canest.system.installation import how_to_add
 
 _TEXT_BYTES = 1 << 18
@@ -78,7 +77,7 @@ class PythonCanReader(LogReader):
         self._frames = self._skipped_lines = 0
         self._skipped: list[tuple[int, str, str]] = []
         self._channels: dict[str, int] = {}
-        self._lines: Lines | None = None
+        self._lines: Lines | OneLine | None = None
         self._stored: BinaryIO | None = None
 
     @property
@@ -194,11 +193,6 @@ class PythonCanReader(LogReader):
         """Iterate with a fresh reader behind every line that ends one; the header is read again each time."""
         import can
 
-        if self._suffix == ".asc" and re.search(rb"(?im)^\s*base\s+\S+\s+timestamps\s+relative", self._head):
-            raise LogError(
-                "gives the time from each event to the next", where=str(self.path),
-                found="timestamps relative", expected="an export with `timestamps absolute`",
-            )  # fmt: skip
         kind = {".asc": can.ASCReader, ".trc": can.TRCReader, ".csv": can.CSVReader}[self._suffix]
         lines = self._lines = Lines(self._source, self._head, self._suffix, self._skip_line)
         while not lines.ended:
