@@ -99,11 +99,14 @@ def _objects(data: bytes) -> tuple[IntColumn, IntColumn, int]:
         return _objects_one_by_one(data)  # signatures elsewhere, or among the data
     if (sizes < _BASE.size).any():
         raise OddBlfError
-    if ends[-1] > len(data):
-        consumed = int(ends[-2]) if len(ends) > 1 else 0
-        return begins[:-1], sizes[:-1], consumed
-    _require_end(data, int(ends[-1]))
-    return begins, sizes, int(ends[-1])
+    last = int(ends[-1])
+    if last > len(data):
+        return begins[:-1], sizes[:-1], int(ends[-2]) if len(ends) > 1 else 0
+    following = data.find(_SIGNATURE, last, last + 2 * _PADDING_MAX)
+    if 0 <= following <= len(data) - _BASE.size:  # off the boundaries of words
+        return _objects_one_by_one(data)
+    _require_end(data, last)
+    return begins, sizes, last
 
 
 def _objects_one_by_one(data: bytes) -> tuple[IntColumn, IntColumn, int]:

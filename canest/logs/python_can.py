@@ -256,17 +256,18 @@ class PythonCanReader(LogReader):
 
     def _select_columns(self, columns: FrameColumns) -> FrameBlock:
         """Count frames, and return those that are wanted; as `_frame` does with one message."""
-        t_s = columns.t_s
-        sane = np.abs(t_s) <= _SECONDS_MAX  # false for NaN
-        if not sane.all():
-            for stamp in t_s[~sane].tolist():
-                self._skip(self._frames + 1, str(stamp), "impossible time stamp")
-            columns = columns[sane]
-        if (columns.length > _BYTES_MAX).any():
-            beyond = columns.length > _BYTES_MAX
-            for can_id in (columns.can_id[beyond] & np.uint32(ID_MASK)).tolist():
-                self._skip(self._frames + 1, f"{can_id:x}", "no CAN frame")
-            columns = columns[~beyond]
+        timely = np.abs(columns.t_s) <= _SECONDS_MAX  # false for NaN
+        good = timely & (columns.length <= _BYTES_MAX)
+        if not good.all():
+            before = self._frames + np.cumsum(good)
+            for row in np.flatnonzero(~good).tolist():
+                can_id = int(columns.can_id[row]) & ID_MASK
+                self._skip(
+                    int(before[row]) + 1,
+                    f"{can_id:x}" if timely[row] else str(columns.t_s[row]),
+                    "no CAN frame" if timely[row] else "impossible time stamp",
+                )
+            columns = columns[good]
         self._frames += len(columns)
         columns = self._of_channel(columns)
         block = FrameBlock(
