@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canest.logs.budget import LogBudget, current_budget, log_budget
+from canest.logs.estimate_writer import open_writer
 from canest.logs.log_names import log_name
 from canest.logs.truth import read_truth
-from canest.offline.replay import Progress, ReplayResult, replay
+from canest.offline.replay import OpenWriter, Progress, ReplayResult, replay
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -26,6 +27,8 @@ class Job:
     mass_kg: float | None = None
     after_s: float = 60.0
     channel: str | None = None
+    columns: tuple[str, ...] = ()  #: of the output, beside those of est.csv
+    opened: OpenWriter = open_writer  #: how the output is opened
     budget: LogBudget = field(default_factory=current_budget)  #: it runs in another process, perhaps
 
     @property
@@ -60,6 +63,8 @@ class Job:
             listener=recorder,
             progress=progress,
             channel=self.channel,
+            columns=self.columns,
+            opened=self.opened,
         )
         if recorder is not None and self.report is not None:
             # as above

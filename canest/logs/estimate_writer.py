@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import zlib
 from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -11,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from canest.core.errors import OutputError
+from canest.core.frames import FloatColumn
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS
 from canest.logs import text_fields as text
@@ -21,10 +24,15 @@ if TYPE_CHECKING:
     from canest.core.estimates import Estimates
 
 
+#: further columns by name, in the order of the file
+Columns = Mapping[str, FloatColumn]
+Decimals = Mapping[str, int]
+
 HEADER = b"t_s,mass_kg,mass_std_kg,grade,grade_std,status,gate\n"
 MASS_DECIMALS = 1
 GRADE_DECIMALS = 6
 _ROWS_AT_ONCE = 1 << 13
+_GZIP, _GZIP_LEVEL = 31, 6  #: of zlib: a gzip file
 #: rows of one parquet row group
 _ROW_GROUP = 1 << 17
 
@@ -39,8 +47,8 @@ class EstimateWriter(ABC):
         self._out = GrowingResult(path)
 
     @abstractmethod
-    def write(self, estimates: Estimates) -> None:
-        """Append the next rows."""
+    def write(self, estimates: Estimates, more: Columns | None = None) -> None:
+        """Append the next rows. more: the further columns that the file was opened with, each (n,)."""
 
     def _finish(self) -> None:  # noqa: B027 - only formats that hold something back need it
         """Write what is held back."""
@@ -67,27 +75,52 @@ class EstimateWriter(ABC):
         self._out.commit()
 
 
-def open_writer(path: str | Path) -> EstimateWriter:
-    """Open a result file: parquet when its name ends so, else csv."""
+def open_writer(path: str | Path, more: Decimals | None = None) -> EstimateWriter:
+    """Open a result file; the end of its name is its format: .parquet, .mf4, .csv.gz, else csv.
+
+    more: further columns, each with the decimals that it has in a text.
+    """
     path = Path(path)
-    return ParquetEstimateWriter(path) if path.suffix.lower() == ".parquet" else CsvEstimateWriter(path)
+    name = path.name.lower()
+    if name.endswith(".parquet"):
+        return ParquetEstimateWriter(path, more)
+    if name.endswith(".mf4"):
+        from canest.logs.estimate_mf4 import Mf4EstimateWriter  # wanted for this format alone
+
+        return Mf4EstimateWriter(path, more)
+    return CsvEstimateWriter(path, more, compress=name.endswith(".csv.gz"))
 
 
 class CsvEstimateWriter(EstimateWriter):
     """est.csv: one row per sample, numbers empty where there is none."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, more: Decimals | None = None, compress: bool = False) -> None:
         super().__init__(path)
-        self._out.write(HEADER)
+        self._more = more or {}
+        self._machine = zlib.compressobj(_GZIP_LEVEL, wbits=_GZIP) if compress else None
+        header = HEADER.rstrip() + "".join(f",{name}" for name in self._more).encode() + b"\n"
+        self._write(header)
 
-    def write(self, estimates: Estimates) -> None:
+    def write(self, estimates: Estimates, more: Columns | None = None) -> None:
         """Append the next rows."""
         for first in range(0, len(estimates), _ROWS_AT_ONCE):
-            self._out.write(estimates_csv(estimates, slice(first, first + _ROWS_AT_ONCE)))
+            rows = slice(first, first + _ROWS_AT_ONCE)
+            fields: list[text.Field] = []
+            for name, decimals in self._more.items():
+                values = (more or {})[name][rows]
+                fields += [text.constant(b",", len(values)), text.fixed(values, decimals)]
+            self._write(estimates_csv(estimates, rows, fields))
+
+    def _write(self, data: bytes) -> None:
+        self._out.write(data if self._machine is None else self._machine.compress(data))
+
+    def _finish(self) -> None:
+        if self._machine is not None:
+            self._out.write(self._machine.flush())
 
 
-def estimates_csv(estimates: Estimates, rows: slice) -> bytes:
-    """Return rows of est.csv."""
+def estimates_csv(estimates: Estimates, rows: slice, more: Sequence[text.Field] = ()) -> bytes:
+    """Return rows of est.csv; more: further fields of each, with their commas."""
     t_us = estimates.t_us[rows]
     comma = text.constant(b",", len(t_us))
     return text.join(
@@ -105,6 +138,7 @@ def estimates_csv(estimates: Estimates, rows: slice) -> bytes:
             text.labels(estimates.status[rows], STATUS_LABELS),
             comma,
             text.labels(estimates.gate[rows], LABELS),
+            *more,
             text.constant(b"\n", len(t_us)),
         ]
     )
@@ -113,7 +147,7 @@ def estimates_csv(estimates: Estimates, rows: slice) -> bytes:
 class ParquetEstimateWriter(EstimateWriter):
     """The same columns as parquet (pyarrow, extra ``formats``), in row groups."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, more: Decimals | None = None) -> None:
         try:
             import pyarrow as pa
             import pyarrow.parquet as pq
@@ -128,20 +162,23 @@ class ParquetEstimateWriter(EstimateWriter):
         names = pa.dictionary(pa.int8(), pa.string())
         numbers = ("t_s", "mass_kg", "mass_std_kg", "grade", "grade_std")
         self._schema = pa.schema(
-            [(name, pa.float64()) for name in numbers] + [("status", names), ("gate", names)]
+            [(name, pa.float64()) for name in numbers]
+            + [("status", names), ("gate", names)]
+            + [(name, pa.float64()) for name in more or {}]
         )
         with self._out.errors():
             self._writer = pq.ParquetWriter(self._out.file, self._schema)
         self._held: list[Any] = []
         self._rows = 0
 
-    def write(self, estimates: Estimates) -> None:
+    def write(self, estimates: Estimates, more: Columns | None = None) -> None:
         """Append the next rows."""
         e = estimates
         numbers = [e.t_us / 1e6, e.mass_kg, e.mass_std_kg, e.grade, e.grade_std]
         columns = [self._pa.array(column, from_pandas=True) for column in numbers]
         columns.append(self._names(e.status, STATUS_LABELS))
         columns.append(self._names(e.gate, LABELS))
+        columns += [self._pa.array(column, from_pandas=True) for column in (more or {}).values()]
         self._held.append(self._pa.record_batch(columns, schema=self._schema))
         self._rows += len(e)
         if self._rows >= _ROW_GROUP:

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, nullcontext, suppress
+from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from canest.core import jit
 from canest.core.frames import FrameBlock
-from canest.core.samples import STATUS_LABELS
+from canest.core.samples import STATUS_LABELS, EstimateBlock, ModelBlock
 from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.reasons import why_unestimated
 from canest.doctor.warnings import log_warnings, stream_warnings
 from canest.logs.compression import ARCHIVE_SUFFIXES
-from canest.logs.estimate_writer import open_writer
+from canest.logs.estimate_writer import Decimals, EstimateWriter, open_writer
 from canest.logs.memory import MemoryLog
+from canest.offline.model_columns import COLUMNS, ModelColumns
 from canest.offline.scoring import Reference, Score
 from canest.pipeline.pipeline import Listener, Pipeline
 from canest.pipeline.table_map import TableMap, open_for
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from canest.logs.base import LogReader
 
 Progress = Callable[[int, int], None]  #: bytes done, bytes in all (0: unknown)
+#: opens the file for estimates, with the decimals of its further columns
+OpenWriter = Callable[[Path, Decimals], EstimateWriter]
 
 #: a 1,000 frames/s bus as candump text, and how much smaller archives of it are
 TEXT_BYTES_PER_S, ARCHIVE_RATIO = 50_000.0, 7.0
@@ -67,22 +70,27 @@ def replay(
     listener: Listener | None = None,
     progress: Progress | None = None,
     channel: str | None = None,
+    columns: Sequence[str] = (),
+    opened: OpenWriter = open_writer,
 ) -> ReplayResult:
     """Estimate from one log.
 
-    output: csv or parquet file for the estimates. reference: what they are compared with.
+    output: file for the estimates, opened by ``opened``. columns: further ones in it.
+    reference: what they are compared with.
     listener: gets the model samples with their estimates. channel: this interface of the log only.
     Errors: LogError, ConfigError, OutputError.
     """
     begin = time.perf_counter()
     jit.enable(compiling_pays([log]))
-    run = LogRun(log, config, listener=listener, channel=channel)
+    more = ModelColumns(columns, config) if columns and output is not None else None
+    listeners = [each for each in (listener, more) if each is not None]
+    run = LogRun(log, config, listener=_all_of(listeners), channel=channel)
     score = reference.score() if reference is not None and reference.known else None
     last: Estimates | None = None
-    with closing(run.reader), open_writer(output) if output is not None else nullcontext() as writer:
+    with closing(run.reader), _opened(output, opened, more) as writer:
         for estimates in run.estimates(progress):
             if writer is not None:
-                writer.write(estimates)
+                writer.write(estimates, more.take() if more is not None else None)
             if score is not None:
                 score.add(estimates)
             last = estimates
@@ -108,6 +116,27 @@ def replay(
         name: float(snapshot[name]) for name in ("nis", "runs_z", "windows") if name in snapshot
     }
     return ReplayResult(str(log), summary, score, notes, innovations)
+
+
+def _opened(
+    output: str | Path | None, opened: OpenWriter, more: ModelColumns | None
+) -> AbstractContextManager[EstimateWriter | None]:
+    if output is None:
+        return nullcontext()
+    decimals = {name: COLUMNS[name].decimals for name in more.names} if more is not None else {}
+    return opened(Path(output), decimals)
+
+
+def _all_of(listeners: list[Listener]) -> Listener | None:
+    """Return one listener for several, None for none."""
+    if len(listeners) < 2:
+        return listeners[0] if listeners else None
+
+    def each(samples: ModelBlock, estimates: EstimateBlock) -> None:
+        for listener in listeners:
+            listener(samples, estimates)
+
+    return each
 
 
 class LogRun:
