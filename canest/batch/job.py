@@ -23,6 +23,7 @@ class Job:
     log: Path
     output: Path | None = None
     report: Path | None = None
+    report_script: str = ""  #: file beside the report that has plotly; '' where the report itself has it
     truth: Path | None = None
     mass_kg: float | None = None
     after_s: float = 60.0
@@ -70,5 +71,5 @@ class Job:
             # as above
             from canest.report.replay_page import write_replay_report
 
-            write_replay_report(self.report, result, config, recorder, result.score)
+            write_replay_report(self.report, result, config, recorder, result.score, self.report_script)
         return result

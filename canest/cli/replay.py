@@ -154,6 +154,19 @@ def _many(jobs: list[Job], config: Config, json_path: str | None, workers: int |
     with Count("replay", len(jobs)) as count:
         outcomes = run_jobs(jobs, config, workers, lambda outcome: count.step(outcome.job.name))
     summary = pooled(outcomes)
+    if jobs[0].report is not None:
+        from canest.report.index_page import Entry, write_index  # wanted for reports alone
+
+        entries = [
+            Entry(
+                outcome.job.name,
+                outcome.job.report.name if outcome.job.report else "",
+                outcome.result.summary if outcome.result else None,
+                outcome.error,
+            )
+            for outcome in outcomes
+        ]
+        write_index(jobs[0].report.parent, entries)
     if json_path is not None:
         write_json(summary, json_path)
     if json_path != "-":

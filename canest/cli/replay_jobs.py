@@ -16,6 +16,7 @@ import click
 
 from canest.batch.job import Job
 from canest.cli.output_conflicts import config_files, keep_apart
+from canest.core.errors import UsageError
 from canest.logs.log_names import truth_beside, truth_file
 
 if TYPE_CHECKING:
@@ -94,11 +95,27 @@ def with_outputs(jobs: list[Job], outputs: Outputs, config: Config) -> list[Job]
 
         reports = Path(report) if report and len(jobs) > 1 else None
         jobs = pool.with_outputs(jobs, Path(output) if output else None, reports)
+        if reports is not None:
+            jobs = _with_one_script(jobs, reports)
     elif output is not None:
         jobs = [replace(jobs[0], output=Path(output))]
     if report is not None and len(jobs) == 1:
         jobs = [replace(jobs[0], report=Path(report))]
     return jobs
+
+
+def _with_one_script(jobs: list[Job], directory: Path) -> list[Job]:
+    """Write plotly once, beside the reports that show it. Errors: OutputError, UsageError."""
+    from canest.report.index_page import INDEX, write_script  # wanted for reports alone
+
+    for job in jobs:
+        if job.report is not None and job.report.name == INDEX:
+            raise UsageError(
+                "the report of this log would replace the index of all", where="--report", found=str(job.log),
+                expected="another name of the log",
+            )  # fmt: skip
+    script = write_script(directory)
+    return [replace(job, report_script=script) for job in jobs]
 
 
 def _report_missing_truths(logs: list[Path], truths: Sequence[Path | None]) -> None:

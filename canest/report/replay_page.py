@@ -34,10 +34,15 @@ _TONES = {"valid": "good", "converging": "warn", "unestimated": "bad"}
 
 
 def write_replay_report(
-    path: str | Path, result: ReplayResult, config: Config, recorder: Recorder, score: Score | None
+    path: str | Path,
+    result: ReplayResult,
+    config: Config,
+    recorder: Recorder,
+    score: Score | None,
+    script_file: str = "",
 ) -> None:
-    """Write the report of one log. Errors: OutputError."""
-    replay_page(result, config, recorder, score).write(path)
+    """Write the report of one log; script_file as in `Page.render`. Errors: OutputError."""
+    replay_page(result, config, recorder, score).write(path, script_file)
 
 
 def replay_page(result: ReplayResult, config: Config, recorder: Recorder, score: Score | None) -> Page:
