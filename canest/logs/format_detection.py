@@ -7,10 +7,11 @@ from pathlib import Path
 
 from canest.core.errors import LogError
 from canest.logs.base import BLOCK_FRAMES, LogReader
-from canest.logs.candump import CandumpParser, Wanted
+from canest.logs.candump import CandumpParser
 from canest.logs.candump_line import Line, is_ignorable, parse_line
 from canest.logs.candump_reader import CandumpReader
 from canest.logs.compression import ARCHIVE_SUFFIXES, Source
+from canest.logs.line_parser import Wanted
 from canest.logs.memory import MemoryLog
 
 _HEAD_BYTES = 1 << 16
@@ -91,15 +92,20 @@ def _from_python_can(
 ) -> LogReader:
     # each wanted for its format alone
     if suffix == ".mf4":
-        from canest.logs.mf4 import Mf4Reader as Reader
-    elif suffix == ".blf":
-        from canest.logs.blf import BlfReader as Reader
-    elif suffix == ".asc":
-        from canest.logs.asc import AscReader as Reader
-    else:
-        from canest.logs.python_can import PythonCanReader as Reader
+        from canest.logs.mf4 import Mf4Reader
 
-    return Reader(source, head, suffix, wanted, channel, block_frames)
+        return Mf4Reader(source, head, suffix, wanted, channel, block_frames)
+    if suffix == ".blf":
+        from canest.logs.blf import BlfReader
+
+        return BlfReader(source, head, suffix, wanted, channel, block_frames)
+    if suffix == ".asc":
+        from canest.logs.asc import AscReader
+
+        return AscReader(source, head, suffix, wanted, channel, block_frames)
+    from canest.logs.python_can import PythonCanReader
+
+    return PythonCanReader(source, head, suffix, wanted, channel, block_frames)
 
 
 def _suffix(path: Path) -> str:

@@ -57,8 +57,8 @@ class Field:
         kind, parameters = self.conversion
         if kind == _LINEAR:
             b, a = parameters
-            scaled = raw * a
-            return scaled + b if b else scaled
+            scaled: NDArray[np.float64] = raw * np.float64(a)
+            return scaled + np.float64(b) if b else scaled
         keys, values = np.array(parameters[0::2]), np.array(parameters[1::2])
         at = np.minimum(np.searchsorted(keys, raw), len(keys) - 1)
         if (keys[at] != raw).any():

@@ -19,11 +19,11 @@ import numpy as np
 from canest.core.errors import LogError
 from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.logs.base import LogReader
-from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
 from canest.logs.candump_line import CLASSIC_BYTES
 from canest.logs.compression import Source
 from canest.logs.damaged import blf_reader, quiet_messages, silenced, sqlite_reader
 from canest.logs.frame_columns import NO_CHANNEL, FrameColumns
+from canest.logs.line_parser import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
 from canest.logs.python_can_lines import Lines, OneLine, in_plain_words
 from canest.system.installation import how_to_add
 
