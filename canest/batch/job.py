@@ -10,7 +10,7 @@ from canest.logs.budget import LogBudget, current_budget, log_budget
 from canest.logs.estimate_writer import open_writer
 from canest.logs.log_names import log_name
 from canest.logs.truth import read_truth
-from canest.offline.replay import OpenWriter, Progress, ReplayResult, replay
+from canest.offline.replay import OpenWriter, Output, Progress, ReplayResult, replay
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -59,13 +59,11 @@ class Job:
         result = replay(
             self.log,
             config,
-            output=self.output,
+            output=Output(self.output, self.columns, self.opened) if self.output is not None else None,
             reference=Reference(truth, self.mass_kg, self.after_s),
             listener=recorder,
             progress=progress,
             channel=self.channel,
-            columns=self.columns,
-            opened=self.opened,
         )
         if recorder is not None and self.report is not None:
             # as above

@@ -11,7 +11,7 @@ import numpy as np
 from canest.core.errors import OutputError
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS
-from canest.logs.estimate_writer import Columns, Decimals, EstimateWriter
+from canest.logs.estimate_file import Columns, Decimals, EstimateWriter
 from canest.system.installation import how_to_add
 
 if TYPE_CHECKING:

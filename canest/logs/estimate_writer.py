@@ -3,30 +3,23 @@
 from __future__ import annotations
 
 import zlib
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from canest.core.errors import OutputError
-from canest.core.frames import FloatColumn
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS
 from canest.logs import text_fields as text
-from canest.logs.growing_result import GrowingResult
+from canest.logs.estimate_file import Columns, Decimals, EstimateWriter
 from canest.system.installation import how_to_add
 
 if TYPE_CHECKING:
     from canest.core.estimates import Estimates
 
-
-#: further columns by name, in the order of the file
-Columns = Mapping[str, FloatColumn]
-Decimals = Mapping[str, int]
 
 HEADER = b"t_s,mass_kg,mass_std_kg,grade,grade_std,status,gate\n"
 MASS_DECIMALS = 1
@@ -35,44 +28,6 @@ _ROWS_AT_ONCE = 1 << 13
 _GZIP, _GZIP_LEVEL = 31, 6  #: of zlib: a gzip file
 #: rows of one parquet row group
 _ROW_GROUP = 1 << 17
-
-
-class EstimateWriter(ABC):
-    """Takes estimates in order; use as a context manager. An exception inside leaves no file.
-
-    Errors: OutputError when the file cannot be written (full disk, no permission).
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._out = GrowingResult(path)
-
-    @abstractmethod
-    def write(self, estimates: Estimates, more: Columns | None = None) -> None:
-        """Append the next rows. more: the further columns that the file was opened with, each (n,)."""
-
-    def _finish(self) -> None:  # noqa: B027 - only formats that hold something back need it
-        """Write what is held back."""
-
-    def _abandon(self) -> None:  # noqa: B027 - as above
-        """Let go of what cannot be finished."""
-
-    def __enter__(self) -> EstimateWriter:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is not None:
-            self._abandon()
-            self._out.discard()
-            return
-        try:
-            self._finish()
-        except BaseException:
-            self._abandon()
-            self._out.discard()
-            raise
-        self._out.commit()
 
 
 def open_writer(path: str | Path, more: Decimals | None = None) -> EstimateWriter:

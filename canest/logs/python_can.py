@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import logging
 import math
 import tempfile
 from collections.abc import Generator, Iterator, Mapping
 from functools import partial
-from importlib import reload
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
@@ -21,7 +18,7 @@ from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.logs.base import LogReader
 from canest.logs.candump_line import CLASSIC_BYTES
 from canest.logs.compression import Source
-from canest.logs.damaged import blf_reader, quiet_messages, silenced, sqlite_reader
+from canest.logs.damaged import blf_reader, find_asammdf, quiet_lines, quiet_messages, silenced, sqlite_reader
 from canest.logs.frame_columns import NO_CHANNEL, FrameColumns
 from canest.logs.line_parser import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
 from canest.logs.python_can_lines import Lines, OneLine, in_plain_words
@@ -32,30 +29,6 @@ _SECONDS_MAX = 9e12
 _TEXT_SUFFIXES = (".asc", ".trc", ".csv")
 _UNNAMED = "unnamed"  #: the interface of a format that names none
 _BYTES_MAX = 64  #: payload of CAN FD
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep python-can's remarks on lines that it passes over to ourselves: `Lines` knows them too."""
-    logger, handler = logging.getLogger("can.io"), logging.NullHandler()
-    before, logger.propagate = logger.propagate, False
-    logger.addHandler(handler)
-    try:
-        yield
-    finally:
-        logger.removeHandler(handler)
-        logger.propagate = before
-
-
-def find_asammdf() -> None:
-    """Let python-can look for asammdf again.
-
-    It looks once, at its import, and `canest.bus.drivers` hides asammdf then, which no bus needs.
-    """
-    from can.io import mf4
-
-    if getattr(mf4, "asammdf", None) is None and find_spec("asammdf") is not None:
-        reload(mf4)  # in its own namespace, so that its classes find asammdf wherever they are held
 
 
 class PythonCanReader(LogReader):
@@ -199,7 +172,7 @@ class PythonCanReader(LogReader):
             seen = lines.number
             lines.rewind_header()
             try:
-                with _quiet():
+                with quiet_lines():
                     for message in self._reader(kind, lines):
                         lines.claim()
                         yield message

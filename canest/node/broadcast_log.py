@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from canest.core.errors import UsageError
 from canest.core.frames import EXTENDED, FrameBlock
 from canest.logs.candump_writer import candump_text
-from canest.logs.estimate_writer import Columns, Decimals, EstimateWriter
+from canest.logs.estimate_file import Columns, Decimals, EstimateWriter
 from canest.node.broadcast import Broadcaster
 from canest.node.estimate_frame import Estimate
 

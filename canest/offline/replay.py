@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from canest.core import jit
 from canest.core.frames import FrameBlock
@@ -16,7 +16,8 @@ from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.reasons import why_unestimated
 from canest.doctor.warnings import log_warnings, stream_warnings
 from canest.logs.compression import ARCHIVE_SUFFIXES
-from canest.logs.estimate_writer import Decimals, EstimateWriter, open_writer
+from canest.logs.estimate_file import Decimals, EstimateWriter
+from canest.logs.estimate_writer import open_writer
 from canest.logs.memory import MemoryLog
 from canest.offline.model_columns import COLUMNS, ModelColumns
 from canest.offline.scoring import Reference, Score
@@ -36,6 +37,14 @@ OpenWriter = Callable[[Path, Decimals], EstimateWriter]
 TEXT_BYTES_PER_S, ARCHIVE_RATIO = 50_000.0, 7.0
 #: importing numba costs about this much; interpreted kernels cost this much per second of log
 NUMBA_S, INTERPRETED_S_PER_S = 0.45, 0.45 / 2700
+
+
+class Output(NamedTuple):
+    """The file for the estimates of a log. columns: further ones in it. opened: how it is opened."""
+
+    path: Path
+    columns: tuple[str, ...] = ()
+    opened: OpenWriter = open_writer
 
 
 @dataclass(slots=True)
@@ -65,29 +74,29 @@ def replay(
     log: str | Path | MemoryLog,
     config: Config,
     *,
-    output: str | Path | None = None,
+    output: str | Path | Output | None = None,
     reference: Reference | None = None,
     listener: Listener | None = None,
     progress: Progress | None = None,
     channel: str | None = None,
-    columns: Sequence[str] = (),
-    opened: OpenWriter = open_writer,
 ) -> ReplayResult:
     """Estimate from one log.
 
-    output: file for the estimates, opened by ``opened``. columns: further ones in it.
+    output: file for the estimates.
     reference: what they are compared with.
     listener: gets the model samples with their estimates. channel: this interface of the log only.
     Errors: LogError, ConfigError, OutputError.
     """
     begin = time.perf_counter()
     jit.enable(compiling_pays([log]))
-    more = ModelColumns(columns, config) if columns and output is not None else None
+    if output is not None and not isinstance(output, Output):
+        output = Output(Path(output))
+    more = ModelColumns(output.columns, config) if output is not None and output.columns else None
     listeners = [each for each in (listener, more) if each is not None]
     run = LogRun(log, config, listener=_all_of(listeners), channel=channel)
     score = reference.score() if reference is not None and reference.known else None
     last: Estimates | None = None
-    with closing(run.reader), _opened(output, opened, more) as writer:
+    with closing(run.reader), _opened(output, more) as writer:
         for estimates in run.estimates(progress):
             if writer is not None:
                 writer.write(estimates, more.take() if more is not None else None)
@@ -119,12 +128,12 @@ def replay(
 
 
 def _opened(
-    output: str | Path | None, opened: OpenWriter, more: ModelColumns | None
+    output: Output | None, more: ModelColumns | None
 ) -> AbstractContextManager[EstimateWriter | None]:
     if output is None:
         return nullcontext()
     decimals = {name: COLUMNS[name].decimals for name in more.names} if more is not None else {}
-    return opened(Path(output), decimals)
+    return output.opened(output.path, decimals)
 
 
 def _all_of(listeners: list[Listener]) -> Listener | None:
