@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canest.logs.budget import LogBudget, current_budget, log_budget
+from canest.logs.estimate_writer import open_writer
 from canest.logs.log_names import log_name
 from canest.logs.truth import read_truth
-from canest.offline.replay import Progress, ReplayResult, replay
+from canest.offline.replay import OpenWriter, Output, Progress, ReplayResult, replay
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -22,10 +23,13 @@ class Job:
     log: Path
     output: Path | None = None
     report: Path | None = None
+    report_script: str = ""  #: file beside the report that has plotly; '' where the report itself has it
     truth: Path | None = None
     mass_kg: float | None = None
     after_s: float = 60.0
     channel: str | None = None
+    columns: tuple[str, ...] = ()  #: of the output, beside those of est.csv
+    opened: OpenWriter = open_writer  #: how the output is opened
     budget: LogBudget = field(default_factory=current_budget)  #: it runs in another process, perhaps
 
     @property
@@ -55,7 +59,7 @@ class Job:
         result = replay(
             self.log,
             config,
-            output=self.output,
+            output=Output(self.output, self.columns, self.opened) if self.output is not None else None,
             reference=Reference(truth, self.mass_kg, self.after_s),
             listener=recorder,
             progress=progress,
@@ -65,5 +69,5 @@ class Job:
             # as above
             from canest.report.replay_page import write_replay_report
 
-            write_replay_report(self.report, result, config, recorder, result.score)
+            write_replay_report(self.report, result, config, recorder, result.score, self.report_script)
         return result

@@ -75,6 +75,7 @@ class Outputs(NamedTuple):
     output: str | None
     json_path: str | None
     report: str | None
+    columns: str | None = None
 
 
 def grouped(**groups: Any) -> Callable[[F], F]:

@@ -30,6 +30,7 @@ Examples:
   canest replay drive.log -c my.yaml --truth drive.truth.csv --json -
   canest replay fleet/*.log.gz -c my.yaml -o results/ --truth auto
   canest replay trip.csv -c bmw-i3 --mass 1520             a table of decoded signals
+  canest replay drive.mf4 -c my.yaml -o est.mf4 --columns speed_mps,distance_m,residual_N
   canest replay drive.log --to socketcan:vcan0             onto a bus, as it was driven
 
 \b
@@ -54,7 +55,17 @@ class Playback(NamedTuple):
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...")
 @config_option(required=False)
 @click.option(
-    "-o", "--output", metavar="PATH", help="Estimates as .csv or .parquet; a directory for several logs."
+    "-o",
+    "--output",
+    metavar="PATH",
+    help="Estimates as .csv, .csv.gz, .parquet, .mf4 or .log (the frames that a daemon would send); "
+    "a directory for several logs.",
+)
+@click.option(
+    "--columns",
+    metavar="NAME,...",
+    help="More columns in the file of -o: speed_mps,distance_m,torque_Nm,gear,residual_N, ... "
+    "('list': all of them).",
 )
 @click.option("--json", "json_path", metavar="PATH", help="Write the summary as JSON ('-': to stdout).")
 @click.option("--report", metavar="HTML", help="Write an HTML report; a directory for several logs.")
@@ -89,24 +100,37 @@ def command(
     workers: int | None,
 ) -> int:
     """Estimate mass and grade from recorded logs, as fast as they can be read."""
-    if playback.asked and outputs == Outputs(None, None, None):
+    if playback.asked and outputs == Outputs(None, None, None, None):
         if chosen.config_name is not None:
             chosen.load(databases=False)  # of no use here, but no reason to be wrong
         _play(logs, playback, channel)
         return 0
+    if outputs.columns is not None and (outputs.columns == "list" or outputs.output is None):
+        return _list_columns(outputs.columns)
     if outputs.output == "-":
         raise click.UsageError("-o needs the name of a file or directory", click.get_current_context())
     # the jobs bring numpy with them, and a config that is wrong needs none
     config = chosen.load()
     from canest.cli.replay_jobs import jobs_of, refuse_outputs, with_outputs
 
-    jobs = with_outputs(jobs_of(logs, truth, channel), outputs)
+    jobs = with_outputs(jobs_of(logs, truth, channel), outputs, config)
     refuse_outputs(jobs, chosen.name, config, outputs.json_path)
     if playback.asked:  # after all that can be refused has been: a bus cannot take back what it carried
         _play(logs, playback, channel, quiet=outputs.json_path == "-")
     if len(jobs) == 1:
         return _one(jobs[0], config, outputs.json_path)
     return _many(jobs, config, outputs.json_path, workers)
+
+
+def _list_columns(asked: str) -> int:
+    """Print the columns that there are. Errors: a usage error where they were not asked for."""
+    if asked != "list":
+        raise click.UsageError("--columns needs a file: -o est.csv", click.get_current_context())
+    from canest.offline.model_columns import COLUMNS
+
+    for name, column in COLUMNS.items():
+        print(f"{name:<20} {column.meaning}")
+    return 0
 
 
 def _one(job: Job, config: Config, json_path: str | None) -> int:
@@ -130,6 +154,19 @@ def _many(jobs: list[Job], config: Config, json_path: str | None, workers: int |
     with Count("replay", len(jobs)) as count:
         outcomes = run_jobs(jobs, config, workers, lambda outcome: count.step(outcome.job.name))
     summary = pooled(outcomes)
+    if jobs[0].report is not None:
+        from canest.report.index_page import Entry, write_index  # wanted for reports alone
+
+        entries = [
+            Entry(
+                outcome.job.name,
+                outcome.job.report.name if outcome.job.report else "",
+                outcome.result.summary if outcome.result else None,
+                outcome.error,
+            )
+            for outcome in outcomes
+        ]
+        write_index(jobs[0].report.parent, entries)
     if json_path is not None:
         write_json(summary, json_path)
     if json_path != "-":

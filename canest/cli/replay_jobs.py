@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,14 +16,15 @@ import click
 
 from canest.batch.job import Job
 from canest.cli.output_conflicts import config_files, keep_apart
+from canest.core.errors import UsageError
 from canest.logs.log_names import truth_beside, truth_file
 
 if TYPE_CHECKING:
     from canest.cli.options import Outputs, TruthChoice
     from canest.config import Config
 
-#: of files that hold estimates; a name of another format (.xlsx, .csv.gz) would hold csv all the same
-_TABLE_ENDINGS = (".csv", ".parquet", ".txt", "")
+#: of files that hold estimates; a name of another format (.xlsx) would hold csv all the same
+_TABLE_ENDINGS = (".csv", ".csv.gz", ".parquet", ".mf4", ".log", ".txt")
 
 
 def jobs_of(logs: Sequence[str], truth: TruthChoice, channel: str | None) -> list[Job]:
@@ -56,18 +58,36 @@ def refuse_outputs(jobs: Sequence[Job], config_name: str, config: Config, json_p
         + [("--json", json_path)],
     )
     for job in jobs:
-        if job.output is not None and job.output.suffix.lower() not in _TABLE_ENDINGS:
+        if job.output is not None and job.output.suffix and not is_table(job.output):
             raise click.UsageError(
-                f"-o: found the file {job.output}, expected one that ends in .csv or .parquet",
+                f"-o: found the file {job.output}, expected one that ends in .csv or .parquet, .csv.gz, .mf4 "
+                f"or .log",
                 click.get_current_context(),
             )
 
 
-def with_outputs(jobs: list[Job], outputs: Outputs) -> list[Job]:
-    """Return the jobs with the files that they are to write. Errors: UsageError for a file's name."""
+def is_table(path: Path) -> bool:
+    """Return whether the name ends as those of files for estimates do."""
+    return path.name.lower().endswith(_TABLE_ENDINGS)
+
+
+def with_outputs(jobs: list[Job], outputs: Outputs, config: Config) -> list[Job]:
+    """Return the jobs with the files that they are to write.
+
+    Errors: UsageError for a file's name where several logs need a directory, and for an unknown column.
+    """
+    if outputs.columns is not None:
+        from canest.offline.model_columns import checked  # wanted for this option alone
+
+        columns = checked([name.strip() for name in outputs.columns.split(",") if name.strip()])
+        jobs = [replace(job, columns=columns) for job in jobs]
+    if outputs.output is not None and outputs.output.lower().endswith(".log"):
+        from canest.node.broadcast_log import open_broadcast_log  # as above
+
+        jobs = [replace(job, opened=partial(open_broadcast_log, config.broadcast)) for job in jobs]
     output, report = outputs.output, outputs.report
     if len(jobs) > 1:
-        _refuse_a_file("-o", output, (".csv", ".parquet"))
+        _refuse_a_file("-o", output, _TABLE_ENDINGS)
         _refuse_a_file("--report", report, (".html", ".htm"))
     # one log into one file, the usual case, does without the processes that `canest.batch.pool` brings
     if len(jobs) > 1 or (output is not None and (output.endswith("/") or Path(output).is_dir())):
@@ -75,11 +95,27 @@ def with_outputs(jobs: list[Job], outputs: Outputs) -> list[Job]:
 
         reports = Path(report) if report and len(jobs) > 1 else None
         jobs = pool.with_outputs(jobs, Path(output) if output else None, reports)
+        if reports is not None:
+            jobs = _with_one_script(jobs, reports)
     elif output is not None:
         jobs = [replace(jobs[0], output=Path(output))]
     if report is not None and len(jobs) == 1:
         jobs = [replace(jobs[0], report=Path(report))]
     return jobs
+
+
+def _with_one_script(jobs: list[Job], directory: Path) -> list[Job]:
+    """Write plotly once, beside the reports that show it. Errors: OutputError, UsageError."""
+    from canest.report.index_page import INDEX, write_script  # wanted for reports alone
+
+    for job in jobs:
+        if job.report is not None and job.report.name == INDEX:
+            raise UsageError(
+                "the report of this log would replace the index of all", where="--report", found=str(job.log),
+                expected="another name of the log",
+            )  # fmt: skip
+    script = write_script(directory)
+    return [replace(job, report_script=script) for job in jobs]
 
 
 def _report_missing_truths(logs: list[Path], truths: Sequence[Path | None]) -> None:
@@ -97,7 +133,7 @@ def _refuse_a_file(option: str, name: str | None, endings: tuple[str, ...]) -> N
     if name is None or name.endswith("/"):
         return
     path = Path(name)
-    if path.is_file() or (path.suffix.lower() in endings and not path.is_dir()):
+    if path.is_file() or (path.name.lower().endswith(endings) and not path.is_dir()):
         context = click.get_current_context()
         raise click.UsageError(
             f"{option}: found the file {name}, expected a directory for several logs", context

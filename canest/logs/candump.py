@@ -1,115 +1,54 @@
-"""Candump text to frame blocks: layouts for the many lines, the tolerant parser for the few odd ones."""
+"""Candump text to frame blocks."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from canest.core import jit
 from canest.core.frames import BoolColumn, FrameBlock, IntColumn
-from canest.logs.candump_layout import Layout, Rows
+from canest.logs.candump_layout import Layout
 from canest.logs.candump_line import Line, is_ignorable, parse_line
-
-NEWLINE = 10
-LINE_CHARS_MAX = 1024  #: the longest line candump writes has some 330 characters
-SKIPPED_SHOWN = 50
-SHOWN_CHARS = 80
-_WIDTH_MIN = 8  #: layouts read whole words
-#: below this many lines of one width, one line at a time is quicker
-_FEW_LINES = 24
-#: lines that fit none of this many layouts of their width are read one at a time
-_LAYOUTS_PER_WIDTH = 16
-
-Wanted = Callable[[NDArray[np.uint32]], NDArray[np.bool_]]
-_Piece = tuple[IntColumn, FrameBlock]  #: line indices, and the frames of those lines
+from canest.logs.line_parser import (
+    LINE_CHARS_MAX,
+    SHOWN_CHARS,
+    SKIPPED_SHOWN,
+    LineParser,
+    Piece,
+    Wanted,
+)
 
 
-class CandumpParser:
-    """Parses whole lines, counts what it could not read; one parser per log.
-
-    wanted: takes identifiers uint32 (n,) with flags, returns which frames to deliver (all are counted).
-    channel: deliver frames of this interface only; None for all.
-    """
+class CandumpParser(LineParser):
+    """Parses whole lines of candump text, counts what it could not read."""
 
     def __init__(self, wanted: Wanted | None = None, channel: str | None = None) -> None:
-        self._wanted = wanted
-        self.channel = channel
-        self._channel = channel.encode() if channel is not None else None
-        self._layouts: dict[int, list[Layout]] = {}
-        self.lines = 0  #: lines seen
-        self.frames = 0  #: well-formed frames among them, delivered or not
+        super().__init__(wanted, channel)
         self.ignored_lines = 0  #: blank lines and details of error frames
         self.skipped_lines = 0  #: lines that should be a frame and are not
         self.skipped: list[tuple[int, str, str]] = []  #: the first of them: (line number, text, reason)
-        self.channels: dict[str, int] = {}  #: interface -> frames
-
-    def parse(self, text: bytes, end: int | None = None) -> FrameBlock:
-        """Return the frames of ``text[:end]``, which ends with a newline, in the order of its lines."""
-        end = len(text) if end is None else end
-        if len(text) < end + 8:  # whole words are read from the last line too
-            text += bytes(8)
-        chars = np.frombuffer(text, np.uint8)
-        starts, widths = _lines(text, chars, end)
-        pieces: list[_Piece] = []
-        odd: list[IntColumn] = []
-        for width in np.flatnonzero(np.bincount(widths)).tolist():
-            index = np.flatnonzero(widths == width)
-            if _WIDTH_MIN <= width <= LINE_CHARS_MAX:
-                index = self._parse_width(text, chars, starts, index, width, pieces)
-            if len(index):
-                odd.append(index)
-        pieces += self._parse_odd(text, starts, widths, odd)
-        self.lines += len(starts)
-        return self._select(pieces, len(starts))
 
     def skip_line(self, text: bytes, reason: str) -> None:
         """Count a line that is not even worth parsing."""
         self.lines += 1
         self._skip(self.lines, text, reason)
 
-    def _parse_width(
-        self,
-        text: bytes,
-        chars: NDArray[np.uint8],
-        starts: IntColumn,
-        pending: IntColumn,
-        width: int,
-        pieces: list[_Piece],
-    ) -> IntColumn:
-        """Parse the lines of one width into ``pieces``; return the indices of lines left to do."""
-        layouts = self._layouts.setdefault(width, [])
-        odd: list[IntColumn] = []
-        tried = 0
-        while len(pending) > _FEW_LINES and tried < _LAYOUTS_PER_WIDTH:
-            if tried == len(layouts):
-                start = int(starts[pending[0]])
-                line = parse_line(text[start : start + width])
-                layout = Layout.learn(text[start : start + width], line) if isinstance(line, Line) else None
-                if layout is None or layout in layouts:
-                    odd.append(pending[:1])
-                    pending = pending[1:]
-                    continue
-                layouts.append(layout)
-            layout = layouts[tried]
-            tried += 1
-            frames, fits = _parse_rows(layout, chars, starts[pending], width)
-            if fits.all():
-                done, pending = pending, pending[:0]
-            else:
-                done, pending, frames = pending[fits], pending[~fits], frames[fits]
-            if self._count(layout.channel, len(done)):
-                pieces.append((done, frames))
-        return np.concatenate([*odd, pending])
+    def _learn(self, line: bytes) -> Layout | None:
+        parsed = parse_line(line)
+        return Layout.learn(line, parsed) if isinstance(parsed, Line) else None
 
-    def _parse_odd(
-        self, text: bytes, starts: IntColumn, widths: IntColumn, odd: list[IntColumn]
-    ) -> list[_Piece]:
-        if not odd:
-            return []
+    def _parse_rows(
+        self, layout: Layout, chars: NDArray[np.uint8], starts: IntColumn, width: int
+    ) -> tuple[FrameBlock, BoolColumn]:
+        if jit.enabled():
+            from canest.logs import candump_kernel
+
+            return candump_kernel.parse(layout, chars, starts)
+        return super()._parse_rows(layout, chars, starts, width)
+
+    def _parse_odd(self, text: bytes, starts: IntColumn, widths: IntColumn, odd: IntColumn) -> list[Piece]:
         lines: list[tuple[int, Line]] = []
-        for index in np.sort(np.concatenate(odd)).tolist():
+        for index in odd.tolist():
             start, width = int(starts[index]), int(widths[index])
             shown = text[start : start + width]
             line = parse_line(shown) if width <= LINE_CHARS_MAX else "line too long"
@@ -135,62 +74,3 @@ class CandumpParser:
         if len(self.skipped) < SKIPPED_SHOWN:
             shown = text[:SHOWN_CHARS].decode("ascii", "backslashreplace")
             self.skipped.append((number, shown, reason))
-
-    def _count(self, channel: bytes, frames: int) -> bool:
-        """Count frames of an interface; return whether they are to be delivered."""
-        if not frames:
-            return False
-        name = channel.decode("ascii", "backslashreplace")
-        self.frames += frames
-        self.channels[name] = self.channels.get(name, 0) + frames
-        return self._channel is None or channel == self._channel
-
-    def _select(self, pieces: list[_Piece], lines: int) -> FrameBlock:
-        """Put the pieces into the order of their lines, and keep what is wanted."""
-        if len(pieces) == 1:
-            block = pieces[0][1]
-            keep = np.ones(len(block), np.bool_)
-        else:
-            keep = np.zeros(lines, np.bool_)
-            block = FrameBlock(
-                np.empty(lines, np.int64),
-                np.empty(lines, np.uint32),
-                np.empty(lines, np.uint8),
-                np.empty(lines, np.uint64),
-            )
-            for index, piece in pieces:
-                keep[index] = True
-                block.t_us[index] = piece.t_us
-                block.can_id[index] = piece.can_id
-                block.length[index] = piece.length
-                block.data[index] = piece.data
-            block.can_id[~keep] = 0
-        if self._wanted is not None:
-            keep &= self._wanted(block.can_id)
-        return block if keep.all() else block[np.flatnonzero(keep)]
-
-
-def _parse_rows(
-    layout: Layout, chars: NDArray[np.uint8], starts: IntColumn, width: int
-) -> tuple[FrameBlock, BoolColumn]:
-    if jit.enabled():
-        from canest.logs import candump_kernel
-
-        return candump_kernel.parse(layout, chars, starts)
-    if starts[-1] - starts[0] == (len(starts) - 1) * (width + 1):  # back to back already: no need to copy
-        return layout.parse(Rows(chars[starts[0] :], len(starts), width + 1))
-    return layout.parse(Rows.gather(chars, starts, width))
-
-
-def _lines(text: bytes, chars: NDArray[np.uint8], end: int) -> tuple[IntColumn, IntColumn]:
-    """Return where each line of ``text[:end]`` starts, and its width (capped above the longest allowed)."""
-    newline = chars[:end] == NEWLINE
-    stride = text.find(b"\n", 0, end) + 1
-    if stride and np.count_nonzero(newline) * stride == end and bool(newline[stride - 1 :: stride].all()):
-        starts = np.arange(0, end, stride)
-        return starts, np.full(len(starts), min(stride - 1, LINE_CHARS_MAX + 1))
-    ends = np.flatnonzero(newline)
-    starts = np.empty_like(ends)
-    starts[:1] = 0
-    starts[1:] = ends[:-1] + 1
-    return starts, np.minimum(ends - starts, LINE_CHARS_MAX + 1)

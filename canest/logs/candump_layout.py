@@ -106,7 +106,7 @@ class Layout:
             spans.append((match.start("ascii") + 1, match.end("ascii") - 1))
         return Layout(
             channel=line.channel,
-            fixed=_fixed(text, {position for span in spans for position in range(*span)}),
+            fixed=fixed_characters(text, {position for span in spans for position in range(*span)}),
             seconds_at=seconds_at + leading,
             seconds_digits=seconds_end - seconds_at - leading,
             seconds_base=int(text[seconds_at : seconds_at + leading] or b"0") * 10**_WORD,
@@ -170,7 +170,7 @@ def _byte_pairs(data: bytes) -> list[bytes] | None:
     return pairs if b" ".join(pairs) == data.strip() else None
 
 
-def _fixed(text: bytes, variable: set[int]) -> tuple[tuple[int, np.uint64, np.uint64], ...]:
+def fixed_characters(text: bytes, variable: set[int]) -> tuple[tuple[int, np.uint64, np.uint64], ...]:
     """Cover the fixed characters of a line with few masked words."""
     words = []
     wanted = [position for position in range(len(text)) if position not in variable]

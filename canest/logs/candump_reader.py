@@ -7,8 +7,9 @@ from collections.abc import Generator, Iterator, Mapping
 
 from canest.core.frames import FrameBlock
 from canest.logs.base import LogReader
-from canest.logs.candump import LINE_CHARS_MAX, SHOWN_CHARS, CandumpParser
+from canest.logs.candump import CandumpParser
 from canest.logs.compression import Source
+from canest.logs.line_parser import LINE_CHARS_MAX, SHOWN_CHARS
 
 #: text parsed at once: fits the second-level cache together with what is made of it
 _TEXT_BYTES = 1 << 19

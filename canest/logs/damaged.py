@@ -10,6 +10,8 @@ import re
 import sqlite3
 import sys
 from collections.abc import Iterable, Iterator
+from importlib import reload
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +46,19 @@ def silenced() -> Iterator[None]:
         sys.unraisablehook = before
         for logger in enabled:
             logger.disabled = False
+
+
+@contextlib.contextmanager
+def quiet_lines() -> Iterator[None]:
+    """Keep python-can's remarks on lines that it passes over to ourselves: they are counted anyway."""
+    logger, handler = logging.getLogger("can.io"), logging.NullHandler()
+    before, logger.propagate = logger.propagate, False
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = before
 
 
 def quiet_messages(reader: Iterable[Any]) -> Iterator[Any]:
@@ -159,3 +174,14 @@ def refuse_query(reader: Any, log: Path) -> None:
 def _let_python_look() -> int:
     """Be called by SQLite every so many steps; Python takes signals between its own."""
     return 0
+
+
+def find_asammdf() -> None:
+    """Let python-can look for asammdf again.
+
+    It looks once, at its import, and `canest.bus.drivers` hides asammdf then, which no bus needs.
+    """
+    from can.io import mf4
+
+    if getattr(mf4, "asammdf", None) is None and find_spec("asammdf") is not None:
+        reload(mf4)  # in its own namespace, so that its classes find asammdf wherever they are held

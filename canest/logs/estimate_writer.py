@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+import zlib
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from canest.core.errors import OutputError
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS
 from canest.logs import text_fields as text
-from canest.logs.growing_result import GrowingResult
+from canest.logs.estimate_file import Columns, Decimals, EstimateWriter
 from canest.system.installation import how_to_add
 
 if TYPE_CHECKING:
@@ -25,69 +25,57 @@ HEADER = b"t_s,mass_kg,mass_std_kg,grade,grade_std,status,gate\n"
 MASS_DECIMALS = 1
 GRADE_DECIMALS = 6
 _ROWS_AT_ONCE = 1 << 13
+_GZIP, _GZIP_LEVEL = 31, 6  #: of zlib: a gzip file
 #: rows of one parquet row group
 _ROW_GROUP = 1 << 17
 
 
-class EstimateWriter(ABC):
-    """Takes estimates in order; use as a context manager. An exception inside leaves no file.
+def open_writer(path: str | Path, more: Decimals | None = None) -> EstimateWriter:
+    """Open a result file; the end of its name is its format: .parquet, .mf4, .csv.gz, else csv.
 
-    Errors: OutputError when the file cannot be written (full disk, no permission).
+    more: further columns, each with the decimals that it has in a text.
     """
-
-    def __init__(self, path: Path) -> None:
-        self._out = GrowingResult(path)
-
-    @abstractmethod
-    def write(self, estimates: Estimates) -> None:
-        """Append the next rows."""
-
-    def _finish(self) -> None:  # noqa: B027 - only formats that hold something back need it
-        """Write what is held back."""
-
-    def _abandon(self) -> None:  # noqa: B027 - as above
-        """Let go of what cannot be finished."""
-
-    def __enter__(self) -> EstimateWriter:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is not None:
-            self._abandon()
-            self._out.discard()
-            return
-        try:
-            self._finish()
-        except BaseException:
-            self._abandon()
-            self._out.discard()
-            raise
-        self._out.commit()
-
-
-def open_writer(path: str | Path) -> EstimateWriter:
-    """Open a result file: parquet when its name ends so, else csv."""
     path = Path(path)
-    return ParquetEstimateWriter(path) if path.suffix.lower() == ".parquet" else CsvEstimateWriter(path)
+    name = path.name.lower()
+    if name.endswith(".parquet"):
+        return ParquetEstimateWriter(path, more)
+    if name.endswith(".mf4"):
+        from canest.logs.estimate_mf4 import Mf4EstimateWriter  # wanted for this format alone
+
+        return Mf4EstimateWriter(path, more)
+    return CsvEstimateWriter(path, more, compress=name.endswith(".csv.gz"))
 
 
 class CsvEstimateWriter(EstimateWriter):
     """est.csv: one row per sample, numbers empty where there is none."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, more: Decimals | None = None, compress: bool = False) -> None:
         super().__init__(path)
-        self._out.write(HEADER)
+        self._more = more or {}
+        self._machine = zlib.compressobj(_GZIP_LEVEL, wbits=_GZIP) if compress else None
+        header = HEADER.rstrip() + "".join(f",{name}" for name in self._more).encode() + b"\n"
+        self._write(header)
 
-    def write(self, estimates: Estimates) -> None:
+    def write(self, estimates: Estimates, more: Columns | None = None) -> None:
         """Append the next rows."""
         for first in range(0, len(estimates), _ROWS_AT_ONCE):
-            self._out.write(estimates_csv(estimates, slice(first, first + _ROWS_AT_ONCE)))
+            rows = slice(first, first + _ROWS_AT_ONCE)
+            fields: list[text.Field] = []
+            for name, decimals in self._more.items():
+                values = (more or {})[name][rows]
+                fields += [text.constant(b",", len(values)), text.fixed(values, decimals)]
+            self._write(estimates_csv(estimates, rows, fields))
+
+    def _write(self, data: bytes) -> None:
+        self._out.write(data if self._machine is None else self._machine.compress(data))
+
+    def _finish(self) -> None:
+        if self._machine is not None:
+            self._out.write(self._machine.flush())
 
 
-def estimates_csv(estimates: Estimates, rows: slice) -> bytes:
-    """Return rows of est.csv."""
+def estimates_csv(estimates: Estimates, rows: slice, more: Sequence[text.Field] = ()) -> bytes:
+    """Return rows of est.csv; more: further fields of each, with their commas."""
     t_us = estimates.t_us[rows]
     comma = text.constant(b",", len(t_us))
     numbers = [
@@ -101,13 +89,13 @@ def estimates_csv(estimates: Estimates, rows: slice) -> bytes:
         fields += [comma, text.fixed(column[rows], decimals)]
     for codes, labels in ((estimates.status, STATUS_LABELS), (estimates.gate, LABELS)):
         fields += [comma, text.labels(codes[rows], labels)]
-    return text.join([*fields, text.constant(b"\n", len(t_us))])
+    return text.join([*fields, *more, text.constant(b"\n", len(t_us))])
 
 
 class ParquetEstimateWriter(EstimateWriter):
     """The same columns as parquet (pyarrow, extra ``formats``), in row groups."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, more: Decimals | None = None) -> None:
         try:
             import pyarrow as pa
             import pyarrow.parquet as pq
@@ -122,20 +110,23 @@ class ParquetEstimateWriter(EstimateWriter):
         names = pa.dictionary(pa.int8(), pa.string())
         numbers = ("t_s", "mass_kg", "mass_std_kg", "grade", "grade_std")
         self._schema = pa.schema(
-            [(name, pa.float64()) for name in numbers] + [("status", names), ("gate", names)]
+            [(name, pa.float64()) for name in numbers]
+            + [("status", names), ("gate", names)]
+            + [(name, pa.float64()) for name in more or {}]
         )
         with self._out.errors():
             self._writer = pq.ParquetWriter(self._out.file, self._schema)
         self._held: list[Any] = []
         self._rows = 0
 
-    def write(self, estimates: Estimates) -> None:
+    def write(self, estimates: Estimates, more: Columns | None = None) -> None:
         """Append the next rows."""
         e = estimates
         numbers = [e.t_us / 1e6, e.mass_kg, e.mass_std_kg, e.grade, e.grade_std]
         columns = [self._pa.array(column, from_pandas=True) for column in numbers]
         columns.append(self._names(e.status, STATUS_LABELS))
         columns.append(self._names(e.gate, LABELS))
+        columns += [self._pa.array(column, from_pandas=True) for column in (more or {}).values()]
         self._held.append(self._pa.record_batch(columns, schema=self._schema))
         self._rows += len(e)
         if self._rows >= _ROW_GROUP:

@@ -7,12 +7,13 @@ from pathlib import Path
 
 from canest.core.errors import LogError
 from canest.logs.base import BLOCK_FRAMES, KNOWN_LOGS, LogReader
-from canest.logs.candump import CandumpParser, Wanted
+from canest.logs.candump import CandumpParser
 from canest.logs.candump_line import Line, is_ignorable, parse_line
 from canest.logs.candump_reader import CandumpReader
 from canest.logs.compression import ARCHIVE_SUFFIXES, Source
 from canest.logs.frame_table import frame_table
 from canest.logs.frame_table_reader import FrameTableReader, refuse_channel_of
+from canest.logs.line_parser import Wanted
 from canest.logs.memory import MemoryLog
 
 _HEAD_BYTES = 1 << 16
@@ -94,6 +95,19 @@ def _refuse_channel(source: Source, channel: str | None) -> None:
 def _from_python_can(
     source: Source, head: bytes, suffix: str, wanted: Wanted | None, channel: str | None, block_frames: int
 ) -> LogReader:
+    # each wanted for its format alone
+    if suffix == ".mf4":
+        from canest.logs.mf4 import Mf4Reader
+
+        return Mf4Reader(source, head, suffix, wanted, channel, block_frames)
+    if suffix == ".blf":
+        from canest.logs.blf import BlfReader
+
+        return BlfReader(source, head, suffix, wanted, channel, block_frames)
+    if suffix == ".asc":
+        from canest.logs.asc import AscReader
+
+        return AscReader(source, head, suffix, wanted, channel, block_frames)
     from canest.logs.python_can import PythonCanReader
 
     return PythonCanReader(source, head, suffix, wanted, channel, block_frames)

@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import logging
 import math
-import re
 import tempfile
 from collections.abc import Generator, Iterator, Mapping
 from functools import partial
-from importlib import reload
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, cast
 
 import numpy as np
 
 from canest.core.errors import LogError
 from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.logs.base import LogReader
-from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
 from canest.logs.candump_line import CLASSIC_BYTES
 from canest.logs.compression import Source
-from canest.logs.damaged import blf_reader, quiet_messages, silenced, sqlite_reader
-from canest.logs.python_can_lines import Lines, in_plain_words
+from canest.logs.damaged import blf_reader, find_asammdf, quiet_lines, quiet_messages, silenced, sqlite_reader
+from canest.logs.frame_columns import NO_CHANNEL, FrameColumns
+from canest.logs.line_parser import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
+from canest.logs.python_can_lines import Lines, OneLine, in_plain_words
 from canest.system.installation import how_to_add
 
 _TEXT_BYTES = 1 << 18
@@ -32,30 +29,6 @@ _SECONDS_MAX = 9e12
 _TEXT_SUFFIXES = (".asc", ".trc", ".csv")
 _UNNAMED = "unnamed"  #: the interface of a format that names none
 _BYTES_MAX = 64  #: payload of CAN FD
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep python-can's remarks on lines that it passes over to ourselves: `Lines` knows them too."""
-    logger, handler = logging.getLogger("can.io"), logging.NullHandler()
-    before, logger.propagate = logger.propagate, False
-    logger.addHandler(handler)
-    try:
-        yield
-    finally:
-        logger.removeHandler(handler)
-        logger.propagate = before
-
-
-def find_asammdf() -> None:
-    """Let python-can look for asammdf again.
-
-    It looks once, at its import, and `canest.bus.drivers` hides asammdf then, which no bus needs.
-    """
-    from can.io import mf4
-
-    if getattr(mf4, "asammdf", None) is None and find_spec("asammdf") is not None:
-        reload(mf4)  # in its own namespace, so that its classes find asammdf wherever they are held
 
 
 class PythonCanReader(LogReader):
@@ -77,7 +50,8 @@ class PythonCanReader(LogReader):
         self._frames = self._skipped_lines = 0
         self._skipped: list[tuple[int, str, str]] = []
         self._channels: dict[str, int] = {}
-        self._lines: Lines | None = None
+        self._lines: Lines | OneLine | None = None
+        self._stored: BinaryIO | None = None
 
     @property
     def frames(self) -> int:
@@ -115,14 +89,27 @@ class PythonCanReader(LogReader):
         if self._suffix in _TEXT_SUFFIXES:
             yield from self._text_messages()
             return
+        with self.stored() as file:
+            yield from self._binary_messages(file)
+
+    @contextlib.contextmanager
+    def stored(self) -> Iterator[BinaryIO]:
+        """Yield a file that can be read at any place: of an archive or a pipe a copy."""
+        if self._stored is not None:
+            self._stored.seek(0)
+            yield self._stored
+        elif self._source.is_plain:
+            with self.path.open("rb") as self._stored:
+                yield self._stored
+        else:
+            with tempfile.NamedTemporaryFile(suffix=self._suffix) as unpacked:
+                self._unpack(unpacked)
+                self._stored = cast(BinaryIO, unpacked.file)  # asammdf knows no wrapper
+                yield self._stored
+
+    def _show_progress(self, file: BinaryIO) -> None:
         if self._source.is_plain:
-            with self.path.open("rb") as file:
-                yield from self._binary_messages(file)
-            return
-        # these formats are read at any place: what is packed, or comes through a pipe, becomes a file first
-        with tempfile.NamedTemporaryFile(suffix=self._suffix) as unpacked:
-            self._unpack(unpacked)
-            yield from self._binary_messages(unpacked.file)  # asammdf knows no wrapper
+            self._source.bytes_done = max(self._source.bytes_done, file.tell())
 
     def _unpack(self, file: Any) -> None:
         try:
@@ -156,6 +143,7 @@ class PythonCanReader(LogReader):
         if not damage:
             try:
                 announced = getattr(reader, "file_size", 0)
+                self._resume(reader, file)
                 with reader:
                     yield from quiet_messages(reader)
             except MemoryError:
@@ -171,22 +159,20 @@ class PythonCanReader(LogReader):
         elif damage:
             self.truncated_reason = f"damaged after {self._frames:,} frames: {damage}"
 
+    def _resume(self, reader: Any, file: BinaryIO) -> None:
+        """Let python-can's reader begin where another one stopped."""
+
     def _text_messages(self) -> Iterator[Any]:
         """Iterate with a fresh reader behind every line that ends one; the header is read again each time."""
         import can
 
-        if self._suffix == ".asc" and re.search(rb"(?im)^\s*base\s+\S+\s+timestamps\s+relative", self._head):
-            raise LogError(
-                "gives the time from each event to the next", where=str(self.path),
-                found="timestamps relative", expected="an export with `timestamps absolute`",
-            )  # fmt: skip
         kind = {".asc": can.ASCReader, ".trc": can.TRCReader, ".csv": can.CSVReader}[self._suffix]
         lines = self._lines = Lines(self._source, self._head, self._suffix, self._skip_line)
         while not lines.ended:
             seen = lines.number
             lines.rewind_header()
             try:
-                with _quiet():
+                with quiet_lines():
                     for message in self._reader(kind, lines):
                         lines.claim()
                         yield message
@@ -240,6 +226,45 @@ class PythonCanReader(LogReader):
         can_id |= EXTENDED * message.is_extended_id if not message.is_error_frame else ERROR
         can_id |= REMOTE * message.is_remote_frame
         return round(stamp * 1e6), can_id, length, int.from_bytes(payload[:8], "little")
+
+    def _select_columns(self, columns: FrameColumns) -> FrameBlock:
+        """Count frames, and return those that are wanted; as `_frame` does with one message."""
+        timely = np.abs(columns.t_s) <= _SECONDS_MAX  # false for NaN
+        good = timely & (columns.length <= _BYTES_MAX)
+        if not good.all():
+            before = self._frames + np.cumsum(good)
+            for row in np.flatnonzero(~good).tolist():
+                can_id = int(columns.can_id[row]) & ID_MASK
+                self._skip(
+                    int(before[row]) + 1,
+                    f"{can_id:x}" if timely[row] else str(columns.t_s[row]),
+                    "no CAN frame" if timely[row] else "impossible time stamp",
+                )
+            columns = columns[good]
+        self._frames += len(columns)
+        columns = self._of_channel(columns)
+        block = FrameBlock(
+            np.rint(columns.t_s * 1e6).astype(np.int64),
+            columns.can_id,
+            columns.length.astype(np.uint8),
+            columns.data,
+        )
+        return block if self._wanted is None else block[self._wanted(block.can_id)]
+
+    def _of_channel(self, columns: FrameColumns) -> FrameColumns:
+        if columns.channel is None:
+            numbers, counts = [NO_CHANNEL], [len(columns)]
+        else:
+            found = np.unique(columns.channel, return_counts=True)
+            numbers, counts = found[0].tolist(), found[1].tolist()
+        keep = np.ones(len(columns), np.bool_)
+        for number, count in zip(numbers, counts, strict=True):
+            name = _UNNAMED if number == NO_CHANNEL else str(number)
+            if count:
+                self._channels[name] = self._channels.get(name, 0) + count
+            if self._channel is not None and name != self._channel:
+                keep &= False if columns.channel is None else columns.channel != number
+        return columns if keep.all() else columns[keep]
 
     def _select(self, frames: list[tuple[int, int, int, int]]) -> FrameBlock:
         t_us, can_id, length, data = zip(*frames, strict=True)

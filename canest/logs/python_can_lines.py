@@ -19,6 +19,8 @@ _ASC_EVENT = (
     r"[\d.]+\s+(\d+\s+(statistic|overloadframe)|can\s+\d+\s+status|start of measurement|log\b|trig|sv:|tfs:|"
     r"j1939tp|l(in|i|\d+)\b|eth|fr\b|flexray|most|afdx|a429|wlan|gps|comment|//)"
 )
+#: what python-can takes for a frame
+_ASC_FRAME = re.compile(r"\d+\.\d+\s+(\d+\s+(\w+\s+(Tx|Rx)|ErrorFrame)|CANFD)", re.ASCII | re.IGNORECASE)
 #: PEAK's: comments, and by format version the words for warnings, errors, events and states
 _TRC_EVENT = r";|.*\s(warng|error|er|ec|ev|st)\s|.*\sFFFFFFFF\s"
 #: lines that hold no frame and are no fault
@@ -27,6 +29,8 @@ _NO_FRAME = {
     ".trc": re.compile(rf"\s*($|{_TRC_EVENT})", re.IGNORECASE),
     ".csv": re.compile(r"\s*$|timestamp,"),
 }
+
+_ASC_HEADER_LINE = re.compile(r"(date\s+\w+\s+.+|base\s+(?P<base>hex|dec)\b.*|//.*)", re.IGNORECASE)
 
 _UNPACKED = re.compile(r"(not enough|too many) values to unpack|(list|tuple|string) index out of range")
 _NO_NUMBER = re.compile(r"invalid literal for int.*?: (.*)|could not convert string to float: (.*)")
@@ -118,3 +122,34 @@ class Lines:
 
     def close(self) -> None:
         """Leave the source to whoever opened it."""
+
+
+def asc_base(head: str) -> str:
+    """Return the base of an .asc log's numbers, "hex" or "dec", as python-can finds it in the first lines.
+
+    '' where the header does not end within them, or ends with a frame, which python-can loses.
+    """
+    base = "hex"
+    for line in head.split("\n")[:_HEADER_LINES_MAX]:
+        match = _ASC_HEADER_LINE.match(line.strip())
+        if match is None:
+            return "" if _ASC_FRAME.match(line.strip()) else base
+        base = match["base"] or base
+    return ""
+
+
+class OneLine:
+    """One line of a text log, with its number."""
+
+    def __init__(self, number: int, current: str) -> None:
+        self.number, self.current = number, current
+
+    @property
+    def holds_no_frame(self) -> bool:
+        """Return whether it is an .asc line that is no fault: header, comment, statistics."""
+        return _NO_FRAME[".asc"].match(self.current) is not None
+
+    @property
+    def looks_like_a_frame(self) -> bool:
+        """Return whether python-can takes it for a frame of an .asc log."""
+        return _ASC_FRAME.match(self.current.strip()) is not None

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from canest.core.errors import LogError
 from canest.core.table_block import TableBlock
 from canest.logs.base import LogReader
-from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN
 from canest.logs.compression import Source
+from canest.logs.line_parser import SHOWN_CHARS, SKIPPED_SHOWN
 
 #: where int64 microseconds end, with room to spare
 _SECONDS_MAX = 9e12

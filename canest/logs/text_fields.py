@@ -59,14 +59,10 @@ def fixed(values: FloatColumn, decimals: int) -> Field:
     whole = np.where(known, scaled, 0.0).astype(np.int64)
     magnitude = np.abs(whole)
     units = magnitude // 10**decimals
-    text = np.hstack(
-        [
-            np.where(whole < 0, _MINUS, _BLANK).astype(np.uint8)[:, None],
-            integer(units),
-            constant(b".", len(values)),
-            digits(magnitude - units * 10**decimals, decimals),
-        ]
-    )
+    fields = [np.where(whole < 0, _MINUS, _BLANK).astype(np.uint8)[:, None], integer(units)]
+    if decimals:
+        fields += [constant(b".", len(values)), digits(magnitude - units * 10**decimals, decimals)]
+    text = np.hstack(fields)
     text[~known] = _BLANK
     return text
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, nullcontext, suppress
+from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from canest.core import jit
 from canest.core.frames import FrameBlock
@@ -17,10 +17,12 @@ from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.reasons import why_unestimated
 from canest.doctor.warnings import log_warnings, stale_warnings, stream_warnings
 from canest.logs.compression import ARCHIVE_SUFFIXES
+from canest.logs.estimate_file import Decimals, EstimateWriter
 from canest.logs.estimate_writer import open_writer
 from canest.logs.memory import MemoryLog
 from canest.offline.leg import Leg
 from canest.offline.legs import Legs, Motion
+from canest.offline.model_columns import COLUMNS, ModelColumns
 from canest.offline.reported_masses import ReportedMasses
 from canest.offline.scoring import Reference, Score
 from canest.pipeline.pipeline import Listener, Pipeline
@@ -32,11 +34,21 @@ if TYPE_CHECKING:
     from canest.logs.base import LogReader
 
 Progress = Callable[[int, int], None]  #: bytes done, bytes in all (0: unknown)
+#: opens the file for estimates, with the decimals of its further columns
+OpenWriter = Callable[[Path, Decimals], EstimateWriter]
 
 #: a 1,000 frames/s bus as candump text, and how much smaller archives of it are
 TEXT_BYTES_PER_S, ARCHIVE_RATIO = 50_000.0, 7.0
 #: importing numba costs about this much; interpreted kernels cost this much per second of log
 NUMBA_S, INTERPRETED_S_PER_S = 0.45, 0.45 / 2700
+
+
+class Output(NamedTuple):
+    """The file for the estimates of a log. columns: further ones in it. opened: how it is opened."""
+
+    path: Path
+    columns: tuple[str, ...] = ()
+    opened: OpenWriter = open_writer
 
 
 @dataclass(slots=True)
@@ -68,7 +80,7 @@ def replay(
     log: str | Path | MemoryLog,
     config: Config,
     *,
-    output: str | Path | None = None,
+    output: str | Path | Output | None = None,
     reference: Reference | None = None,
     listener: Listener | None = None,
     progress: Progress | None = None,
@@ -76,20 +88,25 @@ def replay(
 ) -> ReplayResult:
     """Estimate from one log.
 
-    output: csv or parquet file for the estimates. reference: what they are compared with.
+    output: file for the estimates.
+    reference: what they are compared with.
     listener: gets the model samples with their estimates. channel: this interface of the log only.
     Errors: LogError, ConfigError, OutputError.
     """
     begin = time.perf_counter()
     jit.enable(compiling_pays([log]))
+    if output is not None and not isinstance(output, Output):
+        output = Output(Path(output))
     motion, driven, reported = Motion(), Legs(), ReportedMasses(config)
-    run = LogRun(log, config, listener=_all_of(motion, listener), channel=channel, reported=reported)
+    more = ModelColumns(output.columns, config) if output is not None and output.columns else None
+    listeners: list[Listener] = [each for each in (motion, listener, more) if each is not None]
+    run = LogRun(log, config, listener=_all_of(listeners), channel=channel, reported=reported)
     score = reference.score() if reference is not None and reference.known else None
     last: Estimates | None = None
-    with closing(run.reader), open_writer(output) if output is not None else nullcontext() as writer:
+    with closing(run.reader), _opened(output, more) as writer:
         for estimates in run.estimates(progress):
             if writer is not None:
-                writer.write(estimates)
+                writer.write(estimates, more.take() if more is not None else None)
             settled = driven.add(estimates, motion.taken())
             if score is not None:
                 score.add(estimates, settled)
@@ -123,6 +140,27 @@ def replay(
         name: float(snapshot[name]) for name in ("nis", "runs_z", "windows") if name in snapshot
     }
     return ReplayResult(str(log), summary, score, notes, innovations, legs)
+
+
+def _opened(
+    output: Output | None, more: ModelColumns | None
+) -> AbstractContextManager[EstimateWriter | None]:
+    if output is None:
+        return nullcontext()
+    decimals = {name: COLUMNS[name].decimals for name in more.names} if more is not None else {}
+    return output.opened(output.path, decimals)
+
+
+def _all_of(listeners: list[Listener]) -> Listener | None:
+    """Return one listener for several, None for none."""
+    if len(listeners) < 2:
+        return listeners[0] if listeners else None
+
+    def each(samples: ModelBlock, estimates: EstimateBlock) -> None:
+        for listener in listeners:
+            listener(samples, estimates)
+
+    return each
 
 
 class LogRun:
@@ -165,17 +203,6 @@ class LogRun:
         estimates = self.pipeline.finish()
         if len(estimates):
             yield estimates
-
-
-def _all_of(*listeners: Listener | None) -> Listener:
-    """Return a listener that hands on what it gets."""
-    asked = [listener for listener in listeners if listener is not None]
-
-    def listen(samples: ModelBlock, estimates: EstimateBlock) -> None:
-        for listener in asked:
-            listener(samples, estimates)
-
-    return listen
 
 
 def compiling_pays(logs: Sequence[str | Path | MemoryLog], passes: int = 1) -> bool:

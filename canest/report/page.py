@@ -32,6 +32,7 @@ class Table:
     rows: list[list[str]]
     marked: int | None = None
     left: tuple[int, ...] = (0,)
+    links: list[str] = field(default_factory=list)  #: a page for the first cell of each row, '' for none
 
 
 @dataclass(slots=True)
@@ -55,21 +56,32 @@ class Page:
     cards: list[Card] = field(default_factory=list)
     sections: list[Section] = field(default_factory=list)
 
-    def write(self, path: str | Path) -> None:
+    def write(self, path: str | Path, script_file: str = "") -> None:
         """Write the file. Errors: OutputError (cannot write, extra `report` not installed)."""
-        write_result(path, self.render(str(path)))
+        write_result(path, self.render(str(path), script_file))
 
-    def render(self, where: str = "report") -> str:
-        """Return the HTML. Errors: OutputError when the extra `report` is not installed."""
+    def render(self, where: str = "report", script_file: str = "") -> str:
+        """Return the HTML. Errors: OutputError when the extra `report` is not installed.
+
+        script_file: name of the file beside the page that has plotly, '' to put it into the page.
+        """
         require_packages(where)
         import jinja2
 
-        script = files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8")
+        drawn = any(section.figure for section in self.sections)
+        script = plotly_script() if drawn and not script_file else ""
+        script_file = script_file if drawn else ""
         source = files("canest.report").joinpath("page.html.j2").read_text(encoding="utf-8")
         environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
         template = environment.from_string(source)
         values: dict[str, Any] = {"page": self, "version": __version__, "script": script}
+        values["script_file"] = script_file
         return template.render(values)
+
+
+def plotly_script() -> str:
+    """Return plotly's JavaScript."""
+    return files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8")
 
 
 def require_packages(where: str | Path) -> None:

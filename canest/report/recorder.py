@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from canest.core.frames import FloatColumn, IntColumn
-from canest.core.samples import GRAVITY_MPS2, STEP_US, EstimateBlock, ModelBlock
+from canest.core.samples import STEP_US, EstimateBlock, ModelBlock
+from canest.offline.model_columns import residual_N
 
 #: points per curve at most; then every other one goes. One hour at 5 Hz fits.
 POINTS_MAX = 20_000
@@ -169,11 +170,3 @@ class Whiteness:
         mean = 2.0 * up * down / n + 1
         variance = (mean - 1) * (mean - 2) / (n - 1)
         return float((self.runs - mean) / variance**0.5) if variance > 0 else float("nan")
-
-
-def residual_N(
-    mass_kg: FloatColumn, accel_mps2: FloatColumn, grade: FloatColumn, mu: FloatColumn, force_N: FloatColumn
-) -> FloatColumn:
-    """Return m (a + g sin(beta) + g mu cos(beta)) - F, all columns (n,)."""
-    cos = 1.0 / np.sqrt(1.0 + grade * grade)
-    return mass_kg * (accel_mps2 + GRAVITY_MPS2 * cos * (grade + mu)) - force_N

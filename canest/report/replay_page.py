@@ -11,16 +11,16 @@ import numpy as np
 
 from canest.core.frames import FloatColumn, IntColumn
 from canest.offline.leg_text import CALENDAR_END_S, EPOCH_S, headline
+from canest.offline.model_columns import nearest_gear, residual_N
 from canest.pipeline.build import model_spec
 from canest.report import figure as look
 from canest.report.figure import Rows, numbers, with_gaps
 from canest.report.gate_colours import OPEN_COLOUR, spans_of
 from canest.report.gate_colours import look as gate_look
 from canest.report.page import Page, Section, Table
-from canest.report.recorder import Recorder, residual_N
+from canest.report.recorder import Recorder
 from canest.report.replay_figures import cards, legs_section, reported_section
 from canest.vehicle.model import LongitudinalModel
-from canest.vehicle.role_sources import AT_WHEELS, torque_role
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -29,10 +29,15 @@ if TYPE_CHECKING:
 
 
 def write_replay_report(
-    path: str | Path, result: ReplayResult, config: Config, recorder: Recorder, score: Score | None
+    path: str | Path,
+    result: ReplayResult,
+    config: Config,
+    recorder: Recorder,
+    score: Score | None,
+    script_file: str = "",
 ) -> None:
-    """Write the report of one log. Errors: OutputError."""
-    replay_page(result, config, recorder, score).write(path)
+    """Write the report of one log; script_file as in `Page.render`. Errors: OutputError."""
+    replay_page(result, config, recorder, score).write(path, script_file)
 
 
 def replay_page(result: ReplayResult, config: Config, recorder: Recorder, score: Score | None) -> Page:
@@ -153,7 +158,7 @@ def _motion(rows: Rows, x: list[float | None], columns: dict[str, FloatColumn], 
         look.Stroke(look.GREEN, width=1.2),
         hover="%{y:,.0f} N m",
     )
-    gear = _gear(columns["force_per_torque_1pm"], config)
+    gear = nearest_gear(columns["force_per_torque_1pm"], config)
     rows.line(5, x, numbers(gear, 0), "gear", look.Stroke(look.MUTED, width=1.3, shape="hv"))
     # the filter repeats the last force where there is none
     known = np.where(np.isfinite(columns["raw_force_N"]), 1e-3, np.nan)
@@ -202,19 +207,6 @@ def _fit_mass_axis(rows: Rows, columns: dict[str, FloatColumn], config: Config) 
         max(low - room, 0.9e-3 * v.mass_min_kg),
         min(high + room, 1.1e-3 * v.mass_max_kg),
     ]
-
-
-def _gear(per_torque_1pm: FloatColumn, config: Config) -> FloatColumn:
-    """Return the gear whose ratio is nearest to the force per crank torque, NaN in neutral."""
-    v = config.vehicle
-    if not v.gear_ratios or torque_role(config.signals, config.vehicle) in AT_WHEELS:
-        return np.full(len(per_torque_1pm), np.nan)
-    gears = np.array(sorted(v.gear_ratios), np.float64)
-    ratios = np.array([v.gear_ratios[int(g)] for g in gears]) * v.final_drive / v.wheel_radius_m
-    engaged = per_torque_1pm > 0
-    known = np.where(engaged, per_torque_1pm, 1.0)
-    nearest = np.abs(np.log(known)[:, None] - np.log(ratios * v.driveline_efficiency)).argmin(1)
-    return np.where(engaged, gears[nearest], np.nan)
 
 
 def _gates(s: dict[str, Any]) -> Section:

@@ -185,7 +185,7 @@ class TestLogs:
         assert done.code == 1
         assert "none.log" in one_line(done)
 
-    @pytest.mark.parametrize("name", ["est.csv.gz", "est.xlsx", "est.html"])
+    @pytest.mark.parametrize("name", ["est.tsv", "est.csv.xz", "est.xlsx", "est.html"])
     def test_estimates_are_written_in_no_format_but_their_own(self, canest, tmp_path, name):
         done = canest("replay", KENWORTH, "-c", "kenworth", "-o", tmp_path / name)
         assert done.code == 2

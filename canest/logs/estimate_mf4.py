@@ -1,0 +1,75 @@
+"""Estimates as an MF4 file (asammdf, extra ``formats``), beside the signals of a measurement."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from canest.core.errors import OutputError
+from canest.core.gates import LABELS
+from canest.core.samples import STATUS_LABELS
+from canest.logs.estimate_file import Columns, Decimals, EstimateWriter
+from canest.system.installation import how_to_add
+
+if TYPE_CHECKING:
+    from canest.core.estimates import Estimates
+
+_UNITS = {"kg": "kg", "m": "m", "N": "N", "Nm": "Nm", "mps": "m/s", "mps2": "m/s\u00b2", "radps": "rad/s"}
+
+
+class Mf4EstimateWriter(EstimateWriter):
+    """The columns of est.csv as one channel group; status and gate are codes with their names.
+
+    The master channel counts seconds of the log's clock. asammdf writes a file at once, so the columns
+    stay in memory until the end: 10 MB per hour of driving.
+    """
+
+    def __init__(self, path: Path, more: Decimals | None = None) -> None:
+        try:
+            import asammdf
+        except ImportError:
+            raise OutputError(
+                "cannot write MF4", where=str(path), expected=f"the asammdf package: {how_to_add('formats')}"
+            ) from None
+        super().__init__(path)
+        self._asammdf: Any = asammdf
+        self._more = tuple(more or {})
+        self._held: list[tuple[Estimates, Columns]] = []
+
+    def write(self, estimates: Estimates, more: Columns | None = None) -> None:
+        """Keep the next rows."""
+        self._held.append((estimates, more or {}))
+
+    def _finish(self) -> None:
+        if self._held:
+            content = io.BytesIO()
+            with self._asammdf.MDF(version="4.10") as mdf:
+                mdf.append(self._signals(), comment="canest")
+                mdf.save(content, overwrite=True, compression=2)
+            self._out.write(content.getvalue())
+        else:
+            content = io.BytesIO()
+            with self._asammdf.MDF(version="4.10") as mdf:
+                mdf.save(content, overwrite=True)
+            self._out.write(content.getvalue())
+
+    def _signals(self) -> list[Any]:
+        def column(name: str) -> Any:
+            return np.concatenate([getattr(estimates, name) for estimates, _ in self._held])
+
+        t_s = column("t_us") / 1e6
+        columns = {name: column(name) for name in ("mass_kg", "mass_std_kg", "grade", "grade_std")}
+        columns |= {name: np.concatenate([more[name] for _, more in self._held]) for name in self._more}
+        codes = {"status": STATUS_LABELS, "gate": LABELS}
+        signals = [
+            self._asammdf.Signal(values, t_s, name=name, unit=_UNITS.get(name.rpartition("_")[2], ""))
+            for name, values in columns.items()
+        ]
+        for name, labels in codes.items():
+            names = {f"val_{i}": code for i, code in enumerate(labels)}
+            texts = {f"text_{i}": label for i, label in enumerate(labels.values())}
+            signals.append(self._asammdf.Signal(column(name), t_s, name=name, conversion={**names, **texts}))
+        return signals
