@@ -7,7 +7,6 @@ counted first. The shipped configs have up to 302 values, three levels deep.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -65,24 +64,24 @@ def _refuse_size(size: int, where: str) -> None:
         )
 
 
-@dataclass
 class _Open:
     """A list or mapping whose end has not come yet. values: what is in it, aliases written out."""
 
-    anchor: str | None
-    is_mapping: bool
-    values: int = 1
+    def __init__(self, anchor: str | None, is_mapping: bool) -> None:
+        self.anchor = anchor
+        self.is_mapping = is_mapping
+        self.values = 1
 
 
-@dataclass
 class _Count:
     """Follows the events of one document."""
 
-    where: str
-    open: list[_Open] = field(default_factory=list)
-    sizes: dict[str, int] = field(default_factory=dict)  #: anchor -> values of what it names
-    values: int = 0
-    aliases: int = 0
+    def __init__(self, where: str) -> None:
+        self.where = where
+        self.open: list[_Open] = []
+        self.sizes: dict[str, int] = {}  #: anchor -> values of what it names
+        self.values = 0
+        self.aliases = 0
 
     def take(self, event: yaml.Event) -> None:
         """Count one event. Errors: ConfigError."""

@@ -136,17 +136,17 @@ def reference_limits(references: Sequence[Reference]) -> str:
         text = "The grade is known, so every force that is not in the model shows, steady ones too"
     elif any(r.kind == "none" for r in references):
         text = (
-            "Nothing measures the grade: a steady force and a slope are one thing here, and only what "
+            "Nothing measures the grade: a steady force and a slope are one thing here. Only what "
             "changes faster with torque, gear or speed than a road does can be traced"
         )
     else:
         text = (
-            "The grade is measured with an error that lasts for some time: steady forces show less sharply "
+            "The grade is measured with an error that lasts for some time. Steady forces show less sharply "
             "than what changes with torque, gear or speed"
         )
     return text + (
-        "; the mass is known."
+        ". The mass is known."
         if mass
-        else "; the mass is not known, so torque gain, overall driveline loss and wheel radius cannot be "
-        "told from it and were not tried."
+        else ". The mass is not known, so torque gain, overall driveline loss and wheel radius cannot be "
+        "separated from it and were not tried."
     )
