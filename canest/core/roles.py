@@ -120,6 +120,8 @@ ROLES: dict[str, Role] = dict(
 LASTING = frozenset(name for name, role in ROLES.items() if role.stale_s == math.inf)
 #: roles that report whether the service brake is on
 BRAKES = ("brake_switch", "brake_pedal")
+#: the pedal that a driver releases before braking
+PEDAL = "accelerator"
 #: roles that are 0 or 1
 TWO_STATE = frozenset(
     (
