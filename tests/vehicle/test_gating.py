@@ -244,6 +244,6 @@ def test_where_a_brake_or_the_pedal_is_mapped_no_brake_is_supposed(known: str) -
 def test_a_grade_that_no_road_has_is_a_brake_nobody_reports() -> None:
     drive = Drive(UNREPORTED, gates={"implausible": {"enabled": False}})
     speed = 15.0 - 0.02 * 4.0 * np.arange(60)  # 4 m/s2 against 40 % torque
-    changes = {role: SHAFT_RPM * speed / 15.0 for role in SPEEDS[:2]} | dict.fromkeys(SPEEDS[2:], speed)
+    changes = dict.fromkeys(SPEEDS[:2], SHAFT_RPM * speed / 15.0) | dict.fromkeys(SPEEDS[2:], speed)
     assert "POSSIBLE_BRAKE" in names(drive.go(60, **changes))
     assert "POSSIBLE_BRAKE" not in names(Drive(UNREPORTED).go(60))
