@@ -106,6 +106,8 @@ SOURCE_MEANINGS: dict[str, str] = {
     "column": "instead of message and signal: column of a decoded table",
     "unit": "unit of the source, where no DBC gives it (tables)",
     "delay_s": "the value describes the vehicle this much earlier than it is stamped, s",
+    "period_s": "time between two reports of a slow signal, s, which are then joined "
+    "([slow signals](#slow-signals)); null: the last one is held",
     "stale_s": "a sample older than this counts as missing, s; null: the role's limit (table below)",
     "validity": "which raw values count; see below",
     "optional": "false: the stale gate closes when this role is missing",

@@ -19,6 +19,7 @@ from canest.doctor.raw_values import RawValueCheck, text_hints
 from canest.doctor.reasons import gate_shares, needed_roles, what_lacks, why_hardly_open, why_no_time
 from canest.doctor.received import Received
 from canest.doctor.signal_report import RoleReport, Sender, complaint, judge, senders_of
+from canest.doctor.slow_signals import delay_notes, slow_signal_hints
 from canest.doctor.stretches import Samples
 from canest.doctor.switches import SwitchCheck
 from canest.doctor.torque_samples import TorqueSampleCheck
@@ -152,7 +153,8 @@ class Doctor:
             stops=stops,
             hints=[hint for hint in hints if hint != stops],
             notes=([] if log is None else log_warnings(log) + self._tables.warnings())
-            + stream_warnings(self.pipeline.intake, self.pipeline.stuck_ticks),
+            + stream_warnings(self.pipeline.intake, self.pipeline.stuck_ticks)
+            + delay_notes(self.config),
         )
 
     def _frames(self, block: FrameBlock) -> Samples:
@@ -240,6 +242,7 @@ class Doctor:
             )
         if self._received.frames:
             hints += missing_signal_warnings(self.config, self.pipeline.intake.received)
+            hints += slow_signal_hints(self.config, reports)
         warning = self.pipeline.estimator.contradiction()
         hints += self._raw.hints() + [h for comparison in self._comparisons for h in comparison.hints()]
         return hints + ([warning] if warning else [])
