@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 from canest.config.schema import Config
 from canest.core.roles import BRAKES, PEDAL
-from canest.vehicle.role_sources import AT_WHEELS, torque_role
+from canest.vehicle.role_sources import is_at_wheels, torque_role
 
 FRICTION, RETARDER = "engine_friction_pct", "retarder_torque_pct"
 
@@ -16,7 +16,7 @@ def missing_signal_warnings(config: Config, received: Collection[str]) -> list[s
     missing = config.signals.keys() - set(received)
     warnings = []
     torque = torque_role(config.signals, config.vehicle)
-    if torque not in AT_WHEELS:
+    if not is_at_wheels(torque, config.signals):
         if (
             torque == "engine_torque_pct"
             and FRICTION not in received

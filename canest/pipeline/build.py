@@ -36,7 +36,14 @@ if TYPE_CHECKING:
     from canest.vehicle.effects import Effect
 
 #: roles that the effect `torque_delay` finds late
-TORQUE_ROLES = ("engine_torque_pct", "engine_torque", "engine_friction_pct", "retarder_torque_pct")
+TORQUE_ROLES = (
+    "engine_torque_pct",
+    "engine_torque_fraction",
+    "engine_torque",
+    "power",
+    "engine_friction_pct",
+    "retarder_torque_pct",
+)
 #: staleness limit of a signal that only an effect knows
 EFFECT_SIGNAL_STALE_S = 5.0
 #: an accuracy of the config is two standard deviations in percent, one of the facts a fraction

@@ -19,7 +19,7 @@ from canest.report.gate_colours import look as gate_look
 from canest.report.page import Card, Page, Section, Table
 from canest.report.recorder import Recorder, residual_N
 from canest.vehicle.model import LongitudinalModel
-from canest.vehicle.role_sources import AT_WHEELS, torque_role
+from canest.vehicle.role_sources import is_at_wheels, torque_role
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -242,7 +242,7 @@ def _fit_mass_axis(rows: Rows, columns: dict[str, FloatColumn], config: Config) 
 def _gear(per_torque_1pm: FloatColumn, config: Config) -> FloatColumn:
     """Return the gear whose ratio is nearest to the force per crank torque, NaN in neutral."""
     v = config.vehicle
-    if not v.gear_ratios or torque_role(config.signals, config.vehicle) in AT_WHEELS:
+    if not v.gear_ratios or is_at_wheels(torque_role(config.signals, config.vehicle), config.signals):
         return np.full(len(per_torque_1pm), np.nan)
     gears = np.array(sorted(v.gear_ratios), np.float64)
     ratios = np.array([v.gear_ratios[int(g)] for g in gears]) * v.final_drive / v.wheel_radius_m
