@@ -110,6 +110,22 @@ numbers are the physical values. A key is one of:
 What a map does not list has no value. The map alone decides what is valid; with `validity: ascii` its
 keys are the characters. `canest check` shows the labels and texts in a log, and proposes a map. For a
 gear, 0 is neutral, negative is reverse, 126 is park.
+
+### Slow signals
+
+Telematics and OBD-II report speed and torque every 0.1 to 2 s. A value that is held until the next report
+makes a step there, and a step of the speed looks like a large force. `period_s` states how far reports are
+apart:
+
+- Numbers lie on the straight line between two reports.
+- A brake counts as pressed from the report before the first one that has it until the one after the last.
+- Switches and gears keep the report before.
+
+A line needs its second end, so all signals are shown 1.2 periods of the slowest one later, in a replay and
+on a bus alike. Gates and mass come that much later. The grade is carried on to now, with a wider standard
+deviation. Give all slow signals their period, and those that are fast none. A report that is overdue closes
+the gate `stale` until it comes. Without `stale_s`, two reports are joined up to 2.5 periods apart. Signals
+that come more seldom than every 2 s are refused. `canest check` measures periods and proposes the lines.
 """
 
 ROLES_TEXT = """

@@ -47,6 +47,10 @@ MEANINGS: dict[str, str] = {
     "gates.driveline.ratio_mismatch": "closes when the ratio of engine and shaft speed is off by this share",
     "gates.brake.pedal_pct": "closes beyond this pedal position, %",
     "gates.brake.assume_when_pedal_released": "a released accelerator counts as possible braking",
+    "gates.possible_brake.propulsion_mps2": "without a brake or pedal role: closes where the "
+    "traction gives the lightest vehicle less than this, m/s²",
+    "gates.possible_brake.steepest_grade": "without a brake or pedal role: closes where the "
+    "vehicle, whatever its mass, would have to climb steeper",
     "gates.retarder.torque_pct": "closes beyond this torque, % of the retarder's reference",
     "gates.low_speed.min_mps": "closes below this speed, m/s",
     "gates.turning.lateral_mps2": "closes beyond this lateral acceleration, m/s²",
@@ -102,6 +106,8 @@ SOURCE_MEANINGS: dict[str, str] = {
     "column": "instead of message and signal: column of a decoded table",
     "unit": "unit of the source, where no DBC gives it (tables)",
     "delay_s": "the value describes the vehicle this much earlier than it is stamped, s",
+    "period_s": "time between two reports of a slow signal, s, which are then joined "
+    "([slow signals](#slow-signals)); null: the last one is held",
     "stale_s": "a sample older than this counts as missing, s; null: the role's limit (table below)",
     "validity": "which raw values count; see below",
     "optional": "false: the stale gate closes when this role is missing",

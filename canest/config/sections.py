@@ -10,6 +10,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from canest.core.roles import KNOWN_UNITS
 from canest.core.section import MisplacedError, Number, Section, Whole
 
+#: reports that come more seldom leave a whole launch or stop between them, s
+SLOWEST_PERIOD_S = 2.0
 Validity = Literal["j1939", "full", "source_address", "gear", "ascii"]
 
 
@@ -31,6 +33,8 @@ class Source(Section):
     #: the value describes the vehicle this much earlier than its frame is stamped
     delay_s: Number = Field(0.0, ge=0, le=2.0)
     stale_s: Number | None = Field(None, gt=0)
+    #: time between two reports of a slow signal, which are then joined; null: the last one is held
+    period_s: Number | None = Field(None, gt=0, le=SLOWEST_PERIOD_S)
     validity: Validity = "j1939"
     optional: bool = True
     scale: Number = 1.0

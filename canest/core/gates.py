@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class Gate(IntEnum):
-    """Reasons, in order of precedence when several hold at once (lowest positive code wins)."""
+    """Reasons. Where several hold at once, `Gating` names the first in its own order of precedence."""
 
     OPEN = 0
     STALE = 1  #: a required signal is older than its limit, or has never been seen
@@ -22,6 +22,7 @@ class Gate(IntEnum):
     IMPLAUSIBLE = 11  #: two signals that must agree do not, or one jumps beyond physics
     LOW_EXCITATION = 12
     RECOVERY = 13  #: nothing wrong any more, but the filters still remember what was
+    POSSIBLE_BRAKE = 14  #: no brake or pedal is mapped, and the vehicle may be braking
 
     @property
     def label(self) -> str:

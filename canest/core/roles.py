@@ -16,6 +16,7 @@ UNITS: dict[str, dict[str, tuple[float, float]]] = {
     "m/s": {"m/s": (1.0, 0.0), "km/h": (1 / 3.6, 0.0), "kph": (1 / 3.6, 0.0), "mph": (0.44704, 0.0)},
     "rpm": {"rpm": (1.0, 0.0), "1/min": (1.0, 0.0), "rad/s": (1 / RADPS_PER_RPM, 0.0)},
     "Nm": {"Nm": (1.0, 0.0), "N m": (1.0, 0.0), "kNm": (1000.0, 0.0)},
+    "N": {"N": (1.0, 0.0), "kN": (1000.0, 0.0)},
     "%": {"%": (1.0, 0.0)},
     "ratio": {"": (1.0, 0.0), "ratio": (1.0, 0.0)},
     "gear": {"": (1.0, 0.0), "gear": (1.0, 0.0)},
@@ -60,10 +61,13 @@ ROLES: dict[str, Role] = dict(
     [
         # traction
         _role("engine_torque_pct", "%", 0.25, "actual engine percent torque, indicated (SPN 513)"),
+        _role("engine_torque_fraction", "%", 0.25, "eighths of a percent, added to SPN 513 (SPN 4154)"),
         # the last received friction is nearer to the truth than any default
         _role("engine_friction_pct", "%", math.inf, "nominal friction percent torque (SPN 514)"),
         _role("reference_torque", "Nm", math.inf, "engine reference torque, 100 % (SPN 544)"),
         _role("engine_torque", "Nm", 0.25, "net torque of engine or motor at its shaft, where sent in N m"),
+        _role("wheel_force", "N", 0.25, "measured or computed force of the driven wheels on the road"),
+        _role("power", "kW", 0.25, "power of engine or motor; without engine_speed, power at the wheels"),
         _role("wheel_torque", "Nm", 0.25, "sum of measured wheel or half-shaft torques"),
         _role("half_shaft_torque_left", "Nm", 0.25, "measured torque of the left half-shaft"),
         _role("half_shaft_torque_right", "Nm", 0.25, "measured torque of the right half-shaft"),
@@ -123,6 +127,8 @@ LASTING = frozenset(name for name, role in ROLES.items() if role.stale_s == math
 COMPARED = frozenset(("reported_mass",))
 #: roles that report whether the service brake is on
 BRAKES = ("brake_switch", "brake_pedal")
+#: the pedal that a driver releases before braking
+PEDAL = "accelerator"
 #: roles that are 0 or 1
 TWO_STATE = frozenset(
     (

@@ -28,6 +28,7 @@ from canest.doctor.reasons import (
 )
 from canest.doctor.received import Received
 from canest.doctor.signal_report import RoleReport, Sender, address_text, complaint, judge, senders_of
+from canest.doctor.slow_signals import delay_notes, slow_signal_hints
 from canest.doctor.stretches import Samples
 from canest.doctor.switches import SwitchCheck
 from canest.doctor.torque_samples import TorqueSampleCheck
@@ -166,7 +167,8 @@ class Doctor:
             notes=overlap_warnings(self.config.databases)
             + ([] if log is None else log_warnings(log) + self._tables.warnings())
             + stream_warnings(self.pipeline.intake, self.pipeline.stuck_ticks)
-            + stale_warnings(self.config, self.pipeline),
+            + stale_warnings(self.config, self.pipeline)
+            + delay_notes(self.config),
         )
 
     def _frames(self, block: FrameBlock) -> Samples:
@@ -266,6 +268,7 @@ class Doctor:
             )
         if self._received.frames:
             hints += missing_signal_warnings(self.config, self.pipeline.intake.received)
+            hints += slow_signal_hints(self.config, reports)
         warning = self.pipeline.estimator.contradiction()
         hints += self._raw.hints() + [h for comparison in self._comparisons for h in comparison.hints()]
         hints += self._differing_masses(reports)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from canest.config.schema import Config
-from canest.core.roles import BRAKES
-from canest.vehicle.role_sources import AT_WHEELS, torque_role
+from canest.core.roles import BRAKES, PEDAL
+from canest.vehicle.role_sources import is_at_wheels, torque_role
 
 FRICTION, RETARDER = "engine_friction_pct", "retarder_torque_pct"
 
@@ -16,7 +16,7 @@ def missing_signal_warnings(config: Config, received: Collection[str]) -> list[s
     missing = config.signals.keys() - set(received)
     warnings = []
     torque = torque_role(config.signals, config.vehicle)
-    if torque not in AT_WHEELS:
+    if not is_at_wheels(torque, config.signals):
         if (
             torque == "engine_torque_pct"
             and FRICTION not in received
@@ -29,7 +29,12 @@ def missing_signal_warnings(config: Config, received: Collection[str]) -> list[s
         if RETARDER in missing and config.vehicle.retarder is not None:
             warnings.append(_unseen("a retarder", RETARDER))
     brakes = [role for role in BRAKES if role in config.signals]
-    if missing.issuperset(brakes) and not config.gates.brake.assume_when_pedal_released:
+    if not brakes and PEDAL not in config.signals:
+        warnings.append(
+            "no role reports brakes or pedals: without propulsion nothing is learned (gate possible_brake). "
+            "Map signals.brake_switch (SPN 597, in CCVS1), brake_pedal or accelerator, and more is"
+        )
+    elif missing.issuperset(brakes) and not config.gates.brake.assume_when_pedal_released:
         warnings.append(
             _unseen("the brake", " or ".join(brakes or BRAKES))
             + ("" if brakes else ". No such role is mapped: SPN 597 is in CCVS1")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 #: finest first; the engine's own speed means nothing while the clutch is open
 SPEEDS = ("output_shaft_speed", "undriven_speed", "vehicle_speed", "gps_speed")
-TORQUES = ("engine_torque_pct", "engine_torque", "wheel_torque")
+TORQUES = ("engine_torque_pct", "engine_torque", "wheel_torque", "wheel_force", "power")
 BRAKING = ("brake_switch", "brake_pedal", "parking_brake")
 #: signals are compared every 0.1 s, accelerations over 1 s
 _STEP_US, _HALF_US, _STEP_S = 100_000, 500_000, 0.1

@@ -17,6 +17,7 @@ import numpy as np
 from canest.core.columns import constant
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 from canest.core.samples import STEP_US
+from canest.grid.between import Between
 
 _NEVER_US = -(1 << 62)
 FOREVER_US = 1 << 61  #: older than any sample can be
@@ -28,11 +29,18 @@ _Lists = tuple[list[int], list[float]]
 
 
 class Channel(NamedTuple):
-    """How one role is held: ``delay_us`` it reports late, ``stale_us`` it may age."""
+    """How one role is held: ``delay_us`` it reports late, ``stale_us`` it may age.
+
+    between: what it is between two reports (`canest.grid.between`); None holds the last one. Then
+    ``wait_us`` is how long a report waits for the next one at most, and ``stale_us`` how far two that are
+    joined may lie apart.
+    """
 
     role: str
     delay_us: int = 0
     stale_us: int = FOREVER_US
+    between: Between | None = None
+    wait_us: int = 0
 
 
 class Feed(NamedTuple):
@@ -80,13 +88,14 @@ class Grid:
     """Holds the last sample of every channel and hands out finished ticks.
 
     Channels that report late are waited for: with the largest delay D, tick t shows every channel as it
-    was at t - D, so torque and speed describe the same moment.
+    was at t - D, so torque and speed describe the same moment. Where reports are joined, the
+    next one is waited for likewise.
     """
 
     def __init__(self, channels: Sequence[Channel], hold_us: int) -> None:
         self._channels, self._hold_us = channels, hold_us
         #: D: every tick shows the vehicle as it was so long before
-        self.behind_us = max((c.delay_us for c in channels), default=0)
+        self.behind_us = max((c.delay_us + c.wait_us for c in channels), default=0)
         self._shift_us = {c.role: self.behind_us - c.delay_us for c in channels}
         #: role -> the sample in force: its stamp and value
         self._held: dict[str, tuple[int, float]] = {c.role: _NOTHING for c in channels}
@@ -167,7 +176,9 @@ class Grid:
             role = channel.role
             ahead = self._ahead.get(role)
             newest_us = ticks[-1] - self._shift_us[role]
-            if ahead is None or ahead[0][0] > newest_us:
+            if channel.between is not None:
+                values[role], stale[role] = self._joined(channel, t_us)
+            elif ahead is None or ahead[0][0] > newest_us:
                 values[role], stale[role] = self._held_on(channel, t_us)
             elif count <= _FEW and isinstance(ahead[0], list):
                 values[role], stale[role] = self._one_by_one(channel, ticks, *ahead)
@@ -188,6 +199,28 @@ class Grid:
             return constant(math.nan, n), constant(True, n)
         old = t_us - shift_us - held_us > channel.stale_us
         return np.where(old, np.nan, held), old
+
+    def _joined(self, channel: Channel, t_us: IntColumn) -> tuple[FloatColumn, BoolColumn]:
+        """Return what a slow channel shows at ticks (n,) and where its next report is missing; pass samples.
+
+        At tick t only reports stamped at or before t are joined, as everywhere.
+        """
+        role, seen_us = channel.role, t_us - self._shift_us[channel.role]
+        held_us, held = self._held[role]
+        stamps, samples = map(np.asarray, self._ahead.get(role) or ([], []))
+        all_us = np.concatenate(([held_us], stamps)).astype(np.int64)
+        value = np.concatenate(([held], samples))
+        at = stamps.searchsorted(seen_us, side="right")
+        after = np.minimum(at + 1, len(stamps))
+        known = (after > at) & (all_us[after] <= t_us)
+        span_us = np.where(known, all_us[after] - all_us[at], 1)
+        share = (seen_us - all_us[at]) / span_us
+        old = np.where(known, span_us > channel.stale_us, seen_us != all_us[at])
+        assert channel.between is not None
+        joined = np.where(known, channel.between(value[at], value[after], share), value[at])
+        if passed := int(at[-1]):
+            self._pass(role, passed, stamps, samples)
+        return np.where(old, np.nan, joined), old
 
     def _one_by_one(
         self, channel: Channel, ticks: range, stamps: list[int], samples: list[float]

@@ -11,7 +11,7 @@ import numpy as np
 from canest.core.errors import UsageError
 from canest.core.frames import FloatColumn
 from canest.core.samples import GRAVITY_MPS2, STEP_S, EstimateBlock, ModelBlock
-from canest.vehicle.role_sources import AT_WHEELS, torque_role
+from canest.vehicle.role_sources import is_at_wheels, torque_role
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -39,7 +39,7 @@ def residual_N(
 def nearest_gear(per_torque_1pm: FloatColumn, config: Config) -> FloatColumn:
     """Return the gear whose ratio is nearest to the force per crank torque (n,), NaN in neutral."""
     v = config.vehicle
-    if not v.gear_ratios or torque_role(config.signals, config.vehicle) in AT_WHEELS:
+    if not v.gear_ratios or is_at_wheels(torque_role(config.signals, config.vehicle), config.signals):
         return np.full(len(per_torque_1pm), np.nan)
     gears = np.array(sorted(v.gear_ratios), np.float64)
     ratios = np.array([v.gear_ratios[int(g)] for g in gears]) * v.final_drive / v.wheel_radius_m

@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from canest.config.schema import Config
 from canest.config.sections import Source
 from canest.core.errors import ConfigError
-from canest.core.roles import ROLES, conversion
+from canest.core.roles import BRAKES, LASTING, ROLES, TWO_STATE, conversion
 from canest.core.samples import VehicleFacts
 from canest.decode.groups import Want
 from canest.estimators.base import Estimator
 from canest.estimators.registry import create
+from canest.grid.between import Between, earlier, larger, line
 from canest.grid.grid import FOREVER_US, Channel
 from canest.pipeline.assumed_constants import AssumedConstants
 from canest.pipeline.signal_map import resolution_of, step_of, wants_of
@@ -34,11 +35,23 @@ if TYPE_CHECKING:
     from canest.vehicle.effects import Effect
 
 #: roles that the effect `torque_delay` finds late
-TORQUE_ROLES = ("engine_torque_pct", "engine_torque", "engine_friction_pct", "retarder_torque_pct")
+TORQUE_ROLES = (
+    "engine_torque_pct",
+    "engine_torque_fraction",
+    "engine_torque",
+    "power",
+    "engine_friction_pct",
+    "retarder_torque_pct",
+)
 #: staleness limit of a signal that only an effect knows
 EFFECT_SIGNAL_STALE_S = 5.0
 #: an accuracy of the config is two standard deviations in percent, one of the facts a fraction
 TWO_STD_PCT = 200.0
+#: two reports are joined when they lie so many periods apart at most: one may be lost
+MISSED_PERIODS = 2.5
+#: a report may come late by this share of its period
+LATE_PERIODS = 0.2
+_NOTHING_BETWEEN = ("gear", "gear_ratio", "selected_gear", "pto_state")
 _ACCELEROMETER = "longitudinal_accel"
 
 
@@ -134,7 +147,9 @@ def grid_spec(config: Config) -> GridSpec:
     for role, source in config.signals.items():
         stale_us = round(min(stale_limit_s(role, source) * 1e6, FOREVER_US))
         delay_s = source.delay_s + (late_s if role in TORQUE_ROLES else 0.0)
-        channels.append(Channel(role, round(delay_s * 1e6), stale_us))
+        channels.append(
+            Channel(role, round(delay_s * 1e6), stale_us, between_of(role, source), wait_us(source))
+        )
     channels += [Channel(name, 0, round(JUMP_HOLD_S * 1e6)) for name in (JUMP, MOTION_JUMP)]
     return GridSpec(tuple(channels), hold_us(config))
 
@@ -185,7 +200,7 @@ def facts_of(config: Config) -> VehicleFacts:
         torque_step_Nm=resolution["torque"],
         accelerometer_step_mps2=resolution["accelerometer"],
         has_accelerometer=_ACCELEROMETER in config.signals,
-        filter_delay_s=delay_s(butterworth(config.filter.order, config.filter.cutoff_hz)),
+        filter_delay_s=delay_s(butterworth(config.filter.order, config.filter.cutoff_hz)) + behind_s(config),
         torque_accuracy=v.torque_accuracy_pct / TWO_STD_PCT,
         wheel_radius_accuracy=v.wheel_radius_accuracy_pct / TWO_STD_PCT,
         rolling_resistance_accuracy=v.rolling_resistance_accuracy_pct / TWO_STD_PCT,
@@ -205,14 +220,38 @@ def effects_of(config: Config) -> tuple[Effect, ...]:
 
 def hold_us(config: Config) -> int:
     """Return how long ticks go on after the last wanted frame."""
-    return round(config.sampling.hold_s * 1e6)
+    slowest_s = max((source.period_s or 0.0 for source in config.signals.values()), default=0.0)
+    return round(max(config.sampling.hold_s, MISSED_PERIODS * slowest_s) * 1e6)
 
 
 def stale_limit_s(role: str, source: Source) -> float:
     """Return how old a sample of a role may be."""
     if source.stale_s is not None:
         return source.stale_s
-    return ROLES[role].stale_s if role in ROLES else EFFECT_SIGNAL_STALE_S
+    limit_s = ROLES[role].stale_s if role in ROLES else EFFECT_SIGNAL_STALE_S
+    return limit_s if source.period_s is None else max(limit_s, MISSED_PERIODS * source.period_s)
+
+
+def between_of(role: str, source: Source) -> Between | None:
+    """Return what a role is between two reports, None where the last one is held."""
+    if source.period_s is None or role in LASTING:
+        return None
+    if role in (*BRAKES, "parking_brake", "abs_active"):
+        return larger
+    discrete = role in TWO_STATE or role in _NOTHING_BETWEEN or source.map
+    return earlier if discrete else line
+
+
+def wait_us(source: Source) -> int:
+    """Return how long a report waits for the next one: a period, and what it may come late by."""
+    if source.period_s is None:
+        return 0
+    return round(source.period_s * (1.0 + LATE_PERIODS) * 1e6)
+
+
+def behind_s(config: Config) -> float:
+    """Return how long ago it is what the ticks show, for slow signals to be joined, s."""
+    return max((wait_us(source) for source in config.signals.values()), default=0) * 1e-6
 
 
 def _column_factors(config: Config) -> dict[str, float]:

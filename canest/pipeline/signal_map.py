@@ -102,11 +102,14 @@ def resolution_of(config: Config) -> dict[str, float]:
     if step is not None:
         steps["speed"] = step * speeds[speed]
     torques = {
+        "wheel_force": v.wheel_radius_m,
         "wheel_torque": 1.0,
         "half_shaft_torque_left": 2.0**0.5,  # and the right one
         "engine_torque": 1.0,
         "engine_torque_pct": 0.01 * reference,
     }
+    if step_of(config, "engine_torque_fraction") is not None:  # finer than the role that it is added to
+        torques = {"engine_torque_fraction": 0.01 * reference} | torques
     for role, scale in torques.items():
         step = step_of(config, role)
         if step is not None:

@@ -13,6 +13,7 @@ LOOKS: dict[str, tuple[str, str]] = {
     "brake": ("#dc2626", "braking"),
     "shift": ("#d97706", "shifting"),
     "driveline": ("#b45309", "driveline open or slipping"),
+    "possible_brake": ("#f87171", "may be braking: no brake or pedal signal"),
     "retarder": ("#e11d48", "retarder at work"),
     "pto": ("#0e7490", "power take-off"),
     "turning": ("#0d9488", "curve"),

@@ -22,6 +22,17 @@ class BrakeGate(GateSection):
     assume_when_pedal_released: bool = False
 
 
+class PossibleBrakeGate(GateSection):
+    """Only where no brake and no pedal is mapped: driving without propulsion, which may be braking.
+
+    Such deceleration looks like a hill, or like a heavier vehicle. A grade that no road has is a brake too.
+    """
+
+    #: traction below this, as specific force on the lightest vehicle, is no propulsion
+    propulsion_mps2: Number = Field(0.1, ge=0, le=5)
+    steepest_grade: Number = Field(0.25, gt=0, le=1)
+
+
 class LowSpeedGate(GateSection):
     """Below this speed clutch and tyre behaviour are not in the model."""
 
@@ -77,6 +88,7 @@ class Gates(Section):
     shift: ShiftGate = empty_section()
     driveline: DrivelineGate = empty_section()
     brake: BrakeGate = empty_section()
+    possible_brake: PossibleBrakeGate = empty_section()
     retarder: RetarderGate = empty_section()
     low_speed: LowSpeedGate = empty_section()
     reverse: GateSection = empty_section()

@@ -20,6 +20,7 @@ from canest.vehicle.driveline_state import ROAD_SPEED_LATE_S, driveline_open
 from canest.vehicle.model import LongitudinalModel, RawModel
 from canest.vehicle.range_rate_check import JUMP, MAX_ACCEL_MPS2, SPEED_SLACK_MPS
 from canest.vehicle.spec import ModelSpec
+from canest.vehicle.unreported_brake import UnreportedBrake
 
 #: two speeds of one vehicle may differ by slip and tyre size, besides `SPEED_SLACK_MPS`
 SPEED_MISMATCH_SHARE = 0.15
@@ -40,6 +41,7 @@ class Gating:
         self._gearing = [role for role in ("gear_ratio", "gear") if role in spec.roles]
         self._aging = {*model.speed_roles, *self._needed, *self._gearing}
         self._pedal_only = spec.gates.brake.assume_when_pedal_released
+        self._unreported = UnreportedBrake(spec) if UnreportedBrake.possible(spec) else None
         sections = {g: getattr(spec.gates, g.label) for g in _CAUSES}
         self._dwell_ticks: dict[Gate, int] = {
             g: round(s.recovery_s * RATE_HZ) for g, s in sections.items() if s.enabled
@@ -118,6 +120,8 @@ class Gating:
         causes.append((Gate.BRAKE, self._braking(raw, has)))
         causes.append((Gate.SHIFT, self._shifting(grid, raw, has)))
         causes.append((Gate.DRIVELINE, self._disengaged(raw, has, accel_mps2)))
+        if self._unreported is not None:
+            causes.append((Gate.POSSIBLE_BRAKE, self._unreported.may_act(raw, accel_mps2)))
         if "retarder_torque_pct" in has:
             closed = np.abs(has["retarder_torque_pct"]) > gates.retarder.torque_pct
             causes.append((Gate.RETARDER, closed))

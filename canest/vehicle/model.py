@@ -26,15 +26,18 @@ from canest.vehicle.driveline_state import ClutchReports, road_speed_of_engine
 from canest.vehicle.friction import EngineFriction
 from canest.vehicle.gear_ratio import GearRatio
 from canest.vehicle.range_rate_check import MAX_SPEED_MPS
-from canest.vehicle.role_sources import AT_WHEELS, ratio_ways, speed_roles, torque_role
+from canest.vehicle.role_sources import is_at_wheels, ratio_ways, speed_roles, torque_role
 from canest.vehicle.spec import ModelSpec
 from canest.vehicle.speed_choice import SpeedChoice
+from canest.vehicle.torque_fraction import with_fraction
 from canest.vehicle.working_columns import ModelColumns
 
 #: specific gas constant of dry air, J/(kg K)
 AIR_R = 287.05
 #: no road vehicle is pushed harder: a number beyond is damage, and would stay in the filters
 MAX_FORCE_N = 1e7
+#: slower than this a power shows no torque; the gate low_speed is closed there
+_LEAST_MPS, _LEAST_RADPS = 1.0, 10.0
 #: speeds that turn with the driven wheels
 _DRIVEN = ("output_shaft_speed", "engine_speed", "vehicle_speed")
 _FRICTION = "engine_friction_pct"
@@ -79,7 +82,7 @@ class LongitudinalModel:
         self.speed_roles = speed_roles(spec.roles, spec.vehicle)
         self.torque_role = torque_role(spec.roles, spec.vehicle)
         #: the torque is measured at the wheels: crank, gear and efficiency do not matter
-        self.at_wheels = self.torque_role in AT_WHEELS
+        self.at_wheels = is_at_wheels(self.torque_role, self.roles)
         self.ratio_ways = ratio_ways(spec.roles, spec.vehicle, self.torque_role)
         self._stages = {
             stage: [e for e in self.effects if e.stage == stage]
@@ -227,7 +230,11 @@ class LongitudinalModel:
     def _torque(self, c: ModelColumns) -> None:
         """Set net crank torque (or wheel torque): (actual - friction) % x reference, plus the retarder."""
         role = self.torque_role
-        if role == "wheel_torque":
+        if role == "wheel_force":  # the radius that turns it into a torque turns it back
+            c.wheel_torque_Nm = c.signals[role] * c.radius_m
+        elif role == "power":
+            self._torque_of_power(c)
+        elif role == "wheel_torque":
             c.wheel_torque_Nm = c.signals[role]
         elif role == "half_shaft_torque_left":
             c.wheel_torque_Nm = c.signals[role] + c.signals["half_shaft_torque_right"]
@@ -237,7 +244,7 @@ class LongitudinalModel:
             declared = self.vehicle.reference_torque_Nm
             reference = c.signal("reference_torque", np.nan if declared is None else declared)
             friction = c.signal(_FRICTION, self.vehicle.friction_torque_pct)
-            c.torque_Nm = (c.signals[role] - friction) * 0.01 * reference
+            c.torque_Nm = (with_fraction(c.signals) - friction) * 0.01 * reference
         retarder = self.vehicle.retarder
         # torque measured at the wheels already has what a retarder takes
         if retarder is not None and "retarder_torque_pct" in self.roles and not self.at_wheels:
@@ -251,6 +258,17 @@ class LongitudinalModel:
                 c.torque_Nm = c.torque_Nm + torque
             else:
                 c.extra_N = c.extra_N + torque * self.vehicle.final_drive / c.radius_m
+
+    def _torque_of_power(self, c: ModelColumns) -> None:
+        """Set the torque by T = P / omega, at the wheels where no role gives the engine's speed."""
+        watts = 1000.0 * c.signals["power"]
+        if not self.at_wheels:
+            c.torque_Nm = watts / np.maximum(c.engine_radps, _LEAST_RADPS)
+            return
+        speed = constant(math.nan, len(c))
+        for role in self.speed_roles:
+            speed = np.where(np.isnan(speed), self._speed_of(role, c, constant(True, len(c))), speed)
+        c.wheel_torque_Nm = watts / np.maximum(speed, _LEAST_MPS) * c.radius_m
 
     def _speed_of(self, role: str, c: ModelColumns, known: BoolColumn) -> FloatColumn:
         """Return the speed that a role gives, m/s (n,). known: where the state of the clutch is reported."""

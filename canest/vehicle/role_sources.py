@@ -10,12 +10,17 @@ from canest.vehicle.facts import Vehicle
 from canest.vehicle.range_rate_check import SPEED_ORDER
 
 #: torque roles that are measured where neither crank nor gear matters
-AT_WHEELS = ("wheel_torque", "half_shaft_torque_left")
+AT_WHEELS = ("wheel_force", "wheel_torque", "half_shaft_torque_left")
+
+
+def is_at_wheels(torque: str, roles: Collection[str]) -> bool:
+    """Return whether the torque role needs neither crank nor gear: power, if no engine speed divides it."""
+    return torque in AT_WHEELS or (torque == "power" and "engine_speed" not in roles)
 
 
 def torque_role(roles: Collection[str], vehicle: Vehicle) -> str:
     """Return the role that gives the torque: the nearest to the wheels. Errors: ConfigError for none."""
-    for role in ("wheel_torque", "half_shaft_torque_left", "engine_torque", "engine_torque_pct"):
+    for role in (*AT_WHEELS, "engine_torque", "engine_torque_pct", "power"):
         if role == "half_shaft_torque_left" and "half_shaft_torque_right" not in roles:
             continue
         if role in roles:
@@ -31,7 +36,7 @@ def torque_role(roles: Collection[str], vehicle: Vehicle) -> str:
     raise ConfigError(
         "no torque",
         where="signals",
-        expected="engine_torque_pct, engine_torque, wheel_torque or both half-shaft torques",
+        expected="engine_torque_pct, engine_torque, wheel_torque or _force, power or both half-shaft torques",
     )
 
 
@@ -76,7 +81,7 @@ def ratio_ways(roles: Collection[str], vehicle: Vehicle, torque: str) -> tuple[t
     """
     gears, has = vehicle.gear_ratios, roles
     ways: list[tuple[str, ...]] = [("gear_ratio",)] if "gear_ratio" in has else []
-    if torque in AT_WHEELS or (not ways and not gears):
+    if is_at_wheels(torque, roles) or (not ways and not gears):
         return ()
     if gears and "gear" in has:
         ways.append(("gear",))

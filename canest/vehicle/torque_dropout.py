@@ -38,7 +38,7 @@ _MOST_ENGINE_NM, _MOST_MPS2 = 20_000.0, 24.0
 #: what 16-bit integers end at: a table that holds one has copied "no value"
 _TYPE_ENDS = (32767.0, -32768.0, 65535.0)
 _ENGINE = ("engine_torque_pct", "engine_torque")
-_WHEELS = ("wheel_torque", "half_shaft_torque_left", "half_shaft_torque_right")
+_WHEELS = ("wheel_force", "wheel_torque", "half_shaft_torque_left", "half_shaft_torque_right")
 _FEW = 50  #: samples up to which walking them is faster than columns (both give the same bits)
 
 
@@ -148,6 +148,8 @@ def torque_limits(
         if role not in roles:
             continue
         per_mps2 = vehicle.wheel_radius_m / (ratio if role in _ENGINE else 1.0)
+        if role == "wheel_force":
+            per_mps2 = 1.0
         far = _FAR_MPS2 * vehicle.mass_min_kg * per_mps2
         most = _MOST_MPS2 * vehicle.mass_max_kg * per_mps2
         if role == "engine_torque_pct":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from canest.config import load_config, parse_config
@@ -21,8 +23,12 @@ def accuracies(facts: VehicleFacts) -> tuple[float, ...]:
     return tuple(getattr(facts, f"{name}_accuracy") for name in ACCURACIES)
 
 
-def test_a_config_that_states_none_has_the_same_as_facts_made_by_hand() -> None:
-    given, by_hand = facts_of(load_config("kenworth")), VehicleFacts(4_000.0, 36_000.0)
+def test_a_config_that_states_none_has_the_same_as_facts_made_by_hand(tmp_path: Path) -> None:
+    text = (shipped("configs") / "kenworth.yaml").read_text()
+    lines = [line for line in text.splitlines() if "_accuracy_pct" not in line]
+    path = tmp_path / "kenworth.yaml"
+    path.write_text("\n".join(lines).replace("[j1939.dbc]", f"[{shipped('dbc') / 'j1939.dbc'}]"))
+    given, by_hand = facts_of(load_config(str(path))), VehicleFacts(4_000.0, 36_000.0)
     assert accuracies(given) == accuracies(by_hand) == (0.025, 0.01, 0.15, 0.1)
     assert given.valid_std == by_hand.valid_std == 0.045
 
@@ -30,6 +36,14 @@ def test_a_config_that_states_none_has_the_same_as_facts_made_by_hand() -> None:
 @pytest.mark.parametrize("name", ["class8", "class8-j1587", "vcan", "testcar"])
 def test_simulated_vehicles_state_their_own(name: str) -> None:
     assert accuracies(facts_of(load_config(name))) == SIMULATED
+
+
+@pytest.mark.parametrize("name", ["kenworth", "bmw-i3"])
+def test_a_measured_vehicle_states_every_accuracy_with_its_source_beside_it(name: str) -> None:
+    lines = (shipped("configs") / f"{name}.yaml").read_text().splitlines()
+    stated = [line for line in lines if "_accuracy_pct:" in line]
+    assert len(stated) == len(ACCURACIES)
+    assert all("#" in line and line.partition("#")[2].strip() for line in stated)
 
 
 @pytest.mark.parametrize("name", ["pulse-21t", "hill-11.8-percent"])
@@ -79,3 +93,16 @@ def test_an_impossible_limit_of_valid_is_refused_with_file_and_line(value: str, 
     where = len(text.splitlines())
     assert str(refused.value).startswith(f"truck.yaml:{where}: estimator.valid_std_pct, found {value}, ")
     assert expected in str(refused.value)
+
+
+def test_torque_in_eighths_of_a_percent_is_known_as_finely(tmp_path: Path) -> None:
+    text = (shipped("configs") / "class8.yaml").read_text()
+    line = "  engine_torque_fraction: {message: EEC1, signal: ActlEngPrcntTorqueFractional, source: 0x00}\n"
+    finer = tmp_path / "finer.yaml"
+    finer.write_text(
+        text.replace("signals:\n", "signals:\n" + line).replace(
+            "[j1939.dbc]", f"[{shipped('dbc') / 'j1939.dbc'}]"
+        )
+    )
+    whole, eighths = (facts_of(load_config(c)).torque_step_Nm for c in ("class8", str(finer)))
+    assert eighths == whole / 8.0

@@ -222,3 +222,28 @@ def test_low_excitation_closes_for_those_who_want_it_and_only_for_them() -> None
     assert set(drive.go(300, engine_torque_pct=wobble).gate[100:]) == {Gate.OPEN}
     assert set(drive.go(2000).gate[-500:]) == {Gate.LOW_EXCITATION}
     assert names(Drive().go(300)) == {"OPEN"}
+
+
+UNREPORTED = {k: v for k, v in DRIVING.items() if k not in ("brake_switch", "brake_pedal", "accelerator")}
+NO_TORQUE = {"engine_torque_pct": 5.0}  # as much as the friction takes
+
+
+def test_without_brake_and_pedal_driving_without_propulsion_may_be_braking() -> None:
+    drive = Drive(UNREPORTED)
+    assert names(drive.go(20, **NO_TORQUE)) == {"POSSIBLE_BRAKE"}
+    assert names(drive.go(20)) == {"RECOVERY"}
+    assert names(drive.go(50)) == {"RECOVERY", "OPEN"}
+
+
+@pytest.mark.parametrize("known", ["brake_switch", "brake_pedal", "accelerator"])
+def test_where_a_brake_or_the_pedal_is_mapped_no_brake_is_supposed(known: str) -> None:
+    drive = Drive(UNREPORTED | {known: DRIVING[known]})
+    assert names(drive.go(20, **NO_TORQUE)) == {"OPEN"}
+
+
+def test_a_grade_that_no_road_has_is_a_brake_nobody_reports() -> None:
+    drive = Drive(UNREPORTED, gates={"implausible": {"enabled": False}})
+    speed = 15.0 - 0.02 * 4.0 * np.arange(60)  # 4 m/s2 against 40 % torque
+    changes = dict.fromkeys(SPEEDS[:2], SHAFT_RPM * speed / 15.0) | dict.fromkeys(SPEEDS[2:], speed)
+    assert "POSSIBLE_BRAKE" in names(drive.go(60, **changes))
+    assert "POSSIBLE_BRAKE" not in names(Drive(UNREPORTED).go(60))

@@ -283,3 +283,33 @@ def test_no_acceleration_across_a_gap() -> None:
     faster = SIGNALS | {"output_shaft_speed": rpm(V + 5)}
     assert model.process(ticks(faster, first=2, continues=True)).columns.accel_mps2[0] == pytest.approx(249.0)
     assert model.process(ticks(SIGNALS, first=900)).columns.accel_mps2[0] == 0.0
+
+
+def test_a_force_at_the_wheels_is_the_traction_whatever_gear_and_radius() -> None:
+    signals = {"wheel_force": 14_400.0, "vehicle_speed": V}
+    no_torque = {"engine_torque_pct": None, "engine_speed": None, "output_shaft_speed": None, "gear": None}
+    raw = process(no_torque | signals, vehicle={"wheel_radius_m": 0.4, "gear_ratios": {}})
+    assert raw.traction_N == pytest.approx([14_400.0] * 2)
+    assert raw.geared.all() and raw.usable.all()
+
+
+def test_power_divided_by_the_engine_speed_is_torque_at_the_crank() -> None:
+    watts = 1000.0 * SIGNALS["engine_speed"] * math.pi / 30
+    raw = process({"engine_torque_pct": None, "power": watts / 1000.0})
+    assert raw.traction_N == pytest.approx([1000 * RATIO / RADIUS_M * EFFICIENCY] * 2)
+
+
+def test_power_without_an_engine_speed_is_a_force_at_the_wheels_and_finite_at_a_stop() -> None:
+    none = {"engine_torque_pct": None, "engine_speed": None, "output_shaft_speed": None, "gear": None}
+    raw = process(none | {"power": 100.0, "vehicle_speed": V}, vehicle={"gear_ratios": {}})
+    assert raw.traction_N == pytest.approx(100_000.0 / V)
+    stopped = process(none | {"power": 2.0, "vehicle_speed": [0.0, 0.0]}, vehicle={"gear_ratios": {}})
+    assert stopped.traction_N == pytest.approx([2000.0] * 2)
+
+
+@pytest.mark.parametrize(("fraction", "added"), [(0.875, 0.875), (0.0, 0.0), (1.875, 0.0), (math.nan, 0.0)])
+def test_eighths_of_a_percent_add_to_the_torque_and_what_is_none_does_not(
+    fraction: float, added: float
+) -> None:
+    raw = process({"engine_torque_fraction": fraction})
+    assert raw.traction_N[1] == pytest.approx((50.0 + added) * 20.0 * RATIO / RADIUS_M * EFFICIENCY)
