@@ -69,7 +69,7 @@ def with_pages(rate: float, seconds: float, profile: str) -> dict[str, Any]:
     """Measure the daemon while pages are open; they wait for it, as pages do."""
     server = Server()
     try:
-        with Browser(profile) as browser:
+        with Browser(profile, nice=19) as browser:
             tabs = [browser.page(f"http://127.0.0.1:{server.port}/") for _ in range(PAGES)]
             begin_s, cpu_s = time.monotonic(), server.cpu_s()
             row = measure_daemon(rate, seconds)

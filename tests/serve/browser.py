@@ -23,7 +23,7 @@ OPTIONS = (
 class Browser:
     """A browser process; `page` opens a tab. Use as a context manager."""
 
-    def __init__(self, profile, *options):
+    def __init__(self, profile, *options, nice=0):
         own_in, self._to = os.pipe()
         self._from, own_out = os.pipe()
         # the browser reads 3 and writes 4; numbers beyond them cannot collide with either
@@ -32,6 +32,7 @@ class Browser:
         def take_pipes():
             os.dup2(high[0], 3)
             os.dup2(high[1], 4)
+            os.nice(nice)
 
         self._process = subprocess.Popen(
             [BROWSER, *OPTIONS, *options, f"--user-data-dir={profile}", "about:blank"],
