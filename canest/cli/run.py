@@ -17,6 +17,7 @@ Examples:
   canest run -c my-truck.yaml --listen-only              never sends anything
   canest run -c my-truck.yaml --set bus.channel=can1
   canest run -c my-truck.yaml --record seen.log --log-estimates est.csv
+  canest run -c my-truck.yaml --serve 8080               and a live page: http://127.0.0.1:8080/
 
 \b
 Signals: SIGTERM ends within a second (what was learned is saved), SIGHUP reads the config again,
@@ -30,8 +31,17 @@ SIGUSR1 writes all counters to the log. See also: canest status, canest monitor,
 @click.option("--listen-only", is_flag=True, help="Send nothing at all, not even an address claim.")
 @click.option("--record", metavar="LOG", help="Write the received frames as a candump log.")
 @click.option("--log-estimates", metavar="CSV", help="Write every estimate (50 Hz) as est.csv.")
+@click.option(
+    "--serve",
+    "port",
+    type=click.IntRange(1, 65535),
+    metavar="PORT",
+    help="Start `canest serve` on this port of 127.0.0.1 beside it: a live page.",
+)
 @grouped(chosen=ConfigChoice)
-def command(chosen: ConfigChoice, listen_only: bool, record: str | None, log_estimates: str | None) -> None:
+def command(
+    chosen: ConfigChoice, listen_only: bool, record: str | None, log_estimates: str | None, port: int | None
+) -> None:
     """Estimate mass and grade live on a CAN bus and broadcast them there."""
     changes = []
     if listen_only:
@@ -58,7 +68,19 @@ def command(chosen: ConfigChoice, listen_only: bool, record: str | None, log_est
     files = [(key, place(name, folder)) for key, name, folder in written if name is not None]
     keep_apart(config_files(chosen.name, config), files)
     require_files(files)
-    Daemon(config, config_name=chosen.name, reload=read_config).run()
+    daemon = Daemon(config, config_name=chosen.name, reload=read_config)
+    if port is None:
+        daemon.run()
+        return
+
+    from canest.live.page_process import PageProcess
+    from canest.telemetry.status_socket import socket_path
+
+    page = PageProcess(port, socket_path(config), daemon.journal)
+    try:
+        daemon.run()
+    finally:
+        page.close()
 
 
 def _quoted(text: str) -> str:

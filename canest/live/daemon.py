@@ -67,9 +67,11 @@ class Daemon:
         self._stop = threading.Event()
         self._reload_requested = self._counters_requested = False
         self._due_us = 0
+        self._frames_us: int | None = None
         self._save_at_s = self._chores_at_s = 0.0
         mass_store = MassStore(config, self.background, self.journal)
         self.estimation = Estimation(config, mass_store, self.journal)
+        self.estimation.live_rows = self.reporter.live_rows
         self.receiver, self.node = join(config, self.pipeline.decoder.can_filters())
         self.estimation.odometer = self.node.monitor.odometer
         self._opened = self.receiver.opened
@@ -140,7 +142,9 @@ class Daemon:
     def view(self, now_us: int) -> DaemonView:
         """Return what status, metrics and the log report on, at ``now_us`` (monotonic)."""
         saved = self.estimation.mass_store.learned
-        learned = None if saved is None else LearnedMass(saved.mass_kg, saved.saved_s, saved.distance_km)
+        learned = None
+        if saved is not None:
+            learned = LearnedMass(saved.mass_kg, saved.mass_std_kg, saved.saved_s, saved.distance_km)
         return DaemonView(
             now_us=now_us,
             started_us=self.started_us,
@@ -159,7 +163,12 @@ class Daemon:
             late_frames=self.estimation.late_frames,
             failures=self.estimation.failures,
             learned=learned,
+            last=self.estimation.last(now_us),
+            quiet_s=self._quiet_s(now_us),
         )
+
+    def _quiet_s(self, now_us: int) -> float | None:
+        return None if self._frames_us is None else (now_us - self._frames_us) * 1e-6
 
     # -- the loop -----------------------------------------------------------------------------------
 
@@ -187,6 +196,7 @@ class Daemon:
         frames = self.estimation.restamp(drained.frames)
         if len(frames):
             self.rates.frames += len(frames)
+            self._frames_us = now_us
             self.node.observe(frames, now_us)
             self.outputs.add_frames(frames, now_s)
 
@@ -196,6 +206,7 @@ class Daemon:
 
         self.estimation.update(frames, drained.reached_us, now_us, publish)
         self.node.send_due(now_us)
+        self.reporter.stream(self._quiet_s(now_us))
         self.notifier.ping_watchdog(now_s)
 
     def _work_once_a_second(self, now_us: int, now_s: float) -> None:

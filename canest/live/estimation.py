@@ -6,6 +6,7 @@ when an estimate is about to be sent, and does what lies between in one go.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from canest.bus.late_frames import restamp_late_frames
@@ -19,6 +20,8 @@ from canest.node.estimate_frame import Estimate
 from canest.node.odometer import Odometer
 from canest.pipeline.pipeline import Pipeline
 from canest.system.journal import Journal
+from canest.telemetry.daemon_view import LastEstimate
+from canest.telemetry.live_rows import LiveRows
 
 #: an error inside the pipeline is survived by starting it anew; this many in a row are not
 MOST_FAILURES_IN_A_ROW = 5
@@ -30,16 +33,18 @@ class Estimation:
     """The pipeline of the config in force, the mass it has learned, and its newest estimate.
 
     odometer: compares its senders with the speed of the pipeline's samples; the node's, once there is one.
-    late_frames: restamped by the late-frame policy. failures: errors survived.
+    late_frames: restamped by the late-frame policy. failures: errors survived. live_rows: for live views.
     """
 
     def __init__(self, config: Config, mass_store: MassStore, journal: Journal) -> None:
         self.config, self.mass_store, self._journal = config, mass_store, journal
         self.pipeline = Pipeline(config, listener=self.listen)
         self.odometer = Odometer()
+        self.live_rows = LiveRows()
         self.late_frames = self.failures = 0
         self._failures_in_a_row = 0
         self._newest: tuple[Estimate, int] | None = None
+        self._last_mass: tuple[Estimate, int] | None = None
         self._standing = False
         self._reached_us = -(1 << 62)
         mass_store.restore(self.pipeline)
@@ -73,6 +78,13 @@ class Estimation:
             return Estimate()
         return self._newest[0]
 
+    def last(self, now_us: int) -> LastEstimate | None:
+        """Return the newest estimate that had a mass, whatever its age; None while there is none."""
+        if self._last_mass is None:
+            return None
+        estimate, then_us = self._last_mass
+        return LastEstimate(estimate, (now_us - then_us) * 1e-6)
+
     def reconfigure(self, config: Config, pipeline: Pipeline | None) -> None:
         """Go on under a changed config. pipeline: the new one, None to keep the present one."""
         self.mass_store = self.mass_store.transferred(config, pipeline)
@@ -82,6 +94,7 @@ class Estimation:
         """Take the model samples of a pipeline (its `Listener`)."""
         self._standing = bool(samples.stopped[-1])
         self.odometer.add_driven(samples.raw_speed_mps)
+        self.live_rows.add(samples, estimates, self.pipeline.gears)
 
     def _hand_over(self, estimates: Estimates, now_us: int, publish: Publish) -> None:
         if not len(estimates):
@@ -95,6 +108,8 @@ class Estimation:
             int(estimates.gate[-1]),
         )
         self._newest = newest, now_us
+        if math.isfinite(newest.mass_kg):
+            self._last_mass = self._newest
         self.mass_store.update(
             newest.mass_kg, newest.mass_std_kg, newest.status, self._standing, self.odometer.confirmed_km
         )

@@ -9,6 +9,7 @@ from canest.system.journal import Journal
 from canest.system.systemd_notify import Notifier
 from canest.telemetry.daemon_view import DaemonView
 from canest.telemetry.endpoints import Endpoints
+from canest.telemetry.live_rows import LiveRows
 from canest.telemetry.snapshot import flat, snapshot
 from canest.telemetry.state_changes import StateChangeLog
 from canest.telemetry.status_text import status_line
@@ -19,12 +20,13 @@ METRICS_S = 10.0  #: period of the metrics
 class Reporter:
     """Reports once a second (`report`), and logs all counters on request.
 
-    endpoints: where other programs ask; None until `open`.
+    endpoints: where other programs ask; None until `open`. live_rows: what `stream` sends to live views.
     """
 
     def __init__(self, journal: Journal, notifier: Notifier, background: Background) -> None:
         self._journal, self._notifier, self._background = journal, notifier, background
         self.endpoints: Endpoints | None = None
+        self.live_rows = LiveRows()
         self._changes = StateChangeLog(journal)
         self._metrics_at_s = 0.0
 
@@ -34,8 +36,9 @@ class Reporter:
 
     def report(self, view: DaemonView, outputs: Outputs, now_s: float) -> None:
         """Answer status requests, log changes, and write the metrics when they are due."""
-        if self.endpoints is not None and self.endpoints.status is not None:
-            self.endpoints.status.poll(lambda: snapshot(view))
+        if self.endpoints is not None:
+            self.endpoints.answer(lambda: snapshot(view))
+            self.live_rows.wanted = self.endpoints.watched
         self._changes.log(view)
         self._notifier.status(status_line(view))
         if now_s >= self._metrics_at_s:
@@ -46,11 +49,17 @@ class Reporter:
                 if self.endpoints is not None:
                     self.endpoints.latest.update(content)
 
+    def stream(self, quiet_s: float | None) -> None:
+        """Send live views what the last estimation gave. quiet_s: since the last frame, None: none yet."""
+        if self.live_rows.wanted and self.endpoints is not None and self.endpoints.live is not None:
+            quiet_s = None if quiet_s is None else round(quiet_s, 2)
+            self.endpoints.live.send_rows(self.live_rows.take(), self.live_rows.newest, quiet_s)
+
     def log_counters(self, view: DaemonView) -> None:
         """Log the whole snapshot as one line of key=value."""
         self._journal.notice("counters", **flat(snapshot(view)))
 
     def close(self) -> None:
-        """Close the status socket."""
+        """Close the local sockets."""
         if self.endpoints is not None:
             self.endpoints.close()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+from canest.core.frames import FloatColumn
 from canest.core.samples import ModelBlock
 from canest.grid.grid import GridBlock
 from canest.pipeline.assumed_constants import AssumedConstants, AssumedConstantsCheck
@@ -23,6 +24,11 @@ class ModelStream:
         self.stale_ticks = self._filtered_model.stale_ticks
         #: role -> ticks on which the sensor was stuck (see `StuckSensor`)
         self.stuck_ticks = self._filtered_model.stuck_sensor.stuck_ticks
+
+    @property
+    def gears(self) -> FloatColumn:
+        """Return the gear at every sample of the newest block (n,); 0: none is engaged or known."""
+        return self._filtered_model.last_columns.gear
 
     def process(self, ticks: GridBlock) -> Iterator[tuple[ModelBlock, bool]]:
         """Yield samples, in parts, and whether estimators must begin anew before each (`carry_over`)."""

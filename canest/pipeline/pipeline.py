@@ -117,6 +117,11 @@ class Pipeline:
         return dict(self._model.stale_ticks)
 
     @property
+    def gears(self) -> FloatColumn:
+        """Return the gear at every sample that the listener takes (n,); 0: none is engaged or known."""
+        return self._model.gears
+
+    @property
     def gate_counts(self) -> dict[str, int]:
         """Return samples refused per gate, by name."""
         return {name: self.gates[name] for name in LABELS.values() if name and self.gates[name]}

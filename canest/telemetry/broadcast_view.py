@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from canest.core.gates import LABELS
 from canest.decode import j1939
 from canest.node.estimate_frame import NOT_AVAILABLE_STATUS, STATUS_NAMES, Estimate, decode
+from canest.telemetry.status_view import age
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -55,6 +56,7 @@ class LiveView:
         self._mass: deque[float] = deque(maxlen=HISTORY)
         self._grade: deque[float] = deque(maxlen=HISTORY)
         self._last_s = -math.inf
+        self._known: tuple[Estimate, float] | None = None
         self._point_at_s = -math.inf
         self._expected: int | None = None
 
@@ -72,6 +74,8 @@ class LiveView:
             self.counters["lost"] += (received.counter - (self._expected or 0)) % 16
         self.source, self._expected = source, (received.counter + 1) % 16
         self.estimate, self._last_s = received.estimate, now_s
+        if math.isfinite(self.estimate.mass_kg):
+            self._known = self.estimate, now_s
         if now_s >= self._point_at_s:
             self._point_at_s = now_s + self._every_s
             self._mass.append(self.estimate.mass_kg)
@@ -94,6 +98,8 @@ class LiveView:
         grade, grade_std = _number(100 * e.grade, "{:+.2f} %"), _spread(100 * e.grade_std, "{:.2f} %")
         table.add_row("mass", mass, mass_std, sparkline(list(self._mass)))
         table.add_row("grade", grade, grade_std, sparkline(list(self._grade)))
+        if known := self._last_known(now_s):
+            table.add_row("known", *known, "")
         return Panel(
             table,
             title=escape(self.title),
@@ -110,7 +116,16 @@ class LiveView:
         e = self.estimate
         mass = f"{_number(e.mass_kg, '{:,.0f} kg')} {_spread(e.mass_std_kg, '{:,.0f} kg')}"
         grade = f"{_number(100 * e.grade, '{:+.2f} %')} {_spread(100 * e.grade_std, '{:.2f} %')}"
+        if known := self._last_known(now_s):
+            mass = f"- (last {' '.join(known)})"
         return f"mass {mass:<20} grade {grade:<18} {Text.from_markup(self._footer(now_s)).plain}"
+
+    def _last_known(self, now_s: float) -> tuple[str, str] | None:
+        """Return the last mass and its age while there is none of now."""
+        if self._known is None or math.isfinite(self.estimate.mass_kg):
+            return None
+        estimate, then_s = self._known
+        return f"{estimate.mass_kg:,.0f} kg", f"{age(now_s - then_s)} ago"
 
     def _footer(self, now_s: float) -> str:
         age_s = now_s - self._last_s

@@ -41,8 +41,16 @@ class LearnedMass(NamedTuple):
     """
 
     mass_kg: float
+    mass_std_kg: float
     saved_s: float
     distance_km: float | None
+
+
+class LastEstimate(NamedTuple):
+    """The newest estimate that had a mass, and its age in seconds."""
+
+    estimate: Estimate
+    age_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +59,7 @@ class DaemonView:
 
     estimate: the newest one, "not available" when it is not of now. late_frames: received after their tick.
     failures: errors inside the estimation that were survived. learned: None while no mass was valid.
+    last: None while there was no mass. quiet_s: since the last frame, seconds; None while there was none.
     """
 
     now_us: int
@@ -70,3 +79,5 @@ class DaemonView:
     late_frames: int
     failures: int
     learned: LearnedMass | None
+    last: LastEstimate | None
+    quiet_s: float | None

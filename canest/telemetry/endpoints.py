@@ -1,10 +1,11 @@
-"""The endpoints for other programs: a local socket for `canest status`, HTTP for Prometheus.
+"""The endpoints for other programs: local sockets for `canest status` and live views, HTTP for Prometheus.
 
 The estimation needs neither: one that cannot be opened at the start is logged, and the daemon runs without.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ from canest.config.schema import Config
 from canest.core.errors import ConfigError
 from canest.system.files import Background, write_atomically
 from canest.system.journal import Journal
+from canest.telemetry.live_protocol import stream_path
+from canest.telemetry.live_stream import LiveStream
 from canest.telemetry.metrics import MetricsServer
 from canest.telemetry.status_socket import StatusServer, published_path, refuse_second_daemon, socket_path
 
@@ -30,6 +33,7 @@ class Endpoints:
         self.latest: dict[str, Any] = {}
         self.metrics: MetricsServer | None = None
         self.status: StatusServer | None = None
+        self.live: LiveStream | None = None
         port = config.service.metrics_port
         if port is not None:
             try:
@@ -60,10 +64,23 @@ class Endpoints:
         if socket_moves:
             self._open_status(config)
 
-    def close(self) -> None:
-        """Stop answering on the socket; the HTTP server ends with the process."""
+    @property
+    def watched(self) -> bool:
+        """Return whether a live view is connected."""
+        return self.live is not None and self.live.watched
+
+    def answer(self, content: Callable[[], dict[str, Any]]) -> None:
+        """Answer those who wait on the local sockets; call it once a second."""
         if self.status is not None:
-            self.status.close()
+            self.status.poll(content)
+        if self.live is not None:
+            self.live.poll(content)
+
+    def close(self) -> None:
+        """Stop answering on the local sockets; the HTTP server ends with the process."""
+        for server in (self.status, self.live):
+            if server is not None:
+                server.close()
 
     def _open_status(self, config: Config) -> None:
         path = socket_path(config)
@@ -75,6 +92,16 @@ class Endpoints:
         if self.status is not None:
             self.status.close(keep_name=self.status.path == path)
         self.status = new
+        self._open_live(stream_path(path))
+
+    def _open_live(self, path: Path) -> None:
+        if self.live is not None:
+            self.live.close()
+            self.live = None
+        try:
+            self.live = LiveStream(path)
+        except OSError as error:
+            self._journal.warning("no-live-socket", path=path, error=error.strerror or error)
 
     def _publish(self, path: Path, answer: bytes) -> None:
         write = partial(write_atomically, path, answer, durable=False)

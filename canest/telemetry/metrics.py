@@ -18,6 +18,8 @@ METRICS: dict[str, tuple[str, str]] = {
     "canest_mass_std_kilograms": ("gauge", "Standard deviation of the estimated mass."),
     "canest_grade_ratio": ("gauge", "Estimated road grade, rise over run."),
     "canest_grade_std_ratio": ("gauge", "Standard deviation of the estimated grade."),
+    "canest_last_mass_kilograms": ("gauge", "Newest mass there was, however old."),
+    "canest_last_mass_age_seconds": ("gauge", "Age of canest_last_mass_kilograms."),
     "canest_status": ("gauge", "1 for the present status of the estimate."),
     "canest_bus_up": ("gauge", "1 while the interface works."),
     "canest_bus_frames_total": ("counter", "Frames received."),
@@ -41,6 +43,7 @@ METRICS: dict[str, tuple[str, str]] = {
     "canest_failures_total": ("counter", "Errors inside the estimation that were survived."),
     "canest_reloads_total": ("counter", "Configs that were read again and taken over."),
     "canest_reloads_refused_total": ("counter", "Configs that were read again and refused."),
+    "canest_config_refused": ("gauge", "1 while the newest config was refused and the one before works."),
     "canest_uptime_seconds": ("gauge", "Time since the start."),
 }
 
@@ -55,11 +58,14 @@ def samples(snapshot: dict[str, Any]) -> Iterator[Sample]:
         ("canest_grade_std_ratio", "grade_std"),
     ):
         yield metric, {}, math.nan if estimate[key] is None else estimate[key]
+    if last := snapshot.get("last_known"):
+        yield "canest_last_mass_kilograms", {}, last["mass_kg"]
+        yield "canest_last_mass_age_seconds", {}, last["age_s"]
     for status in STATUS_NAMES:
         yield "canest_status", {"status": status}, float(estimate["status"] == status)
     yield "canest_bus_up", {}, float(bus["state"] in ("up", "error-passive"))
     yield "canest_bus_frames_total", {}, bus["frames"]
-    known = {"interface", "channel", "state", "reason", "frames_per_s", "frames", "wanted"}
+    known = {"interface", "channel", "state", "reason", "frames_per_s", "quiet_s", "frames", "wanted"}
     for event, count in bus.items():
         if event not in known:
             yield "canest_bus_events_total", {"event": event}, count
@@ -98,6 +104,7 @@ def samples(snapshot: dict[str, Any]) -> Iterator[Sample]:
     yield "canest_failures_total", {}, snapshot["failures"]
     yield "canest_reloads_total", {}, snapshot["reloads"]
     yield "canest_reloads_refused_total", {}, snapshot["reloads_refused"]
+    yield "canest_config_refused", {}, float(bool(snapshot["reload_refused_because"]))
     yield "canest_uptime_seconds", {}, snapshot["uptime_s"]
 
 

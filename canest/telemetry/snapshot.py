@@ -47,9 +47,17 @@ def snapshot(view: DaemonView) -> dict[str, Any]:
         "reloads_refused": view.reloads.refused,
         "reload_refused_because": view.reloads.refused_because,
     }
+    if view.last is not None:
+        result["last_known"] = {
+            "mass_kg": _number(view.last.estimate.mass_kg, 1),
+            "mass_std_kg": _number(view.last.estimate.mass_std_kg, 1),
+            "status": STATUS_NAMES[view.last.estimate.status],
+            "age_s": round(view.last.age_s, 1),
+        }
     if view.learned is not None:
         result["learned"] = {
             "mass_kg": round(view.learned.mass_kg, 1),
+            "mass_std_kg": round(view.learned.mass_std_kg, 1),
             "saved_s": round(view.learned.saved_s, 1),
             "distance_km": view.learned.distance_km,
         }
@@ -75,6 +83,7 @@ def _bus(view: DaemonView) -> dict[str, Any]:
         "state": view.receiver.state,
         "reason": view.receiver.reason,
         "frames_per_s": round(view.rates.frames_per_s, 1),
+        "quiet_s": None if view.quiet_s is None else round(view.quiet_s, 1),
         "frames": counters.frames,
         "wanted": counters.wanted,
         "opened": view.receiver.opened,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 from canest.system import terminal
@@ -33,6 +34,8 @@ def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str
     """Return (label, text) lines."""
     estimate, bus, node, ticks = (snapshot[k] for k in ("estimate", "bus", "broadcast", "ticks"))
     lines = [("estimate", _estimate(estimate))]
+    if estimate["mass_kg"] is None and (known := _last_known(snapshot)):
+        lines.append(("last known", known))
     if snapshot["why_not_valid"]:
         lines.append(("why not valid", snapshot["why_not_valid"]))
     lines += [("missing", sentence) for sentence in snapshot.get("missing_signals", ())]
@@ -128,6 +131,24 @@ def _estimate(estimate: dict[str, Any]) -> str:
     if estimate["grade"] is None:
         return mass
     return f"{mass}, grade {100 * estimate['grade']:+.2f} % +- {100 * (estimate['grade_std'] or 0):.2f}"
+
+
+def _last_known(snapshot: dict[str, Any]) -> str:
+    """Return the newest mass and its age: this run's, else the one learned before; '' without any."""
+    if known := snapshot.get("last_known"):
+        status, age_s = known["status"], known["age_s"]
+    elif known := snapshot.get("learned"):
+        status, age_s = "valid, before the start", max(0.0, time.time() - known["saved_s"])
+    else:
+        return ""
+    return f"mass {known['mass_kg']:,.0f} kg +- {known['mass_std_kg'] or 0:,.0f}, {status}, {age(age_s)} ago"
+
+
+def age(seconds: float) -> str:
+    """Return a time span as a person would say it: 35 s, 12 min, 3.5 h."""
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
 def _readable(key: str) -> str:

@@ -1,0 +1,138 @@
+"""What the source has sent, kept for pages that open, and handed to the pages that are open.
+
+A page that reads too slowly misses events; it never makes a queue grow.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gzip
+import json
+import time
+from typing import Any
+
+from canest.serve.history import RANGED, History, WallClock
+from canest.telemetry.live_protocol import Row
+
+MOST_PAGES = 16  #: open at once
+#: bytes that may wait for one page; a second of events is 15 kB
+BACKLOG_BYTES = 1 << 18
+STUCK_S = 20.0  #: a page that has taken nothing for so long is closed
+SILENT_S = 1.2  #: a source without a message for so long does not answer
+
+
+class Page:
+    """An open page: where its events go. missed: events that it was too slow for."""
+
+    def __init__(self, transport: asyncio.WriteTransport) -> None:
+        self._transport = transport
+        self._stuck_since_s: float | None = None
+        self.missed = 0
+
+    def send(self, event: bytes, now_s: float) -> None:
+        """Send an event, unless too much waits already (``now_s``: monotonic)."""
+        if self._transport.get_write_buffer_size() + len(event) <= BACKLOG_BYTES:
+            self._stuck_since_s = None
+            self._transport.write(event)
+            return
+        self.missed += 1
+        if self._stuck_since_s is None:
+            self._stuck_since_s = now_s
+        elif now_s - self._stuck_since_s > STUCK_S:
+            self._transport.abort()
+
+
+class Hub:
+    """State of one source, and the pages that follow it.
+
+    source: what is watched, for a person. problem: why there is no source now ('' when there is one).
+    """
+
+    def __init__(self, source: str) -> None:
+        self.source = source
+        self.problem = f"waiting for {source}"
+        self.pages: set[Page] = set()
+        self.history: History | None = None
+        self._names: dict[str, Any] = {}
+        self._status: dict[str, Any] | None = None
+        self._newest: Row | None = None
+        self._quiet_s: float | None = None
+        self._clock = WallClock()
+        self._message_s = 0.0
+
+    def take(self, message: dict[str, Any]) -> None:
+        """Take one message of `canest.telemetry.live_protocol`. Errors: ValueError, KeyError, TypeError."""
+        self._message_s = time.monotonic()
+        if self.problem:
+            self.problem = ""
+            self._send_source()
+        if "rows" in message:
+            self._take_rows(message)
+        elif "status" in message:
+            self._status = message["status"]
+            self._send("status", self._status)
+        elif "columns" in message:
+            self._names = {"gates": message["gates"], "statuses": message["statuses"]}
+            if self.history is None or self.history.columns != tuple(message["columns"]):
+                self.history = History(message["columns"])
+
+    def lose(self, problem: str) -> None:
+        """Note that the source is gone, and why; repeated, it tells open pages that this server lives."""
+        self.problem = problem
+        self._quiet_s = None
+        self._send_source()
+
+    def check(self) -> None:
+        """Note a source that is connected and silent; call it twice a second."""
+        if self.problem:
+            self._send_source()
+            return
+        silent_s = time.monotonic() - self._message_s
+        if silent_s > SILENT_S:
+            self.lose(f"{self.source} has sent nothing for {silent_s:.0f} s")
+
+    def opening(self) -> bytes:
+        """Return what a page needs when it opens, as JSON compressed by gzip."""
+        history = self.history
+        content = {
+            **self._names,
+            **self._source(),
+            "columns": [] if history is None else history.columns,
+            "recent": [] if history is None else list(history.recent),
+            "day_columns": ["t_s", "open", *(f"{name}_{end}" for name in RANGED for end in ("low", "high"))],
+            "day": [] if history is None else history.day(),
+            "newest": self._newest,
+            "quiet_s": self._quiet_s,
+            "status": self._status,
+        }
+        text = json.dumps(content, separators=(",", ":"), allow_nan=False)
+        return gzip.compress(text.encode(), compresslevel=1)
+
+    def _take_rows(self, message: dict[str, Any]) -> None:
+        newest: Row | None = message["newest"]
+        rows: list[Row] = message["rows"]
+        self._quiet_s = message["quiet_s"]
+        if newest is not None and self.history is not None:
+            now_s, newest_s = time.time() - (self._quiet_s or 0.0), float(newest[0] or 0.0)
+            for row in rows:
+                row[0] = self._clock.utc_s(float(row[0] or 0.0), newest_s, now_s)
+                self.history.add(row)
+            newest = [self._clock.utc_s(newest_s, newest_s, now_s), *newest[1:]]
+            self._newest = newest
+        self._send("rows", {"rows": rows, "newest": newest, "quiet_s": self._quiet_s})
+
+    def _source(self) -> dict[str, Any]:
+        return {"source": self.source, "problem": self.problem, "now_s": round(time.time(), 2)}
+
+    def _send_source(self) -> None:
+        self._send("source", self._source())
+
+    def _send(self, event: str, content: Any) -> None:
+        if not self.pages:
+            return
+        text = json.dumps(content, separators=(",", ":"), allow_nan=False)
+        data, now_s = f"event: {event}\ndata: {text}\n\n".encode(), time.monotonic()
+        for page in self.pages.copy():
+            with contextlib.suppress(OSError):
+                page.send(data, now_s)
