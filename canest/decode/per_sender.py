@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,7 +26,7 @@ class PerSender:
 
     def __init__(self, wants: Mapping[str, Want], databases: Sequence[Database]) -> None:
         self._wants, self._databases = dict(wants), databases
-        anyone = {role: replace(want, source=None) for role, want in wants.items()}
+        anyone = {role: want._replace(source=None) for role, want in wants.items()}
         self._selector = Decoder(anyone, databases)
         self._pgns = np.array(self._selector.pgns, np.uint32)
         self._decoders: dict[int | None, Decoder] = {}

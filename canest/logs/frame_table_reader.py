@@ -9,9 +9,9 @@ from collections.abc import Generator, Mapping
 from canest.core.errors import LogError
 from canest.core.frames import FrameBlock
 from canest.logs.base import LogReader
-from canest.logs.candump import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
 from canest.logs.compression import Source
 from canest.logs.frame_table import FrameTable, cells_of
+from canest.logs.line_parser import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
 from canest.logs.line_splitting import text_lines
 
 #: where int64 microseconds end, with room to spare
