@@ -19,7 +19,7 @@ from canest.logs.compression import ARCHIVE_SUFFIXES
 from canest.logs.estimate_writer import open_writer
 from canest.logs.memory import MemoryLog
 from canest.offline.scoring import Reference, Score
-from canest.pipeline.pipeline import Listener, Pipeline
+from canest.pipeline.pipeline import Listener, Pipeline, TickListener
 from canest.pipeline.table_map import TableMap, open_for
 
 if TYPE_CHECKING:
@@ -122,10 +122,11 @@ class LogRun:
         config: Config,
         *,
         listener: Listener | None = None,
+        tick_listener: TickListener | None = None,
         channel: str | None = None,
     ) -> None:
         self.config = config
-        self.pipeline = Pipeline(config, listener=listener)
+        self.pipeline = Pipeline(config, listener=listener, tick_listener=tick_listener)
         self.table_map = TableMap(config, log)
         self.reader: LogReader = open_for(config, log, channel)
 
