@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 from canest.core import jit
 from canest.core.frames import FrameBlock
-from canest.core.samples import STATUS_LABELS
+from canest.core.samples import STATUS_LABELS, EstimateBlock, ModelBlock
 from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.reasons import why_unestimated
 from canest.doctor.warnings import log_warnings, stream_warnings
 from canest.logs.compression import ARCHIVE_SUFFIXES
 from canest.logs.estimate_writer import open_writer
 from canest.logs.memory import MemoryLog
+from canest.offline.leg import Leg
+from canest.offline.legs import Legs, Motion
 from canest.offline.scoring import Reference, Score
 from canest.pipeline.pipeline import Listener, Pipeline, TickListener
 from canest.pipeline.table_map import TableMap, open_for
@@ -39,7 +41,8 @@ NUMBA_S, INTERPRETED_S_PER_S = 0.45, 0.45 / 2700
 class ReplayResult:
     """What a replay found.
 
-    summary: the content of summary.json. warnings: what a user should know beside it, one sentence each.
+    summary: the content of summary.json. legs: the load legs in order of time, as in its "legs".
+    warnings: what a user should know beside it, one sentence each.
     innovations: statistics of the estimator's own innovations (`nis`, `runs_z`, `windows`), where it has any.
     """
 
@@ -48,6 +51,7 @@ class ReplayResult:
     score: Score | None = None
     warnings: list[str] = field(default_factory=list)
     innovations: dict[str, float] = field(default_factory=dict)
+    legs: list[Leg] = field(default_factory=list)
 
     @property
     def notes(self) -> list[str]:
@@ -76,17 +80,22 @@ def replay(
     """
     begin = time.perf_counter()
     jit.enable(compiling_pays([log]))
-    run = LogRun(log, config, listener=listener, channel=channel)
+    motion, driven = Motion(), Legs()
+    run = LogRun(log, config, listener=_all_of(motion, listener), channel=channel)
     score = reference.score() if reference is not None and reference.known else None
     last: Estimates | None = None
     with closing(run.reader), open_writer(output) if output is not None else nullcontext() as writer:
         for estimates in run.estimates(progress):
             if writer is not None:
                 writer.write(estimates)
+            settled = driven.add(estimates, motion.taken())
             if score is not None:
-                score.add(estimates)
+                score.add(estimates, settled)
             last = estimates
-    summary = _summary(run, last)
+    legs = driven.legs()
+    if score is not None:
+        legs = score.with_truth(legs)
+    summary = _summary(run, last) | _legs_summary(driven, legs)
     if score is not None:
         summary["errors"] = score.errors()
     notes = (
@@ -107,7 +116,7 @@ def replay(
     innovations: dict[str, float] = {
         name: float(snapshot[name]) for name in ("nis", "runs_z", "windows") if name in snapshot
     }
-    return ReplayResult(str(log), summary, score, notes, innovations)
+    return ReplayResult(str(log), summary, score, notes, innovations, legs)
 
 
 class LogRun:
@@ -144,6 +153,17 @@ class LogRun:
         estimates = self.pipeline.finish()
         if len(estimates):
             yield estimates
+
+
+def _all_of(*listeners: Listener | None) -> Listener:
+    """Return a listener that hands on what it gets."""
+    asked = [listener for listener in listeners if listener is not None]
+
+    def listen(samples: ModelBlock, estimates: EstimateBlock) -> None:
+        for listener in asked:
+            listener(samples, estimates)
+
+    return listen
 
 
 def compiling_pays(logs: Sequence[str | Path | MemoryLog], passes: int = 1) -> bool:
@@ -184,6 +204,17 @@ def _summary(run: LogRun, last: Estimates | None) -> dict[str, Any]:
     if status == STATUS_LABELS[0]:
         summary["reason"] = why_unestimated(run)
     return summary
+
+
+def _legs_summary(driven: Legs, legs: Sequence[Leg]) -> dict[str, Any]:
+    """Return what summary.json has of the load legs."""
+    last = driven.last_valid
+    return {
+        "last_valid": None if last is None else {n: round(v, 3) for n, v in last._asdict().items()},
+        "valid_share": round(driven.valid_share, 4),
+        "driving_s": round(driven.driving_s, 2),
+        "legs": [leg.to_json() for leg in legs],
+    }
 
 
 def _number(value: float) -> float | None:

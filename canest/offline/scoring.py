@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from canest.core.frames import FloatColumn, IntColumn, MonotonicClock
+from canest.core.frames import BoolColumn, FloatColumn, IntColumn, MonotonicClock
 from canest.logs.truth import Truth
 
 if TYPE_CHECKING:
     from canest.core.estimates import Estimates
+    from canest.offline.leg import Leg
 
 
 #: truth this far beyond its first and last row still counts (it is sampled slower than the estimates)
@@ -36,9 +38,46 @@ class Reference:
         return Score(self.truth, self.mass_kg, self.after_s)
 
 
+class ErrorSum:
+    """Sums the errors of mass and grade over samples that have an estimate and a truth."""
+
+    def __init__(self) -> None:
+        self.mass_samples = self.grade_samples = 0
+        self.mass_square_pct2 = self.grade_square_deg2 = 0.0
+        self.mass_max_pct = 0.0
+
+    def add(self, mass_pct: FloatColumn, grade_deg: FloatColumn) -> None:
+        """Take errors (n,), NaN where they are not known."""
+        known = mass_pct[np.isfinite(mass_pct)]
+        self.mass_samples += len(known)
+        self.mass_square_pct2 += float(known @ known)
+        self.mass_max_pct = max(self.mass_max_pct, float(np.abs(known).max(initial=0.0)))
+        known = grade_deg[np.isfinite(grade_deg)]
+        self.grade_samples += len(known)
+        self.grade_square_deg2 += float(known @ known)
+
+    def merge(self, other: ErrorSum) -> None:
+        """Add what another sum has counted."""
+        self.mass_samples += other.mass_samples
+        self.grade_samples += other.grade_samples
+        self.mass_square_pct2 += other.mass_square_pct2
+        self.grade_square_deg2 += other.grade_square_deg2
+        self.mass_max_pct = max(self.mass_max_pct, other.mass_max_pct)
+
+    def figures(self) -> dict[str, float | None]:
+        """Return RMS and largest error of the mass (%) and RMS of the grade (degrees); None without any."""
+        mass, grade = self.mass_samples, self.grade_samples
+        return {
+            "mass_rms_pct": (self.mass_square_pct2 / mass) ** 0.5 if mass else None,
+            "mass_max_pct": self.mass_max_pct if mass else None,
+            "grade_rms_deg": (self.grade_square_deg2 / grade) ** 0.5 if grade else None,
+        }
+
+
 class Score:
     """Sums errors over all samples, gated ones too, from `after_s` after the first sample on.
 
+    Beside them, from the first sample on, over those that are settled (see `canest.offline.legs`).
     A sample without an estimate or without truth is not counted; `without_estimate` counts those of
     the first kind. Time goes on where the log's clock was set back.
 
@@ -51,12 +90,17 @@ class Score:
         self._monotonic = MonotonicClock()
         self._first_us: int | None = None
         self._span_us: tuple[int, int] | None = None  # earliest and latest stamp
-        self.mass_samples = self.grade_samples = self.without_estimate = 0
-        self.mass_square_pct2 = self.grade_square_deg2 = 0.0
-        self.mass_max_pct = 0.0
+        self._all, self._settled = ErrorSum(), ErrorSum()
+        self.without_estimate = 0
+        self.settled_samples: int | None = None
 
-    def add(self, estimates: Estimates) -> None:
-        """Take the next estimates."""
+    @property
+    def mass_samples(self) -> int:
+        """Return over how many samples the mass has been scored."""
+        return self._all.mass_samples
+
+    def add(self, estimates: Estimates, settled: BoolColumn | None = None) -> None:
+        """Take the next estimates (n), and where known which of them are settled (n,)."""
         if not len(estimates):
             return
         if self._first_us is None:
@@ -64,21 +108,27 @@ class Score:
         first, last = self._span_us or (self._first_us, self._first_us)
         self._span_us = min(first, int(estimates.t_us.min())), max(last, int(estimates.t_us.max()))
         late = self._monotonic(estimates.t_us) - self._first_us >= round(self.after_s * 1e6)
-        if not late.any():
+        if settled is None:
+            settled = np.zeros(len(estimates), np.bool_)
+        else:
+            self.settled_samples = (self.settled_samples or 0) + int(np.count_nonzero(settled))
+        counted = late | settled
+        if not counted.any():
             return
-        t_us = estimates.t_us[late]
-        mass_kg, grade = self.truth_at(t_us)
+        mass_kg, grade = self.truth_at(estimates.t_us[counted])
         with np.errstate(invalid="ignore"):
-            mass_pct = 100.0 * (estimates.mass_kg[late] / mass_kg - 1.0)
-            grade_deg = np.degrees(np.arctan(estimates.grade[late]) - np.arctan(grade))
-        self.without_estimate += int(np.isnan(estimates.grade[late]).sum())
-        known = mass_pct[np.isfinite(mass_pct)]
-        self.mass_samples += len(known)
-        self.mass_square_pct2 += float(known @ known)
-        self.mass_max_pct = max(self.mass_max_pct, float(np.abs(known).max(initial=0.0)))
-        known = grade_deg[np.isfinite(grade_deg)]
-        self.grade_samples += len(known)
-        self.grade_square_deg2 += float(known @ known)
+            mass_pct = 100.0 * (estimates.mass_kg[counted] / mass_kg - 1.0)
+            grade_deg = np.degrees(np.arctan(estimates.grade[counted]) - np.arctan(grade))
+        late, settled = late[counted], settled[counted]
+        self.without_estimate += int(np.isnan(estimates.grade[counted][late]).sum())
+        self._all.add(mass_pct[late], grade_deg[late])
+        self._settled.add(mass_pct[settled], grade_deg[settled])
+
+    def with_truth(self, legs: Sequence[Leg]) -> list[Leg]:
+        """Return the legs with what they truly weighed, where the truth knows."""
+        stamps = np.array([round((leg.mass_t_s or leg.from_s) * 1e6) for leg in legs], np.int64)
+        masses, _ = self.truth_at(stamps)
+        return [leg.with_truth(mass_kg) for leg, mass_kg in zip(legs, masses.tolist(), strict=True)]
 
     def truth_at(self, t_us: IntColumn) -> tuple[FloatColumn, FloatColumn]:
         """Return true mass (kg) and grade at the stamps (n,), NaN where nobody knows."""
@@ -126,20 +176,15 @@ class Score:
 
     def merge(self, other: Score) -> None:
         """Add what another log scored (pooled errors)."""
-        self.mass_samples += other.mass_samples
-        self.grade_samples += other.grade_samples
+        self._all.merge(other._all)
+        self._settled.merge(other._settled)
         self.without_estimate += other.without_estimate
-        self.mass_square_pct2 += other.mass_square_pct2
-        self.grade_square_deg2 += other.grade_square_deg2
-        self.mass_max_pct = max(self.mass_max_pct, other.mass_max_pct)
+        if other.settled_samples is not None:
+            self.settled_samples = (self.settled_samples or 0) + other.settled_samples
 
-    def errors(self) -> dict[str, float | int | None]:
+    def errors(self) -> dict[str, Any]:
         """Return the `errors` of summary.json; null where nothing could be counted."""
-        mass, grade = self.mass_samples, self.grade_samples
-        return {
-            "mass_rms_pct": (self.mass_square_pct2 / mass) ** 0.5 if mass else None,
-            "mass_max_pct": self.mass_max_pct if mass else None,
-            "grade_rms_deg": (self.grade_square_deg2 / grade) ** 0.5 if grade else None,
-            "after_s": self.after_s,
-            "without_estimate": self.without_estimate,
-        }
+        errors = {**self._all.figures(), "after_s": self.after_s, "without_estimate": self.without_estimate}
+        if self.settled_samples is not None:
+            errors["settled"] = {**self._settled.figures(), "samples": self.settled_samples}
+        return errors
