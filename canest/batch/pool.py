@@ -195,6 +195,9 @@ def pooled(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     summary["estimator"] = results[0].summary["estimator"] if results else None
     summary["mass_kg"] = summary["mass_std_kg"] = None
     summary["wall_s"] = round(sum(r.summary["wall_s"] for r in results), 4)
+    summary["driving_s"] = round(sum(r.summary["driving_s"] for r in results), 2)
+    valid_s = sum(r.summary["valid_share"] * r.summary["driving_s"] for r in results)
+    summary["valid_share"] = round(valid_s / summary["driving_s"], 4) if summary["driving_s"] else 0.0
     scores: list[Score] = [r.score for r in results if r.score is not None]
     if scores:
         total = Score(None, None, scores[0].after_s)

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from canest.offline.leg_text import error_parts, leg_text, loads, mass_text, settled_text
 from canest.system.result_files import write_result
 
 if TYPE_CHECKING:
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 _LABEL = 10
 #: logs whose notes are shown below a table of many
 _MOST_NOTED = 20
+#: columns of a table of many logs without the errors
+_WITHOUT_TRUTH = 8
 
 
 def write_json(summary: dict[str, Any], path: str) -> None:
@@ -38,9 +41,13 @@ def result_lines(result: ReplayResult, written: Sequence[Path]) -> list[str]:
         from canest.doctor.reasons import gate_shares
 
         _put(lines, "gates", gate_shares(s["gates"], s["samples"]))
-    _put(lines, "mass", _mass(s))
+    _put(lines, "mass", mass_text(s))
+    if len(s["legs"]) > 1:
+        for leg in s["legs"]:
+            _put(lines, f"load {leg['load']}" if leg["load"] else "leg", leg_text(leg))
     if "errors" in s:
-        _put(lines, "error", errors_text(s["errors"]))
+        _put(lines, "error", settled_text(s["errors"], s["driving_s"]))
+        _put(lines, "", f"all samples, standing too: {errors_text(s['errors'])}")
     if s.get("reason"):
         _put(lines, "because", s["reason"])
     for note in result.warnings:
@@ -56,9 +63,11 @@ def many_lines(summary: dict[str, Any]) -> list[str]:
         "log",
         "frames",
         "open %",
-        "mass kg",
+        "last valid kg",
         "std kg",
-        "status",
+        "valid %",
+        "loads",
+        "at the end",
         "mass RMS %",
         "worst %",
         "grade RMS deg",
@@ -70,15 +79,17 @@ def many_lines(summary: dict[str, Any]) -> list[str]:
             rows.append([name, "failed"])
             continue
         open_pct = 100 * log["updated"] / log["samples"] if log["samples"] else 0.0
-        errors = log.get("errors", {})
+        errors = log.get("errors", {}).get("settled", {})
+        last = log["last_valid"] or {}
         rows.append([
             name, f"{log['frames']:,}", f"{open_pct:.0f}",
-            _figure(log["mass_kg"], 0), _figure(log["mass_std_kg"], 0), log["status"],
+            _figure(last.get("mass_kg"), 0), _figure(last.get("mass_std_kg"), 0),
+            f"{100 * log['valid_share']:.0f}", f"{len(loads(log))}", log["status"],
             _figure(errors.get("mass_rms_pct"), 2), _figure(errors.get("mass_max_pct"), 2),
             _figure(errors.get("grade_rms_deg"), 3),
         ])  # fmt: skip
     if "errors" not in summary:
-        rows = [row[:6] for row in rows]
+        rows = [row[:_WITHOUT_TRUTH] for row in rows]
     lines = table(rows)
     lines += note_lines(
         [(name, _noted(log)) for name, log in zip(names, summary["logs"], strict=True)],
@@ -87,7 +98,8 @@ def many_lines(summary: dict[str, Any]) -> list[str]:
     done = len(summary["logs"]) - summary["failed"]
     lines.append(f"{done:,} logs, {summary['frames']:,} frames, {summary['failed']:,} failed")
     if "errors" in summary:
-        lines.append("pooled: " + errors_text(summary["errors"]))
+        lines.append("pooled: " + settled_text(summary["errors"], summary["driving_s"]))
+        lines.append("        all samples, standing too: " + errors_text(summary["errors"]))
     return lines
 
 
@@ -120,11 +132,7 @@ def table(rows: Sequence[Sequence[str]]) -> list[str]:
 
 def errors_text(errors: dict[str, Any]) -> str:
     """Return the errors of a summary as one line."""
-    parts = []
-    if errors["mass_rms_pct"] is not None:
-        parts.append(f"mass RMS {errors['mass_rms_pct']:.2f} %, worst {errors['mass_max_pct']:.2f} %")
-    if errors["grade_rms_deg"] is not None:
-        parts.append(f"grade RMS {errors['grade_rms_deg']:.3f} degrees")
+    parts = error_parts(errors)
     if not parts:
         return f"none counted: no estimate with known truth later than {errors['after_s']:g} s"
     text = ", ".join(parts) + f", from {errors['after_s']:g} s on"
@@ -137,13 +145,6 @@ def _noted(log: dict[str, Any]) -> list[str]:
     """Return why a log of many has no estimate, and its notes."""
     because = [f"no estimate: {log['reason']}"] if log.get("reason") else []
     return because + list(log.get("notes", []))
-
-
-def _mass(s: dict[str, Any]) -> str:
-    if s["mass_kg"] is None:
-        return "none"
-    std = f" +- {s['mass_std_kg']:,.0f}" if s["mass_std_kg"] is not None else ""
-    return f"{s['mass_kg']:,.0f}{std} kg at the end ({s['status']}, estimator {s['estimator']})"
 
 
 def _share(s: dict[str, Any]) -> str:

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from canest.core.frames import FloatColumn, IntColumn
-from canest.core.samples import RATE_HZ
+from canest.offline.leg_text import CALENDAR_END_S, EPOCH_S, headline
 from canest.pipeline.build import model_spec
 from canest.report import figure as look
 from canest.report.figure import Rows, numbers, with_gaps
 from canest.report.gate_colours import OPEN_COLOUR, spans_of
 from canest.report.gate_colours import look as gate_look
-from canest.report.page import Card, Page, Section, Table
+from canest.report.page import Page, Section, Table
 from canest.report.recorder import Recorder, residual_N
+from canest.report.replay_figures import cards, legs_section
 from canest.vehicle.model import LongitudinalModel
 from canest.vehicle.role_sources import AT_WHEELS, torque_role
 
@@ -25,12 +26,6 @@ if TYPE_CHECKING:
     from canest.config import Config
     from canest.offline.replay import ReplayResult
     from canest.offline.scoring import Score
-
-#: stamps after this are seconds since 1970, not since the start of a recording
-EPOCH_US = 10**15 // 2
-#: and those after this, the year 3000, are in another unit
-CALENDAR_END_US = 32_503_680_000 * 10**6
-_TONES = {"valid": "good", "converging": "warn", "unestimated": "bad"}
 
 
 def write_replay_report(
@@ -45,13 +40,15 @@ def replay_page(result: ReplayResult, config: Config, recorder: Recorder, score:
     s = result.summary
     page = Page(
         title=f"{Path(result.log).name} · {config.vehicle.name} · estimator {s['estimator']}",
-        headline=_headline(s),
+        headline=headline(s),
         facts=_facts(s, recorder),
-        cards=_cards(s, recorder),
+        cards=cards(s, recorder),
     )
     stamps, columns = recorder.columns()
     if len(stamps):
         page.sections.append(_drive(stamps, columns, config, recorder, score))
+    if s["legs"]:
+        page.sections.append(legs_section(s))
     page.sections.append(_gates(s))
     if recorder.whiteness.count:
         page.sections.append(_residual(recorder, result.innovations))
@@ -60,51 +57,17 @@ def replay_page(result: ReplayResult, config: Config, recorder: Recorder, score:
     return page
 
 
-def _headline(s: dict[str, Any]) -> str:
-    if s["mass_kg"] is None:
-        return "No estimate" + (f": {s['reason']}" if s.get("reason") else "")
-    std = f" ± {s['mass_std_kg']:,.0f}" if s["mass_std_kg"] is not None else ""
-    text = f"{s['mass_kg']:,.0f}{std} kg at the end, {s['status']}"
-    errors = s.get("errors")
-    if errors and errors["mass_rms_pct"] is not None:
-        text += f"; mass within {errors['mass_rms_pct']:.1f} % RMS of the truth"
-    return text
-
-
 def _facts(s: dict[str, Any], recorder: Recorder) -> list[tuple[str, str]]:
     facts = []
     if recorder.first_us is not None:
         facts.append(("duration", _clock((recorder.last_us - recorder.first_us) * 1e-6)))
-        if EPOCH_US < recorder.first_us < CALENDAR_END_US:
+        if EPOCH_S < recorder.first_us * 1e-6 < CALENDAR_END_S:
             start = datetime.fromtimestamp(recorder.first_us * 1e-6, UTC)
             facts.insert(0, ("starts", start.strftime("%Y-%m-%d %H:%M:%S UTC")))
     facts.append(("frames", f"{s['frames']:,}"))
     facts.append(("lines skipped", f"{s['skipped_lines']:,}"))
     facts.append(("samples at 50 Hz", f"{s['samples']:,}"))
     return facts
-
-
-def _cards(s: dict[str, Any], recorder: Recorder) -> list[Card]:
-    cards = []
-    if s["mass_kg"] is not None:
-        std = f"± {s['mass_std_kg']:,.0f} kg (1 σ)" if s["mass_std_kg"] is not None else ""
-        cards.append(Card("Mass at the end", f"{s['mass_kg']:,.0f} kg", std))
-    cards.append(Card("Status at the end", s["status"], s["estimator"], _TONES.get(s["status"], "")))
-    if s["samples"]:
-        share = 100 * s["updated"] / s["samples"]
-        open_s = s["updated"] / RATE_HZ
-        cards.append(Card("Learned from", f"{share:.0f} %", f"{open_s:,.0f} s with open gates"))
-    errors = s.get("errors")
-    if errors:
-        after = f"from {errors['after_s']:g} s on"
-        if errors["mass_rms_pct"] is not None:
-            worst = f"worst {errors['mass_max_pct']:.2f} %, {after}"
-            cards.append(Card("Mass error RMS", f"{errors['mass_rms_pct']:.2f} %", worst))
-        if errors["grade_rms_deg"] is not None:
-            cards.append(Card("Grade error RMS", f"{errors['grade_rms_deg']:.3f}°", after))
-    if recorder.whiteness.count:
-        cards.append(Card("Force residual RMS", f"{recorder.whiteness.rms_N:,.0f} N", "open samples, 1 Hz"))
-    return cards
 
 
 def _drive(
