@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
@@ -26,12 +27,16 @@ class Card:
 
 @dataclass(slots=True)
 class Table:
-    """Rows of text. left: columns of words (the others are figures). marked: index of a row to stress."""
+    """Rows of text. left: columns of words (the others are figures). marked: index of a row to stress.
+
+    links: text of a cell in the first column -> the page that it leads to.
+    """
 
     header: list[str]
     rows: list[list[str]]
     marked: int | None = None
     left: tuple[int, ...] = (0,)
+    links: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
@@ -47,13 +52,19 @@ class Section:
 
 @dataclass(slots=True)
 class Page:
-    """A whole report: one sentence first, then cards, then sections."""
+    """A whole report: one sentence first, then cards, then sections.
+
+    script: file of plotly's script beside the page, which many pages share; '' puts it into the page.
+    home: page that the title leads to.
+    """
 
     title: str
     headline: str
     facts: list[tuple[str, str]] = field(default_factory=list)
     cards: list[Card] = field(default_factory=list)
     sections: list[Section] = field(default_factory=list)
+    script: str = ""
+    home: str = ""
 
     def write(self, path: str | Path) -> None:
         """Write the file. Errors: OutputError (cannot write, extra `report` not installed)."""
@@ -62,14 +73,23 @@ class Page:
     def render(self, where: str = "report") -> str:
         """Return the HTML. Errors: OutputError when the extra `report` is not installed."""
         require_packages(where)
-        import jinja2
-
-        script = files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8")
-        source = files("canest.report").joinpath("page.html.j2").read_text(encoding="utf-8")
-        environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-        template = environment.from_string(source)
+        script = "" if self.script else plotly_script()
         values: dict[str, Any] = {"page": self, "version": __version__, "script": script}
-        return template.render(values)
+        html: str = _template().render(values)
+        return html
+
+
+def plotly_script() -> str:
+    """Return the script that draws the figures, for pages that share it as a file."""
+    return files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8")
+
+
+@cache
+def _template() -> Any:
+    import jinja2
+
+    source = files("canest.report").joinpath("page.html.j2").read_text(encoding="utf-8")
+    return jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(source)
 
 
 def require_packages(where: str | Path) -> None:
