@@ -23,7 +23,7 @@ class Settings:
     vin_key: of the hash of VINs, None to keep them. memory_mb: that the process of a log may take.
     timeout_s: that a log may take, None by its size. version: of canest, with a digest of its code.
     lake: URL where workers write their results; '' where they hand them back. budget: what reading a log may
-    cost.
+    cost. compiled: with numba's kernels, where a process has so many logs that loading them pays.
     """
 
     samples_hz: int = 1
@@ -34,6 +34,7 @@ class Settings:
     version: str = ""
     lake: str = ""
     budget: LogBudget = LogBudget()
+    compiled: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -120,7 +120,7 @@ def _replayed(
 ) -> Outcome:
     """Replay the log and make its tables. Errors: CanestError."""
     key, settings = made_with
-    jit.enable()  # one process runs many logs
+    jit.enable(settings.compiled)
     metadata = {"canest.key": key}
     recording, legs = Recording(job.log.name, settings, metadata), Legs()
     run = LogRun(path, bundle.unpack(), listener=recording, tick_listener=recording.take_ticks)

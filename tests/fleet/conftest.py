@@ -88,14 +88,14 @@ def manifest(logs: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def lake(logs: Path, manifest: Path) -> Path:
-    """The lake of these logs, with nothing in the way. Also compiles the kernels, once."""
+    """The lake of these logs, with nothing in the way."""
     folder = logs.parent / "lake"
     done = run(logs, folder, manifest, "--workers", 2, timeout_s=590)
     assert done.code == 0, done.err
     return folder
 
 
-def wait_for(condition: Callable[[], object], timeout_s: float = 60.0) -> None:
+def wait_for(condition: Callable[[], object], timeout_s: float = 120.0) -> None:
     end_s = time.monotonic() + timeout_s
     while not condition():
         assert time.monotonic() < end_s, "not within its time"

@@ -10,6 +10,8 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -35,7 +37,7 @@ def test_the_lake_has_a_row_per_leg_and_two_logs_of_equal_content_are_two(lake):
         ["t2/day1.log", "truck-2", "2023-11-15"],
         ["t2/day2.log", "truck-2", "2023-11-16"],
     ]
-    assert rows(lake, "select max(n) from (select count(*) n from samples group by log)")[1] == "15"
+    assert rows(lake, "select max(n) from (select count(*) n from samples group by log)")[1] == "13"
 
 
 def test_every_file_names_the_version_of_its_schema(lake):
@@ -54,7 +56,7 @@ def test_what_is_there_is_not_done_again_and_what_changed_is(lake, logs, manifes
     done = run(source, copy, manifest, "--resume")
     assert (done.tally["done"], done.tally["present"]) == (1, 7), done.err
     assert len(files_of(copy)) == len(files_of(lake))
-    assert rows(copy, "select count(*) from samples where log = 't1/day0.log'")[1] == "17"
+    assert rows(copy, "select count(*) from samples where log = 't1/day0.log'")[1] == "15"
 
 
 def test_what_fits_no_rule_or_cannot_be_read_is_named_and_the_rest_is_done(logs, lake, tmp_path):
@@ -87,9 +89,9 @@ def test_a_log_that_hangs_and_one_that_eats_memory_cost_themselves_alone(lake, l
     hungry_log(source / "hungry.parquet")
     rules = tmp_path / "fleet.csv"
     rules.write_text("pattern,vehicle,config\nhungry.*,truck-1,bmw-i3\n*,truck-1,kenworth\n")
-    done = run(source, tmp_path / "lake", rules, "--timeout", 15, "--memory", 500, "--log-budget", "none")
+    done = run(source, tmp_path / "lake", rules, "--timeout", 60, "--memory", 500, "--log-budget", "none")
     assert done.tally["failed"] == [
-        {"log": "hangs.log", "error": "takes more than 15 s, 2 times"},
+        {"log": "hangs.log", "error": "takes more than 60 s, 2 times"},
         {"log": "hungry.parquet", "error": "takes more than 500 MB of memory, 2 times"},
     ]
     assert done.tally["done"] == 4
@@ -98,19 +100,9 @@ def test_a_log_that_hangs_and_one_that_eats_memory_cost_themselves_alone(lake, l
 
 
 def hungry_log(path: Path) -> None:
-    """Write some kilobytes that take a gigabyte to read: one row group of a constant."""
-    import pyarrow as pa
-
-    count = 60_000_000
-    columns = {name: pa.DictionaryArray.from_arrays(pa.array([0] * 1, pa.int32()).take(pa.array([0] * 1)),
-                                                    pa.array([0.0])) for name in ()}  # fmt: skip
-    del columns
-    schema = pa.schema([("t_s", pa.float64()), ("x", pa.float64())])
-    with pq.ParquetWriter(path, schema, compression="zstd") as writer:
-        import numpy as np
-
-        zeros = np.zeros(count)
-        writer.write_table(pa.table({"t_s": zeros, "x": zeros}, schema), row_group_size=count)
+    """Write a few kilobytes that take a gigabyte to read: one group of 60 million equal rows."""
+    zeros = np.zeros(60_000_000)
+    pq.write_table(pa.table({"t_s": zeros, "x": zeros}), path, row_group_size=len(zeros), compression="zstd")
 
 
 @pytest.mark.slow
