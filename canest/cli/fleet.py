@@ -98,16 +98,37 @@ def command() -> None:
 @click.option("--workers", type=click.IntRange(1), metavar="N", help="Processes here (default: cores).")
 @click.option("--dask", metavar="ADDRESS", help="Use the Dask cluster of this scheduler, tcp://HOST:PORT.")
 @click.option("--resume", is_flag=True, help="Do only what the lake lacks or has of other content.")
-@click.option("--samples-hz", type=click.Choice(_HZ), default="1", show_default=True, metavar="N",
-              help="Rows per second of the table of samples: 50, 25, 10, 5, 2, 1, or 0 for none.")
+@click.option(
+    "--samples-hz",
+    type=click.Choice(_HZ),
+    default="1",
+    show_default=True,
+    metavar="N",
+    help="Rows per second of the table of samples: 50, 25, 10, 5, 2, 1, or 0 for none.",
+)
 @click.option("--positions", is_flag=True, help="Keep latitude and longitude (personal data).")
 @click.option("--keep-vin", is_flag=True, help="Keep VINs as they are, not as keyed hashes.")
-@click.option("--vin-key", metavar="FILE", help="Secret key of the hashes (default: made once, in "
-              "~/.local/state/canest/fleet-vin.key).")
-@click.option("--memory", "memory_mb", type=click.FloatRange(100), metavar="MB", default=1000,
-              show_default=True, help="End the process of a log that takes more.")
-@click.option("--timeout", "timeout_s", type=click.FloatRange(1), metavar="S",
-              help="End the process of a log that takes longer (default: 300, and 60 more per 25 MB).")
+@click.option(
+    "--vin-key",
+    metavar="FILE",
+    help="Secret key of the hashes (default: made once, in ~/.local/state/canest/fleet-vin.key).",
+)
+@click.option(
+    "--memory",
+    "memory_mb",
+    type=click.FloatRange(100),
+    metavar="MB",
+    default=1000,
+    show_default=True,
+    help="End the process of a log that takes more.",
+)
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(1),
+    metavar="S",
+    help="End the process of a log that takes longer (default: 300, and 60 more per 25 MB).",
+)
 @log_budget_option
 @click.option("--json", "json_path", metavar="PATH", help="Write what was done as JSON ('-': to stdout).")
 @grouped(rules=Rules, engine=Engine, kept=Kept, limits=Limits)

@@ -34,7 +34,9 @@ class Lake:
         if not lake._marked():
             if lake.storage.is_local and lake.storage.names(""):
                 raise UsageError(
-                    "is not empty and no lake", where=url, expected="a new folder, or the lake of an earlier run"
+                    "is not empty and no lake",
+                    where=url,
+                    expected="a new folder, or the lake of an earlier run",
                 )
             lake.storage.write(MARKER, json.dumps({"canest_lake": SCHEMA_VERSION}).encode() + b"\n")
         lake._read_names()

@@ -102,7 +102,9 @@ def _csv_rows(text: str, path: Path) -> Iterator[tuple[str, dict[str, str]]]:
         where = f"{path}:{lines.line_num}"
         if len(cells) != len(header):
             expected = f"{len(header)}: {','.join(header)}"
-            raise ConfigError("row of a manifest", where=where, found=f"{len(cells)} cells", expected=expected)
+            raise ConfigError(
+                "row of a manifest", where=where, found=f"{len(cells)} cells", expected=expected
+            )
         yield where, {name: cell.strip() for name, cell in zip(header, cells, strict=True)}
 
 

@@ -113,7 +113,9 @@ def _figure(trips: Any) -> Rows:
     """Draw masses and residuals over time; over the number of the trip where no trip has a date."""
     start = trips["start"].to_pylist()
     dated = any(start)
-    x: list[Any] = [t.isoformat(" ", "seconds") if t else None for t in start] if dated else [*range(len(start))]
+    x: list[Any] = (
+        [t.isoformat(" ", "seconds") if t else None for t in start] if dated else [*range(len(start))]
+    )
     rows = Rows(["mass, t", "residual, % of traction"], [1.3, 1.0], "UTC" if dated else "trip")
     status = np.array(trips["status"].to_pylist())
     mass, std = _floats(trips, "mass_kg") / 1e3, _floats(trips, "mass_std_kg") / 1e3
@@ -138,7 +140,11 @@ def _figure(trips: Any) -> Rows:
         "type": "scatter", "mode": "markers", "name": "residual", "x": x, "yaxis": "y2", "xaxis": "x2",
         "y": numbers(residual, 3), "marker": {"color": look.RED, "size": 5}, "hovertemplate": "%{y:.2f} %",
     })  # fmt: skip
-    days = np.array([t.replace(tzinfo=UTC).timestamp() / _DAY_S if t else np.nan for t in start]) if dated else np.arange(len(x))
+    days = (
+        np.array([t.replace(tzinfo=UTC).timestamp() / _DAY_S if t else np.nan for t in start])
+        if dated
+        else np.arange(len(x))
+    )
     line = _trend(np.asarray(days, np.float64), residual)
     if line is not None:
         rows.line(2, x, numbers(line, 3), "trend", look.Stroke(look.INK, dash="dash"), hover="%{y:.2f} %")

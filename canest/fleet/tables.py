@@ -92,9 +92,7 @@ class TableWriter:
 
     def write(self, columns: Mapping[str, Sequence[Any] | Any]) -> None:
         """Append rows: column -> values (n,), NaN and None for nothing."""
-        arrays = [
-            self._pa.array(columns[field.name], field.type, from_pandas=True) for field in self._schema
-        ]
+        arrays = [self._pa.array(columns[field.name], field.type, from_pandas=True) for field in self._schema]
         batch = self._pa.Table.from_arrays(arrays, schema=self._schema)
         self._writer.write_table(batch)
         self.rows += batch.num_rows

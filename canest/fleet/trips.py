@@ -29,7 +29,14 @@ def trip_rows(legs: Legs, recording: Recording, of_log: Mapping[str, Any]) -> It
     seconds = recording.seconds()
     found = legs.legs()
     if not found:
-        yield {"leg": 0, "status": "unestimated", "stops": 0, "distance_m": 0.0, **of_log, **_start(recording)}
+        yield {
+            "leg": 0,
+            "status": "unestimated",
+            "stops": 0,
+            "distance_m": 0.0,
+            **of_log,
+            **_start(recording),
+        }
     for number, leg in enumerate(found, 1):
         within = (seconds["t_us"] >= leg.from_s * 1e6) & (seconds["t_us"] <= leg.to_s * 1e6)
         rows = {name: column[within] for name, column in seconds.items()}
@@ -86,7 +93,9 @@ def _residual(leg: Leg, rows: Mapping[str, FloatColumn]) -> dict[str, float]:
         return {}
     grade = rows["grade"]
     cos = 1.0 / np.sqrt(1.0 + grade * grade)
-    residual = leg.mass_kg * (rows["accel_mps2"] + GRAVITY_MPS2 * cos * (grade + rows["mu"])) - rows["force_N"]
+    residual = (
+        leg.mass_kg * (rows["accel_mps2"] + GRAVITY_MPS2 * cos * (grade + rows["mu"])) - rows["force_N"]
+    )
     open_ = (rows["gate"] == 0) & np.isfinite(residual) & np.isfinite(rows["traction_N"])
     r, traction = residual[open_], rows["traction_N"][open_]
     if len(r) < _FEWEST_SECONDS:

@@ -77,7 +77,9 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
             (source / truck / f"day{day}.log").write_bytes(text)
     for truck in ("t1", "t2"):
         (source / truck / "copy.log.xz").write_bytes(lzma.compress(candump(12, 1_700_500_000)))
-    (folder / "fleet.csv").write_text("pattern,vehicle,config\nt1/*,truck-1,kenworth\nt2/*,truck-2,kenworth\n")
+    (folder / "fleet.csv").write_text(
+        "pattern,vehicle,config\nt1/*,truck-1,kenworth\nt2/*,truck-2,kenworth\n"
+    )
     return source
 
 
@@ -117,7 +119,9 @@ class Cluster:
     workers: list[subprocess.Popen[bytes]]
 
 
-def start_worker(address: str, folder: Path, environment: dict[str, str] | None = None) -> subprocess.Popen[bytes]:
+def start_worker(
+    address: str, folder: Path, environment: dict[str, str] | None = None
+) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
         [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-dashboard",
          "--local-directory", str(folder)],
