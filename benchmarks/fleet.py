@@ -42,9 +42,9 @@ def make_logs(folder: Path, count: int, minutes: float) -> tuple[Path, Path]:
 
     drive = api.simulate(str(ROOT / "canest/simulation/scenarios/pulse-21t.yaml"))
     base = drive.frames
-    parts, length_us = [], int(base.t_us[-1] - base.t_us[0])
-    for part in range(round(minutes * 60e6 / length_us) or 1):
-        parts.append(FrameBlock(base.t_us + part * (length_us + 20_000), base.can_id, base.length, base.data))
+    length_us = int(base.t_us[-1] - base.t_us[0])
+    times = [base.t_us + n * (length_us + 20_000) for n in range(round(minutes * 60e6 / length_us) or 1)]
+    parts = [FrameBlock(t_us, base.can_id, base.length, base.data) for t_us in times]
     frames = FrameBlock.concatenate(parts)
     source = folder / "logs"
     made: dict[str, Path] = {}
@@ -205,9 +205,7 @@ def measure_tasks(count: int, batch: int) -> None:
     rule = ((Rule("*", "truck", "class8"), "digest"),)
     with LocalCluster(n_workers=3, threads_per_worker=1, dashboard_address=None) as cluster:
         begin_s = time.perf_counter()
-        jobs = [
-            FleetJob(FoundLog(f"t/{i}.log", f"s3://fleet/t/{i}.log", 1 << 22), rule) for i in range(count)
-        ]
+        jobs = [FleetJob(FoundLog(f"t/{i}.log", f"s3://b/{i}.log", 1 << 22), rule) for i in range(count)]
         print(f"{count:,} jobs made in {time.perf_counter() - begin_s:.1f} s")
         begin_s = time.perf_counter()
         bundles = {"digest": None}

@@ -1,4 +1,4 @@
-"""Writes the tables of columns in docs/fleet.md: ``python tools/fleet_page.py --write``; else it compares them."""
+"""Writes the tables of columns in docs/fleet.md (``--write``), else compares them with the code's."""
 
 from __future__ import annotations
 

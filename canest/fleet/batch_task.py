@@ -32,17 +32,14 @@ def run_batch(batch: Batch) -> list[Outcome] | Refused:
     """Return what became of the logs of a batch, in order."""
     if code_version() != batch.settings.version:
         return Refused(code_version())
-    outcomes = []
     with _children.one() as child:
-        for job in batch.jobs:
-            outcomes.append(child.run(job, batch.bundles, batch.settings))
-    return outcomes
+        return [child.run(job, batch.bundles, batch.settings) for job in batch.jobs]
 
 
 def batches_of(
     jobs: Sequence[FleetJob], bundles: dict[str, Bundle], settings: Settings, size: int
 ) -> list[Batch]:
-    """Return the jobs in batches of a size, logs of one config together, the configs that they need with them."""
+    """Return the jobs in batches of a size with the configs that they need, logs of one config together."""
     ordered = sorted(jobs, key=lambda job: (job.rules[0][1], job.log.name))
     found = []
     for first in range(0, len(ordered), size):

@@ -33,7 +33,7 @@ class Settings:
     timeout_s: float | None = None
     version: str = ""
     lake: str = ""
-    budget: LogBudget = LogBudget()
+    budget: LogBudget = field(default_factory=LogBudget)
     compiled: bool = False
 
 

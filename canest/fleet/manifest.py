@@ -1,4 +1,4 @@
-"""Which vehicle a log is of, and which config is that vehicle's: a table of rules, the first that fits counts.
+"""Which vehicle a log is of, and which config is its: a table of rules, the first that fits counts.
 
 A rule looks at the log's path below SOURCE, or, as `vin:PATTERN`, at the VIN that the log carries. What no
 rule fits is listed; nothing is guessed.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -137,10 +138,8 @@ def _rule(row: Mapping[str, str], where: str, folder: Path) -> Rule:
             raise ConfigError(f"{name}: is empty", where=where, expected="a value")
     config = row["config"]
     beside = folder / Path(config).expanduser()
-    try:
+    with suppress(OSError):  # a name too long: loading it says so
         config = str(beside) if beside.is_file() else config
-    except OSError:  # a name too long: loading it says so
-        pass
     return Rule(row["pattern"], row["vehicle"], config, where)
 
 

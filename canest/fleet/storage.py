@@ -5,6 +5,7 @@ from __future__ import annotations
 import posixpath
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -81,10 +82,8 @@ class Storage:
             except BaseException:
                 result.discard()
                 raise
-            try:
+            with suppress(FileExistsError):
                 result.commit()
-            except FileExistsError:
-                pass
         except Exception as error:
             raise OutputError(f"cannot write: {plain(error)}", where=self.url(name)) from None
 

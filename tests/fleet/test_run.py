@@ -141,7 +141,8 @@ def test_two_runs_at_once_give_the_lake_of_one(lake, logs, manifest, tmp_path):
 
 def test_workers_end_with_the_run(logs, manifest, tmp_path):
     process = subprocess.Popen(
-        [sys.executable, "-m", "canest", "fleet", "run", logs, "-o", tmp_path / "lake", "--manifest", manifest],
+        [sys.executable, "-m", "canest", "fleet", "run", logs, "-o", tmp_path / "lake", "--manifest",
+         manifest],
         cwd=ROOT, stdout=subprocess.DEVNULL,
     )  # fmt: skip
     wait_for(lambda: children_of(process.pid))
