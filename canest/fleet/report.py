@@ -82,7 +82,7 @@ def _trips(connection: Any) -> Iterator[tuple[str, Any]]:
 
     parts: list[Any] = []
     vehicle: str | None = None
-    for batch in connection.execute(_TRIPS).fetch_record_batch(_BATCH_ROWS):
+    for batch in connection.execute(_TRIPS).to_arrow_reader(_BATCH_ROWS):
         table = pa.Table.from_batches([batch])
         for first, length, name in _runs(table["vehicle"].combine_chunks()):
             if name != vehicle and parts:

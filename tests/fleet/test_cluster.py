@@ -43,7 +43,8 @@ def test_a_killed_worker_a_hungry_log_and_a_hanging_one_are_named_and_the_rest_i
     end(cluster.workers[0])
     out, err = process.communicate(timeout=200)
     assert process.returncode == 1
-    assert err.splitlines() == [
+    # after a minute there are lines of progress too
+    assert [line for line in err.splitlines() if line.startswith("error")] == [
         "error: hangs.log: takes more than 20 s, 2 times",
         "error: hungry.parquet: takes more than 500 MB of memory, 2 times",
     ]
