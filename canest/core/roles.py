@@ -22,6 +22,7 @@ UNITS: dict[str, dict[str, tuple[float, float]]] = {
     "gear": {"": (1.0, 0.0), "gear": (1.0, 0.0)},
     "": {"": (1.0, 0.0)},
     "m": {"m": (1.0, 0.0), "km": (1000.0, 0.0), "ft": (0.3048, 0.0)},
+    "deg": {"deg": (1.0, 0.0), "rad": (180 / math.pi, 0.0)},
     "rad": {"rad": (1.0, 0.0), "deg": (math.pi / 180, 0.0)},
     "rad/s": {"rad/s": (1.0, 0.0), "deg/s": (math.pi / 180, 0.0)},
     "m/s2": {"m/s2": (1.0, 0.0), "m/s^2": (1.0, 0.0), "g": (9.80665, 0.0)},
@@ -115,6 +116,9 @@ ROLES: dict[str, Role] = dict(
         _role("steering_angle", "rad", 0.25, "steering wheel angle, left positive (SPN 1807)"),
         _role("pitch", "rad", 0.25, "slope sensor pitch, uphill positive (SPN 3318)"),
         _role("altitude", "m", 5.0, "altitude (SPN 580)"),
+        # position: for no estimate, only for tables and maps that ask for it
+        _role("latitude", "deg", 5.0, "latitude, north positive (SPN 584)"),
+        _role("longitude", "deg", 5.0, "longitude, east positive (SPN 585)"),
         # reported by other controllers
         _role(
             "reported_mass", "kg", 10.0, "gross mass that other controllers report (SPN 1760), only compared"

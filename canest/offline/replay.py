@@ -25,7 +25,7 @@ from canest.offline.legs import Legs, Motion
 from canest.offline.model_columns import COLUMNS, ModelColumns
 from canest.offline.reported_masses import ReportedMasses
 from canest.offline.scoring import Reference, Score
-from canest.pipeline.pipeline import Listener, Pipeline
+from canest.pipeline.pipeline import Listener, Pipeline, TickListener
 from canest.pipeline.table_map import TableMap, open_for
 
 if TYPE_CHECKING:
@@ -175,12 +175,13 @@ class LogRun:
         config: Config,
         *,
         listener: Listener | None = None,
+        tick_listener: TickListener | None = None,
         channel: str | None = None,
         reported: ReportedMasses | None = None,
     ) -> None:
         self.config = config
         self._reported = reported
-        self.pipeline = Pipeline(config, listener=listener)
+        self.pipeline = Pipeline(config, listener=listener, tick_listener=tick_listener)
         self.table_map = TableMap(config, log)
         self.reader: LogReader = open_for(config, log, channel)
 
@@ -203,6 +204,17 @@ class LogRun:
         estimates = self.pipeline.finish()
         if len(estimates):
             yield estimates
+
+
+def _all_of(*listeners: Listener | None) -> Listener:
+    """Return a listener that hands on what it gets."""
+    asked = [listener for listener in listeners if listener is not None]
+
+    def listen(samples: ModelBlock, estimates: EstimateBlock) -> None:
+        for listener in asked:
+            listener(samples, estimates)
+
+    return listen
 
 
 def compiling_pays(logs: Sequence[str | Path | MemoryLog], passes: int = 1) -> bool:

@@ -35,17 +35,30 @@ class Listener(Protocol):
         """Take the next samples and their estimates."""
 
 
+class TickListener(Protocol):
+    """Someone who wants what the roles of the signal map were at every tick (the fleet's tables)."""
+
+    def __call__(self, ticks: GridBlock) -> None:
+        """Take the next ticks; their samples follow."""
+
+
 class Pipeline:
     """Carries every stage's state for one stream."""
 
-    def __init__(self, config: Config, *, listener: Listener | None = None) -> None:
+    def __init__(
+        self,
+        config: Config,
+        *,
+        listener: Listener | None = None,
+        tick_listener: TickListener | None = None,
+    ) -> None:
         self._spec = spec = build(config)
         self.intake = Intake(spec.intake)
         self._grid = Grid(spec.grid.channels, spec.grid.hold_us)
         self.estimator = spec.estimator.create()
         gate = self.estimator.wants_excitation_gate
         self._model = ModelStream(spec.model, spec.assumed, excitation_gate=gate)
-        self._listener = listener
+        self._listener, self._tick_listener = listener, tick_listener
         self._restored: tuple[float, float] | None = None
         self._mass_kg = math.nan
         self.gates: Counter[str] = Counter()
@@ -141,6 +154,8 @@ class Pipeline:
     def _emit(self, ticks: GridBlock | None, done: list[Estimates]) -> None:
         if ticks is None:
             return
+        if self._tick_listener is not None:
+            self._tick_listener(ticks)
         for samples, anew in self._model.process(ticks):
             if anew:
                 self.estimator = carry_over(self._spec.estimator.create(), self._mass_kg, self._restored)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
@@ -48,13 +49,17 @@ class Section:
 
 @dataclass(slots=True)
 class Page:
-    """A whole report: one sentence first, then cards, then sections."""
+    """A whole report: one sentence first, then cards, then sections.
+
+    home: page that the title leads to.
+    """
 
     title: str
     headline: str
     facts: list[tuple[str, str]] = field(default_factory=list)
     cards: list[Card] = field(default_factory=list)
     sections: list[Section] = field(default_factory=list)
+    home: str = ""
 
     def write(self, path: str | Path, script_file: str = "") -> None:
         """Write the file. Errors: OutputError (cannot write, extra `report` not installed)."""
@@ -66,22 +71,25 @@ class Page:
         script_file: name of the file beside the page that has plotly, '' to put it into the page.
         """
         require_packages(where)
-        import jinja2
-
         drawn = any(section.figure for section in self.sections)
         script = plotly_script() if drawn and not script_file else ""
-        script_file = script_file if drawn else ""
-        source = files("canest.report").joinpath("page.html.j2").read_text(encoding="utf-8")
-        environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-        template = environment.from_string(source)
         values: dict[str, Any] = {"page": self, "version": __version__, "script": script}
-        values["script_file"] = script_file
-        return template.render(values)
+        values["script_file"] = script_file if drawn else ""
+        html: str = _template().render(values)
+        return html
 
 
 def plotly_script() -> str:
-    """Return plotly's JavaScript."""
+    """Return plotly's JavaScript, for pages that share it as a file too."""
     return files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8")
+
+
+@cache
+def _template() -> Any:
+    import jinja2
+
+    source = files("canest.report").joinpath("page.html.j2").read_text(encoding="utf-8")
+    return jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(source)
 
 
 def require_packages(where: str | Path) -> None:

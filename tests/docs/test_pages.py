@@ -78,6 +78,11 @@ def test_config_page_is_made_from_the_schema():
     assert tool["PAGE"].read_text() == tool["page"](), "python tools/config_page.py --write"
 
 
+def test_fleet_page_has_the_columns_of_the_tables():
+    tool = runpy.run_path(str(ROOT / "tools" / "fleet_page.py"))
+    assert tool["PAGE"].read_text() == tool["page"](), "python tools/fleet_page.py --write"
+
+
 def test_every_key_is_described_and_no_other():
     from canest.config.meanings import MEANINGS, meaning
 

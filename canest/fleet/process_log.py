@@ -1,0 +1,168 @@
+"""One log to its files of the lake: which vehicle, which config, replay, tables."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Sequence
+from contextlib import closing
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from canest import __version__
+from canest.core import jit
+from canest.core.errors import CanestError
+from canest.doctor.reasons import why_unestimated
+from canest.doctor.warnings import log_warnings, stream_warnings
+from canest.fleet import vehicle_names
+from canest.fleet.bundle import Bundle
+from canest.fleet.job import Bundles, FleetJob, Outcome, Settings
+from canest.fleet.manifest import Rule
+from canest.fleet.recording import CALENDAR_END_US, EPOCH_US, Recording
+from canest.fleet.storage import Storage, download
+from canest.fleet.tables import SCHEMA_VERSION, trips_file
+from canest.fleet.trips import trip_rows
+from canest.fleet.vin import vin_of
+from canest.logs.budget import log_budget
+from canest.offline.legs import Legs
+from canest.offline.replay import LogRun
+
+#: hive's name for "no value": the folder of logs whose clock is no calendar
+NO_DATE = "__HIVE_DEFAULT_PARTITION__"
+_PIECE_BYTES = 1 << 20
+
+
+def process_log(job: FleetJob, bundles: Bundles, settings: Settings) -> Outcome:
+    """Return the result of a log, or why there is none. Whatever goes wrong with this log stays with it."""
+    with tempfile.TemporaryDirectory(prefix="canest-fleet-") as folder:
+        try:
+            with log_budget(settings.budget):
+                return _process(job, bundles, settings, Path(folder))
+        except CanestError as error:
+            # by its name below SOURCE it is known, wherever its copy lies
+            copy = Path(folder) / Path(job.log.url).name
+            text = str(error).replace(f"{job.log.url}: ", "").replace(f"{copy}: ", "")
+            return Outcome(job.log.name, error=text)
+        except Exception as error:
+            return Outcome(job.log.name, error=f"unexpected {type(error).__name__}: {error}")
+
+
+def log_id(name: str) -> str:
+    """Return what stands for a log's path in names of files."""
+    return hashlib.blake2b(name.encode("utf-8", "surrogateescape"), digest_size=6).hexdigest()
+
+
+def result_key(job: FleetJob, path: Path, bundle: Bundle, vehicle: str, settings: Settings) -> str:
+    """Return the digest of all that a result depends on: content, config, version, settings."""
+    content = job.log.revision or content_digest(path)
+    parts = (
+        content, bundle.digest, bundle.name, __version__, SCHEMA_VERSION, vehicle, settings.samples_hz,
+        settings.positions,
+    )  # fmt: skip
+    return hashlib.blake2b("\n".join(map(str, parts)).encode(), digest_size=8).hexdigest()
+
+
+def content_digest(path: Path) -> str:
+    """Return a digest of a file's content. Errors: LogError."""
+    digest = hashlib.blake2b(digest_size=16)
+    try:
+        with path.open("rb") as file:
+            while piece := file.read(_PIECE_BYTES):
+                digest.update(piece)
+    except OSError as error:
+        raise CanestError(f"cannot read: {error.strerror}") from None
+    return digest.hexdigest()
+
+
+def _process(job: FleetJob, bundles: Bundles, settings: Settings, folder: Path) -> Outcome:
+    name = job.log.name
+    path: Path | None = None
+    vehicle, rule, digest = job.rules[0][0].vehicle, *job.rules[0]
+    if rule.asks_for_vin:
+        path = _local(job, folder)
+        chosen = choose_by_vin(job.rules, path)
+        if isinstance(chosen, str):
+            return Outcome(name, unmatched=chosen)
+        vehicle, digest = chosen
+    vehicle, bundle = vehicle_names.vehicle_name(vehicle, settings.vin_key), bundles[digest]
+    if path is None and not (job.log.revision and job.known):
+        path = _local(job, folder)
+    key = result_key(job, path or Path(), bundle, vehicle, settings)
+    if key in job.known:
+        return Outcome(name, key=key, present=True)
+    return _replayed(job, path or _local(job, folder), bundle, vehicle, (key, settings))
+
+
+def choose_by_vin(rules: Sequence[tuple[Rule, str]], path: Path) -> tuple[str, str] | str:
+    """Return the vehicle and the config's digest that the log's own VIN leads to, or why there is none.
+
+    Errors: LogError.
+    """
+    reader = vin_of(path)
+    vin = reader.vin
+    for rule, digest in rules:
+        if rule.fits_vin(vin):
+            return rule.vehicle or vin, digest
+    if vin:
+        return "no rule of the manifest fits the VIN in the log"
+    if reader.found:
+        return f"the log carries {len(set(reader.found.values()))} different VINs, and none of the engine"
+    return "no rule of the manifest fits, and the log carries no VIN"
+
+
+def _local(job: FleetJob, folder: Path) -> Path:
+    return download(job.log.url, folder) if "://" in job.log.url else Path(job.log.url)
+
+
+def _replayed(
+    job: FleetJob, path: Path, bundle: Bundle, vehicle: str, made_with: tuple[str, Settings]
+) -> Outcome:
+    """Replay the log and make its tables. Errors: CanestError."""
+    key, settings = made_with
+    jit.enable(settings.compiled)
+    metadata = {"canest.key": key}
+    recording, legs = Recording(job.log.name, settings, metadata), Legs()
+    run = LogRun(path, bundle.unpack(), listener=recording, tick_listener=recording.take_ticks)
+    with closing(run.reader):
+        for estimates in run.estimates():
+            legs.add(estimates, recording.taken_speeds())
+    rows = list(trip_rows(legs, recording, _of_log(run, job.log.name, bundle, key)))
+    partition = f"{vehicle_names.folder_of(vehicle)}/date={_date(recording.first_us)}"
+    file = f"{log_id(job.log.name)}-{key}.parquet"
+    outcome = Outcome(job.log.name, key=key, trips=len(rows), written=f"trips/{partition}/{file}")
+    if recording.samples is not None:
+        outcome.samples = recording.samples.rows
+        outcome.files[f"samples/{partition}/{file}"] = recording.samples.content()
+    # last: a log whose trips are there is done
+    outcome.files[outcome.written] = trips_file(rows, metadata)
+    if settings.lake:
+        lake = Storage.of(settings.lake)
+        for name, content in outcome.files.items():
+            lake.write(name, content)
+        outcome.files.clear()
+    return outcome
+
+
+def _of_log(run: LogRun, name: str, bundle: Bundle, key: str) -> dict[str, Any]:
+    """Return the columns that all rows of a log share."""
+    intake = run.pipeline.intake
+    notes = log_warnings(run.reader) + run.table_map.warnings()
+    notes += stream_warnings(intake, run.pipeline.stuck_ticks)
+    return {
+        "log": name,
+        "reason": "" if run.pipeline.updated else why_unestimated(run),
+        "frames": run.reader.frames,
+        "skipped_lines": run.reader.skipped_lines,
+        "notes": "; ".join(notes),
+        "estimator": run.config.estimator.name,
+        "config": Path(bundle.name).name,
+        "key": key,
+    }
+
+
+def _date(first_us: int | None) -> str:
+    """Return the day, UTC, on which a log begins."""
+    if first_us is None or not EPOCH_US < first_us < CALENDAR_END_US:
+        return NO_DATE
+    return datetime.fromtimestamp(first_us // 1_000_000, UTC).strftime("%Y-%m-%d")

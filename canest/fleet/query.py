@@ -1,0 +1,92 @@
+"""SQL over a lake with DuckDB: the views `trips` and `samples`."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, TextIO
+
+from canest.core.errors import CanestError, UsageError
+from canest.fleet.lake import Lake
+from canest.fleet.packages import require
+from canest.fleet.tables import POSITIONS, SAMPLES, TRIPS, schema
+
+#: folders of a partition -> type
+_PARTITION = {"vehicle": "VARCHAR", "date": "DATE"}
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a query found. columns: their names."""
+
+    columns: list[str]
+    result: Any
+
+    def rows(self) -> Iterator[list[str]]:
+        """Yield the rows as text; '' for null."""
+        while rows := self.result.fetchmany(10_000):
+            for row in rows:
+                yield [_text(value) for value in row]
+
+    def write_csv(self, file: TextIO) -> None:
+        """Write the rows below a header."""
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(self.columns)
+        writer.writerows(self.rows())
+
+
+def ask(lake: str, sql: str) -> Answer:
+    """Return the answer to a query. Errors: UsageError for no lake, or a query that is wrong."""
+    (duckdb,) = require("duckdb", why="canest fleet query")
+    connection = connect(lake)
+    try:
+        result = connection.execute(sql)
+    except duckdb.Error as error:
+        lines = [line for line in str(error).splitlines() if line.strip()]
+        raise UsageError(lines[0], where="SQL", expected="DuckDB's SQL over trips and samples") from None
+    return Answer([column[0] for column in result.description or ()], result)
+
+
+def connect(lake: str) -> Any:
+    """Return a DuckDB connection with the views of a lake.
+
+    Errors: UsageError for no lake, CanestError where it cannot be read.
+    """
+    duckdb, _ = require("duckdb", "fsspec", why="a lake")
+    opened = Lake.open(lake)
+    connection = duckdb.connect()
+    if not opened.storage.is_local:
+        connection.register_filesystem(opened.storage.files)
+    try:
+        for table, columns in (("trips", TRIPS), ("samples", {**SAMPLES, **POSITIONS})):
+            _create_view(connection, opened, table, schema(columns))
+    except duckdb.Error as error:
+        raise CanestError(f"cannot be read: {str(error).splitlines()[0]}", where=lake) from None
+    return connection
+
+
+def _create_view(connection: Any, lake: Lake, table: str, columns: Any) -> None:
+    """Make the view of a table; of one without files, an empty one."""
+    places = lake.storage.files.glob(f"{lake.storage.root}/{table}/vehicle=*/date=*")
+    if places:
+        pattern = lake.storage.url(f"{table}/*/*/*.parquet").replace("'", "''")
+        types = ", ".join(f"{name}: {kind}" for name, kind in _PARTITION.items())
+        by_name = "true" if table == "samples" else "false"  # with and without positions
+        connection.execute(
+            f"CREATE VIEW {table} AS SELECT * FROM read_parquet('{pattern}', hive_partitioning = true, "
+            f"hive_types = {{{types}}}, union_by_name = {by_name})"
+        )
+        return
+    connection.register(f"no_{table}", columns.empty_table())
+    partition = ", ".join(f"NULL::{kind} AS {name}" for name, kind in _PARTITION.items())
+    connection.execute(f"CREATE VIEW {table} AS SELECT *, {partition} FROM no_{table}")
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, datetime):
+        return value.isoformat(" ")
+    return str(value)

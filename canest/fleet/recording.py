@@ -1,0 +1,133 @@
+"""What the lake keeps of a drive, taken while its estimates stream by: the samples, and a row per second.
+
+Memory grows by some bytes per second of driving, not per frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from canest.core.frames import FloatColumn, IntColumn
+from canest.core.gates import LABELS
+from canest.core.samples import STATUS_LABELS, STEP_S, STEP_US, EstimateBlock, ModelBlock
+from canest.fleet.job import Settings
+from canest.fleet.tables import POSITIONS, SAMPLES, TableWriter
+from canest.grid.grid import GridBlock
+
+SECOND_US = 1_000_000
+#: stamps between these are taken for time since 1970: from 1985 to the year 3000
+EPOCH_US, CALENDAR_END_US = 10**15 // 2, 32_503_680_000 * 10**6
+#: columns of the rows per second; `speed_mps` is 0 while standing and NaN where it is not known
+PER_SECOND = (
+    "t_us", "accel_mps2", "force_N", "traction_N", "mu", "grade", "gate", "reported_mass_kg",
+)  # fmt: skip
+_REPORTED, _LATITUDE, _LONGITUDE = "reported_mass", "latitude", "longitude"
+
+
+class Recording:
+    """A pipeline's listener, for samples and for ticks.
+
+    log: for the column of this name. samples: the file of samples, None without any.
+    """
+
+    def __init__(self, log: str, settings: Settings, metadata: Mapping[str, str]) -> None:
+        self._log = log
+        self._step_us = SECOND_US // settings.samples_hz if settings.samples_hz else 0
+        positions = POSITIONS if settings.positions else {}
+        self.samples = TableWriter({**SAMPLES, **positions}, metadata) if self._step_us else None
+        self._positions = bool(positions)
+        self._ticks: list[GridBlock] = []
+        self._seconds: dict[str, list[FloatColumn]] = {name: [] for name in PER_SECOND}
+        self._speeds: list[FloatColumn] = []
+        self._distance_m = 0.0
+        self.first_us: int | None = None
+
+    def take_ticks(self, ticks: GridBlock) -> None:
+        """Take what the roles were; the samples of the same ticks follow, perhaps in parts."""
+        self._ticks.append(ticks)
+
+    def __call__(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
+        """Take the next samples with their estimates."""
+        if not len(samples):
+            return
+        if self.first_us is None:
+            self.first_us = int(samples.t_us[0])
+        speed = np.where(samples.stopped, 0.0, np.abs(samples.raw_speed_mps))
+        self._speeds.append(speed)
+        roles = self._roles(len(samples))
+        whole = np.flatnonzero(samples.t_us % SECOND_US == 0)
+        values = {
+            "t_us": samples.t_us, "accel_mps2": samples.accel_mps2, "force_N": samples.force_N,
+            "traction_N": samples.traction_N, "mu": samples.mu, "grade": estimates.grade,
+            "gate": samples.gate, "reported_mass_kg": roles[_REPORTED],
+        }  # fmt: skip
+        for name, column in values.items():
+            self._seconds[name].append(np.asarray(column[whole], np.float64))
+        way_m = self._distance_m + np.cumsum(np.nan_to_num(speed)) * STEP_S
+        self._distance_m = float(way_m[-1])
+        if self.samples is not None:
+            self._write(samples, estimates, speed, way_m, roles)
+
+    def taken_speeds(self) -> FloatColumn:
+        """Return the speeds since the last call, m/s (n,): 0 while standing, NaN where not known."""
+        speed = np.concatenate(self._speeds) if self._speeds else np.empty(0)
+        self._speeds.clear()
+        return speed
+
+    def seconds(self) -> dict[str, FloatColumn]:
+        """Return the rows on whole seconds, columns of `PER_SECOND` (n,)."""
+        return {
+            name: np.concatenate(parts) if parts else np.empty(0) for name, parts in self._seconds.items()
+        }
+
+    def _roles(self, count: int) -> dict[str, FloatColumn]:
+        """Return the values of the roles that the tables want, of the next ``count`` ticks."""
+        found: dict[str, list[FloatColumn]] = {_REPORTED: [], _LATITUDE: [], _LONGITUDE: []}
+        while count:
+            ticks = self._ticks[0]
+            if len(ticks) > count:
+                ticks, self._ticks[0] = ticks.split(count)
+            else:
+                del self._ticks[0]
+            count -= len(ticks)
+            for role, parts in found.items():
+                parts.append(ticks.values.get(role, np.full(len(ticks), np.nan)))
+        return {role: np.concatenate(parts) for role, parts in found.items()}
+
+    def _write(
+        self,
+        samples: ModelBlock,
+        e: EstimateBlock,
+        speed: FloatColumn,
+        way_m: FloatColumn,
+        roles: Mapping[str, FloatColumn],
+    ) -> None:
+        at = np.flatnonzero(samples.t_us % self._step_us < STEP_US)
+        if not len(at) or self.samples is None:
+            return
+        t_us = samples.t_us[at]
+        columns = {
+            "log": [self._log] * len(at),
+            "time": calendar(t_us),
+            "t_s": t_us / 1e6,
+            "distance_m": way_m[at],
+            "speed_mps": np.where(np.isfinite(speed[at]), speed[at], np.nan),
+            "grade": e.grade[at],
+            "grade_std": e.grade_std[at],
+            "mass_kg": e.mass_kg[at],
+            "mass_std_kg": e.mass_std_kg[at],
+            "status": [STATUS_LABELS[int(code)] for code in e.status[at]],
+            "gate": [LABELS[int(code)] for code in samples.gate[at]],
+            "altitude_m": samples.altitude_m[at],
+        }
+        if self._positions:
+            columns |= {"latitude_deg": roles[_LATITUDE][at], "longitude_deg": roles[_LONGITUDE][at]}
+        self.samples.write(columns)
+
+
+def calendar(t_us: IntColumn) -> np.ndarray[tuple[int, ...], np.dtype[np.datetime64]]:
+    """Return stamps as times UTC (n,), not-a-time where the clock is no calendar."""
+    known = (t_us > EPOCH_US) & (t_us < CALENDAR_END_US)
+    return np.where(known, t_us, np.iinfo(np.int64).min).astype("datetime64[us]")

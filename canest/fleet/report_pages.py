@@ -1,0 +1,181 @@
+"""The pages about a fleet: what stands on them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC
+from typing import Any
+
+import numpy as np
+
+from canest.core.frames import FloatColumn
+from canest.report import figure as look
+from canest.report.figure import Rows, numbers
+from canest.report.page import Card, Page, Section, Table
+
+#: points of a figure at most; of more trips every second, third ... is drawn
+POINTS_MAX = 2000
+TRIPS_SHOWN = 50
+_DAY_S = 86_400.0
+
+_FLEET_COLUMNS: tuple[tuple[str, str, str], ...] = (
+    ("logs", "logs", ",.0f"),
+    ("trips", "trips", ",.0f"),
+    ("km", "km", ",.0f"),
+    ("hours", "hours driven", ",.1f"),
+    ("valid_share", "valid %", ".0f"),
+    ("light_kg", "5 % lighter than, kg", ",.0f"),
+    ("mass_kg", "median mass kg", ",.0f"),
+    ("heavy_kg", "5 % heavier than, kg", ",.0f"),
+    ("residual_pct", "residual % of traction", "+.2f"),
+    ("trend_pct", "trend per 100 days", "+.2f"),
+    ("last", "last trip", ""),
+)
+_TRIP_COLUMNS: tuple[tuple[str, str, str], ...] = (
+    ("start", "start UTC", ""),
+    ("distance_m", "km", ",.1f"),
+    ("duration_s", "minutes", ",.0f"),
+    ("climb_m", "climb m", ",.0f"),
+    ("stops", "stops", ",.0f"),
+    ("mass_kg", "mass kg", ",.0f"),
+    ("mass_std_kg", "std kg", ",.0f"),
+    ("reported_mass_kg", "reported kg", ",.0f"),
+    ("valid_share", "valid %", ".0f"),
+    ("torque_residual_pct", "residual %", "+.2f"),
+    ("reason", "why not valid", ""),
+)
+_SCALES = {"distance_m": 1e-3, "duration_s": 1 / 60, "valid_share": 100.0}
+
+
+def fleet_page(
+    lake: str,
+    vehicles: Sequence[Mapping[str, Any]],
+    masses: Sequence[tuple[int, int]],
+    links: dict[str, str],
+) -> Page:
+    """Return the index. masses: (t, trips) of 5 t each. links: vehicle -> its page."""
+    driven_h = sum(row["hours"] for row in vehicles)
+    valid = sum(row["valid_share"] * row["hours"] for row in vehicles) / driven_h if driven_h else 0.0
+    page = Page(
+        title=f"canest fleet · {lake}",
+        headline=f"{len(vehicles):,} vehicles, {sum(row['trips'] for row in vehicles):,} trips",
+        cards=[
+            Card("Logs", f"{sum(row['logs'] for row in vehicles):,}"),
+            Card("Distance", f"{sum(row['km'] for row in vehicles):,.0f} km"),
+            Card("Driving", f"{driven_h:,.0f} h"),
+            Card("Mass valid", f"{100 * valid:.0f} %", "of the driving time"),
+        ],
+    )
+    if masses:
+        trips = sum(count for _, count in masses)
+        bars = [(f"{t} to {t + 5} t", count / trips, look.BLUE) for t, count in masses]
+        page.sections.append(Section("Masses", text="Share of the trips with a valid mass.", bars=bars))
+    header = ["vehicle", *(title for _, title, _ in _FLEET_COLUMNS)]
+    rows = [[str(row["vehicle"]), *_cells(row, _FLEET_COLUMNS)] for row in vehicles]
+    text = (
+        "The residual is the part of the traction that the acceleration does not show, with the mass and the "
+        "grade that were estimated. A vehicle whose residual drifts has changed: tyres, brakes, injectors."
+    )
+    page.sections.append(
+        Section(
+            "Vehicles", text=text, table=Table(header, rows, links=[links.get(row[0], "") for row in rows])
+        )
+    )
+    return page
+
+
+def vehicle_page(vehicle: Mapping[str, Any], trips: Any) -> Page:
+    """Return the page of a vehicle. trips: Arrow table of its legs, in order of time."""
+    page = Page(
+        title=f"fleet · {vehicle['vehicle']}",
+        headline=f"{vehicle['trips']:,} trips, {vehicle['km']:,.0f} km",
+        cards=[
+            Card("Mass valid", f"{100 * vehicle['valid_share']:.0f} %", "of the driving time"),
+            Card("Median mass", _text(vehicle["mass_kg"], ",.0f", " kg"), "of trips with a valid mass"),
+            Card("Residual", _text(vehicle["residual_pct"], "+.2f", " %"), "of the traction, median"),
+            Card("Trend", _text(vehicle["trend_pct"], "+.2f", " %"), "of the traction per 100 days"),
+        ],
+    )
+    shown = trips.take(np.arange(0, len(trips), -(-len(trips) // POINTS_MAX)))
+    dropped = f" Every {-(-len(trips) // POINTS_MAX)}th trip is shown." if len(shown) < len(trips) else ""
+    page.sections.append(
+        Section(
+            "Masses and residuals",
+            text="Bars are two standard deviations. Hollow: a mass that was not valid." + dropped,
+            figure=_figure(shown).to_json(),
+        )
+    )
+    last = trips.slice(max(0, len(trips) - TRIPS_SHOWN)).to_pylist()[::-1]
+    rows = [[f"{row['log']} · {row['leg']}", *_cells(row, _TRIP_COLUMNS)] for row in last]
+    header = ["log · leg", *(title for _, title, _ in _TRIP_COLUMNS)]
+    text = f"The last {len(rows):,} trips. `canest fleet query` has them all."
+    page.sections.append(Section("Trips", text=text, table=Table(header, rows, left=(0, 11))))
+    return page
+
+
+def _figure(trips: Any) -> Rows:
+    """Draw masses and residuals over time; over the number of the trip where no trip has a date."""
+    start = trips["start"].to_pylist()
+    dated = any(start)
+    x: list[Any] = (
+        [t.isoformat(" ", "seconds") if t else None for t in start] if dated else [*range(len(start))]
+    )
+    rows = Rows(["mass, t", "residual, % of traction"], [1.3, 1.0], "UTC" if dated else "trip")
+    status = np.array(trips["status"].to_pylist())
+    mass, std = _floats(trips, "mass_kg") / 1e3, _floats(trips, "mass_std_kg") / 1e3
+    reported = _floats(trips, "reported_mass_kg") / 1e3
+    valid = status == "valid"
+    for chosen, name, symbol in ((valid, "valid", "circle"), (~valid, "not valid", "circle-open")):
+        rows.traces.append({
+            "type": "scatter", "mode": "markers", "name": name, "x": x, "yaxis": "y", "xaxis": "x",
+            "y": numbers(np.where(chosen, mass, np.nan), 3), "marker": {"symbol": symbol, "color": look.BLUE},
+            "error_y": {"array": numbers(2 * std, 3), "thickness": 1, "width": 0,
+                        "visible": name == "valid"},
+            "hovertemplate": "%{y:.2f} t",
+        })  # fmt: skip
+    if np.isfinite(reported).any():
+        rows.traces.append({
+            "type": "scatter", "mode": "markers", "name": "reported by the vehicle", "x": x, "yaxis": "y",
+            "xaxis": "x", "y": numbers(reported, 3), "marker": {"symbol": "x", "color": look.ORANGE},
+            "hovertemplate": "%{y:.2f} t",
+        })  # fmt: skip
+    residual = np.where(valid, _floats(trips, "torque_residual_pct"), np.nan)
+    rows.traces.append({
+        "type": "scatter", "mode": "markers", "name": "residual", "x": x, "yaxis": "y2", "xaxis": "x2",
+        "y": numbers(residual, 3), "marker": {"color": look.RED, "size": 5}, "hovertemplate": "%{y:.2f} %",
+    })  # fmt: skip
+    days = (
+        np.array([t.replace(tzinfo=UTC).timestamp() / _DAY_S if t else np.nan for t in start])
+        if dated
+        else np.arange(len(x))
+    )
+    line = _trend(np.asarray(days, np.float64), residual)
+    if line is not None:
+        rows.line(2, x, numbers(line, 3), "trend", look.Stroke(look.INK, dash="dash"), hover="%{y:.2f} %")
+    return rows
+
+
+def _trend(x: FloatColumn, y: FloatColumn) -> FloatColumn | None:
+    """Return a straight line through points (n,), None where there are too few."""
+    known = np.isfinite(x) & np.isfinite(y)
+    if np.count_nonzero(known) < 3 or np.ptp(x[known]) <= 0.0:
+        return None
+    middle = x[known].mean()
+    slope, offset = np.polyfit(x[known] - middle, y[known], 1)
+    return np.asarray(offset + slope * (x - middle))
+
+
+def _floats(trips: Any, name: str) -> FloatColumn:
+    return np.asarray(trips[name].to_numpy(), np.float64)
+
+
+def _cells(row: Mapping[str, Any], columns: Sequence[tuple[str, str, str]]) -> list[str]:
+    return [_text(row[key], form, scale=_SCALES.get(key, 1.0)) for key, _, form in columns]
+
+
+def _text(value: Any, form: str, unit: str = "", scale: float = 1.0) -> str:
+    if value is None or value != value:  # noqa: PLR0124 - NaN
+        return "-"
+    if not form:
+        return str(value)[:16] if hasattr(value, "isoformat") else str(value)
+    return format(value * scale, form) + unit

@@ -1,0 +1,86 @@
+"""Logs in a store with the real S3 API, the lake there too, and a store that fails in the middle."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from .conftest import ROOT, command, files_of, run
+
+UPLOAD = """
+import sys
+from pathlib import Path
+import s3fs
+fs = s3fs.S3FileSystem()
+fs.mkdir("fleet")
+for path in sorted(Path(sys.argv[1]).rglob("*")):
+    if path.is_file():
+        fs.pipe_file("fleet/" + path.relative_to(sys.argv[1]).as_posix(), path.read_bytes())
+"""
+FETCH = """
+import sys
+import s3fs
+s3fs.S3FileSystem().get("fleet-lake/lake/", sys.argv[1] + "/", recursive=True)
+"""
+MAKE = "import s3fs; s3fs.S3FileSystem().mkdir('fleet-lake')"
+
+
+def python(script: str, environment: dict[str, str], *arguments: object) -> None:
+    subprocess.run(
+        [sys.executable, "-c", script, *map(str, arguments)],
+        env=os.environ | environment, cwd=ROOT, check=True, timeout=120,
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_from_a_store_into_a_store_with_resume_query_and_forget(s3, logs, manifest, lake, tmp_path):
+    python(UPLOAD, s3, logs)
+    python(MAKE, s3)
+    done = run("s3://fleet", "s3://fleet-lake/lake", manifest, environment=s3)
+    assert (done.code, done.tally["done"]) == (0, 8), done.err
+    again = run("s3://fleet", "s3://fleet-lake/lake", manifest, "--resume", environment=s3)
+    assert (again.code, again.tally["present"]) == (0, 8), again.err
+    sql = "select log, mass_kg, distance_m from trips order by log"
+    there, here = command("query", "s3://fleet-lake/lake", sql, environment=s3), command("query", lake, sql)
+    assert there.out == here.out
+    python(FETCH, s3, tmp_path / "copy")
+    assert len(files_of(tmp_path / "copy")) == len(files_of(lake))
+    gone = command("forget", "s3://fleet-lake/lake", "truck-1", environment=s3)
+    assert gone.out == "8 files removed\n", gone.err
+    left = command("query", "s3://fleet-lake/lake", "select distinct vehicle from trips", environment=s3)
+    assert left.out == "vehicle\ntruck-2\n"
+
+
+@pytest.mark.slow
+def test_a_store_that_fails_in_the_middle_costs_those_logs(s3, logs, manifest, tmp_path):
+    python(UPLOAD, s3, logs)
+    # listed, and gone when it is fetched: a pattern of two logs of which one cannot be read any more
+    (tmp_path / "lake").mkdir()
+    process = subprocess.Popen(
+        [sys.executable, "-c", LATE, "s3://fleet", tmp_path / "lake", manifest], cwd=ROOT,
+        env=os.environ | s3, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    out, err = process.communicate(timeout=240)
+    assert process.returncode == 1, err
+    assert "error: t1/day0.log: cannot be fetched: " in err
+    assert "8 logs: 7 done, 0 there before, 1 failed, 0 without a rule" in out
+
+
+#: removes a log after the listing, as whoever tidies up a bucket does
+LATE = """
+import sys
+import s3fs
+from canest.cli.main import run
+from canest.fleet import run as fleet_run
+list_logs = fleet_run.find_logs
+def find_logs(source):
+    listing = list_logs(source)
+    s3fs.S3FileSystem().rm_file("fleet/t1/day0.log")
+    return listing
+fleet_run.find_logs = find_logs
+source, lake, manifest = sys.argv[1:]
+sys.exit(run(["fleet", "run", source, "-o", lake, "--manifest", manifest]))
+"""

@@ -1,0 +1,160 @@
+"""A fleet on this machine: what is in the lake, what is named, what goes on."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from .conftest import ROOT, candump, command, files_of, run, wait_for
+
+
+def rows(lake: Path, sql: str) -> list[str]:
+    done = command("query", lake, sql)
+    assert done.code == 0, done.err
+    return done.out.splitlines()
+
+
+def test_the_lake_has_a_row_per_leg_and_two_logs_of_equal_content_are_two(lake):
+    found = rows(lake, "select log, vehicle, date, status from trips order by log")
+    assert found[0] == "log,vehicle,date,status"
+    assert [row.split(",")[:3] for row in found[1:]] == [
+        ["t1/copy.log.xz", "truck-1", "2023-11-20"],
+        ["t1/day0.log", "truck-1", "2023-11-14"],
+        ["t1/day1.log", "truck-1", "2023-11-15"],
+        ["t1/day2.log", "truck-1", "2023-11-16"],
+        ["t2/copy.log.xz", "truck-2", "2023-11-20"],
+        ["t2/day0.log", "truck-2", "2023-11-14"],
+        ["t2/day1.log", "truck-2", "2023-11-15"],
+        ["t2/day2.log", "truck-2", "2023-11-16"],
+    ]
+    assert rows(lake, "select max(n) from (select count(*) n from samples group by log)")[1] == "13"
+
+
+def test_every_file_names_the_version_of_its_schema(lake):
+    for path in [*lake.glob("trips/*/*/*.parquet"), *lake.glob("samples/*/*/*.parquet")]:
+        assert pq.read_metadata(path).metadata[b"canest.schema"] == b"1"
+
+
+def test_what_is_there_is_not_done_again_and_what_changed_is(lake, logs, manifest, tmp_path):
+    copy, source = tmp_path / "lake", tmp_path / "logs"
+    shutil.copytree(lake, copy)
+    shutil.copytree(logs, source)
+    done = run(source, copy, manifest, "--resume")
+    assert (done.tally["done"], done.tally["present"]) == (0, 8), done.err
+    assert files_of(copy) == files_of(lake)
+    (source / "t1/day0.log").write_bytes(candump(16, 1_700_000_000))
+    done = run(source, copy, manifest, "--resume")
+    assert (done.tally["done"], done.tally["present"]) == (1, 7), done.err
+    assert len(files_of(copy)) == len(files_of(lake))
+    assert rows(copy, "select count(*) from samples where log = 't1/day0.log'")[1] == "15"
+
+
+def test_what_fits_no_rule_or_cannot_be_read_is_named_and_the_rest_is_done(logs, lake, tmp_path):
+    source = tmp_path / "logs"
+    shutil.copytree(logs / "t1", source / "t1")
+    (source / "t1/empty.log").write_bytes(b"")
+    (source / "t1/bad.log").write_bytes(b"nonsense\n")
+    (source / "stray.log").write_bytes(candump(5))
+    (source / "read me.md").write_text("no log")
+    rules = tmp_path / "fleet.csv"
+    rules.write_text("pattern,vehicle,config\nt1/*,truck-1,kenworth\n")
+    done = run(source, tmp_path / "lake", rules)
+    assert done.code == 1
+    assert [log["log"] for log in done.tally["failed"]] == ["t1/bad.log"]
+    assert done.tally["unmatched"] == [
+        {"log": "stray.log", "reason": "no rule of the manifest fits its path"}
+    ]
+    assert done.tally["passed_over"] == ["read me.md"]
+    assert done.tally["done"] == 5
+    assert "error: t1/bad.log: nothing to read" in done.err
+    assert rows(tmp_path / "lake", "select status, reason from trips where log = 't1/empty.log'")[1] == (
+        "unestimated,the log is empty: it holds no frames"
+    )
+
+
+@pytest.mark.slow
+def test_a_log_that_hangs_and_one_that_eats_memory_cost_themselves_alone(lake, logs, tmp_path):
+    source = tmp_path / "logs"
+    shutil.copytree(logs / "t1", source)
+    os.mkfifo(source / "hangs.log")  # nobody ever writes
+    hungry_log(source / "hungry.parquet")
+    rules = tmp_path / "fleet.csv"
+    rules.write_text("pattern,vehicle,config\nhungry.*,truck-1,bmw-i3\n*,truck-1,kenworth\n")
+    done = run(source, tmp_path / "lake", rules, "--timeout", 20, "--memory", 500, "--log-budget", "none")
+    assert done.tally["failed"] == [
+        {"log": "hangs.log", "error": "takes more than 20 s, 2 times"},
+        {"log": "hungry.parquet", "error": "takes more than 500 MB of memory, 2 times"},
+    ]
+    assert done.tally["done"] == 4
+    good = {name.split("/")[-1] for name in files_of(tmp_path / "lake")}
+    assert len(good) == 5  # names of results, equal in both tables, and the mark
+
+
+def hungry_log(path: Path) -> None:
+    """Write some kilobytes that take gigabytes to read: rows of one long text, which stands in it once."""
+    rows = pa.array(np.zeros(200_000, np.int32))
+    texts = pa.DictionaryArray.from_arrays(rows, pa.array(["0" * 20_000]))
+    names = ("Time [s]", "t_s")
+    pq.write_table(pa.table(dict.fromkeys(names, texts)), path, store_schema=False, row_group_size=200_000)
+
+
+@pytest.mark.slow
+def test_killed_in_the_middle_and_resumed_the_lake_is_that_of_an_undisturbed_run(
+    lake, logs, manifest, tmp_path
+):
+    folder = tmp_path / "lake"
+    arguments = [sys.executable, "-m", "canest", "fleet", "run", logs, "-o", folder, "--manifest", manifest]
+    for number in (signal.SIGKILL, signal.SIGINT):
+        before = len(list(folder.glob("trips/*/*/*.parquet")))
+        process = subprocess.Popen(
+            [*arguments, "--workers", "1", "--resume"], cwd=ROOT, stderr=subprocess.PIPE
+        )
+        wait_for(lambda n=before: len(list(folder.glob("trips/*/*/*.parquet"))) > n)
+        process.send_signal(number)
+        _, err = process.communicate(timeout=30)
+        assert process.returncode
+    assert b"logs are done and kept: the same command with --resume does the rest" in err
+    done = run(logs, folder, manifest, "--resume")
+    assert done.code == 0
+    assert done.tally["present"] >= 2
+    assert files_of(folder) == files_of(lake)
+
+
+@pytest.mark.slow
+def test_two_runs_at_once_give_the_lake_of_one(lake, logs, manifest, tmp_path):
+    folder = tmp_path / "lake"
+    arguments = [sys.executable, "-m", "canest", "fleet", "run", logs, "-o", folder, "--manifest", manifest]
+    processes = [subprocess.Popen(arguments, cwd=ROOT) for _ in range(2)]
+    assert [process.wait(120) for process in processes] == [0, 0]
+    assert files_of(folder) == files_of(lake)
+
+
+def test_workers_end_with_the_run(logs, manifest, tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "canest", "fleet", "run", logs, "-o", tmp_path / "lake", "--manifest",
+         manifest],
+        cwd=ROOT, stdout=subprocess.DEVNULL,
+    )  # fmt: skip
+    wait_for(lambda: children_of(process.pid))
+    children = children_of(process.pid)
+    process.kill()
+    process.wait(10)
+    time.sleep(0.1)
+    wait_for(lambda: not any(Path(f"/proc/{child}").exists() for child in children), 20)
+
+
+def children_of(pid: int) -> list[int]:
+    found = []
+    for task in Path(f"/proc/{pid}/task").glob("*/children"):
+        found += [int(child) for child in task.read_text().split()]
+    return found
