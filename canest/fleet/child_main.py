@@ -14,12 +14,12 @@ import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 LENGTH = struct.Struct("<Q")
 
 
-def write_message(file: BinaryIO, message: Any) -> None:
+def write_message(file: IO[bytes], message: Any) -> None:
     """Send a message. Errors: OSError."""
     content = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
     file.write(LENGTH.pack(len(content)))
@@ -27,7 +27,7 @@ def write_message(file: BinaryIO, message: Any) -> None:
     file.flush()
 
 
-def read_message(file: BinaryIO) -> Any:
+def read_message(file: IO[bytes]) -> Any:
     """Return the next message. Errors: EOFError where the other side is gone."""
     head = file.read(LENGTH.size)
     if len(head) < LENGTH.size:
@@ -58,7 +58,7 @@ def main() -> None:
         write_message(results, process_log(job, bundles, settings))
 
 
-def _receive(file: BinaryIO, jobs: queue.SimpleQueue[Any]) -> None:
+def _receive(file: IO[bytes], jobs: queue.SimpleQueue[Any]) -> None:
     """Pass on jobs; end the process when the parent is gone, whatever it is doing."""
     with suppress(EOFError, OSError):
         while True:

@@ -6,6 +6,7 @@ Memory grows by some bytes per second of driving, not per frame.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -58,7 +59,7 @@ class Recording:
         self._speeds.append(speed)
         roles = self._roles(len(samples))
         whole = np.flatnonzero(samples.t_us % SECOND_US == 0)
-        values = {
+        values: dict[str, Any] = {
             "t_us": samples.t_us, "accel_mps2": samples.accel_mps2, "force_N": samples.force_N,
             "traction_N": samples.traction_N, "mu": samples.mu, "grade": estimates.grade,
             "gate": samples.gate, "reported_mass_kg": roles[_REPORTED],

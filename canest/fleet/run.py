@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -119,7 +119,7 @@ def _compiling_pays(plan: Plan) -> bool:
     return sum(sizes) / TEXT_BYTES_PER_S > COMPILED_FROM_S * (os.cpu_count() or 1)
 
 
-def _outcomes(request: Request, plan: Plan, lake: Lake) -> Iterator[Outcome]:
+def _outcomes(request: Request, plan: Plan, lake: Lake) -> Generator[Outcome, None, None]:
     # through a store everybody can write to, results need not pass here
     where = "" if lake.storage.is_local else lake.storage.url()
     settings = replace(request.settings, version=code_version(), lake=where, compiled=_compiling_pays(plan))

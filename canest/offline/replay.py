@@ -206,17 +206,6 @@ class LogRun:
             yield estimates
 
 
-def _all_of(*listeners: Listener | None) -> Listener:
-    """Return a listener that hands on what it gets."""
-    asked = [listener for listener in listeners if listener is not None]
-
-    def listen(samples: ModelBlock, estimates: EstimateBlock) -> None:
-        for listener in asked:
-            listener(samples, estimates)
-
-    return listen
-
-
 def compiling_pays(logs: Sequence[str | Path | MemoryLog], passes: int = 1) -> bool:
     """Return whether logs are so long that compiled kernels win back what importing numba costs.
 
