@@ -41,7 +41,7 @@ notices where an RMS changes by 2 % of it, or a share by a point. Mass RMS is th
 runs, stops with a changed load included."""
 #: what must stay below 1, and the most it is set to
 PROBABILITIES = ("driver.answered_share", "load.moving_probability", "load.drift_probability")
-PROBABILITIES += ("load.settle_probability", "noise.ringing")
+PROBABILITIES += ("load.surprised_probability", "noise.ringing")
 MOST_PROBABLE = 0.99
 #: these too count their share of a whole
 WHOLE = ("noise.power",)

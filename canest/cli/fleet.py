@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from canest.fleet.run import Tally
 
 EPILOG = """\b
-Start here (pip install 'canest[fleet]'):
+Examples (pip install 'canest[fleet]' first):
   canest fleet run logs/ -o lake/ --manifest fleet.csv
   canest fleet report lake/ -o report/
   canest fleet query lake/ "select vehicle, avg(mass_kg) from trips group by vehicle"

@@ -55,6 +55,8 @@ class Mf4File:
 
     def read(self, address: int, size: int) -> bytes:
         """Return bytes of the file, fewer at its end."""
+        if not 0 <= address <= self.size:
+            raise UnsupportedMf4Error("a link that leads out of the file")
         self._file.seek(address)
         return self._file.read(size)
 

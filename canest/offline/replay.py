@@ -119,20 +119,7 @@ def replay(
     summary["reported_masses"] = [mass.to_json() for mass in others]
     if score is not None:
         summary["errors"] = score.errors()
-    notes = (
-        overlap_warnings(config.databases)
-        + log_warnings(run.reader)
-        + run.table_map.warnings()
-        + stream_warnings(run.pipeline.intake, run.pipeline.stuck_ticks)
-    )
-    notes += stale_warnings(config, run.pipeline)
-    if run.pipeline.updated:
-        notes += missing_signal_warnings(config, run.pipeline.intake.received)
-    if warning := run.pipeline.estimator.contradiction():
-        notes.append(warning)
-    if score is not None:
-        v = config.vehicle
-        notes += score.notes() + score.beyond(v.mass_min_kg, v.mass_max_kg)
+    notes = _warnings(run, config, score)
     summary["notes"] = notes
     summary["wall_s"] = round(time.perf_counter() - begin, 4)
     snapshot = run.pipeline.snapshot()
@@ -140,6 +127,21 @@ def replay(
         name: float(snapshot[name]) for name in ("nis", "runs_z", "windows") if name in snapshot
     }
     return ReplayResult(str(log), summary, score, notes, innovations, legs)
+
+
+def _warnings(run: LogRun, config: Config, score: Score | None) -> list[str]:
+    """Return what was odd about the log, the config and their truth, in sentences."""
+    pipeline = run.pipeline
+    found = overlap_warnings(config.databases) + log_warnings(run.reader) + run.table_map.warnings()
+    found += stream_warnings(pipeline.intake, pipeline.stuck_ticks) + stale_warnings(config, pipeline)
+    if pipeline.updated:
+        found += missing_signal_warnings(config, pipeline.intake.received)
+    if warning := pipeline.estimator.contradiction():
+        found.append(warning)
+    if score is not None:
+        v = config.vehicle
+        found += score.notes() + score.beyond(v.mass_min_kg, v.mass_max_kg)
+    return found
 
 
 def _opened(

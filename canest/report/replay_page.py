@@ -231,8 +231,9 @@ def _residual(recorder: Recorder, innovations: dict[str, float]) -> Section:
         rows.append(
             ["normalised innovation squared", nis, "1 when the estimator's standard deviation is right"]
         )
-        runs = _or_dash(innovations["runs_z"], "+.1f")
-        rows.append(["runs test of innovations (z)", runs, f"over {innovations['windows']:,.0f} windows"])
+        if "runs_z" in innovations:
+            runs = _or_dash(innovations["runs_z"], "+.1f")
+            rows.append(["runs test of innovations (z)", runs, f"over {innovations['windows']:,.0f} windows"])
     text = "A correlated residual points at something the model lacks: canest diagnose looks for it."
     table = Table(["", "value", "meaning"], rows, left=(0, 2))
     return Section("What is left over", text=text, table=table)

@@ -17,7 +17,8 @@ NUMBERS = ("t_s", "mass_kg", "mass_std_kg", "grade", "grade_std")
 MAPPED = """
 vehicle: {mass_min_kg: 7000, mass_max_kg: 40000, wheel_radius_m: 0.5, wheel_inertia_kgm2: 130,
           final_drive: 3.73, gear_ratios: {7: 1.90, 8: 1.38, 9: 1.00}, engine_inertia_kgm2: 3.2,
-          reference_torque_Nm: 2100, drag_area_m2: 6.4, rolling_resistance: 0.006}
+          reference_torque_Nm: 2100, drag_area_m2: 6.4, rolling_resistance: 0.006,
+          torque_accuracy_pct: 2, wheel_radius_accuracy_pct: 0.5}
 dbc: []
 signals:
   engine_torque_pct: {column: torque}

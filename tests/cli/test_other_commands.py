@@ -18,7 +18,7 @@ def test_help_teaches_with_examples(canest, name):
     done = canest(name, "--help")
     assert done.code == 0, done.err
     assert f"canest {name}" in done.out
-    assert "Examples:" in done.out
+    assert "Examples" in done.out
 
 
 def test_help_lists_every_command(canest):
@@ -84,7 +84,7 @@ def test_compare_and_diagnose_warn_of_the_log_as_replay_does(canest, tmp_path):
     log.write_bytes(b"".join([lines[0], b"no frame\n", *lines[1:], *late]))
     told = canest("replay", log, "-c", "kenworth", "--json", tmp_path / "replay.json")
     notes = json.loads((tmp_path / "replay.json").read_text())["notes"]
-    assert len(notes) == 2 and "line 2 skipped" in notes[0] and "1 gaps" in notes[1]
+    assert "line 2 skipped" in notes[0] and "1 gaps" in notes[1]
     told = canest(
         "compare", log, "-c", "kenworth", "--mass", "7700", "--only", "rls",
         "--json", tmp_path / "compare.json", "--report", tmp_path / "compare.html",

@@ -12,7 +12,7 @@ from canest.config.schema import Config
 STEEPEST = 0.05  #: the roads of these runs have 1 % rms
 
 
-@pytest.mark.parametrize("estimator", ["canest", "canest-next"])
+@pytest.mark.parametrize("estimator", ["canest-0.1", "canest"])
 @pytest.mark.parametrize("seed", range(4))
 def test_braking_that_nothing_reports_is_neither_weight_nor_a_hill(estimator: str, seed: int) -> None:
     config = Config.model_validate(CONFIG | {"estimator": {"name": estimator}})

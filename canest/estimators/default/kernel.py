@@ -281,7 +281,7 @@ def run(
             prune_impossible(filters, v.least_u, v.most_u)
         changed_N = w.traction_N if begins else moved
         levels = follow(levels, innovations, changed_N, is_open, sees, c.noise, v)
-        given = report(filters, given, nodes, metres, begins, c, v)
+        given = report(filters, given, nodes, metres, is_open, begins, c, v)
         p = Progress(
             mixed_m if road_m == 0.0 else 0.0, driven_m if driver_m == 0.0 else 0.0,
             before + 1.0 if is_open else 0.0, calm, slow_N, w.force_N,

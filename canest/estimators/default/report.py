@@ -80,9 +80,10 @@ def summed_mixture(filters: Filters, nodes: Any, least: float, power: float) -> 
 
 @jit.kernel
 def report(
-    filters: Filters, before: Report, nodes: Any, metres: float, begins: bool, c: Constants, vehicle: Vehicle,
+    filters: Filters, before: Report, nodes: Any, metres: float, is_open: bool, begins: bool, c: Constants,
+    vehicle: Vehicle,
 ) -> Report:  # fmt: skip
-    """Return what is reported after a window."""
+    """Return what is reported after a window; the mass is held while a gate is closed."""
     power, least = c.noise.power, left_out(filters.weight)
     total = u1 = u2 = g1 = g2 = 0.0
     for k in range(len(filters.weight)):
@@ -109,7 +110,9 @@ def report(
     scale = max(u1, 0.1 * vehicle.least_u)
     spread = max(u2 - u1 * u1, 0.0) / (scale * scale)
     windows = before.windows - 1.0
-    if spread < _WIDE * _WIDE and vehicle.least_u < u1 < vehicle.most_u:
+    if not is_open:
+        mass, var, windows = before.mass_kg, before.mass_var, before.windows
+    elif spread < _WIDE * _WIDE and vehicle.least_u < u1 < vehicle.most_u:
         mass = (1.0 + spread) / u1
         var, windows = spread * mass * mass, 0.0
     elif windows <= 0.0 or begins:
