@@ -16,7 +16,6 @@ MECHANISMS = (
     Variant("a load that drifts", {"load.drift_probability": 0.0}),
     Variant("another load after a stop", {"load.stop_s": NEVER}),
     Variant("several normal densities for an unknown load", {"load.banks": 1}),
-    Variant("delay, slip and bias loosened with a new load", {"load.loosened": 0.0}),
     # -- the driver
     Variant("torque that answers the road", {"driver.answered_share": 0.0}),
     Variant("limit of the road's answer", {"driver.most_1pm": 1.0}),

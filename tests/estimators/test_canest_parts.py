@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from canest.core import jit
 from canest.estimators.default import hypotheses, predict, update
 from canest.estimators.default.constants import CONSTANTS
 from canest.estimators.default.load import Standing, changed_probability, stand
@@ -13,6 +14,12 @@ from canest.estimators.default.report import summed_mixture
 
 N = 11
 FAR = 1e9  #: no innovation is cut
+
+
+@pytest.fixture(autouse=True)
+def interpreted():
+    """Lists go to interpreted kernels, whatever a replay before has switched on."""
+    jit.enable(False)
 
 
 def density(seed):

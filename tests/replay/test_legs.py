@@ -225,7 +225,8 @@ def test_a_measured_bus_weighs_more_with_more_passengers(tmp_path):
     for part in loads:
         between = known[known["time_unix"].between(part["from_s"] - 30, part["to_s"])]
         mean.append(between["itcs_numberOfPassengers"].mean())
-    fullest = loads[int(np.argmax(mean))]
-    assert fullest["mass_kg"] == max(part["mass_kg"] for part in loads)
-    assert np.corrcoef(mean, [part["mass_kg"] for part in loads])[0, 1] > 0.8
+    # passengers are counted at stops, and a short leg may lie between two counts
+    counted = [(n, part["mass_kg"]) for n, part in zip(mean, loads, strict=True) if np.isfinite(n)]
+    assert max(counted)[1] == max(mass for _, mass in counted)
+    assert np.corrcoef(np.array(counted).T)[0, 1] > 0.8
     assert 18_500 < min(part["mass_kg"] for part in loads) < 22_500

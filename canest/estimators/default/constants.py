@@ -67,7 +67,6 @@ class Load(NamedTuple):
     challenge_s: float = 8.0  #: open gates between two challenges
     banks: int = 4  #: normal densities that stand for an unknown load, log-spaced
     spread: float = 0.7  #: their std, in their spacing
-    loosened: float = 0.1  #: share of its prior variance by which a new load changes delay, slip, bias, pitch
 
 
 class Noise(NamedTuple):

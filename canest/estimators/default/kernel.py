@@ -223,7 +223,7 @@ def run(
                 probability = 1.0 if failed else changed_probability(standing.unknown_s, c.load)
                 for i in range(len(filters.pending)):
                     filters.pending[i] = 0.0
-                loosened = 1.0 if failed else c.load.loosened
+                loosened = 1.0 if failed else 0.0
                 open_load(
                     filters, probability, loosened, centres, prior_var, False, w.rotating_kg, c, v, room
                 )
@@ -234,7 +234,7 @@ def run(
                 question_drift(filters, c.load)
             changed = c.load.surprised_probability if p.surprised > 0.0 else c.load.moving_probability
             open_load(
-                filters, changed, c.load.loosened, centres, prior_var, True,
+                filters, changed, 0.0, centres, prior_var, True,
                 w.rotating_kg, c, v, room,
             )  # fmt: skip
         # -- what all hypotheses share
