@@ -289,7 +289,7 @@ def test_a_daemon_that_hangs_or_ends_shows_and_one_that_comes_back_is_followed(b
         stack.enter_context(vehicle.drive())
         assert wait_for(lambda: is_up(port), 30)
         tab = browser.page(f"http://127.0.0.1:{port}/")
-        tab.wait("/[0-9] km.h/.test(document.getElementById('speed').textContent)", 30)
+        tab.wait("/[0-9] km.h/.test(document.getElementById('speed').textContent)", 90)
         daemon.send(signal.SIGSTOP)
         tab.wait(f"{PROBLEM}.includes('has sent nothing for')", LOST_S)
         daemon.send(signal.SIGCONT)
@@ -297,7 +297,7 @@ def test_a_daemon_that_hangs_or_ends_shows_and_one_that_comes_back_is_followed(b
         daemon.end()
         tab.wait(f"{PROBLEM}.includes('No data')", LOST_S)
         stack.enter_context(vehicle.daemon())
-        tab.wait("/[0-9] km.h/.test(document.getElementById('speed').textContent)", 30)
+        tab.wait("/[0-9] km.h/.test(document.getElementById('speed').textContent)", 90)
 
 
 def test_a_page_reconnects_by_itself_and_says_so_meanwhile(browser, driving, vehicle):
@@ -325,8 +325,8 @@ def test_a_page_of_the_broadcast_alone_shows_the_same_mass(browser, driving, veh
         assert tab.errors() == []
 
 
-def test_killing_the_page_leaves_the_daemon_as_it_was_and_a_dead_daemon_takes_it_along(tmp_path):
-    vehicle, port = Vehicle(tmp_path, "239.74.163.23"), free_port()
+def test_killing_the_page_leaves_the_daemon_as_it_was_and_a_dead_daemon_takes_it_along(tmp_path_factory):
+    vehicle, port = Vehicle(tmp_path_factory.mktemp("v"), "239.74.163.23"), free_port()
     with vehicle.daemon("--serve", port) as daemon:
         assert wait_for(lambda: is_up(port), 30)
         [child] = Path(f"/proc/{daemon.process.pid}/task/{daemon.process.pid}/children").read_text().split()
