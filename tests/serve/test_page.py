@@ -281,8 +281,8 @@ def test_a_lost_bus_shows_and_the_last_mass_stays_with_its_age(page, driving, ve
     page.wait(f"!{PROBLEM}")
 
 
-def test_a_daemon_that_hangs_or_ends_shows_and_one_that_comes_back_is_followed(browser, tmp_path):
-    vehicle, port = Vehicle(tmp_path, "239.74.163.22"), free_port()
+def test_a_daemon_that_hangs_or_ends_shows_and_one_that_comes_back_is_followed(browser, tmp_path_factory):
+    vehicle, port = Vehicle(tmp_path_factory.mktemp("v"), "239.74.163.22"), free_port()
     with contextlib.ExitStack() as stack:
         daemon = stack.enter_context(vehicle.daemon())
         stack.enter_context(vehicle.page(port))
