@@ -7,7 +7,7 @@ import numpy as np
 from canest.core.frames import FloatColumn
 from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.search.forward_selection import Search
-from canest.diagnosis.search.gauss_newton import fit_on
+from canest.diagnosis.search.value_fit import fit_on
 from canest.diagnosis.search.held_out import Score
 from canest.diagnosis.search.joint_fit import MIN_TORQUE_STEPS
 

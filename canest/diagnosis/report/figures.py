@@ -12,7 +12,7 @@ from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.run import Diagnosis
 from canest.diagnosis.search.choice import Chosen
 from canest.diagnosis.search.dependence import Cause, binned, cause_of, causes
-from canest.diagnosis.search.gauss_newton import fit_on
+from canest.diagnosis.search.value_fit import fit_on
 from canest.report.figure import BLUE, GREEN, INK, MUTED, ORANGE, Rows, Stroke, numbers
 from canest.report.panels import Panels
 

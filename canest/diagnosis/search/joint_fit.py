@@ -15,7 +15,7 @@ from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.search.candidates import Candidate
 from canest.diagnosis.search.choice import Chosen, Tried
 from canest.diagnosis.search.equivalence import Alternatives
-from canest.diagnosis.search.gauss_newton import refine, regressors
+from canest.diagnosis.search.value_fit import refine, regressors
 from canest.diagnosis.search.small_errors import usual_spread, variance_beside
 from canest.vehicle.effects import Effect
 
