@@ -31,6 +31,7 @@ from canest.simulation import simulate
 DELAY = "torque_delay"
 #: a value counts as right within this share
 RIGHT = 0.15
+SHOWN = ("exact", "stated", "one of", "traced", "right", "confident wrong", "clean", "named")
 Row = dict[str, Any]
 
 
@@ -57,12 +58,12 @@ def judge(case: Case, told: dict[str, Any]) -> Row:
     """Compare what diagnosis.json says with what was planted."""
     entry = {c["effect"]: c for c in reversed(told["candidates"])}
     chosen = {c["effect"]: set(c["equivalent"]) for c in told["candidates"] if c["selected"]}
-    stated = [set(model) for model in told.get("models", [])] or [set(told["selected"])]
+    stated = [set(model["effects"]) for model in told["models"]]
     if DELAY not in case.planted:  # every engine has one: right to find, and never what is asked for
         chosen.pop(DELAY, None)
         stated = [model - {DELAY} for model in stated]
     planted = set(case.planted)
-    named = set(chosen).union(*chosen.values(), *stated) if chosen else set()
+    named = set(chosen).union(*chosen.values(), *(stated if chosen else ()))
     first = next(iter(chosen), None)
     values = {n: _value(entry, n) for n in planted & set(entry)}
     true = {n: v + (USUAL_DELAY_S if n == DELAY else 0.0) for n, v in case.planted.items()}
@@ -97,7 +98,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="another seed: other drives")
     parser.add_argument("--pairs", type=int, default=40, help="drives with two effects")
     parser.add_argument("--clean", type=int, default=20, help="drives with nothing planted")
-    parser.add_argument("--only", action="append", metavar="FAMILY", help="clean, single, pair, brake and wind")
+    parser.add_argument(
+        "--only", action="append", metavar="FAMILY", help="clean, single, pair, brake and wind"
+    )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--json", type=Path, help="write every drive here")
     parser.add_argument("-o", "--output", type=Path, help="write the page here")
@@ -116,13 +119,17 @@ def main() -> None:
 
 def _line(row: Row) -> str:
     planted = ", ".join(f"{n} {v:.4g}" for n, v in row["planted"].items()) or "nothing"
-    good = {k: row[k] for k in ("exact", "stated", "one of", "traced", "right", "confident wrong", "clean", "named")}
-    flags = " ".join(f"{k}={int(v)}" for k, v in good.items())
-    return f"{row['family']} {row['seed']} {row['reference']} {row['driver']} [{planted}]\n    {row['verdict']} {row['selected']} {row['before_N']:.0f}->{row['after_N']:.0f} {flags}\n    {row['finding']}"
+    flags = " ".join(f"{key}={int(row[key])}" for key in SHOWN)
+    change = f"{row['before_N']:.0f} -> {row['after_N']:.0f} N"
+    return (
+        f"{row['family']} {row['seed']} {row['reference']} {row['driver']} [{planted}]\n"
+        f"    {row['verdict']} {row['selected']} {change} {flags}\n    {row['finding']}"
+    )
 
 
 def figures(rows: list[Row]) -> list[tuple[str, str]]:
     """Return the figures that the page promises: what, and how many of how many."""
+
     def share(family: str, key: str, wanted: bool = True) -> str:
         mine = [r for r in rows if r["family"] == family]
         return f"{sum(bool(r[key]) == wanted for r in mine)} of {len(mine)}"

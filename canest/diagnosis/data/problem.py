@@ -100,7 +100,9 @@ class Problem:
         column_N: one column (n,) or several (n, k), in N.
         """
         bounds = np.cumsum([0, *(p.windows.count for p in self.parts)])
-        pieces = [f.innovations(column_N[a:b]) for f, (a, b) in zip(self._filters, pairwise(bounds), strict=True)]
+        pieces = [
+            f.innovations(column_N[a:b]) for f, (a, b) in zip(self._filters, pairwise(bounds), strict=True)
+        ]
         return np.concatenate(pieces)
 
     def beside_nuisance(self, columns: Sequence[FloatColumn]) -> Matrix:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import scipy.sparse as sparse
+from scipy import sparse
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn

@@ -33,7 +33,9 @@ class GradeFilter:
         passed_m = np.diff(part.windows.t_s, prepend=part.windows.t_s[:1]) * part.speed_mps
         keep = np.exp(-passed_m / part.reference.correlation_m)
         variance, gains, innovation = float(spread[0]), np.empty(len(keep)), np.empty(len(keep))
-        for k, (kept, wide, white) in enumerate(zip(keep.tolist(), spread.tolist(), noise.tolist(), strict=True)):
+        for k, (kept, wide, white) in enumerate(
+            zip(keep.tolist(), spread.tolist(), noise.tolist(), strict=True)
+        ):
             variance = kept * kept * variance + (1.0 - kept * kept) * wide
             innovation[k] = variance + white
             gains[k] = variance / innovation[k]

@@ -16,26 +16,28 @@ what they may do is therefore no evidence for anything.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, lstsq
 
 from canest.core.frames import FloatColumn, IntColumn
 from canest.diagnosis.data.least_squares import Matrix
+from canest.diagnosis.search.candidates import Candidate
 
-#: sets whose criterion is this close to the best are not told apart by the data (odds of 20)
-AS_LIKELY = 6.0
-#: an effect is taken where the criterion is better by this with it (odds of 150: "very strong")
-DECISIVE = 10.0
-#: sets of each size that are extended by one more effect
-BEAM = 40
+#: sets whose criterion is this close to the best are not told apart by the data, and an effect is taken where
+#: the criterion is better by this with it: odds of 20
+DECISIVE = 6.0
+#: effects of one set, beside the reporting delay
+MAX_EFFECTS = 5
+#: sets of two and more that are extended by one more effect
+BEAM = 25
 
 
 @dataclass(frozen=True)
 class ScoredSet:
-    """A set of candidates, by their places in the offered list: its criterion (lower is better), its values."""
+    """A set of candidates, by their places in the list: its criterion (lower is better), its values."""
 
     members: tuple[int, ...]
     criterion: float
@@ -46,13 +48,14 @@ class Evidence:
     """Scores sets of effects on the windows of one problem.
 
     errors: whitened columns (n, e) of the small errors, per standard deviation. nuisance: (n, m), always
-    free. chunk: block of each window.
+    free. noise: variance of one window; inflation: of the variance of a sum, by correlation within blocks.
     """
 
-    def __init__(self, errors: Matrix, nuisance: Matrix, chunk: IntColumn, noise: float, inflation: float):
+    def __init__(self, errors: Matrix, nuisance: Matrix, noise: float, inflation: float) -> None:
         self._errors, self._nuisance = errors, nuisance
-        self.observations = max(len(chunk) / inflation, 2.0)
-        self._prior = cho_factor(errors.T @ errors + noise * inflation * np.eye(errors.shape[1]))
+        self.noise = noise * inflation  #: variance of a window as if they were independent
+        self.observations = max(len(errors) / inflation, 2.0)
+        self._prior = cho_factor(errors.T @ errors + self.noise * np.eye(errors.shape[1]))
 
     def products(self, left: Matrix, right: Matrix) -> Matrix:
         """Return left' W right, where W takes out of both what small errors and nuisances may be."""
@@ -80,6 +83,15 @@ class Evidence:
         left, _ = _left(products, tuple(range(1, whole.shape[1])))
         return self.criterion(left, len(columns))
 
+    def remainder(self, residual: FloatColumn) -> FloatColumn:
+        """Return what small errors and nuisances leave of a residual (n,), both at their likeliest."""
+        fixed = np.column_stack([self._nuisance, self._errors])
+        prior = np.zeros((self._errors.shape[1], fixed.shape[1]))
+        prior[:, self._nuisance.shape[1] :] = np.eye(self._errors.shape[1]) * np.sqrt(self.noise)
+        stacked = np.vstack([fixed, prior])
+        taken, *_ = lstsq(stacked, np.append(residual, np.zeros(len(prior))))
+        return np.asarray(residual - fixed @ taken)
+
 
 def _left(products: Matrix, members: tuple[int, ...]) -> tuple[float, FloatColumn]:
     """Return what is left of column 0 beside the members, and their values."""
@@ -88,7 +100,9 @@ def _left(products: Matrix, members: tuple[int, ...]) -> tuple[float, FloatColum
     places = list(members)
     wanted = products[places, 0]
     scale = np.sqrt(np.maximum(np.diag(products)[places], 1e-30))
-    inverse = np.linalg.pinv(products[np.ix_(places, places)] / np.outer(scale, scale), rcond=1e-9, hermitian=True)
+    inverse = np.linalg.pinv(
+        products[np.ix_(places, places)] / np.outer(scale, scale), rcond=1e-9, hermitian=True
+    )
     values = -(inverse @ (wanted / scale)) / scale
     return float(products[0, 0] + wanted @ values), values
 
@@ -98,3 +112,43 @@ def inflation_of(left: FloatColumn, chunk: IntColumn) -> float:
     sums = np.bincount(chunk, weights=left)
     longest = float(np.bincount(chunk).max())
     return float(np.clip((sums**2).sum() / max(float(left @ left), 1e-30), 1.0, longest))
+
+
+def likely_sets(
+    evidence: Evidence, residual: FloatColumn, candidates: Sequence[Candidate], columns: Sequence[FloatColumn]
+) -> list[ScoredSet]:
+    """Return sets of candidates, best first: every single one, every pair, and the best larger ones.
+
+    residual: whitened (n,); columns: whitened regressors (n,), one per candidate. A set whose value no
+    vehicle can have, or that has an effect twice, is left out.
+    """
+    whole = np.column_stack([residual, *columns])
+    products = evidence.products(whole, whole)
+    left, _ = _left(products, ())
+    found = [ScoredSet((), evidence.criterion(left, 0), ())]
+    last = found
+    for size in range(1, MAX_EFFECTS + 1):
+        grown: dict[tuple[int, ...], ScoredSet] = {}
+        for base in last if size <= 2 else last[:BEAM]:
+            for new, c in enumerate(candidates):
+                members = tuple(sorted((*base.members, new)))
+                if members in grown or any(c.repeats(candidates[m]) for m in base.members):
+                    continue
+                left, values = _left(products, tuple(m + 1 for m in members))
+                if all(candidates[m].possible(v) for m, v in zip(members, values.tolist(), strict=True)):
+                    criterion = evidence.criterion(left, size)
+                    grown[members] = ScoredSet(members, criterion, tuple(values.tolist()))
+        last = sorted(grown.values(), key=lambda s: s.criterion)
+        found += last
+    return sorted(found, key=lambda s: s.criterion)
+
+
+def without_idle_members(sets: Sequence[ScoredSet]) -> list[ScoredSet]:
+    """Return the sets in which every effect pays for itself: no set of fewer of them is as good."""
+    by_members = {s.members: s.criterion for s in sets}
+
+    def idle(s: ScoredSet) -> bool:
+        smaller = (tuple(m for m in s.members if m != gone) for gone in s.members)
+        return any(by_members.get(members, np.inf) <= s.criterion for members in smaller)
+
+    return [s for s in sets if not idle(s)]

@@ -13,8 +13,7 @@ from canest.core.estimates import Estimates
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn, MonotonicClock
 from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.data.residual_windows import CHUNK_S
-from canest.diagnosis.search.forward_selection import Search
-from canest.diagnosis.search.value_fit import fit_on
+from canest.diagnosis.search.set_search import Search
 from canest.vehicle.effects import Effect
 from canest.vehicle.effects.load import added_kg
 
@@ -72,7 +71,7 @@ def two_folds(problem: Problem, search: Search) -> list[Fold]:
     half = unit % 2 == 1
     folds = []
     for judged in (half, ~half):
-        effects, taken_N = fit_on(problem, search.base, search.chosen, ~judged)
+        effects, taken_N = search.fit_on(~judged)
         folds.append(Fold(effects, taken_N, judged))
     return folds
 

@@ -1,10 +1,12 @@
-"""The values of the chosen effects, fitted together within their bounds: on all windows, or on some of them."""
+"""The values of the chosen effects, fitted together within their bounds, on all windows or some of them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import svd
 from scipy.optimize import least_squares
 
 from canest.core.frames import BoolColumn, FloatColumn
@@ -19,6 +21,23 @@ SMALL_GAIN, MAX_STEPS = 1e-3, 8
 _SAME_REGRESSORS = 0.5
 #: a start at a bound is moved inside by this share of the parameter's step
 _INSIDE = 1e-3
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What may be in the residual beside the chosen effects: whitened columns (n, e), per standard deviation.
+
+    noise: variance of one window; against it every column's price is weighed.
+    """
+
+    errors: Matrix
+    noise: float
+
+    def beside(self, rows: BoolColumn) -> Callable[[Matrix], Matrix]:
+        """Return what takes out of columns on these rows (k, ...) what the errors may be."""
+        basis, size, _ = svd(self.errors[rows], full_matrices=False)
+        taken = 1.0 - np.sqrt(self.noise / (size**2 + self.noise))
+        return lambda columns: columns - (basis * taken) @ (basis.T @ columns)
 
 
 def effects_with(base: Sequence[Effect], chosen: Sequence[Chosen]) -> list[Effect]:
@@ -42,29 +61,42 @@ def regressors(
     return columns
 
 
-def refine(problem: Problem, base: Sequence[Effect], chosen: Sequence[Chosen]) -> FloatColumn:
+def refine(
+    problem: Problem, base: Sequence[Effect], chosen: Sequence[Chosen], prior: Prior | None = None
+) -> FloatColumn:
     """Fit all chosen parameters together, in place (a delay or a wind is not linear).
 
-    Returns the residual at their values (n,), in N, not whitened.
+    prior: the small errors that may be beside them. Returns the residual at their values (n,), in N, not
+    whitened.
     """
-    _fit(problem, base, chosen, np.ones(problem.rows, np.bool_))
+    _fit(problem, base, chosen, np.ones(problem.rows, np.bool_), prior)
     return problem.residual_N(effects_with(base, chosen))
 
 
 def fit_on(
-    problem: Problem, base: Sequence[Effect], chosen: Sequence[Chosen], rows: BoolColumn
+    problem: Problem,
+    base: Sequence[Effect],
+    chosen: Sequence[Chosen],
+    rows: BoolColumn,
+    prior: Prior | None = None,
 ) -> tuple[list[Effect], FloatColumn]:
     """Fit the chosen effects on these rows (n,) only; they themselves stay as they are.
 
     Returns base and refitted effects, and the force (n,) in N that a free mass takes out of the residual.
     """
     mine = [Chosen(c.candidate, c.deviation) for c in chosen]
-    values = _fit(problem, base, mine, rows)
+    values = _fit(problem, base, mine, rows, prior)
     taken = -problem.nuisance_N @ values if len(values) else np.zeros(problem.rows)
     return effects_with(base, mine), taken
 
 
-def _fit(problem: Problem, base: Sequence[Effect], chosen: Sequence[Chosen], rows: BoolColumn) -> FloatColumn:
+def _fit(
+    problem: Problem,
+    base: Sequence[Effect],
+    chosen: Sequence[Chosen],
+    rows: BoolColumn,
+    prior: Prior | None,
+) -> FloatColumn:
     """Fit the chosen parameters on these rows, in place; return the values of the nuisances.
 
     The nuisances are linear: at any values of the parameters they take what they can of the residual, so
@@ -72,7 +104,7 @@ def _fit(problem: Problem, base: Sequence[Effect], chosen: Sequence[Chosen], row
     """
     chunk = np.unique(problem.chunk[rows], return_inverse=True)[1]
     if chosen:
-        _search_values(problem, base, chosen, rows)
+        _search_values(problem, base, chosen, rows, prior)
     residual_N = problem.residual_N(effects_with(base, chosen))
     matrix = problem.beside_nuisance(regressors(problem, base, chosen, residual_N))[rows]
     if not matrix.shape[1]:
@@ -85,15 +117,21 @@ def _fit(problem: Problem, base: Sequence[Effect], chosen: Sequence[Chosen], row
 
 
 def _search_values(
-    problem: Problem, base: Sequence[Effect], chosen: Sequence[Chosen], rows: BoolColumn
+    problem: Problem,
+    base: Sequence[Effect],
+    chosen: Sequence[Chosen],
+    rows: BoolColumn,
+    prior: Prior | None,
 ) -> None:
     """Set the values that leave the smallest squared residual on these rows, each within its bounds."""
     infos = [c.candidate.info for c in chosen]
     steps = np.array([i.step for i in infos])
     low, high = (np.array([getattr(i, end) - i.neutral for i in infos]) / steps for end in ("low", "high"))
-    free = np.linalg.qr(problem.nuisance[rows])[0]
+    likely = prior.beside(rows) if prior is not None and prior.errors.size else lambda columns: columns
+    free = np.linalg.qr(likely(problem.nuisance[rows]))[0]
 
     def beside(column: Matrix) -> Matrix:
+        column = likely(column)
         return np.asarray(column - free @ (free.T @ column))
 
     def put(values: FloatColumn) -> FloatColumn:
@@ -113,7 +151,9 @@ def _search_values(
             at, known = values.copy(), beside(np.column_stack(columns)[rows] * steps)
         return known
 
-    start = np.clip([c.deviation / s for c, s in zip(chosen, steps, strict=True)], low + _INSIDE, high - _INSIDE)
+    start = np.clip(
+        [c.deviation / s for c, s in zip(chosen, steps, strict=True)], low + _INSIDE, high - _INSIDE
+    )
     found = least_squares(
         left, start, slope, (low, high), x_scale="jac", ftol=SMALL_GAIN, xtol=1e-6, max_nfev=MAX_STEPS
     )
