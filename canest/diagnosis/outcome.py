@@ -31,6 +31,10 @@ def document(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str]) 
         "after": diagnosis.after.to_json(),
         "candidates": [e.to_json() for e in found],
         "models": models_of(diagnosis),
+        "steps": [
+            {"with": s.added.candidate.effect, "residual_rms_N": round(s.residual_rms_N, 2)}
+            for s in diagnosis.steps
+        ],
         "not_tried": not_tried(diagnosis, found),
         "dependence": dependence(diagnosis),
         "reference": reference_of(diagnosis.references),
@@ -96,6 +100,7 @@ def empty_document(
         "after": dict(unknown),
         "candidates": [],
         "models": [],
+        "steps": [],
         "not_tried": dict.fromkeys(all_effects(), TOO_LITTLE) | _unusable(),
         "unused_signals": [],
         "data": {

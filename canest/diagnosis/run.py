@@ -20,7 +20,7 @@ from canest.diagnosis.data.residual_windows import CHUNK_S
 from canest.diagnosis.search.bus_signals import Ranked, rank_bus_signals
 from canest.diagnosis.search.candidates import candidates_for
 from canest.diagnosis.search.choice import Tried
-from canest.diagnosis.search.held_out import Fold, Score, score, two_folds
+from canest.diagnosis.search.held_out import Fold, Score, Step, score, steps_to, two_folds
 from canest.diagnosis.search.set_search import Search
 from canest.diagnosis.search.switches import SWITCH_ROLES, TRY_SIGNAL_SHARE, switching_roles, with_switches
 from canest.diagnosis.sentences import Statement, statement_of, too_short_statement
@@ -53,6 +53,7 @@ class Diagnosis:
     finding: str
     details: tuple[str, ...]
     ranked: list[Ranked]
+    steps: list[Step]
     references: list[Reference]
 
 
@@ -132,6 +133,7 @@ def _diagnosis(
         finding=outcome[1].finding,
         details=outcome[1].details,
         ranked=ranked,
+        steps=steps_to(search, after.score.residual_rms_N),
         references=[p.reference for p in search.problem.parts],
     )
 

@@ -82,7 +82,9 @@ def statement_of(
 
 def _headline(verdict: str, chosen: Sequence[Chosen], others: Sequence[str]) -> str:
     """Return the first sentence: every cause with what it may be instead, as many as there are words for."""
-    causes = [c for c in chosen if not c.candidate.is_delay] or list(chosen)
+    causes = [c for c in chosen if not c.candidate.is_delay]
+    if not causes:  # every engine reports late: it is no reason to look for others
+        causes, others = list(chosen), ()
     end = {
         "explained": "explain{s} the residual.",
         "partly": "explain{s} a part of the residual; the rest stays unexplained.",

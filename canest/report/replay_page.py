@@ -16,7 +16,7 @@ from canest.report import figure as look
 from canest.report.figure import Rows, numbers, with_gaps
 from canest.report.gate_colours import OPEN_COLOUR, spans_of
 from canest.report.gate_colours import look as gate_look
-from canest.report.page import Card, Page, Section, Table
+from canest.report.page import Bar, Card, Page, Section, Table
 from canest.report.recorder import Recorder, residual_N
 from canest.vehicle.model import LongitudinalModel
 from canest.vehicle.role_sources import AT_WHEELS, torque_role
@@ -254,10 +254,10 @@ def _gear(per_torque_1pm: FloatColumn, config: Config) -> FloatColumn:
 
 def _gates(s: dict[str, Any]) -> Section:
     samples = max(s["samples"], 1)
-    bars = [("open: the estimator learns", s["updated"] / samples, OPEN_COLOUR)]
+    bars = [Bar("open: the estimator learns", s["updated"] / samples, OPEN_COLOUR)]
     for gate, count in sorted(s["gates"].items(), key=lambda item: -item[1]):
         colour, meaning = gate_look(gate)
-        bars.append((f"{gate}: {meaning}", count / samples, colour))
+        bars.append(Bar(f"{gate}: {meaning}", count / samples, colour))
     return Section("Gates", text="Share of all samples, by the gate that refused them.", bars=bars)
 
 

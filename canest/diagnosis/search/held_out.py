@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +14,7 @@ from canest.core.estimates import Estimates
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn, MonotonicClock
 from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.data.residual_windows import CHUNK_S
+from canest.diagnosis.search.choice import Chosen
 from canest.diagnosis.search.set_search import Search
 from canest.vehicle.effects import Effect
 from canest.vehicle.effects.load import added_kg
@@ -94,6 +96,25 @@ class _Drawn:
 
     std: float
     interval: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Step:
+    """The held-out residual's RMS, N, once this effect is added to those before it."""
+
+    added: Chosen
+    residual_rms_N: float
+
+
+def steps_to(search: Search, last_N: float) -> list[Step]:
+    """Return how the residual falls from choice to choice. last_N: with all of them, as it was judged."""
+    steps = []
+    for k, added in enumerate(search.chosen[:-1], 1):
+        part = copy(search)
+        part.chosen = [Chosen(c.candidate, c.deviation) for c in search.chosen[:k]]
+        rms_N, *_ = residual_score(search.problem, two_folds(search.problem, part))
+        steps.append(Step(added, rms_N))
+    return [*steps, *(Step(added, last_N) for added in search.chosen[-1:])]
 
 
 def _bootstrap(errors: FloatColumn, block: IntColumn) -> dict[str, _Drawn]:

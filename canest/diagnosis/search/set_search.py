@@ -159,7 +159,7 @@ class Search(JointFit):
         return short
 
     def _fitted(self, s: ScoredSet, offers: _Offers, evidence: Evidence) -> FittedSet:
-        """Fit the values of a set by the model itself; the delay stays: a line does for what is left of it."""
+        """Fit the values of a set by the model itself, the delay as it is."""
         delay = [*self.base, *(c.effect() for c in self.chosen)]
         members = zip(s.members, s.values, strict=True)
         chosen = [Chosen(offers.candidates[m], value) for m, value in members]
