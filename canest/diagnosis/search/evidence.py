@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, lstsq
+from scipy.special import comb
 
 from canest.core.frames import FloatColumn, IntColumn
 from canest.diagnosis.data.least_squares import Matrix
@@ -105,6 +106,17 @@ def _left(products: Matrix, members: tuple[int, ...]) -> tuple[float, FloatColum
     )
     values = -(inverse @ (wanted / scale)) / scale
     return float(products[0, 0] + wanted @ values), values
+
+
+def price_of(members: int, offered: int) -> float:
+    """Return by how much a set's criterion must be better than that of no effect, to be taken.
+
+    Each effect must be decisive. And of many more pairs than effects, the best one is better by chance: the
+    extended criterion of Chen and Chen (2008) counts the sets of a size.
+    """
+    if not members:
+        return 0.0
+    return DECISIVE * members + 2.0 * float(np.log(comb(offered, members) / offered))
 
 
 def inflation_of(left: FloatColumn, chunk: IntColumn) -> float:

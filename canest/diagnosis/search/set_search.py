@@ -23,6 +23,7 @@ from canest.diagnosis.search.evidence import (
     ScoredSet,
     inflation_of,
     likely_sets,
+    price_of,
     without_idle_members,
 )
 from canest.diagnosis.search.joint_fit import JointFit
@@ -50,11 +51,7 @@ class FittedSet:
 
     chosen: list[Chosen]
     criterion: float
-
-    @property
-    def price(self) -> float:
-        """Return the criterion with what taking each effect costs."""
-        return self.criterion + DECISIVE * len(self.chosen)
+    price: float  #: the criterion, with what taking so many effects of so many costs
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -149,7 +146,8 @@ class Search(JointFit):
     def _shortlist(self, sets: list[ScoredSet], offers: _Offers) -> list[ScoredSet]:
         """Return the sets worth fitting: one of each combination of names, those that may be taken first."""
         best = sets[0].criterion
-        by_price = sorted(sets, key=lambda s: s.criterion + DECISIVE * len(s.members))
+        offered = len(offers.candidates)
+        by_price = sorted(sets, key=lambda s: s.criterion + price_of(len(s.members), offered))
         short, seen = [], set()
         for s in [*by_price[:4], *(s for s in sets if s.criterion < best + SHORTLISTED)]:
             names = tuple(sorted(offers.candidates[m].effect for m in s.members))
@@ -166,7 +164,8 @@ class Search(JointFit):
         residual_N = refine(self.problem, delay, chosen, self.prior)
         columns = regressors(self.problem, delay, chosen, residual_N)
         criterion = evidence.of(self.problem.whiten(residual_N), columns)
-        return FittedSet(chosen, criterion)
+        price = criterion + price_of(len(chosen), len(offers.candidates))
+        return FittedSet(chosen, criterion, price)
 
     def _commonest(self, fitted: Sequence[FittedSet]) -> FittedSet:
         """Return, of the sets as good as the best one and not larger, the commonest."""
