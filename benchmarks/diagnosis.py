@@ -68,7 +68,7 @@ def judge(case: Case, told: dict[str, Any]) -> Row:
     values = {n: _value(entry, n) for n in planted & set(entry)}
     true = {n: v + (USUAL_DELAY_S if n == DELAY else 0.0) for n, v in case.planted.items()}
     off = {n: abs(values[n][0] - true[n]) / abs(true[n] - SIZES[n][2]) for n in values}
-    confident = told["verdict"] == "explained" and len(chosen) == 1 and not planted <= named
+    single = bool(planted) and len(chosen) == 1 and told["verdict"] == "explained"
     beyond = [n for n in planted & set(chosen) if abs(values[n][0] - true[n]) > 3 * (values[n][1] or 0.0)]
     return {
         "exact": set(chosen) == planted,
@@ -77,9 +77,8 @@ def judge(case: Case, told: dict[str, Any]) -> Row:
         "named": len(named),
         "traced": bool(planted) and first is not None and bool(planted & ({first} | chosen[first])),
         "right": bool(off) and max(off.values()) < RIGHT and len(off) == len(planted),
-        "confident wrong": bool(planted) and len(chosen) == 1 and told["verdict"] == "explained"
-        and (confident or bool(beyond)),
-        "beyond": beyond,
+        "confident wrong": single and not planted <= named,
+        "beyond": single and bool(beyond),
         "clean": not chosen,
         "brake first": "dragging brake" in told["finding"].split(". ")[0].lower(),
     }  # fmt: skip
@@ -148,6 +147,7 @@ def figures(rows: list[Row]) -> list[tuple[str, str]]:
         ("pairs: selected exactly", share("pair", "exact")),
         ("pairs: among the models as good", share("pair", "one of")),
         ("pairs: a confident wrong single effect", share("pair", "confident wrong")),
+        ("pairs: one effect, its value more than 3 std off", share("pair", "beyond")),
         ("pairs: effects named, mean", f"{np.mean(pairs):.1f}" if pairs else "-"),
         ("brake and wind: a brake in the first sentence", share("brake and wind", "brake first")),
     ]
@@ -172,8 +172,8 @@ def page(rows: list[Row], command: str) -> str:
         "- Traced: the effect is the first that was added, or named as its equivalent.",
         "- Both named: each effect of a pair is added, named as an equivalent, or in a set stated as",
         "  about as likely.",
-        "- A confident wrong single effect: verdict `explained`, one effect beside the delay, and it hides",
-        "  the other. A value more than three standard deviations off counts too.",
+        "- A confident wrong single effect: verdict `explained`, one effect beside the delay, and the other",
+        "  is not named. Its value may also hold for two effects that are named as one: the next row.",
         "",
         "## Every drive",
         "",

@@ -45,7 +45,7 @@ def describe_equivalents(chosen: Chosen) -> str:
         return ""
     listed = ", ".join(effect_class(n).in_words() for n in names)
     way = effect_class(names[0]).separated_by
-    return f"this data cannot tell it from {listed}" + (f"; {way} would" if way else "")
+    return f"this data cannot tell it from {listed}, alone or together" + (f"; {way} would" if way else "")
 
 
 def statement_of(

@@ -19,6 +19,7 @@ from canest.diagnosis.data.drive import Drive, Run
 from canest.diagnosis.data.road_smoother import (
     ACCELEROMETER_STD_MPS2,
     BIAS_STD_MPS2,
+    PITCH_STD,
     STEP_TICKS,
     altitude_noise_m,
     on_ticks,
@@ -32,6 +33,8 @@ from canest.offline.scoring import Score
 #: how fast a road's slope may wander, per root metre: from motorway to hills (0.1 to 0.8 % over 100 m);
 #: the likeliest for the drive is taken
 GRADE_WALKS_PER_SQRT_M = (0.0001, 0.0002, 0.0004, 0.0008)
+#: share of the body's pitch that no factor on the acceleration describes
+PITCH_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -137,7 +140,9 @@ def _altitude_and_accelerometer(drive: Drive, run: Run) -> Reference | None:
     text = "grade from " + " and ".join(names) + ", smoothed over the drive"
     if not has_altitude:
         std = float(np.hypot(std, 0.5 * BIAS_STD_MPS2 / GRAVITY_MPS2))
-    pitch_std = road.pitch_std if has_accelerometer else 0.0
+    # a body pitches with a lag and by its load: never in proportion to better than this
+    least_std = PITCH_SHARE * (PITCH_STD if pitch is None else max(pitch, 0.003))
+    pitch_std = max(road.pitch_std, least_std) if has_accelerometer else 0.0
     # the bias is a steady error only where an altitude ties it down: else it is free, see `Problem`
     bias_std = road.bias_std_mps2 if has_accelerometer and has_altitude else 0.0
     kind = "+".join(names)
