@@ -31,8 +31,8 @@ from canest.diagnosis.search.value_fit import Prior, refine, regressors
 
 #: an effect must remove this share of what is left of the held-out variance
 MIN_SHARE = 0.03
-#: and be so many standard deviations, small errors included, from neutral
-MIN_SIGMAS = 2.0
+#: and be so many standard deviations from neutral, all that small errors may do included
+MIN_SIGMAS = 1.0
 #: a delay is far from linear: its fit starts from the best of these
 DELAY_STARTS_S = (0.0, 0.06, 0.12, 0.2, 0.3, 0.4)
 #: sets whose values are fitted by the model, and how far they may be behind along straight lines
