@@ -38,6 +38,10 @@ _SECONDS_JUDGED = 200
 _BAND = 2  #: the unknowns are altitude, slope, altitude, slope ...: two apart at most in one equation
 
 
+#: second, which of its unknowns, factor
+_Term = tuple[IntColumn, str, float | FloatColumn]
+
+
 @dataclass(frozen=True)
 class SmoothedRoad:
     """What is known of a drive's road: sin(beta) (k,), its median standard deviation, the log likelihood.
@@ -128,7 +132,7 @@ class _Equations:
 
     def add(
         self,
-        terms: list[tuple[IntColumn, str, float | FloatColumn]],
+        terms: list[_Term],
         wanted: FloatColumn,
         std: float | FloatColumn,
         of_drive: Matrix | None = None,
@@ -155,7 +159,7 @@ class _Equations:
         nothing = np.zeros(self._seconds)
         climbed = np.where(fresh, 0.0, speed)
         stray = np.sqrt(_ROUGHNESS_M**2 + fresh * _ALTITUDE_STD_M**2)
-        rises = [(now, "altitude", 1.0), (before, "altitude", -1.0), (before, "slope", -climbed)]
+        rises: list[_Term] = [(now, "altitude", 1.0), (before, "altitude", -1.0), (before, "slope", -climbed)]
         self.add(rises, nothing, stray)
         bends = np.sqrt(walk + fresh * _SLOPE_STD**2)
         self.add([(now, "slope", 1.0), (before, "slope", -1.0)], nothing, bends)
