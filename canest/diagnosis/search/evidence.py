@@ -70,7 +70,9 @@ class Evidence:
     def _beside_errors(self, left: Matrix, right: Matrix) -> Matrix:
         if not self._errors.shape[1]:
             return left.T @ right
-        return left.T @ right - (left.T @ self._errors) @ cho_solve(self._prior, self._errors.T @ right)
+        return np.asarray(
+            left.T @ right - (left.T @ self._errors) @ cho_solve(self._prior, self._errors.T @ right)
+        )
 
     def criterion(self, left: float, parameters: int) -> float:
         """Return the criterion of what is left of the squared residual by so many parameters."""

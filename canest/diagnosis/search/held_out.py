@@ -120,10 +120,13 @@ def steps_to(search: Search, last_N: float) -> list[Step]:
 def _bootstrap(errors: FloatColumn, block: IntColumn) -> dict[str, _Drawn]:
     """Return how certain `rms` and `mean` of errors (n,) are: whole blocks are drawn, with replacement."""
     number = np.unique(block, return_inverse=True)[1]
-    sums = [np.bincount(number, weights=w) for w in (np.ones(len(errors)), errors, errors**2)]
+    sums = [
+        np.asarray(np.bincount(number, weights=w), np.float64)
+        for w in (np.ones(len(errors)), errors, errors**2)
+    ]
 
     def rms(count: FloatColumn, _total: FloatColumn, square: FloatColumn, axis: int) -> FloatColumn:
-        return np.sqrt(square.sum(axis=axis) / count.sum(axis=axis))
+        return np.asarray(np.sqrt(square.sum(axis=axis) / count.sum(axis=axis)))
 
     def mean(count: FloatColumn, total: FloatColumn, _square: FloatColumn, axis: int) -> FloatColumn:
         return np.asarray(total.sum(axis=axis) / count.sum(axis=axis))
@@ -131,7 +134,7 @@ def _bootstrap(errors: FloatColumn, block: IntColumn) -> dict[str, _Drawn]:
     found = {}
     for name, statistic in (("rms", rms), ("mean", mean)):
         if len(sums[0]) < 2:  # one block shows no scatter
-            value = float(statistic(*sums, axis=-1))
+            value = float(statistic(sums[0], sums[1], sums[2], -1))
             found[name] = _Drawn(0.0, (value, value))
             continue
         drawn = bootstrap(

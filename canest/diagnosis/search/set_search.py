@@ -148,7 +148,8 @@ class Search(JointFit):
         best = sets[0].criterion
         offered = len(offers.candidates)
         by_price = sorted(sets, key=lambda s: s.criterion + price_of(len(s.members), offered))
-        short, seen = [], set()
+        short: list[ScoredSet] = []
+        seen: set[tuple[str, ...]] = set()
         for s in [*by_price[:4], *(s for s in sets if s.criterion < best + SHORTLISTED)]:
             names = tuple(sorted(offers.candidates[m].effect for m in s.members))
             if names not in seen and len(short) < MAX_FITTED:
