@@ -18,12 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, lstsq
 from scipy.special import comb
 
-from canest.core.frames import FloatColumn, IntColumn
+from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 from canest.diagnosis.data.least_squares import Matrix
 from canest.diagnosis.search.candidates import Candidate
 
@@ -126,6 +127,32 @@ def inflation_of(left: FloatColumn, chunk: IntColumn) -> float:
     sums = np.bincount(chunk, weights=left)
     longest = float(np.bincount(chunk).max())
     return float(np.clip((sums**2).sum() / max(float(left @ left), 1e-30), 1.0, longest))
+
+
+def errors_shown(
+    errors: Matrix, residual: FloatColumn, free: Matrix, noise: float, kept: BoolColumn
+) -> BoolColumn:
+    """Return which small errors the data shows (e,): those without which it would be less likely.
+
+    errors: whitened (n, e), per standard deviation; residual: (n,); free: (n, k), what is fitted beside them.
+    noise: variance of one window; kept: errors (e,) that stay in any case. Every combination of the others is
+    tried: they are few. An error that is not there would only add scatter to the values fitted beside it.
+    """
+    basis = np.linalg.qr(free)[0]
+    whole = np.column_stack([residual, errors])
+    whole = whole - basis @ (basis.T @ whole)
+    products = whole.T @ whole / noise
+
+    def likelihood(places: list[int]) -> float:
+        at = [i + 1 for i in places]
+        inner = np.eye(len(at)) + products[np.ix_(at, at)]
+        pull = products[at, 0]
+        return float(0.5 * (pull @ np.linalg.solve(inner, pull) - np.linalg.slogdet(inner)[1]))
+
+    own = np.flatnonzero(~kept).tolist()
+    subsets = (list(some) for size in range(len(own) + 1) for some in combinations(own, size))
+    always = np.flatnonzero(kept).tolist()
+    return np.isin(np.arange(len(kept)), max((always + some for some in subsets), key=likelihood))
 
 
 def likely_sets(

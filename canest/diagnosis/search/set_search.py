@@ -21,12 +21,13 @@ from canest.diagnosis.search.evidence import (
     DECISIVE,
     Evidence,
     ScoredSet,
+    errors_shown,
     inflation_of,
     likely_sets,
     price_of,
     without_idle_members,
 )
-from canest.diagnosis.search.joint_fit import JointFit
+from canest.diagnosis.search.joint_fit import TICK_STD_S, JointFit
 from canest.diagnosis.search.value_fit import Prior, refine, regressors
 
 #: an effect must remove this share of what is left of the held-out variance
@@ -98,6 +99,7 @@ class Search(JointFit):
         taken = self._commonest(fitted)
         self.chosen = [*self.chosen, *(Chosen(c.candidate, c.deviation) for c in taken.chosen)]
         self.refit()
+        self._leave_out_errors_not_shown()
         best = min(f.criterion for f in fitted)
         self.rivals = sorted((f for f in fitted if f.criterion <= best + DECISIVE), key=lambda f: f.criterion)
         self._prune()
@@ -180,6 +182,21 @@ class Search(JointFit):
         ]
         return min(near or [best], key=lambda f: sum(c.candidate.rarity for c in f.chosen))
 
+    def _leave_out_errors_not_shown(self) -> None:
+        """Fit the values again beside those small errors of the vehicle only that this data shows.
+
+        The reference's errors stay: how large they are is known from its own data.
+        """
+        assert self.prior is not None
+        residual, columns = self.current()
+        errors, noise = self.prior.errors, self.prior.noise
+        of_vehicle = sum(c.label in self._spread for c, _ in self.offered)
+        kept = np.arange(errors.shape[1]) >= of_vehicle
+        shown = errors_shown(errors, residual, self.problem.beside_nuisance(columns), noise, kept)
+        if not shown.all():
+            self.prior = Prior(errors[:, shown], noise)
+            self.refit()
+
     def _widen_by_rivals(self, best: float) -> None:
         """Widen every standard deviation by how far the value is another one in sets that are as likely."""
         for c in self.chosen:
@@ -225,4 +242,6 @@ class Search(JointFit):
         """Return whether a value is one that a vehicle can have, and small errors alone would not make."""
         if not c.candidate.possible(c.deviation):
             return False
-        return c.candidate.is_delay or abs(c.deviation) > MIN_SIGMAS * c.std
+        # a delay there always is, however uncertain; but one below what can be resolved is none
+        least = TICK_STD_S if c.candidate.is_delay else MIN_SIGMAS * c.std
+        return abs(c.deviation) > least
