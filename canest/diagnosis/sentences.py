@@ -85,6 +85,7 @@ def _headline(verdict: str, chosen: Sequence[Chosen], others: Sequence[str]) -> 
     causes = [c for c in chosen if not c.candidate.is_delay]
     if not causes:  # every engine reports late: it is no reason to look for others
         causes, others = list(chosen), ()
+    causes.sort(key=_danger, reverse=True)
     end = {
         "explained": "explain{s} the residual.",
         "partly": "explain{s} a part of the residual; the rest stays unexplained.",
@@ -101,6 +102,11 @@ def _headline(verdict: str, chosen: Sequence[Chosen], others: Sequence[str]) -> 
         if len(text.split()) <= MAX_WORDS:
             return text
     return f"{capitalised(_one_of([causes[0].candidate.effect], 1, ''))} and others {end.format(s='')}"
+
+
+def _danger(chosen: Chosen) -> int:
+    """Return the urgency of the most dangerous effect that a choice may be."""
+    return max(effect_class(n).urgency for n in (chosen.candidate.effect, *alternatives(chosen)))
 
 
 def _one_of(names: Sequence[str], most: int, own: str) -> str:

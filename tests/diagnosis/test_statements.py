@@ -7,7 +7,13 @@ import pytest
 
 from canest.diagnosis.search.candidates import Candidate
 from canest.diagnosis.search.choice import Chosen
-from canest.diagnosis.search.evidence import Evidence, likely_sets, without_idle_members
+from canest.diagnosis.search.evidence import (
+    Evidence,
+    errors_shown,
+    likeliest_errors,
+    likely_sets,
+    without_idle_members,
+)
 from canest.diagnosis.search.set_search import FittedSet
 from canest.diagnosis.sentences import MAX_WORDS, by_urgency, statement_of
 from canest.diagnosis.verdict import verdict_of
@@ -38,6 +44,11 @@ def test_a_pair_that_is_as_likely_is_named_beside_the_single_effect():
     said = statement_of("explained", [wind], 1500.0, 300.0, rivals=[pair, FittedSet([wind], 3.0, 3.0)])
     assert said.finding.startswith("A dragging brake or wind explains")
     assert "About as likely: a dragging brake with wind; wind." in said.details
+
+
+def test_a_cause_that_may_be_a_danger_is_named_first_wherever_it_was_found():
+    said = statement_of("explained", [chosen("headwind", 4.9), TYRES], 1637.0, 76.0)
+    assert said.finding.startswith("A dragging brake")
 
 
 def test_each_choice_has_its_own_equivalents():
@@ -106,3 +117,25 @@ def test_evidence_comes_from_where_a_cause_acts():
     evidence = Evidence(np.zeros((1200, 0)), np.ones((1200, 1)), 1.0, 1.0)
     best = likely_sets(evidence, residual, [candidate("cornering_drag")], [bend])[0]
     assert best.members == (0,) and best.values[0] == pytest.approx(1.5, abs=0.4)
+
+
+def errors_of(wind_mps, crr, seed=3):
+    """Return small errors (n, 2), a residual (n,) with these, and a drag area's column (n, 1) beside them."""
+    rng = np.random.default_rng(seed)
+    speed = rng.uniform(8.0, 25.0, 350)
+    columns = np.column_stack([1.7 * speed / 2.0, 12.0 * np.ones(350)])
+    residual = -columns @ (wind_mps / 1.7, crr) + 0.6 * rng.normal(size=350)
+    return columns, residual, speed[:, None] ** 2 / 25.0
+
+
+def test_a_small_error_that_the_drive_does_not_show_takes_no_part_in_the_values():
+    nothing = np.zeros(2, np.bool_)
+    assert errors_shown(*errors_of(0.0, 0.0), 0.36, nothing).tolist() == [False, False]
+    assert errors_shown(*errors_of(2.5, 0.0), 0.36, nothing).tolist() == [True, False]
+    assert errors_shown(*errors_of(0.0, 0.0), 0.36, np.array([False, True])).tolist() == [False, True]
+
+
+def test_how_large_a_small_error_is_comes_out_in_its_usual_spreads():
+    size, std = likeliest_errors(*errors_of(5.0, 0.0), 0.36)
+    assert size[0] == pytest.approx(5.0 / 1.7, abs=0.2) and size[0] - std[0] > 2.0
+    assert abs(likeliest_errors(*errors_of(1.5, 0.0), 0.36)[0][0]) < 1.2

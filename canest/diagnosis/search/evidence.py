@@ -155,6 +155,19 @@ def errors_shown(
     return np.isin(np.arange(len(kept)), max((always + some for some in subsets), key=likelihood))
 
 
+def likeliest_errors(
+    errors: Matrix, residual: FloatColumn, free: Matrix, noise: float
+) -> tuple[FloatColumn, FloatColumn]:
+    """Return the likeliest small errors and their standard deviations (e,) each, per usual spread.
+
+    Arguments as for `errors_shown`. The residual is what they leave if they are not in the model.
+    """
+    basis = np.linalg.qr(free)[0]
+    mine = errors - basis @ (basis.T @ errors)
+    covariance = np.linalg.inv(np.eye(errors.shape[1]) + mine.T @ mine / noise)
+    return -covariance @ (mine.T @ residual) / noise, np.sqrt(np.diag(covariance))
+
+
 def likely_sets(
     evidence: Evidence, residual: FloatColumn, candidates: Sequence[Candidate], columns: Sequence[FloatColumn]
 ) -> list[ScoredSet]:

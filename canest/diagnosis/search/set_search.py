@@ -23,6 +23,7 @@ from canest.diagnosis.search.evidence import (
     ScoredSet,
     errors_shown,
     inflation_of,
+    likeliest_errors,
     likely_sets,
     price_of,
     without_idle_members,
@@ -34,6 +35,8 @@ from canest.diagnosis.search.value_fit import Prior, refine, regressors
 MIN_SHARE = 0.03
 #: and be so many standard deviations from neutral, all that small errors may do included
 MIN_SIGMAS = 1.0
+#: a small error that is beyond doubt larger than so many of its standard deviations is none
+LARGEST_SMALL = 2.0
 #: a delay is far from linear: its fit starts from the best of these
 DELAY_STARTS_S = (0.0, 0.06, 0.12, 0.2, 0.3, 0.4)
 #: sets whose values are fitted by the model, and how far they may be behind along straight lines
@@ -100,6 +103,7 @@ class Search(JointFit):
         self.chosen = [*self.chosen, *(Chosen(c.candidate, c.deviation) for c in taken.chosen)]
         self.refit()
         self._leave_out_errors_not_shown()
+        self._add_errors_that_are_not_small()
         best = min(f.criterion for f in fitted)
         self.rivals = sorted((f for f in fitted if f.criterion <= best + DECISIVE), key=lambda f: f.criterion)
         self._prune()
@@ -195,6 +199,28 @@ class Search(JointFit):
         shown = errors_shown(errors, residual, self.problem.beside_nuisance(columns), noise, kept)
         if not shown.all():
             self.prior = Prior(errors[:, shown], noise)
+            self.refit()
+
+    def _add_errors_that_are_not_small(self) -> None:
+        """Take as an effect what would be a small error, were it not larger than vehicles usually have.
+
+        A wind of 5 m/s beside a dragging brake is no remainder.
+        """
+        assert self.prior is not None
+        residual, columns = self.current()
+        own = [c for c, _ in self.offered if c.label in self._spread]
+        free = self.problem.beside_nuisance(columns)
+        size, std = likeliest_errors(self.small_errors(), residual, free, self.prior.noise)
+        added = [
+            Chosen(c, value * self._spread[c.label])
+            for c, value, uncertain in zip(own, size.tolist(), std.tolist(), strict=False)
+            if abs(value) - uncertain > LARGEST_SMALL
+            and not c.confounded
+            and not any(c.repeats(o.candidate) for o in self.chosen)
+            and c.possible(value * self._spread[c.label])
+        ]
+        if added:
+            self.chosen += added
             self.refit()
 
     def _widen_by_rivals(self, best: float) -> None:
