@@ -27,7 +27,7 @@ from canest.diagnosis.outcome import reference_limits
 from canest.diagnosis.report.format import entry_name, entry_value, interval, score_rows
 from canest.diagnosis.report.revised_config import revised_config
 from canest.diagnosis.run import Diagnosis, diagnose
-from canest.diagnosis.search.gauss_newton import fit_on
+from canest.diagnosis.search.value_fit import fit_on
 from canest.pipeline.build import effects_of
 from canest.vehicle.effects import Effect
 

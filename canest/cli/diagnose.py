@@ -205,6 +205,8 @@ def show(diagnosis: Diagnosis, found: Sequence[Entry]) -> None:
         console.width = 140
     problem = diagnosis.problem
     console.print(diagnosis.finding, markup=False, soft_wrap=not console.is_terminal)
+    for line in diagnosis.details:
+        console.print(f"  {line}", markup=False, soft_wrap=not console.is_terminal)
     drives = f"{len(problem.parts)} drives" if len(problem.parts) > 1 else "1 drive"
     mass = "mass known" if problem.mass_known else "mass unknown"
     console.print(f"[dim]verdict[/]    {diagnosis.verdict}")

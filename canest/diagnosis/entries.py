@@ -12,7 +12,8 @@ import numpy as np
 from canest.diagnosis.run import Diagnosis
 from canest.diagnosis.search.candidates import Candidate
 from canest.diagnosis.search.choice import Chosen
-from canest.diagnosis.search.forward_selection import Search
+from canest.diagnosis.search.set_search import Search
+from canest.diagnosis.sentences import by_urgency
 
 #: alternatives of one selected effect that are fitted in its place; further ones are only named
 MAX_REFITTED = 6
@@ -102,7 +103,7 @@ def _in_place(search: Search, chosen: Chosen, candidate: Candidate, whole: float
     other = _with(search, [*(c for c in search.chosen if c is not chosen), Chosen(candidate, 0.0)])
     fitted = other.chosen[-1]
     share = _share(other)
-    names = (chosen.candidate.effect, *(n for n in _names(chosen.equivalent, fitted)))
+    names = by_urgency((chosen.candidate.effect, *_names(chosen.equivalent, fitted)))
     explained = unit_share(chosen.explained - (whole - share))
     return Entry(
         candidate,
@@ -111,7 +112,7 @@ def _in_place(search: Search, chosen: Chosen, candidate: Candidate, whole: float
         explained,
         min(share, whole),
         False,
-        tuple(dict.fromkeys(names)),
+        tuple(names),
     )
 
 
@@ -136,7 +137,7 @@ def _one_each(candidates: Sequence[Candidate]) -> list[Candidate]:
 
 def _names(candidates: Sequence[Candidate], own: Candidate | Chosen) -> tuple[str, ...]:
     mine = own.candidate.effect if isinstance(own, Chosen) else own.effect
-    return tuple(dict.fromkeys(c.effect for c in candidates if c.effect != mine))
+    return tuple(by_urgency(c.effect for c in candidates if c.effect != mine))
 
 
 def unit_share(share: float) -> float:

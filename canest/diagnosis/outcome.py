@@ -24,11 +24,17 @@ def document(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str]) 
     problem = diagnosis.problem
     return {
         "finding": diagnosis.finding,
+        "details": list(diagnosis.details),
         "verdict": diagnosis.verdict,
         "selected": [c.candidate.effect for c in diagnosis.search.chosen],
         "baseline": diagnosis.before.to_json(),
         "after": diagnosis.after.to_json(),
         "candidates": [e.to_json() for e in found],
+        "models": models_of(diagnosis),
+        "steps": [
+            {"with": s.added.candidate.effect, "residual_rms_N": round(s.residual_rms_N, 2)}
+            for s in diagnosis.steps
+        ],
         "not_tried": not_tried(diagnosis, found),
         "dependence": dependence(diagnosis),
         "reference": reference_of(diagnosis.references),
@@ -52,6 +58,22 @@ def document(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str]) 
     }
 
 
+def models_of(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Return the sets of effects that this data does not tell apart, likeliest first (torque delay apart).
+
+    odds: of each set against the likeliest one, by the data alone.
+    """
+    rivals = diagnosis.search.rivals
+    best = min((r.criterion for r in rivals), default=0.0)
+    return [
+        {
+            "effects": {c.candidate.effect: float(f"{c.value:.4g}") for c in rival.chosen},
+            "odds": round(float(np.exp(-0.5 * (rival.criterion - best))), 4),
+        }
+        for rival in rivals
+    ]
+
+
 def dependence(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
     """Return what share of the residual a curve over each quantity would explain, before and after."""
     problem = diagnosis.problem
@@ -71,11 +93,14 @@ def empty_document(
     )
     return {
         "finding": finding,
+        "details": [],
         "verdict": "nothing-to-explain",
         "selected": [],
         "baseline": unknown,
         "after": dict(unknown),
         "candidates": [],
+        "models": [],
+        "steps": [],
         "not_tried": dict.fromkeys(all_effects(), TOO_LITTLE) | _unusable(),
         "unused_signals": [],
         "data": {

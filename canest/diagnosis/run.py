@@ -20,10 +20,10 @@ from canest.diagnosis.data.residual_windows import CHUNK_S
 from canest.diagnosis.search.bus_signals import Ranked, rank_bus_signals
 from canest.diagnosis.search.candidates import candidates_for
 from canest.diagnosis.search.choice import Tried
-from canest.diagnosis.search.forward_selection import Search
-from canest.diagnosis.search.held_out import Fold, Score, score, two_folds
+from canest.diagnosis.search.held_out import Fold, Score, Step, score, steps_to, two_folds
+from canest.diagnosis.search.set_search import Search
 from canest.diagnosis.search.switches import SWITCH_ROLES, TRY_SIGNAL_SHARE, switching_roles, with_switches
-from canest.diagnosis.sentences import finding_of, too_short_finding
+from canest.diagnosis.sentences import Statement, statement_of, too_short_statement
 from canest.diagnosis.verdict import little_left, verdict_of
 from canest.logs.memory import MemoryLog
 from canest.pipeline.build import effects_of
@@ -51,7 +51,9 @@ class Diagnosis:
     estimates_after: list[Estimates]
     verdict: str
     finding: str
+    details: tuple[str, ...]
     ranked: list[Ranked]
+    steps: list[Step]
     references: list[Reference]
 
 
@@ -90,9 +92,11 @@ def diagnose(
     hints = [r.name for r in ranked[:1] if r.explained > TRY_SIGNAL_SHARE]
     hidden_N = search.hidden_N() if search.all_hidden(tried) else None
     sizes_N = before.score.residual_rms_N, after.score.residual_rms_N
-    finding = finding_of(verdict, search.chosen, *sizes_N, hints, hidden_N)
+    said = statement_of(
+        verdict, search.chosen, *sizes_N, rivals=search.rivals, hints=hints, hidden_N=hidden_N
+    )
     progress("done", 1.0)
-    return _diagnosis(config, search, tried, ranked, (before, after), (verdict, finding))
+    return _diagnosis(config, search, tried, ranked, (before, after), (verdict, said))
 
 
 @dataclass(frozen=True)
@@ -110,9 +114,9 @@ def _diagnosis(
     tried: list[Tried],
     ranked: list[Ranked],
     sides: tuple[_Side, _Side],
-    outcome: tuple[str, str],
+    outcome: tuple[str, Statement],
 ) -> Diagnosis:
-    """Return the whole. sides: before and after; outcome: verdict and finding."""
+    """Return the whole. sides: before and after; outcome: verdict and what is said."""
     before, after = sides
     return Diagnosis(
         config=config,
@@ -126,8 +130,10 @@ def _diagnosis(
         estimates_before=before.estimates,
         estimates_after=after.estimates,
         verdict=outcome[0],
-        finding=outcome[1],
+        finding=outcome[1].finding,
+        details=outcome[1].details,
         ranked=ranked,
+        steps=steps_to(search, after.score.residual_rms_N),
         references=[p.reference for p in search.problem.parts],
     )
 
@@ -166,8 +172,8 @@ def _too_short(config: Config, problem: Problem) -> Diagnosis:
     """Return the residual of a log that is too short for more."""
     search = Search(problem, effects_of(config), [])
     now = _Side(*score(problem, two_folds(problem, search)))
-    finding = too_short_finding(problem.rows, MIN_CHUNKS * CHUNK_S, now.score.residual_rms_N)
-    return _diagnosis(config, search, [], [], (now, now), ("nothing-to-explain", finding))
+    said = too_short_statement(problem.rows, MIN_CHUNKS * CHUNK_S, now.score.residual_rms_N)
+    return _diagnosis(config, search, [], [], (now, now), ("nothing-to-explain", said))
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,26 @@
-"""The sentences of a diagnosis: what was found, that an engineer can act on."""
+"""The sentences of a diagnosis: what was found, that an engineer can act on, and the numbers under it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 from canest.diagnosis.search.choice import Chosen
+from canest.diagnosis.search.set_search import FittedSet
 from canest.vehicle.effects import effect_class
+
+#: words of the first sentence at most
+MAX_WORDS = 25
+#: effects named at most for one cause in the first sentence, and sets in the line of those as likely
+_NAMED, _SETS_NAMED = 4, 5
+
+
+@dataclass(frozen=True)
+class Statement:
+    """What a diagnosis says: one sentence without numbers, and the lines with numbers that go under it."""
+
+    finding: str
+    details: tuple[str, ...] = ()
 
 
 def describe(chosen: Chosen) -> str:
@@ -13,48 +28,120 @@ def describe(chosen: Chosen) -> str:
     return chosen.effect().describe(chosen.std)
 
 
+def by_urgency(effects: Iterable[str]) -> list[str]:
+    """Return effect names, each once: dangers first, then the commonest."""
+    return sorted(dict.fromkeys(effects), key=lambda n: (-effect_class(n).urgency, effect_class(n).rarity))
+
+
+def alternatives(chosen: Chosen) -> list[str]:
+    """Return the other effects that would do as well in its place, dangers first."""
+    return by_urgency(e.effect for e in chosen.equivalent if e.effect != chosen.candidate.effect)
+
+
 def describe_equivalents(chosen: Chosen) -> str:
     """Return which other effects would do as well, and what would separate them ('' when none)."""
-    names = list(dict.fromkeys(e.effect for e in chosen.equivalent if e.effect != chosen.candidate.effect))
+    names = alternatives(chosen)
     if not names:
         return ""
-    listed = ", ".join(n.replace("_", " ") for n in names)
+    listed = ", ".join(effect_class(n).in_words() for n in names)
     way = effect_class(names[0]).separated_by
-    return f"this data cannot tell it from {listed}" + (f"; {way} would" if way else "")
+    return f"this data cannot tell it from {listed}, alone or together" + (f"; {way} would" if way else "")
 
 
-def finding_of(
+def statement_of(
     verdict: str,
     chosen: Sequence[Chosen],
     before_N: float,
     after_N: float,
-    hints: Sequence[str],
+    *,
+    rivals: Sequence[FittedSet] = (),
+    hints: Sequence[str] = (),
     hidden_N: float | None = None,
-) -> str:
-    """Return the one sentence of the report. hidden_N: what no effect alone removes more of, where so."""
+) -> Statement:
+    """Return what the report says.
+
+    rivals: sets of effects that are as likely. hints: signals that the remainder goes with. hidden_N: what no
+    effect alone removes more of, where so.
+    """
+    others = _others(chosen, rivals)
+    hint = (f"The remainder goes with {hints[0]}.",) if hints else ()
     if verdict == "nothing-to-explain":
-        return f"The model fits this data as well as its noise allows ({before_N:.0f} N): nothing to add."
-    hint = f" The remainder goes with {hints[0]}." if hints else ""
+        fits = f"What is left, {before_N:.0f} N, is what noise leaves."
+        return Statement("The model fits this data as well as its noise allows: nothing to add.", (fits,))
     if not chosen:
-        missing = f"Something is missing from the model ({before_N:.0f} N of residual)"
-        return f"{missing}, {_why_none(hidden_N)}.{hint}"
-    change = f"held-out residual {before_N:.0f} N before, {after_N:.0f} N after"
-    if verdict == "unexplained":
-        only = describe(chosen[0])
-        return f"Most of the residual stays unexplained ({change}); {only} is all that was found.{hint}"
-    added = ", with ".join(filter(None, (describe(chosen[0]), " and ".join(map(describe, chosen[1:])))))
-    alike = describe_equivalents(chosen[0])
-    rest = f" A part stays unexplained.{hint}" if verdict == "partly" else ""
-    return f"{capitalised(added)}: {change}{'; ' + alike if alike else ''}.{rest}"
+        return Statement(
+            "Something is missing from the model, and none of the known effects explains it for certain.",
+            (f"Residual {before_N:.0f} N.", _why_none(hidden_N), *_as_likely(rivals), *hint),
+        )
+    lines = [
+        f"{capitalised('; '.join(filter(None, (describe(c), describe_equivalents(c)))))}." for c in chosen
+    ]
+    change = f"Held-out residual {before_N:.0f} N before, {after_N:.0f} N after."
+    return Statement(_headline(verdict, chosen, others), (change, *lines, *_as_likely(rivals), *hint))
+
+
+def _headline(verdict: str, chosen: Sequence[Chosen], others: Sequence[str]) -> str:
+    """Return the first sentence: every cause with what it may be instead, as many as there are words for."""
+    causes = [c for c in chosen if not c.candidate.is_delay]
+    if not causes:  # every engine reports late: it is no reason to look for others
+        causes, others = list(chosen), ()
+    causes.sort(key=_danger, reverse=True)
+    end = {
+        "explained": "explain{s} the residual.",
+        "partly": "explain{s} a part of the residual; the rest stays unexplained.",
+        "unexplained": "explain{s} little of the residual; most stays unexplained.",
+    }[verdict]
+    for named in range(_NAMED, 0, -1):
+        phrases = []
+        for i, c in enumerate(causes):
+            same = by_urgency([c.candidate.effect, *alternatives(c), *(others if i == 0 else ())])
+            phrases.append(_one_of(same, named if i == 0 else min(named, 2), c.candidate.effect))
+        subject = ", and ".join(phrases) if any(" or " in p for p in phrases) else " and ".join(phrases)
+        several = len(causes) > 1
+        text = f"{capitalised(subject)} {end.format(s='' if several else 's')}"
+        if len(text.split()) <= MAX_WORDS:
+            return text
+    return f"{capitalised(_one_of([causes[0].candidate.effect], 1, ''))} and others {end.format(s='')}"
+
+
+def _danger(chosen: Chosen) -> int:
+    """Return the urgency of the most dangerous effect that a choice may be."""
+    return max(effect_class(n).urgency for n in (chosen.candidate.effect, *alternatives(chosen)))
+
+
+def _one_of(names: Sequence[str], most: int, own: str) -> str:
+    """Return "a dragging brake, wind or others": the first ones, and the one that was taken."""
+    shown = list(names[:most])
+    if own in names and own not in shown:
+        shown[-1:] = [own] if len(shown) > 1 else shown[-1:]
+    words = [effect_class(n).in_words() for n in shown]
+    if len(names) > len(shown):
+        words.append("others")
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
+
+
+def _others(chosen: Sequence[Chosen], rivals: Sequence[FittedSet]) -> list[str]:
+    """Return the effects of sets as likely that are neither chosen nor named beside a choice."""
+    named = {c.candidate.effect for c in chosen} | {n for c in chosen for n in alternatives(c)}
+    return [n for rival in rivals for n in rival.names if n not in named]
+
+
+def _as_likely(rivals: Sequence[FittedSet]) -> tuple[str, ...]:
+    """Return the line that names the sets which the data does not tell apart; none where there is one."""
+    if len(rivals) < 2:
+        return ()
+    sets = [" with ".join(effect_class(n).in_words() for n in by_urgency(r.names)) or "none" for r in rivals]
+    more = f"; and {len(sets) - _SETS_NAMED} more" if len(sets) > _SETS_NAMED else ""
+    return (f"About as likely: {'; '.join(sets[:_SETS_NAMED])}{more}.",)
 
 
 def _why_none(hidden_N: float | None) -> str:
     """Return why nothing was found in a residual that something causes."""
     if hidden_N is None:
-        return "and none of the known effects explains it"
+        return "None of the known effects explains it."
     return (
-        f"and what any known effect would remove of it is below {hidden_N:.0f} N, too little to be noticed: "
-        "half a step of the reported torque, or a slope of 0.02 %"
+        f"What any known effect would remove of it is below {hidden_N:.0f} N, too little to be noticed: "
+        "half a step of the reported torque, or a slope of 0.02 %."
     )
 
 
@@ -63,9 +150,12 @@ def capitalised(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def too_short_finding(seconds: float, needed_s: float, residual_N: float) -> str:
-    """Return the finding of a log that is too short to separate effects."""
-    return (
-        f"{seconds:.0f} s with open gates show how large the residual is ({residual_N:.0f} N), not where it "
-        f"comes from: {needed_s:.0f} s are the least, some minutes at different speeds and loads are better."
+def too_short_statement(seconds: float, needed_s: float, residual_N: float) -> Statement:
+    """Return what is said of a log that is too short to separate effects."""
+    return Statement(
+        f"{seconds:.0f} s with open gates show how large the residual is, not where it comes from.",
+        (
+            f"Residual {residual_N:.0f} N. {needed_s:.0f} s are the least that separate effects; some "
+            "minutes at different speeds and loads are better.",
+        ),
     )

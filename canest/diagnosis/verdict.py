@@ -5,16 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from canest.core.frames import FloatColumn
+from canest.core.samples import GRAVITY_MPS2
 from canest.diagnosis.data.problem import Problem
-from canest.diagnosis.search.forward_selection import Search
-from canest.diagnosis.search.gauss_newton import fit_on
+from canest.diagnosis.data.whitening import WINDOW_NOISE_MPS2
 from canest.diagnosis.search.held_out import Score
 from canest.diagnosis.search.joint_fit import MIN_TORQUE_STEPS
+from canest.diagnosis.search.set_search import Search
 
 #: what is left may wander this much (share of weight) and still count as explained: a slope of 0.04 %
 SMALL_REMAINDER = 4e-4
 #: shares of the first residual's variance that make a verdict
 EXPLAINED_SHARE, PARTLY_SHARE = 0.95, 0.2
+#: more of the first residual than this, as RMS, is never called explained, whatever it looks like
+LARGE_SHARE_LEFT = 0.5
 
 
 def verdict_of(problem: Problem, search: Search, before: Score, after: Score) -> str:
@@ -22,10 +25,18 @@ def verdict_of(problem: Problem, search: Search, before: Score, after: Score) ->
     small = little_left(problem, search)
     if not search.chosen:
         return "nothing-to-explain" if small else "unexplained"
-    explained = 1.0 - (after.residual_rms_N / max(before.residual_rms_N, 1e-9)) ** 2
-    if small or explained >= EXPLAINED_SHARE:
+    left = after.residual_rms_N / max(before.residual_rms_N, 1e-9)
+    if after.residual_rms_N <= _noise_N(problem) or (
+        left <= LARGE_SHARE_LEFT and (small or 1.0 - left**2 >= EXPLAINED_SHARE)
+    ):
         return "explained"
-    return "partly" if explained >= PARTLY_SHARE else "unexplained"
+    return "partly" if 1.0 - left**2 >= PARTLY_SHARE else "unexplained"
+
+
+def _noise_N(problem: Problem) -> float:
+    """Return the RMS, N, of what is noise in any case: one second's scatter, and the torque's rounding."""
+    scatter_N = WINDOW_NOISE_MPS2 * problem.weight_N / GRAVITY_MPS2
+    return float(np.hypot(scatter_N, problem.torque_step_N / np.sqrt(12.0)))
 
 
 def _remainder_N(problem: Problem, search: Search) -> float:
@@ -47,5 +58,5 @@ def little_left(problem: Problem, search: Search) -> bool:
 def _mass_part_N(problem: Problem, search: Search) -> FloatColumn:
     if problem.mass_known:
         return np.zeros(problem.rows)
-    _, taken = fit_on(problem, search.base, search.chosen, np.ones(problem.rows, np.bool_))
+    _, taken = search.fit_on(np.ones(problem.rows, np.bool_))
     return -taken

@@ -11,7 +11,7 @@ import numpy as np
 from canest.core.frames import FloatColumn
 from canest.report import figure as look
 from canest.report.figure import Rows, numbers
-from canest.report.page import Card, Page, Section, Table
+from canest.report.page import Bar, Card, Page, Section, Table
 
 #: points of a figure at most; of more trips every second, third ... is drawn
 POINTS_MAX = 2000
@@ -68,7 +68,7 @@ def fleet_page(
     )
     if masses:
         trips = sum(count for _, count in masses)
-        bars = [(f"{t} to {t + 5} t", count / trips, look.BLUE) for t, count in masses]
+        bars = [Bar(f"{t} to {t + 5} t", count / trips, look.BLUE) for t, count in masses]
         page.sections.append(Section("Masses", text="Share of the trips with a valid mass.", bars=bars))
     header = ["vehicle", *(title for _, title, _ in _FLEET_COLUMNS)]
     rows = [[str(row["vehicle"]), *_cells(row, _FLEET_COLUMNS)] for row in vehicles]

@@ -7,7 +7,7 @@ from functools import cache
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from canest import __version__
 from canest.core.errors import OutputError
@@ -36,6 +36,15 @@ class Table:
     links: list[str] = field(default_factory=list)  #: a page for the first cell of each row, '' for none
 
 
+class Bar(NamedTuple):
+    """One bar: share (0..1) of the whole width, and what is written beside it ("": the share in per cent)."""
+
+    label: str
+    share: float
+    colour: str
+    text: str = ""
+
+
 @dataclass(slots=True)
 class Section:
     """A heading with what stands below it; every part may be missing."""
@@ -44,7 +53,7 @@ class Section:
     text: str = ""
     figure: str = ""
     table: Table | None = None
-    bars: list[tuple[str, float, str]] = field(default_factory=list)  #: (label, share 0..1, colour)
+    bars: list[Bar] = field(default_factory=list)
 
 
 @dataclass(slots=True)

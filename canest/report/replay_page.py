@@ -17,7 +17,7 @@ from canest.report import figure as look
 from canest.report.figure import Rows, numbers, with_gaps
 from canest.report.gate_colours import OPEN_COLOUR, spans_of
 from canest.report.gate_colours import look as gate_look
-from canest.report.page import Page, Section, Table
+from canest.report.page import Bar, Page, Section, Table
 from canest.report.recorder import Recorder
 from canest.report.replay_figures import cards, legs_section, reported_section
 from canest.vehicle.model import LongitudinalModel
@@ -211,10 +211,10 @@ def _fit_mass_axis(rows: Rows, columns: dict[str, FloatColumn], config: Config) 
 
 def _gates(s: dict[str, Any]) -> Section:
     samples = max(s["samples"], 1)
-    bars = [("open: the estimator learns", s["updated"] / samples, OPEN_COLOUR)]
+    bars = [Bar("open: the estimator learns", s["updated"] / samples, OPEN_COLOUR)]
     for gate, count in sorted(s["gates"].items(), key=lambda item: -item[1]):
         colour, meaning = gate_look(gate)
-        bars.append((f"{gate}: {meaning}", count / samples, colour))
+        bars.append(Bar(f"{gate}: {meaning}", count / samples, colour))
     return Section("Gates", text="Share of all samples, by the gate that refused them.", bars=bars)
 
 

@@ -10,7 +10,7 @@ from math import isfinite
 
 import numpy as np
 
-from canest.core.frames import FloatColumn
+from canest.core.frames import FloatColumn, IntColumn
 from canest.core.samples import STEP_US, EstimateBlock, ModelBlock
 from canest.offline.model_columns import residual_N
 from canest.telemetry.live_protocol import DECIMALS, Row
@@ -55,7 +55,7 @@ def _rows(
     """Return the rows at some positions. A block is short: whole columns as lists cost least."""
     residual = residual_N(estimates.mass_kg, samples.accel_mps2, estimates.grade, samples.mu, samples.force_N)
     residual[samples.gate != 0] = np.nan  # what is gated is not explained by the model, and need not be
-    columns = (
+    columns: tuple[FloatColumn | IntColumn, ...] = (
         samples.t_us * 1e-6,
         estimates.mass_kg,
         estimates.mass_std_kg,

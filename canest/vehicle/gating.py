@@ -122,14 +122,15 @@ class Gating:
         causes.append((Gate.DRIVELINE, self._disengaged(raw, has, accel_mps2)))
         if self._unreported is not None:
             causes.append((Gate.POSSIBLE_BRAKE, self._unreported.may_act(raw, accel_mps2)))
-        if "retarder_torque_pct" in has:
-            closed = np.abs(has["retarder_torque_pct"]) > gates.retarder.torque_pct
-            causes.append((Gate.RETARDER, closed))
         if "pto_state" in has:
             causes.append((Gate.PTO, has["pto_state"] > 0))
         if "yaw_rate" in has or "lateral_accel" in has:
             causes.append((Gate.TURNING, _lateral_mps2(speed, has) > gates.turning.lateral_mps2))
         causes.append((Gate.IMPLAUSIBLE, self._implausible(raw, has, accel_mps2)))
+        # last: an estimator may use the reported force of a retarder where no other gate is closed
+        if "retarder_torque_pct" in has:
+            closed = np.abs(has["retarder_torque_pct"]) > gates.retarder.torque_pct
+            causes.append((Gate.RETARDER, closed))
         return causes
 
     def _stale(self, grid: GridBlock, raw: RawModel) -> BoolColumn:

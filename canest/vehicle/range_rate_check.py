@@ -57,6 +57,8 @@ LIMITS: dict[str, Limit] = {
     # every 5 s and accepted the second or third time. A controller that has just woken may send 0
     "reference_torque": Limit(5.0, 50.0, most=20_000.0, least=50.0),
     "retarder_reference_torque": Limit(5.0, 50.0, most=20_000.0),
+    # one stage of an engine brake acts within 0.1 s, and one is at most half of them
+    "retarder_torque_pct": Limit(60.0, 300.0, 125.0),
     # a mountain road changes the pressure by 0.05 kPa/s; faster, so that a replaced sensor is accepted
     "barometric_pressure": Limit(2.0, 2.0),
     "ambient_temperature": Limit(3.0, 2.0),

@@ -1,5 +1,7 @@
 """What a command may load: a set of modules, since a time depends on the machine."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -62,3 +64,16 @@ def test_a_replay_loads_no_other_commands_packages():
     }
     unused = {"simulation", "diagnosis", "demo", "interface", "live", "node", "telemetry", "report", "api"}
     assert rooms & {f"canest.{room}" for room in unused} == set()
+
+
+def test_a_replay_never_loads_scipy():
+    modules = loaded_by("replay", str(KENWORTH), "-c", "kenworth")
+    assert {name for name in modules if name.split(".")[0] == "scipy"} == set()
+
+
+def test_the_daemon_never_loads_scipy():
+    code = "import sys, canest.live.daemon, canest.cli.run; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert not {name for name in done.stdout.split() if name.split(".")[0] == "scipy"}

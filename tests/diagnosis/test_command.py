@@ -148,7 +148,7 @@ def test_a_bracket_in_a_signals_name_is_printed(signal, capsys):
     candidate = Candidate("switched_load", "switched_load", "power_kW", shape)
     nothing = SimpleNamespace(**dict.fromkeys(SCORES))
     diagnosis = SimpleNamespace(
-        finding=f"Load of {signal}.", verdict="explained", before=nothing, after=nothing,
+        finding=f"Load of {signal}.", details=(), verdict="explained", before=nothing, after=nothing,
         references=[SimpleNamespace(text="known grade")],
         problem=SimpleNamespace(parts=[None], mass_known=True, rows=9),
     )  # fmt: skip

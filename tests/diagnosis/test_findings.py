@@ -7,7 +7,7 @@ import pytest
 
 from canest.cli.main import run
 from canest.config import load_config
-from canest.diagnosis.sentences import finding_of
+from canest.diagnosis.sentences import statement_of
 
 DELAYED = {"torque_delay"}  # every simulated engine reports 60 ms late: finding it is right
 
@@ -28,7 +28,19 @@ def test_a_dragging_brake_at_constant_mass_is_also_a_rolling_resistance(drive, f
     assert value(told, "brake_drag", "force_N") == pytest.approx(800, rel=0.15)
     # the same force by the other name: 800 N on 21.25 t
     assert value(told, "rolling_resistance", "crr_delta") == pytest.approx(800 / 21250 / 9.81, rel=0.15)
-    assert "cannot tell it from" in told["finding"]
+    assert "a dragging brake" in told["finding"].lower() and "rolling resistance" in told["finding"].lower()
+    assert any("cannot tell it from" in line for line in told["details"])
+
+
+@pytest.mark.parametrize("known", [("--truth", "auto"), ("--mass", "21250")])
+def test_a_brake_beside_a_wind_is_named_in_the_first_sentence(drive, found, diagnosed, known):
+    log = drive({"effect": "brake_drag", "force_N": 800.0}, {"effect": "headwind", "wind_mps": 5.0})
+    told = found(log, *known)
+    assert "dragging brake" in told["finding"].lower() and len(told["finding"].split()) <= 25
+    head = (diagnosed(log, *known) / "revised.yaml").read_text("utf-8").split("\n\n")[0]
+    assert "dragging brake" in head.lower()
+    assert told["steps"][-1]["residual_rms_N"] == told["after"]["residual_rms_N"]
+    assert told["models"]
 
 
 def test_a_drive_with_nothing_undeclared_gets_nothing_but_the_reporting_delay(drive, found):
@@ -64,9 +76,9 @@ def test_what_an_effect_alone_would_do_is_reported_where_nothing_is_selected(dri
 
 
 def test_effects_that_are_hidden_by_the_torque_s_rounding_are_not_called_no_explanation():
-    text = finding_of("unexplained", [], 146.0, 146.0, [], 104.0)
-    assert "below 104 N" in text and "none of the known effects" not in text
-    assert "none of the known effects" in finding_of("unexplained", [], 146.0, 146.0, [])
+    text = " ".join(statement_of("unexplained", [], 146.0, 146.0, hidden_N=104.0).details)
+    assert "below 104 N" in text and "one of the known effects" not in text
+    assert "None of the known effects" in statement_of("unexplained", [], 146.0, 146.0).details[1]
 
 
 def test_drafting_is_not_in_the_vocabulary_and_is_not_called_explained(drive, found):

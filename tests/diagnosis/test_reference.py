@@ -88,15 +88,15 @@ def test_a_mass_that_is_given_wins_over_the_table_which_needs_no_other_column(tm
 
 @pytest.mark.parametrize("gap", [None, 31])
 def test_smoothed_grade_and_its_variance_are_those_of_the_batch(gap):
-    _, sin_beta, std = smooth(*road(60, gap), None)
+    found = smooth(*road(60, gap), None)
     expected, expected_std = batch(*road(60, gap))
-    assert sin_beta == pytest.approx(expected, abs=1e-7)
-    assert std == pytest.approx(np.median(expected_std), rel=1e-4)
+    assert found.sin_beta == pytest.approx(expected, abs=1e-7)
+    assert found.std == pytest.approx(np.median(expected_std), rel=1e-4)
 
 
 def test_the_right_roughness_of_the_road_is_the_likeliest():
     *seen, walk = road(600)
-    likelihood = [smooth(*seen, walk * f**2, None)[0] for f in (0.2, 1.0, 5.0)]
+    likelihood = [smooth(*seen, walk * f**2, None).log_likelihood for f in (0.2, 1.0, 5.0)]
     assert likelihood[1] == max(likelihood)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from canest.core.samples import GRAVITY_MPS2
 from canest.diagnosis.data.drive import Run
-from canest.diagnosis.data.whitening import WINDOW_NOISE_MPS2, innovations
+from canest.diagnosis.data.whitening import WINDOW_NOISE_MPS2, GradeFilter
 
 MASS_KG, SPEED_MPS, SLOPE_STD, LENGTH_M = 20_000.0, 18.0, 0.01, 250.0
 
@@ -29,13 +29,17 @@ def covariance(t_s):
     return grade + np.eye(len(t_s)) * (WINDOW_NOISE_MPS2 * MASS_KG) ** 2
 
 
+def innovations(column, part):
+    return GradeFilter(part).innovations(column)
+
+
 @pytest.fixture
 def t_s():
     # a pause in the middle: the grade is forgotten there
     return np.r_[np.arange(40.0), 90.0 + np.arange(30.0)]
 
 
-def testinnovations_are_the_cholesky_factors(t_s):
+def test_innovations_are_the_cholesky_factors(t_s):
     x = np.random.default_rng(1).normal(size=len(t_s)) * 500 + 300
     expected = np.linalg.solve(np.linalg.cholesky(covariance(t_s)), x)
     assert innovations(x, part(t_s)) == pytest.approx(expected, rel=1e-9, abs=1e-12)

@@ -35,7 +35,7 @@ def test_every_stage_and_attribute_of_an_effect_has_its_row():
     for stage in PLUGIN_STAGES:
         assert f"| `{stage}` |" in EXTENDING
     own = {"name", "text", "parameters", "stage", "apply"}  # in the steps above the table
-    made = {"amount", "caused_by", "fitted_parameter", "to_config"}  # from the others
+    made = {"amount", "caused_by", "fitted_parameter", "in_words", "to_config"}  # from the others
     for name in {n for n in vars(Effect) if not n.startswith("_")} - own - made:
         assert f"| `{name}`" in EXTENDING or f"| `{name}(" in EXTENDING, name
     assert issubclass(Added, Effect) and issubclass(Scaled, Effect)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
@@ -15,7 +16,7 @@ from canest.diagnosis.data.drive import Drive, Run
 from canest.diagnosis.data.drive_part import DrivePart, torque_step_N
 from canest.diagnosis.data.least_squares import Matrix, held_out
 from canest.diagnosis.data.reference import Reference
-from canest.diagnosis.data.whitening import innovations
+from canest.diagnosis.data.whitening import GradeFilter
 from canest.vehicle.effects import Effect
 
 MIN_WINDOWS = 8
@@ -63,17 +64,16 @@ class Problem:
             offset += int(part.windows.chunk.max()) + 2
         self.chunk: IntColumn = np.unique(np.concatenate(chunks), return_inverse=True)[1]
         self.drive: IntColumn = np.repeat(np.arange(len(self.parts)), [p.windows.count for p in self.parts])
+        self._filters = [GradeFilter(p) for p in self.parts]
         self.mass_known = all(p.reference.mass_kg is not None for p in self.parts)
         self.nuisance_N = self._nuisance()
-        self.nuisance = np.column_stack(
-            [self.whiten(c) for c in self.nuisance_N.T] or [np.zeros((self.rows, 0))]
-        )
+        self.nuisance = self.whiten(self.nuisance_N)
         weights = [p.mass_kg.mean() * GRAVITY_MPS2 for p in self.parts]
         self.weight_N = float(np.mean(weights))
         #: one step of the reported torque, as force at the wheels
         self.torque_step_N = float(np.mean([torque_step_N(p) for p in self.parts]))
         #: standard deviation of one window in N, where the whitening has settled
-        self.unit_N = float(np.median(np.concatenate([innovations(None, p) for p in self.parts])))
+        self.unit_N = float(np.median(np.concatenate([f.std_N for f in self._filters])))
 
     @property
     def chunks(self) -> int:
@@ -94,14 +94,16 @@ class Problem:
         residual.flags.writeable = False
         return residual
 
-    def whiten(self, column_N: FloatColumn) -> FloatColumn:
-        """Return innovations in units of their own standard deviation: an unknown grade is filtered out."""
-        out, start = [], 0
-        for part in self.parts:
-            n = part.windows.count
-            out.append(innovations(column_N[start : start + n], part))
-            start += n
-        return np.concatenate(out)
+    def whiten(self, column_N: Matrix) -> Matrix:
+        """Return innovations in units of their own standard deviation: an unknown grade is filtered out.
+
+        column_N: one column (n,) or several (n, k), in N.
+        """
+        bounds = np.cumsum([0, *(p.windows.count for p in self.parts)])
+        pieces = [
+            f.innovations(column_N[a:b]) for f, (a, b) in zip(self._filters, pairwise(bounds), strict=True)
+        ]
+        return np.concatenate(pieces)
 
     def beside_nuisance(self, columns: Sequence[FloatColumn]) -> Matrix:
         """Return whitened regressors (n,) with what is always free behind them (n, columns)."""
@@ -110,6 +112,26 @@ class Problem:
     def held_out(self, residual: FloatColumn, columns: Sequence[FloatColumn]) -> FloatColumn:
         """Return what is left of a whitened residual on windows that were not used to fit it (n,)."""
         return held_out(residual, self.beside_nuisance(columns), self.chunk)
+
+    def reference_errors(self) -> dict[str, FloatColumn]:
+        """Return what steady errors of the reference do, whitened, per standard deviation (n,) each.
+
+        The accelerometer's bias and the body's pitch are known as well as the drive shows them: what is left
+        of them looks like a steady force, and like inertia.
+        """
+        found = {}
+        for i, part in enumerate(self.parts):
+            here, reference = self.drive == i, part.reference
+            accel = part.windows.mean(part.run.samples.accel_mps2)
+            for name, column in (
+                ("bias", reference.bias_std_mps2 * part.mass_w),
+                ("pitch", reference.pitch_std * GRAVITY_MPS2 * part.mass_w * accel),
+            ):
+                if np.any(column):
+                    whole = np.zeros(self.rows)
+                    whole[here] = column
+                    found[f"{name} of drive {i}"] = self.whiten(whole)
+        return found
 
     def _nuisance(self) -> Matrix:
         """Return what is always free per drive, in N per unit (n, columns).

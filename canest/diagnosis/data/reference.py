@@ -7,7 +7,7 @@ nothing, when the grade is only known to be a slow function of distance.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from canest.diagnosis.data.drive import Drive, Run
 from canest.diagnosis.data.road_smoother import (
     ACCELEROMETER_STD_MPS2,
     BIAS_STD_MPS2,
+    PITCH_STD,
     STEP_TICKS,
     altitude_noise_m,
     on_ticks,
@@ -32,6 +33,8 @@ from canest.offline.scoring import Score
 #: how fast a road's slope may wander, per root metre: from motorway to hills (0.1 to 0.8 % over 100 m);
 #: the likeliest for the drive is taken
 GRADE_WALKS_PER_SQRT_M = (0.0001, 0.0002, 0.0004, 0.0008)
+#: share of the body's pitch that no factor on the acceleration describes
+PITCH_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,9 @@ class Reference:
     sin_beta_std: float
     correlation_m: float = 300.0
     grade: FloatColumn | None = None  #: unfiltered truth, for scoring
+    #: what the accelerometer's bias (m/s2) and the body's pitch (rad per m/s2) may still be off by
+    bias_std_mps2: float = 0.0
+    pitch_std: float = 0.0
 
 
 def reference_for(
@@ -77,8 +83,7 @@ def reference_for(
             return Reference("truth", "known grade", mass, sin_beta, 0.0, grade=grade)
     sensed = _slope_sensor(drive, run) or _altitude_and_accelerometer(drive, run)
     if sensed is not None:
-        kind, text, sin_beta, std, correlation_m = sensed
-        return Reference(kind, text, mass, sin_beta, std, correlation_m)
+        return replace(sensed, mass_kg=mass)
     text = "nothing but the bus: the grade is only known to change slowly with distance"
     return Reference("none", text, mass, np.zeros(n), 0.03)
 
@@ -89,20 +94,16 @@ def filled(column: FloatColumn) -> FloatColumn:
     return np.interp(np.arange(len(column)), known, column[known])
 
 
-#: kind, text, sin(beta) per tick, its standard deviation, correlation length of its error in m
-_Sensed = tuple[str, str, FloatColumn, float, float]
-
-
-def _slope_sensor(drive: Drive, run: Run) -> _Sensed | None:
+def _slope_sensor(drive: Drive, run: Run) -> Reference | None:
     slope = run.samples.slope
     known = np.isfinite(slope)
     if known.mean() < 0.9:
         return None
     sin_beta = np.sin(np.arctan(np.interp(run.t_s, run.t_s[known], slope[known])))
-    return "slope", "slope sensor", drive.filtered(sin_beta, run), 0.002, 100.0
+    return Reference("slope", "slope sensor", None, drive.filtered(sin_beta, run), 0.002, 100.0)
 
 
-def _altitude_and_accelerometer(drive: Drive, run: Run) -> _Sensed | None:
+def _altitude_and_accelerometer(drive: Drive, run: Run) -> Reference | None:
     """Return the smoothed road (`road_smoother`), of the roughness that is the likeliest."""
     m = run.samples
     first, fresh = whole_seconds(run.begins)
@@ -126,16 +127,25 @@ def _altitude_and_accelerometer(drive: Drive, run: Run) -> _Sensed | None:
     pitch = drive.config.vehicle.accelerometer.pitch_rad_per_mps2
     moving = np.maximum(speed, 0.1)
     smoothed = [
-        (*smooth(fresh, speed, accel, extra, altitude, noise, walk**2 * moving, pitch), walk)
+        (smooth(fresh, speed, accel, extra, altitude, noise, walk**2 * moving, pitch), walk)
         for walk in GRADE_WALKS_PER_SQRT_M
     ]
-    _, sin_beta, std, walk = max(smoothed, key=lambda s: s[0])
+    road, walk = max(smoothed, key=lambda s: s[0].log_likelihood)
+    std = road.std
     # the smoother averages the sharper sensor over the distance in which the road changes as much as it errs
     sensor = ACCELEROMETER_STD_MPS2 / GRAVITY_MPS2 if has_accelerometer else noise / 20.0
     correlation_m = float(np.clip(np.median(moving[driving] ** 0.5) * sensor / walk, 10.0, 500.0))
-    column = on_ticks(sin_beta, first, fresh, len(m))
+    column = on_ticks(road.sin_beta, first, fresh, len(m))
     names = [n for n, has in (("altitude", has_altitude), ("accelerometer", has_accelerometer)) if has]
     text = "grade from " + " and ".join(names) + ", smoothed over the drive"
     if not has_altitude:
         std = float(np.hypot(std, 0.5 * BIAS_STD_MPS2 / GRAVITY_MPS2))
-    return "+".join(names), text, column, std, correlation_m
+    # a body pitches with a lag and by its load: never in proportion to better than this
+    least_std = PITCH_SHARE * (PITCH_STD if pitch is None else max(pitch, 0.003))
+    pitch_std = max(road.pitch_std, least_std) if has_accelerometer else 0.0
+    # the bias is a steady error only where an altitude ties it down: else it is free, see `Problem`
+    bias_std = road.bias_std_mps2 if has_accelerometer and has_altitude else 0.0
+    kind = "+".join(names)
+    return Reference(
+        kind, text, None, column, std, correlation_m, bias_std_mps2=bias_std, pitch_std=pitch_std
+    )

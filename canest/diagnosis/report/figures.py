@@ -12,7 +12,6 @@ from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.run import Diagnosis
 from canest.diagnosis.search.choice import Chosen
 from canest.diagnosis.search.dependence import Cause, binned, cause_of, causes
-from canest.diagnosis.search.gauss_newton import fit_on
 from canest.report.figure import BLUE, GREEN, INK, MUTED, ORANGE, Rows, Stroke, numbers
 from canest.report.panels import Panels
 
@@ -62,7 +61,7 @@ def against_causes(diagnosis: Diagnosis) -> str:
     """Each selected effect against its own cause: residual without it (the others in) and with it."""
     problem, search = diagnosis.problem, diagnosis.search
     everything = np.ones(problem.rows, np.bool_)
-    taken = 0.0 if problem.mass_known else fit_on(problem, search.base, search.chosen, everything)[1]
+    taken = 0.0 if problem.mass_known else search.fit_on(everything)[1]
     after = search.residual_N
     shown: list[tuple[Chosen, Cause, FloatColumn]] = []
     for chosen in search.chosen:

@@ -8,13 +8,14 @@ from pathlib import Path
 from canest.diagnosis.entries import Entry
 from canest.diagnosis.outcome import dependence, not_tried, reference_limits
 from canest.diagnosis.report import figures
+from canest.diagnosis.report.figures import BEFORE
 from canest.diagnosis.report.format import change, entry_name, entry_value, interval, score_rows
 from canest.diagnosis.run import Diagnosis
-from canest.diagnosis.sentences import capitalised, describe, describe_equivalents
-from canest.report.figure import BLUE, VIOLET
-from canest.report.page import Card, Page, Section, Table
+from canest.diagnosis.sentences import alternatives, capitalised, describe, describe_equivalents
+from canest.report.figure import BLUE
+from canest.report.page import Bar, Card, Page, Section, Table
+from canest.vehicle.effects import effect_class
 
-_GREY = "#cbd5e1"
 _TONES = {"explained": "good", "partly": "warn", "unexplained": "bad", "nothing-to-explain": "good"}
 #: drives whose mass and grade are drawn
 DRIVES_SHOWN = 3
@@ -29,9 +30,9 @@ def report_page(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str
         facts=_facts(diagnosis),
         cards=_cards(diagnosis),
     )
-    page.sections.append(_before_and_after(diagnosis))
-    if found:
-        page.sections.append(_shares(found))
+    page.sections += [_said(diagnosis), _before_and_after(diagnosis)]
+    if diagnosis.steps:
+        page.sections.append(_steps(diagnosis))
     if diagnosis.search.chosen:
         page.sections.append(_causes(diagnosis))
     page.sections.append(_over_time(diagnosis))
@@ -91,24 +92,25 @@ def _before_and_after(d: Diagnosis) -> Section:
     return Section("Before and after", text=text, table=Table(["", "before", "after"], rows))
 
 
-def _shares(found: Sequence[Entry]) -> Section:
-    """Draw what each candidate removes; equivalents stand right below the effect they imitate."""
-    equivalents = {n for e in found if e.selected for n in e.equivalent}
-    bars = []
-    for entry in found:
-        if entry.selected:
-            label, colour = f"{entry_name(entry)}  {entry_value(entry)}", BLUE
-        elif entry.candidate.effect in equivalents:
-            label, colour = f"≡ {entry_name(entry)}  {entry_value(entry)}", VIOLET
-        else:
-            label, colour = entry_name(entry), _GREY
-        bars.append((label, entry.explained, colour))
+def _steps(d: Diagnosis) -> Section:
+    """Draw how the held-out residual falls from effect to effect."""
+    first = max(d.before.residual_rms_N, 1e-9)
+    left = [("the model as configured", d.before.residual_rms_N, BEFORE)]
+    for step in d.steps:
+        same = "".join(f" or {effect_class(n).in_words()}" for n in alternatives(step.added))
+        left.append((f"with {describe(step.added)}{same}", step.residual_rms_N, BLUE))
+    bars = [Bar(label, min(n / first, 1.0), colour, f"{n:,.0f} N") for label, n, colour in left]
     text = (
-        "Share of the held-out residual variance that each effect removes. Blue: added to the model, the "
-        "share is what comes back without it. Violet (≡): would do as well in its place, this data cannot "
-        "tell them apart. Grey: alone, and not needed beside the selected ones."
+        "RMS of the held-out residual: what the model leaves unexplained, and what is left of it after each "
+        "effect that was added. Every step keeps those before it."
     )
+    if len(d.search.rivals) > 1 and d.search.chosen:
+        text += " Other sets of effects do as well, see the lines above."
     return Section("What explains it", text=text, bars=bars)
+
+
+def _said(d: Diagnosis) -> Section:
+    return Section("In numbers", table=Table([""], [[line] for line in d.details]))
 
 
 def _causes(d: Diagnosis) -> Section:

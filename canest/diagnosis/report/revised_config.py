@@ -14,8 +14,9 @@ from canest.config.schema import Config
 from canest.core.errors import CanestError, ConfigError
 from canest.core.roles import ROLES
 from canest.diagnosis.run import Diagnosis
+from canest.diagnosis.sentences import alternatives
 from canest.system.shipped_files import shipped
-from canest.vehicle.effects import effect_from_config, plugin_roles
+from canest.vehicle.effects import effect_class, effect_from_config, plugin_roles
 
 _WIDTH = 100
 _INDENT = "  "
@@ -68,7 +69,7 @@ def revised_text(diagnosis: Diagnosis, config: Config, original: str, name: str)
 
 def _header(diagnosis: Diagnosis, name: str) -> str:
     logs = ", ".join(p.drive.name for p in diagnosis.problem.parts)
-    lines = [f"{name} as revised by `canest diagnose` from {logs}.", diagnosis.finding]
+    lines = [f"{name} as revised by `canest diagnose` from {logs}.", diagnosis.finding, *diagnosis.details]
     chosen = diagnosis.search.chosen
     lines.append("What it added: see effects." if chosen else "Nothing was added.")
     return "".join(f"# {part}\n" for line in lines for part in _wrapped(line)) + "\n"
@@ -86,6 +87,7 @@ def _notes(diagnosis: Diagnosis) -> dict[int, str]:
     return {
         first + i: f"± {c.std:.2g} {c.candidate.info.unit}".rstrip()
         + f", removes {100 * min(max(c.explained, 0.0), 1.0):.1f} % of the residual variance"
+        + "".join(f", or {effect_class(n).in_words()}" for n in alternatives(c))
         for i, c in enumerate(diagnosis.search.chosen)
     }
 

@@ -24,7 +24,7 @@ from canest.decode.groups import MAX_GROUPS, Want, build_groups, exact_id
 from canest.decode.j1939 import pgn_of, source_of
 from canest.diagnosis.data.least_squares import held_out
 from canest.diagnosis.data.problem import Problem
-from canest.diagnosis.search.forward_selection import Search
+from canest.diagnosis.search.set_search import Search
 from canest.logs.format_detection import open_log
 from canest.logs.memory import MemoryLog
 from canest.pipeline.table_map import open_for

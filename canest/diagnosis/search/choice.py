@@ -28,10 +28,10 @@ class Chosen:
     scatter: float = 0.0
     shifts: float = 0.0
 
-    def sigmas(self) -> float:
-        """Return how many times its scatter it is from neutral; 0 at a bound, where nothing is fitted."""
-        inside = self.candidate.possible(self.deviation)
-        return abs(self.deviation) / max(self.scatter, 1e-30) if inside else 0.0
+    @property
+    def value(self) -> float:
+        """Return the fitted parameter's value."""
+        return self.candidate.info.neutral + self.deviation
 
     def effect(self) -> Effect:
         """Build the effect at its fitted value."""

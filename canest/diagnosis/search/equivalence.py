@@ -90,10 +90,11 @@ class Alternatives:
             worse = float(left.sum()) - best
             nearly = worse < min(EQUIVALENT_SHARE * best, EQUIVALENT_MISS * (missed - best))
             alike = _mirrors(mine, self._rest(theirs, others))
-            allowing = worse < (1.0 - EQUIVALENT_PART) * (missed - best) and as_good(
-                self._left_allowing(without, [*others, theirs], best), best_allowing, chunk
-            )
-            if alike or nearly or allowing or as_good(left, best_left, chunk):
+            beside_errors = self._left_allowing(without, [*others, theirs], best)
+            allowing = as_good(beside_errors, best_allowing, chunk)
+            # what a delay leaves may be small errors: what takes more of these says nothing of the delay
+            plainly = (nearly or as_good(left, best_left, chunk)) and (allowing or not chosen.is_delay)
+            if alike or plainly or (allowing and worse < (1.0 - EQUIVALENT_PART) * (missed - best)):
                 found.append(c)
         return sorted(found, key=lambda c: c.rarity)
 

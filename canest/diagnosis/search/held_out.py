@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.stats import bootstrap
 
 from canest.core.estimates import Estimates
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn, MonotonicClock
 from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.data.residual_windows import CHUNK_S
-from canest.diagnosis.search.forward_selection import Search
-from canest.diagnosis.search.gauss_newton import fit_on
+from canest.diagnosis.search.choice import Chosen
+from canest.diagnosis.search.set_search import Search
 from canest.vehicle.effects import Effect
 from canest.vehicle.effects.load import added_kg
 
@@ -71,7 +73,7 @@ def two_folds(problem: Problem, search: Search) -> list[Fold]:
     half = unit % 2 == 1
     folds = []
     for judged in (half, ~half):
-        effects, taken_N = fit_on(problem, search.base, search.chosen, ~judged)
+        effects, taken_N = search.fit_on(~judged)
         folds.append(Fold(effects, taken_N, judged))
     return folds
 
@@ -84,22 +86,64 @@ def residual_score(
     for fold in folds:
         residual = problem.residual_N(fold.effects) - fold.taken_N
         left[fold.judged] = residual[fold.judged]
-    drawn, _ = _bootstrap(left, problem.chunk)
-    return float(np.sqrt((left**2).mean())), float(drawn.std()), _interval(drawn), left
+    drawn = _bootstrap(left, problem.chunk)["rms"]
+    return float(np.sqrt((left**2).mean())), drawn.std, drawn.interval, left
 
 
-def _bootstrap(errors: FloatColumn, block: IntColumn) -> tuple[FloatColumn, FloatColumn]:
-    """Draw whole blocks anew, with replacement: RMS and mean of every draw, (BOOTSTRAPS,) each."""
+@dataclass(frozen=True)
+class _Drawn:
+    """A number with its standard error and 95 % interval, from blocks drawn anew."""
+
+    std: float
+    interval: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Step:
+    """The held-out residual's RMS, N, once this effect is added to those before it."""
+
+    added: Chosen
+    residual_rms_N: float
+
+
+def steps_to(search: Search, last_N: float) -> list[Step]:
+    """Return how the residual falls from choice to choice. last_N: with all of them, as it was judged."""
+    steps = []
+    for k, added in enumerate(search.chosen[:-1], 1):
+        part = copy(search)
+        part.chosen = [Chosen(c.candidate, c.deviation) for c in search.chosen[:k]]
+        rms_N, *_ = residual_score(search.problem, two_folds(search.problem, part))
+        steps.append(Step(added, rms_N))
+    return [*steps, *(Step(added, last_N) for added in search.chosen[-1:])]
+
+
+def _bootstrap(errors: FloatColumn, block: IntColumn) -> dict[str, _Drawn]:
+    """Return how certain `rms` and `mean` of errors (n,) are: whole blocks are drawn, with replacement."""
     number = np.unique(block, return_inverse=True)[1]
-    sums = np.stack([np.bincount(number, weights=w) for w in (np.ones(len(errors)), errors, errors**2)])
-    draws = np.random.default_rng(0).integers(0, sums.shape[1], (BOOTSTRAPS, sums.shape[1]))
-    count, total, square = sums[:, draws].sum(axis=2)
-    return np.sqrt(square / count), total / count
+    sums = [
+        np.asarray(np.bincount(number, weights=w), np.float64)
+        for w in (np.ones(len(errors)), errors, errors**2)
+    ]
 
+    def rms(count: FloatColumn, _total: FloatColumn, square: FloatColumn, axis: int) -> FloatColumn:
+        return np.asarray(np.sqrt(square.sum(axis=axis) / count.sum(axis=axis)))
 
-def _interval(drawn: FloatColumn) -> tuple[float, float]:
-    low, high = np.percentile(drawn, [2.5, 97.5])
-    return float(low), float(high)
+    def mean(count: FloatColumn, total: FloatColumn, _square: FloatColumn, axis: int) -> FloatColumn:
+        return np.asarray(total.sum(axis=axis) / count.sum(axis=axis))
+
+    found = {}
+    for name, statistic in (("rms", rms), ("mean", mean)):
+        if len(sums[0]) < 2:  # one block shows no scatter
+            value = float(statistic(sums[0], sums[1], sums[2], -1))
+            found[name] = _Drawn(0.0, (value, value))
+            continue
+        drawn = bootstrap(
+            sums, statistic, n_resamples=BOOTSTRAPS, paired=True, vectorized=True, method="percentile",
+            rng=np.random.default_rng(0),
+        )  # fmt: skip
+        low, high = drawn.confidence_interval
+        found[name] = _Drawn(float(drawn.standard_error), (float(low), float(high)))
+    return found
 
 
 class _Errors:
@@ -126,12 +170,12 @@ class _Errors:
         errors = np.concatenate(self._errors) * scale if self._errors else np.empty(0)
         if not len(errors):
             return {"rms": None, "mean": None}, {}
-        rms, mean = _bootstrap(errors, np.concatenate(self._blocks))
+        drawn = _bootstrap(errors, np.concatenate(self._blocks))
         of_all: dict[str, float | None] = {
             "rms": float(np.sqrt((errors**2).mean())),
             "mean": float(errors.mean()),
         }
-        return of_all, {"rms": _interval(rms), "mean": _interval(mean)}
+        return of_all, {name: d.interval for name, d in drawn.items()}
 
 
 def score(problem: Problem, folds: Sequence[Fold]) -> tuple[Score, FloatColumn, list[Estimates]]:

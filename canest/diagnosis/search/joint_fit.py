@@ -8,15 +8,15 @@ from typing import Self
 
 import numpy as np
 
-from canest.core.frames import FloatColumn
+from canest.core.frames import BoolColumn, FloatColumn
 from canest.core.samples import STEP_S
 from canest.diagnosis.data.least_squares import Matrix, solve
 from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.search.candidates import Candidate
 from canest.diagnosis.search.choice import Chosen, Tried
 from canest.diagnosis.search.equivalence import Alternatives
-from canest.diagnosis.search.gauss_newton import refine, regressors
 from canest.diagnosis.search.small_errors import usual_spread, variance_beside
+from canest.diagnosis.search.value_fit import Prior, fit_on, refine, regressors
 from canest.vehicle.effects import Effect
 
 #: an effect must remove something that matters: so much residual, as share of the weight (2e-4 is a slope of
@@ -49,6 +49,8 @@ class JointFit:
         self._spread = usual_spread(problem.parts[0].drive.config.vehicle, self.candidates)
         self.alternatives = Alternatives(problem, self.offered, self._spread)
         self.residual_N = self.first_residual_N
+        #: the small errors that may be beside the chosen effects; None until the noise is known
+        self.prior: Prior | None = None
 
     def _regressor(self, c: Candidate) -> FloatColumn:
         """Return the whitened change of the first residual per unit of a candidate's parameter."""
@@ -97,7 +99,20 @@ class JointFit:
 
     def refit(self) -> None:
         """Fit all chosen parameters together, from where they are."""
-        self.residual_N = refine(self.problem, self.base, self.chosen)
+        self.residual_N = refine(self.problem, self.base, self.chosen, self.prior)
+
+    def fit_on(self, rows: BoolColumn) -> tuple[list[Effect], FloatColumn]:
+        """Fit the chosen effects on these rows (n,) only; they themselves stay as they are.
+
+        Returns base and refitted effects, and the force (n,) in N that a free mass takes out of the residual.
+        """
+        return fit_on(self.problem, self.base, self.chosen, rows, self.prior)
+
+    def small_errors(self) -> Matrix:
+        """Return the small errors of every vehicle and of the reference, whitened, per standard deviation."""
+        small = [self._spread[c.label] * x for c, x in self.offered if c.label in self._spread]
+        nothing = np.zeros((self.problem.rows, 0))
+        return np.column_stack([nothing, *small, *self.problem.reference_errors().values()])
 
     def current(self) -> tuple[FloatColumn, list[FloatColumn]]:
         """Return the residual at the present values and the chosen effects' regressors there."""

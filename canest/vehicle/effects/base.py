@@ -70,6 +70,10 @@ class Effect:
 
     #: how rare it is: of effects that a drive cannot distinguish, the commonest (lowest) is named first
     rarity: ClassVar[int] = 1000
+    #: what is named first of effects that a drive cannot distinguish: 2 a danger, 1 wear, 0 neither
+    urgency: ClassVar[int] = 0
+    #: it as a part of a sentence, without a number; "" for its name
+    words: ClassVar[str] = ""
     #: whether it scales all traction, as an unknown mass does: it is never found beside one
     scales_traction: ClassVar[bool] = False
     #: field that distinguishes several of it in one vehicle; "" where there is one at most
@@ -108,6 +112,11 @@ class Effect:
         """Return the first parameter with its standard deviation and unit, e.g. "6.49 ± 0.4 m/s"."""
         name = self.fitted_parameter()
         return f"{getattr(self, name):.3g} ± {std:.1g} {self.parameters[name].unit}".strip()
+
+    @classmethod
+    def in_words(cls) -> str:
+        """Return it as a part of a sentence, without a number, e.g. "a dragging brake"."""
+        return cls.words or cls.name.replace("_", " ")
 
     @classmethod
     def fitted_parameter(cls) -> str:

@@ -19,6 +19,7 @@ class TorqueGain(Scaled):
     """The engine gives another torque than it reports, in proportion."""
 
     name: ClassVar[str] = "torque_gain"
+    words: ClassVar[str] = "misreported torque"
     stage: ClassVar[Stage] = "crank"
     text: ClassVar[str] = "true over reported net torque"
     column: ClassVar[str] = "torque_Nm"
@@ -39,6 +40,7 @@ class TorqueOffset(Added):
     """Something takes a constant torque at the crank."""
 
     name: ClassVar[str] = "torque_offset"
+    words: ClassVar[str] = "torque lost at the crank"
     stage: ClassVar[Stage] = "crank"
     text: ClassVar[str] = "torque lost at the crank"
     column: ClassVar[str] = "torque_Nm"
@@ -59,6 +61,7 @@ class TorqueDelay(Effect):
     """Torque is reported later than it acts (the grid waits for it: see `canest.grid`)."""
 
     name: ClassVar[str] = "torque_delay"
+    words: ClassVar[str] = "late torque"
     stage: ClassVar[Stage] = "sampling"
     text: ClassVar[str] = "torque reported this much later than it acts"
     rarity: ClassVar[int] = 10
@@ -94,6 +97,7 @@ class RetarderUnreported(Effect):
     """An engine brake or retarder that acts without reporting its torque."""
 
     name: ClassVar[str] = "retarder_unreported"
+    words: ClassVar[str] = "an unreported retarder"
     stage: ClassVar[Stage] = "crank"
     text: ClassVar[str] = "retarding torque at the crank while its cause is on"
     rarity: ClassVar[int] = 110
@@ -129,6 +133,7 @@ class SwitchedLoad(Effect):
     """Something takes power at the crank while a signal (fan, compressor, PTO) or a regime is on."""
 
     name: ClassVar[str] = "switched_load"
+    words: ClassVar[str] = "a switched load"
     stage: ClassVar[Stage] = "crank"
     text: ClassVar[str] = "power taken at the crank while a signal or a regime is on"
     rarity: ClassVar[int] = 50

@@ -98,7 +98,9 @@ class WheelSlip(Effect):
     text: ClassVar[str] = "driven-wheel slip per m/s2 of traction"
     rarity: ClassVar[int] = 160
     separated_by: ClassVar[str] = "an undriven-axle speed"
-    parameters: ClassVar[dict[str, Parameter]] = {"slip_per_mps2": Parameter("s2/m", 0.0, 0.0, 0.2, 0.002)}
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "slip_per_mps2": Parameter("s2/m", 0.0, 0.0, 0.2, 0.002, usual=0.006)
+    }
     slip_per_mps2: float = 0.0
     settings: ClassVar[dict[str, Parameter]] = {"mass_kg": Parameter("kg", 0.0, 50.0, 500_000.0, 1000.0)}
     #: mass by which traction becomes an acceleration; None: the geometric mean of the config's bounds

@@ -18,6 +18,7 @@ class PayloadChange(Effect):
     """The load changes during a stop. The diagnosis finds it in a drive; estimators do by themselves."""
 
     name: ClassVar[str] = "payload_change"
+    words: ClassVar[str] = "a changed load"
     stage: ClassVar[Stage] = "load"
     text: ClassVar[str] = "mass added in the stop around t_s (the log's clock); estimators find it themselves"
     rarity: ClassVar[int] = 180

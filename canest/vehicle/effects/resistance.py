@@ -18,6 +18,7 @@ class Headwind(Added):
     """Air moves against the vehicle."""
 
     name: ClassVar[str] = "headwind"
+    words: ClassVar[str] = "wind"
     text: ClassVar[str] = "steady wind, positive against the motion"
     column: ClassVar[str] = "wind_mps"
     rarity: ClassVar[int] = 20
@@ -61,6 +62,7 @@ class RollingResistance(Added):
     """A higher (or lower) rolling resistance coefficient."""
 
     name: ClassVar[str] = "rolling_resistance"
+    urgency: ClassVar[int] = 1
     text: ClassVar[str] = "rolling resistance coefficient beyond the config's"
     column: ClassVar[str] = "mu"
     rarity: ClassVar[int] = 40
@@ -81,6 +83,7 @@ class RollingResistanceSpeed(Effect):
     """Rolling resistance that grows with speed."""
 
     name: ClassVar[str] = "rolling_resistance_speed"
+    words: ClassVar[str] = "speed-dependent rolling resistance"
     text: ClassVar[str] = "rolling resistance coefficient added per m/s"
     rarity: ClassVar[int] = 170
     cause_quantity: ClassVar[str] = "speed"
@@ -142,6 +145,7 @@ class RollingWarmup(Effect):
     """Cold tyres roll harder until they are warm."""
 
     name: ClassVar[str] = "rolling_warmup"
+    words: ClassVar[str] = "cold tyres"
     text: ClassVar[str] = "rolling resistance coefficient added at the start, decaying"
     rarity: ClassVar[int] = 130
     cause_quantity: ClassVar[str] = "time"
@@ -175,6 +179,8 @@ class BrakeDrag(Added):
     """A brake that does not quite release."""
 
     name: ClassVar[str] = "brake_drag"
+    words: ClassVar[str] = "a dragging brake"
+    urgency: ClassVar[int] = 2
     text: ClassVar[str] = "constant force against the motion"
     column: ClassVar[str] = "extra_N"
     sign: ClassVar[float] = -1.0
