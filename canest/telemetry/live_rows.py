@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from collections import deque
 from math import isfinite
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from canest.core.frames import FloatColumn, IntColumn
+from canest.core.frames import FloatColumn
 from canest.core.samples import STEP_US, EstimateBlock, ModelBlock
 from canest.offline.model_columns import residual_N
 from canest.telemetry.live_protocol import DECIMALS, Row
@@ -55,7 +57,7 @@ def _rows(
     """Return the rows at some positions. A block is short: whole columns as lists cost least."""
     residual = residual_N(estimates.mass_kg, samples.accel_mps2, estimates.grade, samples.mu, samples.force_N)
     residual[samples.gate != 0] = np.nan  # what is gated is not explained by the model, and need not be
-    columns: tuple[FloatColumn | IntColumn, ...] = (
+    columns: tuple[NDArray[Any], ...] = (
         samples.t_us * 1e-6,
         estimates.mass_kg,
         estimates.mass_std_kg,
