@@ -1,8 +1,8 @@
-"""What takes a minute, twice in the same one: a daemon stopped, and one on a real truck's bus under attack.
+"""What takes a minute, twice in the same one: a daemon stopped, and one whose bus is under attack.
 
 The stopped one has no privilege, as under its unit, so its socket holds only some hundred frames of it. The
-other has a valid mass and receives the logs of a truck that was attacked; beside them random frames and
-valid groups from wrong addresses fill the bus.
+other has a valid mass and receives, beside its truck's frames, the commands and the address claims with which
+a real truck was attacked; random frames and valid groups from wrong addresses fill the bus.
 """
 
 from __future__ import annotations
@@ -27,15 +27,13 @@ ASLEEP, ATTACKED = "vtma", "vtmb"
 MINUTE_S = 60.0
 RECOVERY_S = 2.0
 MOST = 0.02  #: a valid mass may change by this share
-#: With little doubt, so that learning alone moves them little.
-CYCLE_MASS_KG, TRUCK_MASS_KG = rig.TRUE_MASS_KG, 8_000.0
 #: A full bus of 250 kbit/s carries 1900 frames/s: half are random, half wanted groups from wrong addresses.
 RANDOM_FRAMES = FOREIGN_FRAMES = 57_000
 FOREIGN_PER_LOOP = 1900
 #: Of the cycle, what no role and no node wants: kernel filters drop it unseen.
 UNWANTED = (0x18FE6C31, 0x18FEEE31, 0x18FEEF31, 0x18FEF231)
-#: a torque that is known to 8 % gives no mass within the usual 4.5 %
-SETTINGS = ("--set", "broadcast.enabled=true", "--set", "estimator.valid_std_pct=8")
+#: the log of a real attack, and the groups (PF) of it: torque commands, claims of the engine's address
+ATTACK_GROUPS = (("tsc1", ("00",)), ("address_claim", ("EE",)))
 UNPRIVILEGED = ("setpriv", "--bounding-set=-net_admin", "--inh-caps=-net_admin")
 SENDERS = (0x00, 0x03, 0x0B, 0x0F, 0x1C, 0x29, 0x31, rig.ADDRESS)
 
@@ -85,7 +83,7 @@ def attacks(folder: Path) -> list[str]:
     return [
         f"cangen {ATTACKED} -e -i -g 20 -c 20 -n {RANDOM_FRAMES} -I r -L r -D r",
         player(foreign_log(folder), 20, FOREIGN_FRAMES // FOREIGN_PER_LOOP),
-        "; ".join(player(rig.kenworth_log(folder, name), 2) for name in ("tsc1", "address_claim")),
+        "; ".join(player(rig.kenworth_log(folder, *attack), 2) for attack in ATTACK_GROUPS),
     ]
 
 
@@ -103,12 +101,12 @@ def minute(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemons]:
             stack.callback(subprocess.run, ["ip", "link", "delete", bus], check=False)
         daemons = Daemons(
             rig.Daemon(ASLEEP, folder / "asleep", prefix=UNPRIVILEGED),
-            rig.Daemon(ATTACKED, folder / "attacked", *SETTINGS, config="kenworth"),
+            rig.Daemon(ATTACKED, folder / "attacked"),
         )
-        daemons.asleep.remember(CYCLE_MASS_KG, 100.0)
-        daemons.attacked.remember(TRUCK_MASS_KG, 50.0)
         both = (daemons.asleep, daemons.attacked)
         for daemon in both:
+            # with little doubt, so that learning alone moves it little
+            daemon.remember(rig.TRUE_MASS_KG, 100.0)
             daemon.launch()
             stack.callback(daemon.__exit__)
         for daemon in both:
@@ -117,12 +115,11 @@ def minute(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemons]:
             stack.enter_context(rig.BroadcastReceiver(ASLEEP)),
             stack.enter_context(rig.BroadcastReceiver(ATTACKED)),
         )
-        # made before the truck sends: half a minute of silence would be a stop in which it may be loaded
         commands = attacks(folder)
-        with rig.playing(ASLEEP, rig.cycle_log(folder, without=UNWANTED)):
-            with rig.playing(ATTACKED, rig.kenworth_log(folder, "normal")):
-                asleep.until(is_valid, 60.0, "a valid estimate")
-                daemons.received.append(attacked.until(is_valid, 60.0, "a valid estimate"))
+        cycle = rig.cycle_log(folder, without=UNWANTED)
+        with rig.playing(ASLEEP, cycle), rig.playing(ATTACKED, cycle):
+            asleep.until(is_valid, 60.0, "a valid estimate")
+            daemons.received.append(attacked.until(is_valid, 60.0, "a valid estimate"))
             daemons.before = {daemon.interface: daemon.status() for daemon in both}
             stopped_s = time.monotonic()
             daemons.asleep.signal(signal.SIGSTOP)
