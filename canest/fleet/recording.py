@@ -144,7 +144,9 @@ class _Position:
 
     def since(self, latitude: FloatColumn, longitude: FloatColumn, way_m: FloatColumn) -> FloatColumn:
         """Return the distance at which the position in force came, m (n,)."""
-        before = [shifted(column, last) for column, last in zip((latitude, longitude), self._last, strict=False)]
+        before = [
+            shifted(column, last) for column, last in zip((latitude, longitude), self._last, strict=False)
+        ]
         new = (latitude != before[0]) | (longitude != before[1])
         last = np.maximum.accumulate(np.where(new, np.arange(len(new)), -1))
         came_m = np.where(last < 0, self._last[2], way_m[last])

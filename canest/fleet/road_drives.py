@@ -13,7 +13,8 @@ from canest.fleet.query import connect
 from canest.road.tracks import Drive
 
 _COLUMNS = (
-    "distance_m", "speed_mps", "grade", "grade_std", "altitude_m", "latitude_deg", "longitude_deg", "position_m",
+    "distance_m", "speed_mps", "grade", "grade_std", "altitude_m", "latitude_deg", "longitude_deg",
+    "position_m",
 )  # fmt: skip
 _SECONDS_PER_DAY = 86_400.0
 
@@ -36,7 +37,8 @@ def drives_of(
     ).fetchall()
     for number, (vehicle, log, began) in enumerate(logs):
         answer = connection.execute(
-            f"select {columns} from samples where vehicle = ? and log = ? and {where} order by t_s", [vehicle, log]
+            f"select {columns} from samples where vehicle = ? and log = ? and {where} order by t_s",
+            [vehicle, log],
         ).fetchnumpy()
         day = float(began // _SECONDS_PER_DAY) if began is not None else float("nan")
         yield Drive(log, vehicle, day, **{name: _floats(answer[name]) for name in _COLUMNS})

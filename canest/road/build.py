@@ -4,25 +4,33 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
+from importlib.util import find_spec
 
 import numpy as np
 
+from canest.core.errors import UsageError
 from canest.core.frames import FloatColumn, IntColumn
 from canest.road.fusion import fuse
 from canest.road.network import Network, Visits
 from canest.road.sphere import headings_of, positions_of
 from canest.road.table import RoadMap
 from canest.road.tracks import Drive, tracks_of
+from canest.system.installation import how_to_add
 
 PASSES, PIECES, CELLS = "passes", "pieces of them", "cells of 25 m"
-STACKED, UNKNOWN, SELDOM = "cells of stacked roads left out", "cells without a grade", "cells with too few passes"
+STACKED, UNKNOWN, SELDOM = (
+    "cells of stacked roads left out",
+    "cells without a grade",
+    "cells with too few passes",
+)
 
 
 def build_map(drives: Iterable[Drive], *, least_passes: int = 1) -> RoadMap:
     """Return the map of drives, in their order. least_passes: cells with fewer are left out.
 
-    Errors: CanestError for too many drives.
+    Errors: CanestError for too many drives, UsageError without scipy.
     """
+    _require_scipy()
     counts: Counter[str] = Counter()
     network = Network()
     vehicles: dict[str, int] = {}
@@ -36,6 +44,11 @@ def build_map(drives: Iterable[Drive], *, least_passes: int = 1) -> RoadMap:
             days.append(drive.day)
     counts[PIECES] = network.tracks
     return _map(network, np.array(of_track, np.int64), np.array(days), counts, least_passes)
+
+
+def _require_scipy() -> None:
+    if find_spec("scipy") is None:
+        raise UsageError("a road map needs the package scipy", expected=how_to_add("map"))
 
 
 def _map(
@@ -77,7 +90,11 @@ def _means(visits: Visits, values: FloatColumn, cells: int) -> FloatColumn:
 
 
 def _distinct(visits: Visits, vehicle: IntColumn, cells: int) -> IntColumn:
-    pairs = np.unique(np.stack([visits.cell, vehicle[visits.track]]), axis=1) if len(vehicle) else np.empty((2, 0))
+    pairs = (
+        np.unique(np.stack([visits.cell, vehicle[visits.track]]), axis=1)
+        if len(vehicle)
+        else np.empty((2, 0))
+    )
     return np.bincount(pairs[0].astype(np.int64), minlength=cells)
 
 

@@ -47,12 +47,17 @@ class Fused(NamedTuple):
 
 
 def fuse(visits: Visits, cells: int, vehicle: IntColumn) -> Fused:
-    """Return the cells of visits. vehicle: of each track (tracks,). Errors: CanestError for too many tracks."""
+    """Return the cells of visits. vehicle: of each track (tracks,).
+
+    Errors: CanestError for too many tracks.
+    """
     tracks = len(vehicle)
     vehicles = int(vehicle.max()) + 1 if tracks else 0
     if tracks + vehicles > _MOST_OFFSETS:
         raise CanestError(
-            "too many drives at once", found=f"{tracks} pieces of drives", expected=f"up to {_MOST_OFFSETS - vehicles}"
+            "too many drives at once",
+            found=f"{tracks} pieces of drives",
+            expected=f"up to {_MOST_OFFSETS - vehicles}",
         )
     usable = np.isfinite(visits.sine) & np.isfinite(visits.std)
     v = Visits(*(column[usable] for column in visits))
@@ -82,7 +87,9 @@ def fuse(visits: Visits, cells: int, vehicle: IntColumn) -> Fused:
 def _offset_information(visits: Visits, vehicle: IntColumn, vehicles: int) -> tuple[Any, FloatColumn]:
     """Return the information matrix and vector of the offsets before any comparison of tracks."""
     tracks = len(vehicle)
-    information = np.diag(np.concatenate([np.full(vehicles, VEHICLE_STD**-2), np.full(tracks, TRACK_STD**-2)]))
+    information = np.diag(
+        np.concatenate([np.full(vehicles, VEHICLE_STD**-2), np.full(tracks, TRACK_STD**-2)])
+    )
     vector = np.zeros(vehicles + tracks)
     begins = np.searchsorted(visits.track, np.arange(tracks + 1))
     for k in range(tracks):
@@ -97,8 +104,10 @@ def _offset_information(visits: Visits, vehicle: IntColumn, vehicles: int) -> tu
     return information, vector
 
 
-def _by_altitude(way_m: FloatColumn, sine: FloatColumn, altitude_m: FloatColumn) -> tuple[float, float] | None:
-    """Return by how much a track's slopes are too high, by its altitudes, and the variance; None for unknown."""
+def _by_altitude(
+    way_m: FloatColumn, sine: FloatColumn, altitude_m: FloatColumn
+) -> tuple[float, float] | None:
+    """Return by how much altitudes find a track's slopes too high, and the variance; None if unknown."""
     known = np.isfinite(sine) & np.isfinite(altitude_m)
     if np.count_nonzero(known) < 10:
         return None
@@ -172,7 +181,7 @@ def _level_var(v: Visits, share: FloatColumn, vehicle: IntColumn, cov: Any, cell
 
 
 def _stacked(v: Visits, sine: FloatColumn, std: FloatColumn, cells: int) -> NDArray[np.bool_]:
-    """Return the cells whose visits fall into two groups, by grade or altitude, of two visits or more each."""
+    """Return the cells whose visits fall into two groups, by grade or altitude, of two or more each."""
     found = np.zeros(cells, np.bool_)
     order = np.argsort(v.cell, kind="stable")
     begins = np.searchsorted(v.cell[order], np.arange(cells + 1))

@@ -97,7 +97,10 @@ def read_map(path: str | Path) -> RoadMap:
     if version != str(VERSION) or missing:
         found = f"version {version}" if version else "another table"
         raise ConfigError(
-            "no road map", where=str(path), found=found, expected=f"a map of version {VERSION} by `canest map build`"
+            "no road map",
+            where=str(path),
+            found=found,
+            expected=f"a map of version {VERSION} by `canest map build`",
         )
     columns = {name: _column(table, name) for name in COLUMNS}
     if len(columns["next"]) and not (columns["next"] < len(table)).all():

@@ -132,7 +132,12 @@ def _returned(
         short = came_m[piece[-1]] - came_m[piece[0]] < _DECEIVED_M if piece else True
         if kept and after and short and not fits(kept[-1][-1], piece[0]) and fits(kept[-1][-1], after[0]):
             counts[JUMPS] += len(piece)
-        elif kept and piece and came_m[piece[0]] - came_m[kept[-1][-1]] <= _LOST_M and fits(kept[-1][-1], piece[0]):
+        elif (
+            kept
+            and piece
+            and came_m[piece[0]] - came_m[kept[-1][-1]] <= _LOST_M
+            and fits(kept[-1][-1], piece[0])
+        ):
             kept[-1] = [*kept[-1], *piece]
         elif piece:
             kept.append(piece)

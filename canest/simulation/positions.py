@@ -1,4 +1,4 @@
-"""Where the vehicle is: the road laid on a plane by its curvature, and what a satellite receiver makes of it."""
+"""Where the vehicle is: the road laid on a plane by its curvature, as a satellite receiver reports it."""
 
 from __future__ import annotations
 
