@@ -218,7 +218,8 @@ def run(
         before = 0.0 if w.gap_s > 0.0 else p.open_windows
         begins = is_open and before == 0.0
         comparison = compare(comparison, w.sensed_mps2, w.accel_mps2, w.speed_mps, v.speed_floor_mps)
-        failed = comparison.faulty != p.faulty
+        road = follow_road(road, filters, w, metres)
+        failed = comparison.faulty != p.faulty or road.lost > 0.0
         challenged_s = p.challenged_s + (WINDOW_S if is_open else 0.0)
         if failed or (begins and standing.unknown_s >= c.load.least_stop_s):
             if p.learned > 0.0:
@@ -261,7 +262,6 @@ def run(
         swing = c.noise.swing_mpN * u * w.rotating_kg
         speed_var = levels.speed_var + swing * swing * levels.ringing_N2
         levers = Levers(u, calm, v.least_u, v.most_u, speed_var, levels.sensed_var)
-        road = follow_road(road, filters, w, metres)
         moved = w.traction_N - w.before_N
         common = Common(
             levers, begins, began, metres, answered_force(w, p, metres, u, begins, c),

@@ -27,8 +27,8 @@ _LEAST_STD = 6e-4
 _OTHER_STD = 0.02
 #: mean distances after which a right map is wrong, and a wrong one right again, m
 _RIGHT_M, _WRONG_M = 10_000.0, 2_000.0
-#: probability that a map is right where it begins; it is used above `_USED`
-_BEGIN, _USED = 0.9, 0.5
+#: probability that a map is right where it begins; the first cell needs `_FIRST`, the others `_USED`
+_BEGIN, _FIRST, _USED = 0.9, 0.85, 0.5
 #: one cell says no more than this of the map, log likelihood
 _MOST = 4.0
 _SLOPE = (GRADE, ROLLING)
@@ -40,6 +40,8 @@ class RoadUse(NamedTuple):
     since_m: float = 0.0  #: since the cell before
     right: float = _BEGIN  #: probability that the map shows this road
     uses: float = 0.0  #: 1 where this window is given a cell
+    used: float = 0.0  #: cells used since the map was last found wrong
+    lost: float = 0.0  #: 1 where it is found wrong now: what was learned with it is in doubt
 
 
 @jit.kernel
@@ -47,29 +49,30 @@ def follow_road(road: RoadUse, filters: Filters, w: Window, metres: float) -> Ro
     """Return whether the window has a cell, and how well the map agrees with all hypotheses so far."""
     since_m = road.since_m + metres
     if math.isnan(w.road_sine):
-        return RoadUse(min(since_m, CELL_M), road.right, 0.0)
+        return RoadUse(min(since_m, CELL_M), road.right, 0.0, road.used, 0.0)
     if since_m < CELL_M or metres <= 0.0:
-        return RoadUse(since_m, road.right, 0.0)
+        return RoadUse(since_m, road.right, 0.0, road.used, 0.0)
     r = cell_var(w)
-    expected = other = total = 0.0
+    expected = other = 0.0
     for k in range(len(filters.weight)):
         if filters.weight[k] > 0.0:
             for m in range(MODES):
                 share = filters.weight[k] * filters.mode[k][m]
                 if share > 0.0:
                     e, s = slope_innovation(filters.x[k][m], filters.P[k][m], w.road_sine, r)
-                    total += share
                     expected += share * math.exp(-0.5 * min(e * e / s, 80.0)) / math.sqrt(s)
                     wide = s + _OTHER_STD * _OTHER_STD
                     other += share * math.exp(-0.5 * min(e * e / wide, 80.0)) / math.sqrt(wide)
     right = road.right + (1.0 - road.right) * since_m / _WRONG_M - road.right * since_m / _RIGHT_M
     right = min(max(right, 0.01), 0.99)
-    if expected <= 0.0 or other <= 0.0:
-        return RoadUse(0.0, 0.01, 0.0)
-    found = min(max(math.log(expected / other), -_MOST), _MOST)
+    found = -_MOST
+    if expected > 0.0 and other > 0.0:
+        found = min(max(math.log(expected / other), -_MOST), _MOST)
     odds = right / (1.0 - right) * math.exp(found)
     right = odds / (1.0 + odds)
-    return RoadUse(0.0, right, 1.0 if right > _USED else 0.0)
+    if right > (_USED if road.used > 0.0 else _FIRST):
+        return RoadUse(0.0, right, 1.0, road.used + 1.0, 0.0)
+    return RoadUse(0.0, right, 0.0, 0.0, 1.0 if road.used > 0.0 else 0.0)
 
 
 @jit.kernel
