@@ -24,6 +24,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "estimators": ("estimators", "Show the estimators there are, and their options."),
     "diagnose": ("diagnose", "Find what the vehicle model lacks in measured data, and add it."),
     "fleet": ("fleet", "Replay thousands of logs of many vehicles into tables, and report on them."),
+    "map": ("map", "Fuse the grade of roads from many drives into a map."),
     "simulate": ("simulate", "Make a log with known truth from a scenario."),
     "status": ("status", "Show how a running daemon is doing."),
     "monitor": ("monitor", "Watch mass and grade live, from the broadcast alone."),

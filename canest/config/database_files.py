@@ -17,12 +17,25 @@ _parsed: dict[Path, tuple[tuple[int, int], bytes, Database]] = {}
 
 
 def read_databases(config: Config) -> Config:
-    """Return a config with what its DBC files hold now beside it.
+    """Return a config with what its DBC files, and its road map, hold now beside it.
 
     Errors: ConfigError for a file that is missing or no database, with its place in the config.
     """
     places = ((name, config.at(f"dbc.{i}")) for i, name in enumerate(config.dbc))
-    return config.with_databases([read_database(find("dbc", name, place)) for name, place in places])
+    config = config.with_databases([read_database(find("dbc", name, place)) for name, place in places])
+    return _read_road(config) if config.road_map is not None else config
+
+
+def _read_road(config: Config) -> Config:
+    """Return a config with its road map. Errors: ConfigError with its place in the config."""
+    from canest.road.table import read_map
+
+    assert config.road_map is not None
+    try:
+        return config.with_road(read_map(config.road_map))
+    except ConfigError as error:
+        where = f"{config.at('road_map')}: {error.where}"
+        raise ConfigError(error.what, where=where, found=error.found, expected=error.expected) from error
 
 
 def read_database(path: str | Path) -> Database:

@@ -36,6 +36,9 @@ def load_config(
     config = parse_config(read_text(path), str(path), overrides, options)
     local = _beside(path, config.dbc)
     config = config if local == config.dbc else config.model_copy(update={"dbc": local})
+    if config.road_map is not None:
+        (road_map,) = _beside(path, [config.road_map])
+        config = config.model_copy(update={"road_map": road_map})
     return read_databases(config) if databases else config
 
 

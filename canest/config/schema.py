@@ -11,6 +11,7 @@ from canest.config.agreement import refuse_contradictions
 from canest.config.bus import Broadcast, Bus
 from canest.config.databases import Databases
 from canest.config.origins import Origins
+from canest.config.road_map import KeptRoadMap
 from canest.config.sections import EstimatorSection, FilterSection, Sampling, Service, Source
 from canest.core.errors import ConfigError
 from canest.core.section import Section, empty_section
@@ -19,6 +20,8 @@ from canest.vehicle.gate_settings import Gates
 
 if TYPE_CHECKING:
     from cantools.database.can import Database
+
+    from canest.road.table import RoadMap
 
 
 def _named(signals: object) -> object:
@@ -33,6 +36,7 @@ class Config(Section):
 
     _origins: Origins = PrivateAttr(default_factory=Origins)
     _databases: Databases = PrivateAttr(default_factory=Databases)
+    _road: KeptRoadMap = PrivateAttr(default_factory=KeptRoadMap)
 
     vehicle: Vehicle
     dbc: tuple[str, ...] = ("j1939.dbc",)
@@ -41,6 +45,8 @@ class Config(Section):
     filter: FilterSection = empty_section()
     gates: Gates = empty_section()
     estimator: EstimatorSection = empty_section()
+    #: grade that earlier drives found, a file of `canest map build`
+    road_map: str | None = None
     effects: tuple[dict[str, Any], ...] = ()
     bus: Bus = empty_section()
     broadcast: Broadcast = empty_section()
@@ -58,6 +64,26 @@ class Config(Section):
         config = self.model_copy()
         config._databases = Databases(self.dbc, databases)
         return config
+
+    def with_road(self, road: RoadMap | None) -> Config:
+        """Return the same config with the map of its `road_map` beside it."""
+        config = self.model_copy()
+        config._road = KeptRoadMap(self.road_map, road)
+        return config
+
+    @property
+    def road(self) -> RoadMap | None:
+        """The map of `road_map`, as it was when it was read; None without one.
+
+        Errors: ConfigError where there is one that has not been read.
+        """
+        if self.road_map is not None and (self._road.name != self.road_map or self._road.road is None):
+            raise ConfigError(
+                "it has not been read",
+                where=self.at("road_map"),
+                expected="a config of load_config or with_road",
+            )
+        return self._road.road if self.road_map is not None else None
 
     @property
     def databases(self) -> list[Database]:

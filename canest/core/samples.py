@@ -66,6 +66,8 @@ class ModelBlock:
     restart: True on a sample whose predecessor was gated or missing (windows and differences start anew).
     stopped: True while the vehicle stands, as derived from speed and clutch state.
     ax_ok: True where accelerometer and speed are usable together (not gated by the driveline).
+    road_sine, road_std: sine of the slope by a road map and its standard deviation, NaN where the vehicle is
+        on no road of it; None without a map.
     """
 
     t_us: IntColumn
@@ -90,18 +92,22 @@ class ModelBlock:
     restart: BoolColumn
     stopped: BoolColumn
     ax_ok: BoolColumn
+    road_sine: FloatColumn | None = None
+    road_std: FloatColumn | None = None
 
     def __len__(self) -> int:
         return len(self.t_us)
 
     def __getitem__(self, index: slice | NDArray[np.bool_] | IntColumn) -> ModelBlock:
         """Return the selected samples."""
-        return ModelBlock(*(getattr(self, f.name)[index] for f in fields(self)))
+        columns = (getattr(self, f.name) for f in fields(self))
+        return ModelBlock(*(None if column is None else column[index] for column in columns))
 
     @staticmethod
     def concatenate(blocks: list[ModelBlock]) -> ModelBlock:
         """Join blocks in order (at least one)."""
-        return ModelBlock(*(np.concatenate([getattr(b, f.name) for b in blocks]) for f in fields(ModelBlock)))
+        names = (f.name for f in fields(ModelBlock) if getattr(blocks[0], f.name) is not None)
+        return ModelBlock(**{name: np.concatenate([getattr(b, name) for b in blocks]) for name in names})
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +135,7 @@ class VehicleFacts:
     initial_mass_kg: start value given by the user, or None: choose by yourself.
     rolling_resistance: coefficient of the config. pitch_rad_per_mps2: body pitch (squat) per m/s2.
     speed_step_mps, torque_step_Nm, accelerometer_step_mps2: resolution of the signals in use.
+    has_road_map: whether samples may have the slope of a road map.
     filter_delay_s: how much later than the vehicle the filtered columns are.
     torque_accuracy, wheel_radius_accuracy, rolling_resistance_accuracy, drag_area_accuracy: how well each is
         known, one standard deviation as a fraction of its value (2 % in the config is 0.01).
@@ -145,6 +152,7 @@ class VehicleFacts:
     torque_step_Nm: float = 20.0
     accelerometer_step_mps2: float = 0.1
     has_accelerometer: bool = False
+    has_road_map: bool = False
     filter_delay_s: float = 0.0
     torque_accuracy: float = 0.025
     wheel_radius_accuracy: float = 0.01

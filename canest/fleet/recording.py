@@ -5,11 +5,13 @@ Memory grows by some bytes per second of driving, not per frame.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from canest.core.columns import shifted
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS, STEP_S, STEP_US, EstimateBlock, ModelBlock
@@ -43,6 +45,7 @@ class Recording:
         self._seconds: dict[str, list[FloatColumn]] = {name: [] for name in PER_SECOND}
         self._speeds: list[FloatColumn] = []
         self._distance_m = 0.0
+        self._position = _Position()
         self.first_us: int | None = None
 
     def take_ticks(self, ticks: GridBlock) -> None:
@@ -105,6 +108,7 @@ class Recording:
         way_m: FloatColumn,
         roles: Mapping[str, FloatColumn],
     ) -> None:
+        position_m = self._position.since(roles[_LATITUDE], roles[_LONGITUDE], way_m)
         at = np.flatnonzero(samples.t_us % self._step_us < STEP_US)
         if not len(at) or self.samples is None:
             return
@@ -124,8 +128,30 @@ class Recording:
             "altitude_m": samples.altitude_m[at],
         }
         if self._positions:
-            columns |= {"latitude_deg": roles[_LATITUDE][at], "longitude_deg": roles[_LONGITUDE][at]}
+            columns |= {
+                "latitude_deg": roles[_LATITUDE][at],
+                "longitude_deg": roles[_LONGITUDE][at],
+                "position_m": position_m[at],
+            }
         self.samples.write(columns)
+
+
+class _Position:
+    """Carries how far the vehicle had come when the position that is held came."""
+
+    def __init__(self) -> None:
+        self._last = (math.nan, math.nan, math.nan)
+
+    def since(self, latitude: FloatColumn, longitude: FloatColumn, way_m: FloatColumn) -> FloatColumn:
+        """Return the distance at which the position in force came, m (n,)."""
+        before = [
+            shifted(column, last) for column, last in zip((latitude, longitude), self._last, strict=False)
+        ]
+        new = (latitude != before[0]) | (longitude != before[1])
+        last = np.maximum.accumulate(np.where(new, np.arange(len(new)), -1))
+        came_m = np.where(last < 0, self._last[2], way_m[last])
+        self._last = float(latitude[-1]), float(longitude[-1]), float(came_m[-1])
+        return came_m
 
 
 def calendar(t_us: IntColumn) -> np.ndarray[tuple[int, ...], np.dtype[np.datetime64]]:

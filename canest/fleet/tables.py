@@ -12,7 +12,7 @@ from typing import Any
 from canest import __version__
 from canest.fleet.packages import require
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 _FLOAT, _SHORT, _INT, _TEXT, _WORD, _TIME = "float64", "float32", "int64", "string", "word", "time"
 
 #: one row per load leg: column -> (type, meaning)
@@ -63,6 +63,7 @@ SAMPLES: dict[str, tuple[str, str]] = {
 POSITIONS: dict[str, tuple[str, str]] = {
     "latitude_deg": (_FLOAT, "latitude, north positive"),
     "longitude_deg": (_FLOAT, "longitude, east positive"),
+    "position_m": (_FLOAT, "distance_m when this position came: a receiver reports once a second or less"),
 }
 
 

@@ -32,6 +32,7 @@ from canest.vehicle.torque_dropout import TorqueLimit, torque_limits
 if TYPE_CHECKING:
     from cantools.database.can import Database
 
+    from canest.road.table import RoadMap
     from canest.vehicle.effects import Effect
 
 #: roles that the effect `torque_delay` finds late
@@ -99,6 +100,7 @@ class PipelineSpec(NamedTuple):
     model: ModelSpec
     assumed: AssumedConstants
     estimator: EstimatorSpec
+    road: RoadMap | None = None
 
 
 def build(config: Config) -> PipelineSpec:
@@ -109,6 +111,7 @@ def build(config: Config) -> PipelineSpec:
         model_spec(config),
         assumed_constants(config),
         estimator_spec(config),
+        config.road,
     )
     with located(config):
         spec.estimator.create()
@@ -200,6 +203,7 @@ def facts_of(config: Config) -> VehicleFacts:
         torque_step_Nm=resolution["torque"],
         accelerometer_step_mps2=resolution["accelerometer"],
         has_accelerometer=_ACCELEROMETER in config.signals,
+        has_road_map=config.road_map is not None,
         filter_delay_s=delay_s(butterworth(config.filter.order, config.filter.cutoff_hz)) + behind_s(config),
         torque_accuracy=v.torque_accuracy_pct / TWO_STD_PCT,
         wheel_radius_accuracy=v.wheel_radius_accuracy_pct / TWO_STD_PCT,

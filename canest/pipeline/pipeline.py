@@ -57,7 +57,7 @@ class Pipeline:
         self._grid = Grid(spec.grid.channels, spec.grid.hold_us)
         self.estimator = spec.estimator.create()
         gate = self.estimator.wants_excitation_gate
-        self._model = ModelStream(spec.model, spec.assumed, excitation_gate=gate)
+        self._model = ModelStream(spec.model, spec.assumed, excitation_gate=gate, road=spec.road)
         self._listener, self._tick_listener = listener, tick_listener
         self._restored: tuple[float, float] | None = None
         self._mass_kg = math.nan

@@ -9,6 +9,7 @@ from canest.simulation.effects import SwitchedLoad
 from canest.simulation.j1587_gateway import gateway_schedule
 from canest.simulation.j1939_messages import Truck
 from canest.simulation.packing import Cyclic, constant, random_payloads, send
+from canest.simulation.positions import Receiver
 from canest.simulation.scenario import Scenario
 from canest.simulation.sensors import Signals
 
@@ -31,6 +32,7 @@ CAB_CONTROLLER = (
     (0x18FEF231, 0.1),
 )
 CAB_SPACING_S, CAB_PHASE_S = 0.002, 0.001
+POSITION_ID, POSITION_PHASE_S = 0x18FEF31C, 0.4  #: VP1 of the navigation unit, phase chosen
 ANY_PAYLOAD = 2**64 - 1
 
 
@@ -50,6 +52,17 @@ def j1939_frames(
     if bus.cab_controller:
         messages += _cab_controller(rng)
     return send(messages, scenario.duration_s, bus, rng)
+
+
+def with_positions(
+    frames: FrameBlock, signals: Signals, scenario: Scenario, rng: np.random.Generator
+) -> FrameBlock:
+    """Return the frames with those of a satellite receiver among them."""
+    assert scenario.positions is not None
+    receiver = Receiver(signals, scenario.positions, rng)
+    message = Cyclic(POSITION_ID, scenario.positions.period_s, POSITION_PHASE_S, receiver.frames)
+    both = FrameBlock.concatenate([frames, send([message], scenario.duration_s, scenario.bus, rng)])
+    return both[np.argsort(both.t_us, kind="stable")]
 
 
 def _engine_and_transmission(truck: Truck) -> list[Cyclic]:

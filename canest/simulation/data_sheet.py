@@ -15,6 +15,12 @@ LIGHTER, HEAVIER = 0.6, 1.8  # chosen
 ROOM_BELOW = 1.1  #: a range of masses that begins nearer than this below the lightest is replaced (chosen)
 
 
+_RECEIVER = {
+    "latitude": {"message": "VP1", "signal": "Latitude", "source": 0x1C},
+    "longitude": {"message": "VP1", "signal": "Longitude", "source": 0x1C},
+}
+
+
 def known_config(scenario: Scenario) -> dict[str, Any]:
     """Return the config (schema of `canest.config`) with what is declared of the scenario, and no more.
 
@@ -24,6 +30,9 @@ def known_config(scenario: Scenario) -> dict[str, Any]:
     if scenario.bus.j1587_gateway:
         shipped = "class8-j1587"
     config: dict[str, Any] = yaml.safe_load(find("configs", shipped).read_text(encoding="utf-8"))
+    if scenario.positions is not None:
+        config["dbc"] = list(dict.fromkeys([*config["dbc"], "j1939.dbc"]))
+        config["signals"] |= _RECEIVER
     declared = config["vehicle"]
     declared.pop("key", None)
     declared.update(_data_sheet(scenario.vehicle))

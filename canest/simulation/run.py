@@ -15,7 +15,7 @@ from canest.core.errors import ConfigError
 from canest.core.frames import FloatColumn
 from canest.simulation.build import course_of, initial_state, vehicle_parameters
 from canest.simulation.bus_car import car_frames
-from canest.simulation.bus_j1939 import j1939_frames
+from canest.simulation.bus_j1939 import j1939_frames, with_positions
 from canest.simulation.constants import BRAKE_LIGHT, COLUMN_COUNT, RECORD_S, RECORDS_PER_PLAN_STEP
 from canest.simulation.data_sheet import known_config
 from canest.simulation.drive import SimulatedDrive
@@ -29,7 +29,7 @@ from canest.simulation.states import State
 
 TRUTH_HZ = 10
 #: random streams, each its own: another road or another effect leaves the other draws as they were
-_STREAMS = ("road", "driver", "errors", "sensors", "bus", "drafting")
+_STREAMS = ("road", "driver", "errors", "sensors", "bus", "drafting", "positions")
 MOVED = 0.6  #: share of the time that the motion takes, for progress
 
 
@@ -55,6 +55,8 @@ def simulate(
     signals = Signals(records, spec, hidden, rng["sensors"])
     frames_of = car_frames if spec.vehicle.layout == "car" else j1939_frames
     frames = frames_of(signals, spec, hidden.load, rng["bus"])
+    if spec.positions is not None:
+        frames = with_positions(frames, signals, spec, rng["positions"])
     report(1.0)
     return SimulatedDrive(
         name=name,

@@ -48,6 +48,19 @@ class Sensors(Strict):
     yaw_noise_radps: float = Field(0.001, ge=0)
 
 
+class Positions(Strict):
+    """A satellite receiver: where the drive begins, which way, and how well it is received."""
+
+    latitude_deg: float = Field(47.0, ge=-80, le=80)
+    longitude_deg: float = Field(8.0, ge=-180, le=180)
+    heading_deg: float = 0.0  #: from north, clockwise
+    period_s: float = Field(1.0, ge=0.1, le=10)
+    noise_m: float = Field(2.0, ge=0)
+    jumps_per_hour: float = Field(0.0, ge=0)
+    jump_m: float = Field(150.0, ge=0)
+    lost_share: float = Field(0.0, ge=0, le=1)  #: reports without a position
+
+
 class Scenario(Strict):
     """A drive to simulate: vehicle, load, road, driver, bus, and what the config will not know."""
 
@@ -60,6 +73,7 @@ class Scenario(Strict):
     driver: Driver
     bus: Bus = Field(default_factory=lambda: Bus.model_validate({}))
     sensors: Sensors = Field(default_factory=lambda: Sensors.model_validate({}))
+    positions: Positions | None = None  #: None: no receiver
     undeclared: tuple[Effect, ...] = ()
     small_errors: bool = False
 

@@ -122,7 +122,7 @@ def test_outliers_in_every_column_never_reach_the_estimate(own, seed, size, shar
     bad = {}
     for f in fields(ModelBlock):
         column = getattr(block, f.name)
-        if column.dtype == np.float64:
+        if column is not None and column.dtype == np.float64:
             hit = rng.random(len(column)) < share
             with np.errstate(invalid="ignore", over="ignore"):
                 bad[f.name] = np.where(hit, column * size * rng.choice([-1, 1], len(column)), column)

@@ -21,6 +21,7 @@ from canest.estimators.default.hypotheses import Filters, Room, moments_of_u, mo
 from canest.estimators.default.load import Standing
 from canest.estimators.default.noise import Levels
 from canest.estimators.default.report import LEAD_1PM, Report
+from canest.estimators.default.road_map import LEVEL_STD, RoadUse
 from canest.estimators.default.sensors import Scratch
 from canest.estimators.default.windows import COLUMNS, SHIFT, Windows
 from canest.estimators.description import Description
@@ -106,7 +107,7 @@ class GaussianSum(Estimator):
         levels = Levels(start * start, 4.0 * v.sensed_floor_mps2 * v.sensed_floor_mps2, 0.0, 0.0, 0.0)
         guess = mass_kg or facts.initial_mass_kg or 1.0 / math.sqrt(v.least_u * v.most_u)
         report = Report(guess, guess * guess, facts.initial_grade or 0.0, c.prior.grade**2, 0.0, 0.0, 0.0)
-        self._carried = kernel.Carried(kernel.Progress(), Standing(), levels, Comparison(), report)
+        self._carried = kernel.Carried(kernel.Progress(), Standing(), levels, Comparison(), report, RoadUse())
         self._windows = Windows(self._late_s)
         bounds = (facts.mass_min_kg, facts.mass_max_kg)
         self._status = StatusTracker(facts.valid_std, bounds_kg=bounds)
@@ -126,6 +127,8 @@ class GaussianSum(Estimator):
         std[at.WIND], std[at.DELAY] = v.wind_mps, c.prior.delay_s
         std[at.SLIP], std[at.WINDUP] = c.prior.slip_per_mps2, c.prior.windup_s2
         std[at.ROLLING] = facts.rolling_resistance_accuracy * facts.rolling_resistance
+        if facts.has_road_map:
+            std[at.ROLLING] = math.hypot(std[at.ROLLING], LEVEL_STD)
         std[at.BIAS], std[at.LAG] = c.prior.bias_mps2, c.prior.lag_s
         pitch = facts.pitch_rad_per_mps2
         mean[at.PITCH] = GRAVITY_MPS2 * (c.prior.pitch_rad_per_mps2 if pitch is None else pitch)

@@ -34,6 +34,7 @@ from canest.estimators.default.model import (
 from canest.estimators.default.noise import Innovations, Levels, follow, unknown_force
 from canest.estimators.default.predict import decay
 from canest.estimators.default.report import Report, report, unknown_load_var
+from canest.estimators.default.road_map import RoadUse, follow_road
 from canest.estimators.default.sensors import Levers, Scratch
 from canest.estimators.default.step import Common, step
 from canest.estimators.default.windows import WINDOW_S
@@ -74,15 +75,16 @@ class Carried(NamedTuple):
     levels: Levels
     comparison: Comparison
     report: Report
+    road: RoadUse
 
 
 @jit.kernel
 def window_at(c: Any, k: int) -> Window:
     """Return window k of the columns."""
     return Window(
-        c[0][k], c[1][k], c[2][k], c[3][k], c[4][k], c[5][k], c[6][k], c[7][k], c[8][k],
-        c[9][k], c[10][k], c[11][k], c[12][k], c[13][k], c[14][k], c[15][k], c[16][k], c[17][k],
-        c[18][k], c[19][k], c[20][k], c[21][k], c[22][k], c[23][k], c[24][k], c[25][k], c[26][k],
+        c[0][k], c[1][k], c[2][k], c[3][k], c[4][k], c[5][k], c[6][k], c[7][k], c[8][k], c[9][k],
+        c[10][k], c[11][k], c[12][k], c[13][k], c[14][k], c[15][k], c[16][k], c[17][k], c[18][k], c[19][k],
+        c[20][k], c[21][k], c[22][k], c[23][k], c[24][k], c[25][k], c[26][k], c[27][k], c[28][k],
     )  # fmt: skip
 
 
@@ -205,7 +207,7 @@ def run(
     centres: inverse masses of an unknown load. nodes: those over which wide mixtures are summed.
     prior_var: variances of the states before the first sample. The rest is scratch.
     """
-    p, standing, levels, comparison, given = carried
+    p, standing, levels, comparison, given, road = carried
     for k in range(n):
         w = window_at(columns, k)
         is_open, still = w.open > 0.0, w.stopped > 0.0
@@ -216,7 +218,8 @@ def run(
         before = 0.0 if w.gap_s > 0.0 else p.open_windows
         begins = is_open and before == 0.0
         comparison = compare(comparison, w.sensed_mps2, w.accel_mps2, w.speed_mps, v.speed_floor_mps)
-        failed = comparison.faulty != p.faulty
+        road = follow_road(road, filters, w, metres)
+        failed = comparison.faulty != p.faulty or road.lost > 0.0
         challenged_s = p.challenged_s + (WINDOW_S if is_open else 0.0)
         if failed or (begins and standing.unknown_s >= c.load.least_stop_s):
             if p.learned > 0.0:
@@ -257,20 +260,14 @@ def run(
             not math.isnan(w.sensed_mps2) and comparison.faulty == 0.0 and not still and unseen >= _SEE_EVERY
         )
         swing = c.noise.swing_mpN * u * w.rotating_kg
-        levers = Levers(
-            u,
-            calm,
-            v.least_u,
-            v.most_u,
-            levels.speed_var + swing * swing * levels.ringing_N2,
-            levels.sensed_var,
-        )
+        speed_var = levels.speed_var + swing * swing * levels.ringing_N2
+        levers = Levers(u, calm, v.least_u, v.most_u, speed_var, levels.sensed_var)
         moved = w.traction_N - w.before_N
         common = Common(
             levers, begins, began, metres, answered_force(w, p, metres, u, begins, c),
             own_torque(fast_N, u, w.speed_mps, c) if is_open else 0.0,
             unknown_force(w.traction_N, abs(moved), v.torque_std_Nm * w.gear_1pm, w.drag_N_per_mps, c.noise),
-            height_known, sees, p.accel_mps2, WINDOW_S + min(w.gap_s, 10.0), roll_share,
+            height_known, sees, p.accel_mps2, WINDOW_S + min(w.gap_s, 10.0), roll_share, road.uses > 0.0,
         )  # fmt: skip
         # -- each hypothesis, and what they learn together
         innovations = step_all(filters, found, scratch, w, common, c)
@@ -296,4 +293,4 @@ def run(
         row[OUT_GRADE], row[OUT_GRADE_VAR], row[OUT_BEND] = given.grade, given.grade_var, given.slope_1pm
         row[OUT_LEARNED], row[OUT_SPEED] = p.learned, max(w.speed_mps, 0.0)
         row[OUT_LIVE] = live(filters)
-    return Carried(p, standing, levels, comparison, given)
+    return Carried(p, standing, levels, comparison, given, road)

@@ -61,6 +61,8 @@ class Window(NamedTuple):
     stopped: float
     coarse: float
     bend_mps2: float
+    road_sine: float
+    road_std: float
     coast_mps2: float
     coast_var: float
     coast_N: float

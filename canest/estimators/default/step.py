@@ -20,6 +20,7 @@ from canest.estimators.default.model import (
 )
 from canest.estimators.default.noise import surplus
 from canest.estimators.default.predict import Matrix, Vector, accelerate, answer, drift, travel
+from canest.estimators.default.road_map import known_slope
 from canest.estimators.default.sensors import (
     Levers,
     Scratch,
@@ -52,6 +53,7 @@ class Common(NamedTuple):
     accel_before: float
     seconds: float  #: of the window, and of the gap before it
     roll_share: float  #: std of the rolling resistance, as a share
+    has_road: bool  #: a road map is used
 
 
 class Found(NamedTuple):
@@ -122,6 +124,8 @@ def step(
         e, var, r = accelerometer(x, P, s, w, c.levers, motion, c.accel_before, k.prior, k.noise)
         found += log_likelihood(e, var, k.noise.outlier)
         sensed_surplus = surplus(e, var, r, k.noise)
+    if c.has_road:
+        found += known_slope(x, P, s.h, s.K, w, k.noise.outlier)
     if has_coasted(w, k.closed):
         found += coasting(x, P, s, w, k.closed, k.road, k.noise)
     return Found(found, nis, speed_surplus, sensed_surplus)

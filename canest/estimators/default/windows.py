@@ -49,6 +49,8 @@ COLUMNS = (
     "stopped",
     "coarse",  # 1 where nothing but a bend or the dwell after another gate closes this one
     "bend_mps2",  # what a bend may brake there, std
+    "road_sine",  # slope by a road map, NaN without; and its std
+    "road_std",
     *COASTED,
 )
 
@@ -71,8 +73,10 @@ COLUMNS = (
     _BROKEN,
     _RAW,
     _COAST,
-) = range(18)
-_COLUMNS = 18
+    _ROAD,
+    _ROAD_STD,
+) = range(20)
+_COLUMNS = 20
 _LINED = [_TICK, _COAST, _ROTATING, _RAW]  #: what lines through a coasting are drawn from
 _LATE = slice(_SENSED, _AERO + 1)  #: columns whose mean is taken SHIFT ticks back
 _NEEDED = slice(_SPEED, _ROTATING + 1)  #: columns without which a sample is broken
@@ -90,6 +94,7 @@ class Windows:
 
     def __init__(self, late_s: float = 0.0) -> None:
         self._late_s = late_s
+        self._road_back = min(round(late_s / STEP_S), _REACH - 1)  # the road where the filtered vehicle is
         self._kept: NDArray[np.float64] = np.empty((_COLUMNS, 0))
         self._altitude_m = np.nan
         self._last_end: int | None = None
@@ -141,6 +146,8 @@ class Windows:
         new[_BROKEN] = 0.0
         new[_RAW] = block.raw_speed_mps
         new[_COAST] = block.coasting_N
+        new[_ROAD] = np.nan if block.road_sine is None else block.road_sine
+        new[_ROAD_STD] = np.nan if block.road_std is None else block.road_std
         needed = new[_NEEDED]
         if len(block) and not (np.abs(extremes(needed)) <= _MOST).all():  # NaN is not either
             sound = np.abs(needed) <= _MOST
@@ -220,6 +227,7 @@ class Windows:
             now[_STOPPED],
             coarse & ~is_open,
             bend_mps2,
+            *rows[_ROAD:, back_from(ends, self._road_back)],
         ]
         return np.array(columns, np.float64)
 
