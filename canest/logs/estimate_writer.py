@@ -31,7 +31,7 @@ _ROW_GROUP = 1 << 17
 
 
 def open_writer(path: str | Path, more: Decimals | None = None) -> EstimateWriter:
-    """Open a result file; the end of its name is its format: .parquet, .mf4, .csv.gz, else csv.
+    """Open a result file; the end of its name is its format: .parquet, .mf4, .mcap, .csv.gz, else csv.
 
     more: further columns, each with the decimals that it has in a text.
     """
@@ -43,6 +43,10 @@ def open_writer(path: str | Path, more: Decimals | None = None) -> EstimateWrite
         from canest.logs.estimate_mf4 import Mf4EstimateWriter  # wanted for this format alone
 
         return Mf4EstimateWriter(path, more)
+    if name.endswith(".mcap"):
+        from canest.logs.estimate_mcap import McapEstimateWriter  # as above
+
+        return McapEstimateWriter(path, more)
     return CsvEstimateWriter(path, more, compress=name.endswith(".csv.gz"))
 
 
