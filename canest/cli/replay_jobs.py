@@ -60,8 +60,8 @@ def refuse_outputs(jobs: Sequence[Job], config_name: str, config: Config, json_p
     for job in jobs:
         if job.output is not None and job.output.suffix and not is_table(job.output):
             raise click.UsageError(
-                f"-o: found the file {job.output}, expected one that ends in .csv or .parquet, .csv.gz, .mf4, "
-                f".mcap or .log",
+                f"-o: found the file {job.output}, expected one that ends in .csv or .parquet, .csv.gz, "
+                f".mf4, .mcap or .log",
                 click.get_current_context(),
             )
 

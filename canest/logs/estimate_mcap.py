@@ -1,4 +1,4 @@
-"""Estimates as an MCAP file (extra ``mcap``): JSON messages that Foxglove, Lichtblick and PlotJuggler plot."""
+"""Estimates as an MCAP file (extra ``mcap``): JSON messages for Foxglove, Lichtblick and PlotJuggler."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ from canest import __version__
 from canest.core.errors import OutputError
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS
-from canest.logs.estimate_file import Columns, Decimals, EstimateWriter
+from canest.logs.estimate_file import GRADE_DECIMALS, MASS_DECIMALS, Columns, Decimals, EstimateWriter
 from canest.logs.estimate_message import SCHEMA_NAME, TOPIC, message, schema
-from canest.logs.estimate_writer import GRADE_DECIMALS, MASS_DECIMALS
 from canest.system.installation import how_to_add
 
 if TYPE_CHECKING:
@@ -19,8 +18,11 @@ if TYPE_CHECKING:
 
 #: column -> decimals, as est.csv has them
 NUMBERS = {
-    "mass_kg": MASS_DECIMALS, "mass_std_kg": MASS_DECIMALS, "grade": GRADE_DECIMALS, "grade_std": GRADE_DECIMALS,
-}  # fmt: skip
+    "mass_kg": MASS_DECIMALS,
+    "mass_std_kg": MASS_DECIMALS,
+    "grade": GRADE_DECIMALS,
+    "grade_std": GRADE_DECIMALS,
+}
 _NS_PER_US = 1000
 
 
@@ -55,7 +57,8 @@ class McapEstimateWriter(EstimateWriter):
         if len(e) and int(e.t_us[0]) < 0:
             raise OutputError(
                 "MCAP holds no time before 1970",
-                where=str(self._out.path), found=f"{int(e.t_us[0]) / 1e6:.2f} s", expected="a log whose clock starts at 0 or later",
+                where=str(self._out.path), found=f"{int(e.t_us[0]) / 1e6:.2f} s",
+                expected="a log whose clock starts at 0 or later",
             )  # fmt: skip
         columns = {**{name: getattr(e, name) for name in NUMBERS}, **(more or {})}
         names = tuple(self._decimals.items())

@@ -1,4 +1,4 @@
-"""One row of estimates as a JSON message: its topic, its JSON Schema and its text, in a file and on a socket."""
+"""One row of estimates as a JSON message with its topic and JSON Schema, in a file and on a socket."""
 
 from __future__ import annotations
 

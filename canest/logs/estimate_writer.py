@@ -14,7 +14,7 @@ from canest.core.errors import OutputError
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS
 from canest.logs import text_fields as text
-from canest.logs.estimate_file import Columns, Decimals, EstimateWriter
+from canest.logs.estimate_file import GRADE_DECIMALS, MASS_DECIMALS, Columns, Decimals, EstimateWriter
 from canest.system.installation import how_to_add
 
 if TYPE_CHECKING:
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 
 HEADER = b"t_s,mass_kg,mass_std_kg,grade,grade_std,status,gate\n"
-MASS_DECIMALS = 1
-GRADE_DECIMALS = 6
 _ROWS_AT_ONCE = 1 << 13
 _GZIP, _GZIP_LEVEL = 31, 6  #: of zlib: a gzip file
 #: rows of one parquet row group

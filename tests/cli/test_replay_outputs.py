@@ -102,7 +102,8 @@ def test_an_mcap_read_back_equals_the_csv(log, tmp_path):
     table, read = rows(tmp_path / "est.csv"), read_mcap(tmp_path / "est.mcap")
     assert len(table) == len(read) > 2900
     decimals = {
-        "mass_kg": 1, "mass_std_kg": 1, "grade": 6, "grade_std": 6, "torque_Nm": 1, "residual_N": 1, "gear": 0,
+        "mass_kg": 1, "mass_std_kg": 1, "grade": 6, "grade_std": 6, "torque_Nm": 1,
+        "residual_N": 1, "gear": 0,
     }  # fmt: skip
     for row, (t_ns, message, _, _) in zip(table, read, strict=True):
         assert t_ns == round(float(row["t_s"]) * 1e6) * 1000
