@@ -31,6 +31,7 @@ Examples:
   canest replay fleet/*.log.gz -c my.yaml -o results/ --truth auto
   canest replay trip.csv -c bmw-i3 --mass 1520             a table of decoded signals
   canest replay drive.mf4 -c my.yaml -o est.mf4 --columns speed_mps,distance_m,residual_N
+  canest replay drive.log -c my.yaml -o est.mcap           for Foxglove, Lichtblick, PlotJuggler
   canest replay drive.log --to socketcan:vcan0             onto a bus, as it was driven
 
 \b
@@ -58,7 +59,7 @@ class Playback(NamedTuple):
     "-o",
     "--output",
     metavar="PATH",
-    help="Estimates as .csv, .csv.gz, .parquet, .mf4 or .log (the frames that a daemon would send); "
+    help="Estimates as .csv, .csv.gz, .parquet, .mf4, .mcap or .log (the frames that a daemon would send); "
     "a directory for several logs.",
 )
 @click.option(

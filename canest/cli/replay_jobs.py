@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from canest.config import Config
 
 #: of files that hold estimates; a name of another format (.xlsx) would hold csv all the same
-_TABLE_ENDINGS = (".csv", ".csv.gz", ".parquet", ".mf4", ".log", ".txt")
+_TABLE_ENDINGS = (".csv", ".csv.gz", ".parquet", ".mf4", ".mcap", ".log", ".txt")
 
 
 def jobs_of(logs: Sequence[str], truth: TruthChoice, channel: str | None) -> list[Job]:
@@ -60,8 +60,8 @@ def refuse_outputs(jobs: Sequence[Job], config_name: str, config: Config, json_p
     for job in jobs:
         if job.output is not None and job.output.suffix and not is_table(job.output):
             raise click.UsageError(
-                f"-o: found the file {job.output}, expected one that ends in .csv or .parquet, .csv.gz, .mf4 "
-                f"or .log",
+                f"-o: found the file {job.output}, expected one that ends in .csv or .parquet, .csv.gz, "
+                f".mf4, .mcap or .log",
                 click.get_current_context(),
             )
 

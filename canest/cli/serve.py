@@ -70,22 +70,12 @@ async def _serve(
     import os
     import signal
 
+    from canest.cli.live_source import source_of
     from canest.serve.hub import Hub
     from canest.serve.server import PageServer, Place
 
-    if broadcast and config is not None:
-        from canest.serve.broadcast_source import BroadcastSource
-
-        source = BroadcastSource(config)
-        hub, follow = Hub(source.name), source.follow
-    else:
-        from functools import partial
-
-        from canest.serve.daemon_source import follow_daemon
-        from canest.telemetry.live_protocol import stream_path
-
-        hub = Hub("the daemon")
-        follow = partial(follow_daemon, lambda: stream_path(status_socket(config, socket_name)))
+    source = source_of(config, socket_name, broadcast=broadcast)
+    hub = Hub(source.name)
     server = PageServer(hub, Place(*place), token)
     os.nice(5)  # the daemon and whatever else runs here go first
     stop, loop = asyncio.Event(), asyncio.get_running_loop()
@@ -93,20 +83,9 @@ async def _serve(
         loop.add_signal_handler(number, stop.set)
     if with_parent:
         loop.add_reader(0, stop.set)  # nothing is ever written there: it becomes readable by its end
-    await server.run(follow, stop, lambda: click.echo(f"live page of {hub.source}: {server.place.url}"))
-
-
-def status_socket(config: Config | None, socket_name: str | None) -> Path:
-    """Return the socket of the config's daemon, wherever one runs now; else where it would be."""
-    if socket_name is not None or config is None:
-        return Path(str(socket_name))
-
-    from canest.telemetry.status_socket import find_sockets, socket_path  # with pydantic, for configs
-
-    here = socket_path(config)
-    if here.exists():
-        return here
-    return next((path for path in find_sockets() if path.name == here.name), here)
+    await server.run(
+        source.follow, stop, lambda: click.echo(f"live page of {hub.source}: {server.place.url}")
+    )
 
 
 def _token(path: Path) -> str:

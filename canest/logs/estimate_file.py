@@ -14,6 +14,9 @@ from canest.logs.growing_result import GrowingResult
 if TYPE_CHECKING:
     from canest.core.estimates import Estimates
 
+#: of est.csv and of what equals it
+MASS_DECIMALS = 1
+GRADE_DECIMALS = 6
 #: further columns by name, in the order of the file
 Columns = Mapping[str, FloatColumn]
 Decimals = Mapping[str, int]

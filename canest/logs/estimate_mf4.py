@@ -12,12 +12,11 @@ from canest.core.errors import OutputError
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS
 from canest.logs.estimate_file import Columns, Decimals, EstimateWriter
+from canest.logs.estimate_message import unit
 from canest.system.installation import how_to_add
 
 if TYPE_CHECKING:
     from canest.core.estimates import Estimates
-
-_UNITS = {"kg": "kg", "m": "m", "N": "N", "Nm": "Nm", "mps": "m/s", "mps2": "m/s\u00b2", "radps": "rad/s"}
 
 
 class Mf4EstimateWriter(EstimateWriter):
@@ -65,8 +64,7 @@ class Mf4EstimateWriter(EstimateWriter):
         columns |= {name: np.concatenate([more[name] for _, more in self._held]) for name in self._more}
         codes = {"status": STATUS_LABELS, "gate": LABELS}
         signals = [
-            self._asammdf.Signal(values, t_s, name=name, unit=_UNITS.get(name.rpartition("_")[2], ""))
-            for name, values in columns.items()
+            self._asammdf.Signal(values, t_s, name=name, unit=unit(name)) for name, values in columns.items()
         ]
         for name, labels in codes.items():
             names = {f"val_{i}": code for i, code in enumerate(labels)}

@@ -14,7 +14,7 @@ from canest.core.errors import OutputError
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS
 from canest.logs import text_fields as text
-from canest.logs.estimate_file import Columns, Decimals, EstimateWriter
+from canest.logs.estimate_file import GRADE_DECIMALS, MASS_DECIMALS, Columns, Decimals, EstimateWriter
 from canest.system.installation import how_to_add
 
 if TYPE_CHECKING:
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 
 HEADER = b"t_s,mass_kg,mass_std_kg,grade,grade_std,status,gate\n"
-MASS_DECIMALS = 1
-GRADE_DECIMALS = 6
 _ROWS_AT_ONCE = 1 << 13
 _GZIP, _GZIP_LEVEL = 31, 6  #: of zlib: a gzip file
 #: rows of one parquet row group
@@ -31,7 +29,7 @@ _ROW_GROUP = 1 << 17
 
 
 def open_writer(path: str | Path, more: Decimals | None = None) -> EstimateWriter:
-    """Open a result file; the end of its name is its format: .parquet, .mf4, .csv.gz, else csv.
+    """Open a result file; the end of its name is its format: .parquet, .mf4, .mcap, .csv.gz, else csv.
 
     more: further columns, each with the decimals that it has in a text.
     """
@@ -43,6 +41,10 @@ def open_writer(path: str | Path, more: Decimals | None = None) -> EstimateWrite
         from canest.logs.estimate_mf4 import Mf4EstimateWriter  # wanted for this format alone
 
         return Mf4EstimateWriter(path, more)
+    if name.endswith(".mcap"):
+        from canest.logs.estimate_mcap import McapEstimateWriter  # as above
+
+        return McapEstimateWriter(path, more)
     return CsvEstimateWriter(path, more, compress=name.endswith(".csv.gz"))
 
 

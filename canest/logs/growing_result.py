@@ -9,17 +9,17 @@ from canest.system.result_files import open_result, output_errors
 
 
 class GrowingResult:
-    """A result that is written piece by piece. Errors: OutputError."""
+    """A result that is written piece by piece. path: the name it will have. Errors: OutputError."""
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self.path = path
         with self.errors():
             self._result = open_result(path)
         self.file = self._result.file
 
     def errors(self) -> AbstractContextManager[None]:
         """Turn the system's errors into one line each."""
-        return output_errors(self._path)
+        return output_errors(self.path)
 
     def write(self, data: bytes) -> None:
         """Append bytes."""

@@ -12,7 +12,7 @@ from canest.config.schema import Config
 from canest.core.gates import LABELS
 from canest.decode import j1939
 from canest.node.estimate_frame import STATUS_NAMES, Estimate
-from canest.serve.hub import Hub
+from canest.serve.watcher import Watcher
 from canest.telemetry.broadcast_view import LiveView
 from canest.telemetry.live_protocol import COLUMNS, DECIMALS, Row
 from canest.telemetry.status_text import NOT_AVAILABLE
@@ -35,13 +35,13 @@ class BroadcastSource:
         self._view = LiveView(config.broadcast.pgn, self.name)
         self._received_s: float | None = None
 
-    async def follow(self, hub: Hub) -> None:
-        """Hand what is received to the hub, for ever."""
-        hub.take({"columns": COLUMNS, "gates": LABELS, "statuses": STATUS_NAMES})
+    async def follow(self, watcher: Watcher) -> None:
+        """Hand what is received to the watcher, for ever."""
+        watcher.take({"columns": COLUMNS, "gates": LABELS, "statuses": STATUS_NAMES})
         polls = 0
         while True:
             for message in self.messages(with_status=polls % _STATUS_POLLS == 0):
-                hub.take(message)
+                watcher.take(message)
             polls += 1
             await asyncio.sleep(POLL_S)
 

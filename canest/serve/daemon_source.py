@@ -8,23 +8,23 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from canest.serve.hub import Hub
+from canest.serve.watcher import Watcher
 
 RETRY_S = 0.5
 _LONGEST_LINE = 1 << 20  #: bytes; a status has some 10,000
 
 
-async def follow_daemon(locate: Callable[[], Path], hub: Hub) -> None:
-    """Hand every message to the hub, for ever.
+async def follow_daemon(locate: Callable[[], Path], watcher: Watcher) -> None:
+    """Hand every message to the watcher, for ever.
 
     locate: returns the stream's socket; asked before every attempt, since a daemon may come and go.
     """
     while True:
-        hub.lose(await _follow_once(locate(), hub))
+        watcher.lose(await _follow_once(locate(), watcher))
         await asyncio.sleep(RETRY_S)
 
 
-async def _follow_once(path: Path, hub: Hub) -> str:
+async def _follow_once(path: Path, watcher: Watcher) -> str:
     """Return why a connection ended, or could not be made."""
     try:
         reader, writer = await asyncio.open_unix_connection(path, limit=_LONGEST_LINE)
@@ -39,7 +39,7 @@ async def _follow_once(path: Path, hub: Hub) -> str:
             message = json.loads(line)
             if "refused" in message:
                 return f"the daemon refused: {message['refused']}"
-            hub.take(message)
+            watcher.take(message)
     except (OSError, ValueError, KeyError, TypeError) as error:
         return f"{path}: {error}"
     finally:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import csv
 import gzip
 import importlib.util
+import json
+import sys
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from canest.cli.replay import command
+from canest.core.errors import OutputError
 from canest.core.frames import FrameBlock
 from canest.logs import open_log
 from canest.logs.candump_writer import CandumpWriter
@@ -75,6 +78,64 @@ def test_an_mf4_has_the_same_columns(log, tmp_path):
             np.testing.assert_allclose(signal.samples, expected, atol=0.051)
             np.testing.assert_allclose(signal.timestamps, [float(row["t_s"]) for row in table])
         assert [s.decode() for s in mdf.get("status").samples] == [row["status"] for row in table]
+
+
+def read_mcap(path):
+    """Return (log_time, message, schema, channel) of each message, in the order of time."""
+    from mcap.reader import make_reader
+
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        return [(m.log_time, json.loads(m.data), schema, c) for schema, c, m in reader.iter_messages()]
+
+
+def as_text(message, name, decimals):
+    return f"{message[name]:.{decimals}f}" if name in message else ""
+
+
+@pytest.mark.skipif(importlib.util.find_spec("mcap") is None, reason="mcap (extra: mcap)")
+def test_an_mcap_read_back_equals_the_csv(log, tmp_path):
+    from jsonschema import Draft7Validator
+
+    for name in ("est.csv", "est.mcap"):
+        replay(log, "-o", tmp_path / name, "--columns", "torque_Nm,residual_N,gear")
+    table, read = rows(tmp_path / "est.csv"), read_mcap(tmp_path / "est.mcap")
+    assert len(table) == len(read) > 2900
+    decimals = {
+        "mass_kg": 1, "mass_std_kg": 1, "grade": 6, "grade_std": 6, "torque_Nm": 1,
+        "residual_N": 1, "gear": 0,
+    }  # fmt: skip
+    for row, (t_ns, message, _, _) in zip(table, read, strict=True):
+        assert t_ns == round(float(row["t_s"]) * 1e6) * 1000
+        assert {name: row[name] for name in decimals} == {
+            name: as_text(message, name, digits) for name, digits in decimals.items()
+        }
+        assert (message["status"], message["gate"]) == (row["status"], row["gate"])
+    _, message, schema, channel = read[-1]
+    assert (channel.topic, channel.message_encoding) == ("/canest/estimate", "json")
+    assert (schema.name, schema.encoding) == ("canest.Estimate", "jsonschema")
+    content = json.loads(schema.data)
+    Draft7Validator.check_schema(content)
+    assert set(message) <= set(content["properties"])
+    for _, message, *_ in read[::100]:
+        Draft7Validator(content).validate(message)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("mcap") is None, reason="mcap (extra: mcap)")
+def test_the_schema_of_an_mcap_has_only_types_that_its_readers_know(log, tmp_path):
+    """Foxglove refuses a schema with a list of types, such as a number or null."""
+    replay(log, "-o", tmp_path / "est.mcap")
+    types = {
+        p["type"] for p in json.loads(read_mcap(tmp_path / "est.mcap")[0][2].data)["properties"].values()
+    }
+    assert types == {"number", "integer", "string"}
+
+
+def test_without_its_package_a_format_says_what_to_install(log, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mcap.writer", None)
+    with pytest.raises(OutputError, match=r"cannot write MCAP.*mcap package: .*install.*mcap"):
+        replay(log, "-o", tmp_path / "est.mcap")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_log_of_frames_is_what_a_daemon_would_have_sent(log, tmp_path):

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+import importlib.util
 import itertools
 import lzma
 import os
@@ -25,6 +26,7 @@ from canest.logs.candump_writer import CandumpWriter, candump_text
 from canest.logs.estimate_writer import open_writer
 from logs.helpers_logs import DATA, FRAMES, LONG_FRAMES, assert_same, log_form
 
+MCAP = ["est.mcap"] if importlib.util.find_spec("mcap") else []
 STATUS = ["unestimated", "converging", "valid"]
 
 
@@ -109,7 +111,7 @@ def test_numbers_at_the_edges(tmp_path, value, text):
     assert (tmp_path / "est.csv").read_text().splitlines()[2].split(",")[3] == text
 
 
-@pytest.mark.parametrize("name", ["est.csv", "est.parquet"])
+@pytest.mark.parametrize("name", ["est.csv", "est.parquet", *MCAP])
 @given(cuts=st.lists(st.integers(0, 300), max_size=5))
 @settings(max_examples=15, deadline=None)
 def test_however_the_rows_are_cut_the_file_is_the_same(tmp_path_factory, name, cuts):
@@ -121,7 +123,7 @@ def test_however_the_rows_are_cut_the_file_is_the_same(tmp_path_factory, name, c
             writer.write(Estimates(*(getattr(e, n)[first:last] for n in Estimates.__slots__)))
     with open_writer(folder / ("whole_" + name)) as writer:
         writer.write(e)
-    if name.endswith(".csv"):
+    if name.endswith((".csv", ".mcap")):
         assert (folder / name).read_bytes() == (folder / ("whole_" + name)).read_bytes()
     else:
         assert pq.read_table(folder / name).equals(pq.read_table(folder / ("whole_" + name)))
@@ -139,6 +141,28 @@ def test_parquet_has_the_same_columns(tmp_path):
     np.testing.assert_array_equal(np.rint(np.array(table["t_s"]) * 1e6), e.t_us)
 
 
+@pytest.mark.skipif(importlib.util.find_spec("mcap") is None, reason="mcap (extra: mcap)")
+def test_an_mcap_holds_no_time_before_1970(tmp_path):
+    e = estimates(3)
+    e.t_us[:] = [-20_000, 0, 20_000]
+    with (
+        pytest.raises(OutputError, match=r"est\.mcap: MCAP holds no time before 1970, found '-0\.02 s'"),
+        open_writer(tmp_path / "est.mcap") as writer,
+    ):
+        writer.write(e)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(importlib.util.find_spec("mcap") is None, reason="mcap (extra: mcap)")
+def test_an_mcap_without_rows_can_be_read(tmp_path):
+    from mcap.reader import make_reader
+
+    with open_writer(tmp_path / "est.mcap"):
+        pass
+    with (tmp_path / "est.mcap").open("rb") as file:
+        assert list(make_reader(file).iter_messages()) == []
+
+
 def test_nothing_stands_under_the_name_before_it_is_complete(tmp_path):
     path = tmp_path / "est.csv"
     path.write_text("of yesterday")
@@ -149,7 +173,7 @@ def test_nothing_stands_under_the_name_before_it_is_complete(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["est.csv"]
 
 
-@pytest.mark.parametrize("name", ["est.csv", "est.parquet"])
+@pytest.mark.parametrize("name", ["est.csv", "est.parquet", *MCAP])
 def test_an_exception_leaves_no_file(tmp_path, name):
     with pytest.raises(KeyboardInterrupt), open_writer(tmp_path / name) as writer:
         writer.write(estimates(10))
@@ -157,7 +181,7 @@ def test_an_exception_leaves_no_file(tmp_path, name):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("name", ["est.csv", "est.parquet"])
+@pytest.mark.parametrize("name", ["est.csv", "est.parquet", *MCAP])
 def test_a_folder_that_is_not_there_is_one_line(tmp_path, name):
     with pytest.raises(OutputError, match=rf"{name}: cannot write: No such file"):
         open_writer(tmp_path / "none" / name)
@@ -209,7 +233,7 @@ def test_remote_frames_survive(tmp_path):
     assert candump_text(parser.parse(text)) == text
 
 
-@pytest.mark.parametrize("name", ["est.csv", "est.parquet"])
+@pytest.mark.parametrize("name", ["est.csv", "est.parquet", *MCAP])
 def test_of_two_writers_of_one_name_the_later_fails_and_the_file_is_whole(tmp_path, name):
     path = tmp_path / name
     path.write_text("of yesterday")

@@ -147,6 +147,11 @@ class _Staying(urllib.request.HTTPRedirectHandler):
         return None
 
 
+def resident_mb(pid):
+    text = Path(f"/proc/{pid}/status").read_text()
+    return int(re.search(r"VmRSS:\s+(\d+)", text)[1]) / 1024
+
+
 def is_up(port):
     try:
         with socket.create_connection(("127.0.0.1", port), 1):
@@ -155,4 +160,14 @@ def is_up(port):
         return False
 
 
-__all__ = ["Command", "Stream", "Vehicle", "free_port", "get", "has_multicast", "is_up", "wait_for"]
+__all__ = [
+    "Command",
+    "Stream",
+    "Vehicle",
+    "free_port",
+    "get",
+    "has_multicast",
+    "is_up",
+    "resident_mb",
+    "wait_for",
+]

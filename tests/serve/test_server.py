@@ -16,7 +16,7 @@ import pytest
 
 from canest.serve.hub import MOST_PAGES
 from canest.telemetry.live_protocol import COLUMNS, stream_path
-from tests.serve.rig import Command, Stream, free_port, get, is_up, wait_for
+from tests.serve.rig import Command, Stream, free_port, get, is_up, resident_mb, wait_for
 
 PAGE = Path(sys.modules["canest"].__file__).parent / "serve" / "page"
 
@@ -57,11 +57,6 @@ def shared(tmp_path_factory):
 
 def history(port):
     return json.loads(get(port, "/history")[2])
-
-
-def resident_mb(pid):
-    text = Path(f"/proc/{pid}/status").read_text()
-    return int(re.search(r"VmRSS:\s+(\d+)", text)[1]) / 1024
 
 
 class EventReader:
@@ -291,7 +286,7 @@ def test_the_server_loads_neither_the_bus_nor_the_databases():
 
 
 def test_a_daemon_that_starts_later_in_another_place_is_found(tmp_path, monkeypatch):
-    from canest.cli.serve import status_socket
+    from canest.cli.live_source import status_socket
     from canest.config import load_config
 
     config = load_config("vcan", [f"service.state_dir={tmp_path}"], databases=False)

@@ -1,0 +1,191 @@
+"""`canest publish`: a running daemon's estimates in other systems."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import click
+
+from canest.cli.options import F, config_option, grouped, load
+from canest.cli.repeated_options import Group
+
+if TYPE_CHECKING:
+    from canest.cli.live_source import LiveSource
+    from canest.config import Config
+
+EPILOG = """\b
+Examples (pip install 'canest[mqtt,foxglove]' first):
+  canest publish mqtt -c my-truck.yaml --broker mqtt://localhost
+  canest publish foxglove -c my-truck.yaml
+
+Each is a program of its own that follows the daemon, which may come and go. It never holds the daemon up.
+"""
+
+MQTT_EPILOG = """\b
+Examples:
+  canest publish mqtt -c my-truck.yaml --broker mqtt://localhost
+  canest publish mqtt -c my-truck.yaml --broker mqtts://fleet.example.org --ca ca.pem
+  canest publish mqtt -c my-truck.yaml --broker mqtt://localhost --home-assistant
+
+\b
+User and password come from the environment, since a command line can be read by everybody:
+  CANEST_MQTT_USER, and CANEST_MQTT_PASSWORD or CANEST_MQTT_PASSWORD_FILE (its first line)
+
+\b
+Topics below --topic, all retained:
+  availability   online or offline (last will)
+  estimate       JSON: t_s (UTC), mass_kg, mass_std_kg, grade, grade_std, status, gate, speed_mps, ...
+  status         JSON of canest status, every 10 s
+  publisher      JSON: published, confirmed, dropped_offline, dropped_slow, ..., every 10 s
+"""
+
+FOXGLOVE_EPILOG = """\b
+Examples:
+  canest publish foxglove -c my-truck.yaml      in Foxglove or Lichtblick: open ws://localhost:8765
+  canest publish foxglove -c my-truck.yaml --port 9000
+
+\b
+From another machine, by ssh (nothing to configure):
+  ssh -L 8765:127.0.0.1:8765 TRUCK              then open ws://localhost:8765 where you are
+In a network that you trust, with a token:
+  openssl rand -hex 16 > token
+  canest publish foxglove -c my-truck.yaml --address 0.0.0.0 --token-file token
+  then open ws://TRUCK:8765/?token=TOKEN. The network carries the token unencrypted.
+"""
+
+
+class Source(NamedTuple):
+    """What is followed: -c, --socket, --broadcast."""
+
+    config_name: str | None
+    socket_name: str | None
+    broadcast: bool
+
+    def load(self) -> tuple[Config | None, LiveSource]:
+        """Return the config (if there is one) and the source. Errors: a usage error, CanestError."""
+        if (self.config_name is None) == (self.socket_name is None) or (
+            self.broadcast and self.config_name is None
+        ):
+            raise click.UsageError(
+                "found no daemon to follow, expected -c CONFIG (or --socket PATH)",
+                click.get_current_context(),
+            )
+        from canest.cli.live_source import source_of
+
+        config = None if self.config_name is None else load(self.config_name, databases=False)
+        return config, source_of(config, self.socket_name, broadcast=self.broadcast)
+
+
+class Security(NamedTuple):
+    """Files of TLS: --ca, --cert, --key."""
+
+    ca: str | None
+    cert: str | None
+    key: str | None
+
+
+def _source_options(function: F) -> F:
+    for option in (
+        click.option(
+            "--broadcast", is_flag=True, help="Listen to the broadcast on the bus, not to the daemon."
+        ),
+        click.option(
+            "--socket", "socket_name", metavar="PATH", help="The daemon's status socket, without -c."
+        ),
+        config_option(required=False),
+    ):
+        function = option(function)
+    return function
+
+
+@click.group(cls=Group, epilog=EPILOG)
+def command() -> None:
+    """Hand a running daemon's estimates on: to an MQTT broker, or live to Foxglove and Lichtblick."""
+
+
+@command.command(epilog=MQTT_EPILOG)
+@_source_options
+@click.option(
+    "--broker", "url", required=True, metavar="URL", help="mqtt://HOST[:PORT], or mqtts:// for TLS."
+)
+@click.option("--topic", metavar="BASE", help="Base of all topics (default: canest/ and the vehicle's name).")
+@click.option(
+    "--rate", "rate_hz", type=click.FloatRange(0.01, 50), default=1.0, show_default=True, metavar="HZ",
+    help="Estimates a second at most; the daemon gives broadcast.rate_hz.",
+)  # fmt: skip
+@click.option("--home-assistant", is_flag=True, help="Announce the sensors to Home Assistant (discovery).")
+@click.option("--ca", metavar="FILE", help="CA of the broker's certificate (default: those of the system).")
+@click.option("--cert", metavar="FILE", help="Our own certificate, where the broker wants one; with --key.")
+@click.option("--key", metavar="FILE", help="Its private key.")
+@grouped(source=Source, security=Security)
+def mqtt(
+    source: Source, security: Security, url: str, topic: str | None, rate_hz: float, home_assistant: bool
+) -> None:
+    """Publish estimates to an MQTT broker. A broker that is away is tried again after 1 s to 60 s."""
+    import asyncio
+    import os
+
+    from canest.publish.home_assistant import discovery
+    from canest.publish.mqtt import MqttPublisher
+    from canest.publish.mqtt_settings import Certificates, broker, checked_topic, topic_of
+    from canest.publish.program import run
+    from canest.system.journal import Journal
+
+    if (security.cert is None) != (security.key is None):
+        raise click.UsageError("--cert and --key belong together", click.get_current_context())
+    own = None if security.cert is None or security.key is None else (security.cert, security.key)
+    target, journal = broker(url, Certificates(security.ca, own), os.environ), Journal()
+    config, live = source.load()
+    name = config.vehicle.name if config is not None else "vehicle"
+    base = topic_of(name) if topic is None else checked_topic(topic)
+    sensors = discovery(base, name) if home_assistant else []
+    publisher = MqttPublisher(live.name, target, base, rate_hz, journal, sensors)
+    if target.sends_password_in_the_clear:
+        journal.warning("password-unencrypted", broker=target.name, expected="mqtts://")
+
+    async def beside(stop: asyncio.Event) -> None:
+        publisher.start()
+        await stop.wait()
+        await publisher.stop()
+
+    click.echo(f"{live.name} to {target.name}, topics {base}/...")
+    asyncio.run(run(publisher, live.follow, beside))
+    click.echo(", ".join(f"{name} {count}" for name, count in publisher.counters.items()))
+
+
+@command.command(epilog=FOXGLOVE_EPILOG)
+@_source_options
+@click.option("--port", type=click.IntRange(1, 65535), default=8765, show_default=True, help="TCP port.")
+@click.option("--address", default="127.0.0.1", show_default=True, help="Another one needs --token-file.")
+@click.option("--token-file", metavar="FILE", help="File whose first line whoever connects must know.")
+@click.option(
+    "--allow-origin", "origins", multiple=True, metavar="URL",
+    help="Let the pages of this site connect too, e.g. https://lichtblick.example.org; may be repeated.",
+)  # fmt: skip
+@grouped(source=Source)
+def foxglove(
+    source: Source, port: int, address: str, token_file: str | None, origins: tuple[str, ...]
+) -> None:
+    """Serve estimates live to Foxglove and Lichtblick (the Foxglove WebSocket protocol), read-only."""
+    import asyncio
+
+    from canest.publish.foxglove import FoxgloveServer, serve_forever
+    from canest.publish.program import run
+    from canest.serve.server import Place
+
+    _, live = source.load()
+    place = Place(address, port)
+    server = FoxgloveServer(
+        live.name, place, None if token_file is None else _first_line(token_file), origins
+    )
+
+    def opened() -> None:
+        click.echo(f"{live.name} for Foxglove: {place.url.replace('http', 'ws', 1)}")
+
+    asyncio.run(run(server, live.follow, lambda stop: serve_forever(server, stop, opened)))
+
+
+def _first_line(name: str) -> str:
+    with Path(name).open() as file:
+        return file.readline(1000).strip()
