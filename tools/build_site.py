@@ -3,7 +3,7 @@
 The pages stay as they are read on GitHub. This program copies them into a folder of their own, where
 
 - docs/README.md is the front page, and its sections with their links are the menus;
-- README.md, CONTRIBUTING.md, SECURITY.md and CHANGELOG.md are pages below ``project/``;
+- the Markdown pages of the top folder are pages below ``project/``;
 - a link to any other file of the repository leads to a copy of that file.
 
 Sphinx then builds it, and every warning is an error. The site needs no network: search, fonts and scripts
@@ -30,6 +30,7 @@ TOP_PAGES = {
     "README.md": "project/readme.md",
     "CONTRIBUTING.md": "project/contributing.md",
     "SECURITY.md": "project/security.md",
+    "NOTICES.md": "project/notices.md",
     "CHANGELOG.md": "project/changelog.md",
 }
 IMAGES = {".svg", ".png"}
