@@ -73,7 +73,7 @@ def install_environment(stage: Path, work: Path) -> Path:
     home = stage / HOME
     run(PYTHON, "-m", "venv", work / "tool")
     run(PYTHON, "-m", "venv", "--without-pip", home)
-    pip = (work / "tool/bin/python3", "-m", "pip", "-q", "--disable-pip-version-check")
+    pip = (work / "tool/bin/python3", "-m", "pip", "-qq", "--disable-pip-version-check")
     run(*pip, "wheel", "--no-deps", "-w", work / "wheel", ROOT)
     wheel = next((work / "wheel").glob("*.whl"))
     run(*pip, "--python", home / "bin/python3", "install", "--no-compile", f"{wheel}[{EXTRAS}]")
@@ -102,6 +102,8 @@ def place_files(stage: Path, site: Path, version: str) -> None:
     """Put the command, the unit, configs, man pages, completion and papers where Debian has them."""
     share = stage / "usr/share"
     write(stage / "usr/bin/canest", LAUNCHER, 0o755)
+    (stage / HOME / "bin/python3").unlink()
+    (stage / HOME / "bin/python3").symlink_to("../../../bin/python3")  # as Debian wants links within /usr
     write(stage / "etc/canest/README", ETC_README)
     shipped = site / "canest/_shipped"
     write(stage / "etc/canest/vcan.yaml", (shipped / "configs/vcan.yaml").read_text(encoding="utf-8"))
