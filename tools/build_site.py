@@ -99,7 +99,9 @@ class Assembly:
             if at is None or source == FRONT:
                 continue
             if source.suffix == ".md":
-                self.page(source, at, source.read_text(encoding="utf-8"))
+                beside = sorted(p.stem for p in source.parent.glob("*.md") if p != source)
+                menu = _toctree(beside) if source.name == "README.md" and source.parent != ROOT else ""
+                self.page(source, at, f"{source.read_text(encoding='utf-8')}\n{menu}")
             else:
                 self._copy(source, at)
         self._copy(SETTINGS / "conf.py", "conf.py")

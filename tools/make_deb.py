@@ -28,7 +28,7 @@ PYTHON = "/usr/bin/python3"
 HOME = "usr/lib/canest"
 #: small, and what a vehicle may need; the others with pip in an environment of one's own
 EXTRAS = "metrics,multicast,serial"
-MAINTAINER = "the canest authors <canest@localhost>"
+MAINTAINER = "the canest authors <canest@users.noreply.github.com>"
 #: what manylinux wheels expect of the system
 LIBRARIES = "libc6 (>= 2.34), libgcc-s1, libstdc++6, zlib1g"
 

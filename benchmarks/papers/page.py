@@ -54,9 +54,7 @@ class Page:
     def table(self, header: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
         cells = [[_cell(c) for c in row] for row in rows]
         head = "".join(f"<th>{html.escape(h)}</th>" for h in header)
-        body = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(c)}</td>" for c in row) + "</tr>" for row in cells
-        )
+        body = "".join("<tr>" + "".join(f"<td>{html.escape(c)}</td>" for c in row) + "</tr>" for row in cells)
         lines = [header, ["---", *["---:"] * (len(header) - 1)], *cells]
         markdown = "\n".join(f"| {' | '.join(_plain(c) for c in line)} |" for line in lines)
         self._add(f"<table><tr>{head}</tr>{body}</table>", markdown)

@@ -46,7 +46,9 @@ def main() -> int:
         "richer than the estimators' model (torque lag, reporting steps, driveline losses, sensor noise, "
         "lost frames). Boxes say why numbers differ."
     )
-    page.text(f"Run with canest {canest.__version__} on {time.strftime('%Y-%m-%d')}, by one command; seeds are fixed:")
+    page.text(
+        f"Run with canest {canest.__version__} on {time.strftime('%Y-%m-%d')}, by one command; seeds are fixed:"
+    )
     page.code("python benchmarks/papers/run.py -o docs/measured/papers.md")
     for year, write in PAPERS.items():
         if arguments.only in (None, year):

@@ -82,7 +82,9 @@ def test_the_wheel_simulates_and_replays_in_a_fresh_environment(installed, tmp_p
     assert run(canest, "-V", cwd=tmp_path).startswith("canest, version ")
     run(canest, "simulate", "launches-car", "-o", tmp_path, cwd=tmp_path)
     log, config = tmp_path / "launches-car.log", tmp_path / "launches-car.yaml"
-    assert "mass" in run(canest, "replay", log, "-c", config, "--truth", "auto", "-o", "est.csv", cwd=tmp_path)
+    assert "mass" in run(
+        canest, "replay", log, "-c", config, "--truth", "auto", "-o", "est.csv", cwd=tmp_path
+    )
     assert (tmp_path / "est.csv").stat().st_size > 10_000
     assert (installed / "share/man/man1/canest-replay.1").is_file()
     assert (installed / "share/bash-completion/completions/canest").is_file()

@@ -10,9 +10,9 @@ project_copyright = "the canest authors, MIT licence"
 release = version = installed_version("canest")
 
 extensions = ["myst_parser"]
-myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4  # links to headings are those that GitHub makes
 nitpicky = True
+suppress_warnings = ["misc.highlighting_failure"]  # SQL with the macros of Grafana is no plain SQL
 exclude_patterns = ["_files"]
 myst_links_external_new_tab = False
 highlight_language = "none"
