@@ -50,6 +50,10 @@ class _LazyGroup(Group):
             return None
         command: click.Command = import_module(f"canest.cli.{COMMANDS[cmd_name][0]}").command
         command.name = cmd_name
+        if "_CANEST_COMPLETE" in os.environ:  # the shell asks, on behalf of the Tab key
+            from canest.cli.completion import complete_values
+
+            complete_values(command)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -84,7 +88,7 @@ Errors are one line; add --debug to any command for the traceback.
     epilog=EPILOG,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-@click.version_option(__version__, prog_name="canest")
+@click.version_option(__version__, "-V", "--version", prog_name="canest")
 @click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
 def cli() -> None:
     """Estimate a vehicle's mass and the road grade at 50 Hz from its CAN bus, live or from logs."""

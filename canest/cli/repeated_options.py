@@ -15,7 +15,8 @@ class Group(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command, and look through its options. Errors: UsageError."""
         name, command, rest = super().resolve_command(ctx, args)
-        if command is not None and not isinstance(command, click.Group):
+        # the Tab key asks about a line that is not complete yet
+        if command is not None and not isinstance(command, click.Group) and not ctx.resilient_parsing:
             _refuse_repeated(command, click.Context(command, ctx, name), rest)
         return name, command, rest
 
