@@ -34,7 +34,9 @@ def test_one_offset_alone_is_told_by_the_altitudes():
     """All drives are wrong alike: no comparison shows it, but the road does not climb so far."""
     road = build_map([drive(k, "a", offset=0.004) for k in range(6)])
     assert abs(np.mean(road.grade - true_grade(road))) < 0.0015
-    without = build_map([replace(drive(k, "a", offset=0.004), altitude_m=np.full(300, np.nan)) for k in range(6)])
+    without = build_map(
+        [replace(drive(k, "a", offset=0.004), altitude_m=np.full(300, np.nan)) for k in range(6)]
+    )
     assert np.mean(without.grade - true_grade(without)) > 0.003
 
 
@@ -112,9 +114,7 @@ def test_one_drive_that_is_wrong_is_outvoted():
 def test_cells_of_few_drives_can_be_left_out():
     short = drive(1)
     columns = {
-        name: getattr(short, name)[:150]
-        for name in Drive.__slots__
-        if name not in ("log", "vehicle", "day")
+        name: getattr(short, name)[:150] for name in Drive.__slots__ if name not in ("log", "vehicle", "day")
     }
     half = replace(short, **columns)
     road = build_map([drive(0), half], least_passes=2)
