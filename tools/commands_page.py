@@ -100,7 +100,7 @@ def page() -> str:
     ]
     for name, context in commands():
         command = context.command
-        parts += [f"## {name}", "\n\n".join(text_of(command)), f"    {name} {usage(context)}"]
+        parts += [f"## {name}", "\n\n".join(text_of(command)), f"```text\n{name} {usage(context)}\n```"]
         if rows := below(command):
             parts.append(_table("command", rows, lambda row, name=name: f"[{row}](#{_anchor(name, row)})"))
         parts.append(_table("option", options(context), lambda flags: f"`{flags}`"))

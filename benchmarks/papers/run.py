@@ -2,7 +2,8 @@
 
     python benchmarks/papers/run.py -o DIR|PAGE.md [--drives FOLDER] [--only 2005|2013|2014]
 
-It takes about a minute. A name that ends in .md is written as Markdown, with the figures in a folder beside it.
+It takes about a minute. A name that ends in .md is written as Markdown,
+with its figures in a folder beside it.
 
 FOLDER may hold recorded drives (NAME.log[.xz] with NAME.truth.csv) named as the shipped scenarios; those of
 the same kind are evaluated beside the simulated ones.
@@ -46,9 +47,7 @@ def main() -> int:
         "richer than the estimators' model (torque lag, reporting steps, driveline losses, sensor noise, "
         "lost frames). Boxes say why numbers differ."
     )
-    page.text(
-        f"Run with canest {canest.__version__} on {time.strftime('%Y-%m-%d')}, by one command; seeds are fixed:"
-    )
+    page.text(f"Run with canest {canest.__version__} on {time.strftime('%Y-%m-%d')}, with fixed seeds:")
     page.code("python benchmarks/papers/run.py -o docs/measured/papers.md")
     for year, write in PAPERS.items():
         if arguments.only in (None, year):

@@ -1,4 +1,4 @@
-"""The site builds without a warning, needs no network, and finds every page; the generated files are current."""
+"""The site builds without a warning and has every page; the generated files are current."""
 
 from __future__ import annotations
 

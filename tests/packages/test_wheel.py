@@ -37,7 +37,7 @@ def wheel(built) -> Path:
 
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory) -> Path:
-    """Return a fresh environment with the wheel; what it depends on comes from the environment of the tests."""
+    """Return a fresh environment with the wheel; its dependencies are those of the tests."""
     folder = tmp_path_factory.mktemp("fresh") / "venv"
     run(sys.executable, "-m", "venv", folder)
     run(folder / "bin/python", "-m", "pip", "install", "-q", "--no-deps", "--no-index", wheel)
