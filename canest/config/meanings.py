@@ -9,6 +9,7 @@ RECOVERY = "stays closed this long after its cause has cleared, s"
 ENABLED = "false: this gate never closes"
 
 MEANINGS: dict[str, str] = {
+    "road_map": "grade that earlier drives found, a file of `canest map build`; needs a position on the bus",
     "vehicle.name": "a name for people",
     "vehicle.key": "what a learned mass belongs to: VIN or fleet number; empty: the name",
     "vehicle.mass_min_kg": "lightest the vehicle can be, kg; bounds every estimate",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,8 +101,9 @@ class ModelBlock:
 
     def __getitem__(self, index: slice | NDArray[np.bool_] | IntColumn) -> ModelBlock:
         """Return the selected samples."""
-        columns = (getattr(self, f.name) for f in fields(self))
-        return ModelBlock(*(None if column is None else column[index] for column in columns))
+        columns: list[Any] = [getattr(self, f.name) for f in fields(self)]
+        selected: list[Any] = [None if column is None else column[index] for column in columns]
+        return ModelBlock(*selected)
 
     @staticmethod
     def concatenate(blocks: list[ModelBlock]) -> ModelBlock:

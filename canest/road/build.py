@@ -86,7 +86,8 @@ def _means(visits: Visits, values: FloatColumn, cells: int) -> FloatColumn:
     known = np.isfinite(values)
     number = np.bincount(visits.cell[known], minlength=cells)
     total = np.bincount(visits.cell[known], values[known], cells)
-    return np.divide(total, number, out=np.full(cells, np.nan), where=number > 0)
+    mean: FloatColumn = np.divide(total, number, out=np.full(cells, np.nan), where=number > 0)
+    return mean
 
 
 def _distinct(visits: Visits, vehicle: IntColumn, cells: int) -> IntColumn:

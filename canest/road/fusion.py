@@ -60,7 +60,8 @@ def fuse(visits: Visits, cells: int, vehicle: IntColumn) -> Fused:
             expected=f"up to {_MOST_OFFSETS - vehicles}",
         )
     usable = np.isfinite(visits.sine) & np.isfinite(visits.std)
-    v = Visits(*(column[usable] for column in visits))
+    columns: list[Any] = [column[usable] for column in visits]
+    v = Visits(*columns)
     var = np.square(v.std)
     prior, expected = _offset_information(visits, vehicle, vehicles)
     offset, cov = np.zeros(tracks), np.zeros((vehicles + tracks, vehicles + tracks))
@@ -156,7 +157,8 @@ def _mean(v: Visits, weight: FloatColumn, offset: FloatColumn, cells: int) -> Fl
     """Return the weighted mean of each cell (cells,), NaN without a visit."""
     total = np.bincount(v.cell, weight, cells)
     summed = np.bincount(v.cell, weight * (v.sine - offset[v.track]), cells)
-    return np.divide(summed, total, out=np.full(cells, np.nan), where=total > 0.0)
+    mean: FloatColumn = np.divide(summed, total, out=np.full(cells, np.nan), where=total > 0.0)
+    return mean
 
 
 def _scale(residual: FloatColumn, var: FloatColumn, v: Visits, cells: int) -> float:
