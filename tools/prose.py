@@ -112,10 +112,14 @@ def _parts(markdown: str) -> Iterator[tuple[str, str]]:
 
 
 def pages() -> list[Path]:
-    """Return the pages that people write."""
+    """Return the pages that people write: no measured figures, no help of commands."""
     return [
         *sorted(ROOT.glob("*.md")),
-        *(p for p in sorted((ROOT / "docs").rglob("*.md")) if p.parent.name != "measured"),
+        *(
+            p
+            for p in sorted((ROOT / "docs").rglob("*.md"))
+            if p.parent.name != "measured" and p.name != "commands.md"
+        ),
     ]
 
 

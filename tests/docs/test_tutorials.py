@@ -7,6 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -51,10 +52,9 @@ def test_a_reader_can_type_the_tutorial(page, tmp_path):
             f'#!/bin/sh\nPYTHONPATH={shlex.quote(str(ROOT))} exec {sys.executable} {words} "$@"\n'
         )
         command.chmod(0o755)
-    folder = tmp_path / "reader"
-    folder.mkdir()
-    environment = os.environ | {"PATH": f"{commands}:{os.environ['PATH']}", "HOME": str(folder)}
-    with (tmp_path / "output").open("w+") as output:
+    # the state directory lies below it, and the path of a socket holds 107 characters
+    with tempfile.TemporaryDirectory() as folder, (tmp_path / "output").open("w+") as output:
+        environment = os.environ | {"PATH": f"{commands}:{os.environ['PATH']}", "HOME": folder}
         done = subprocess.run(
             ["bash", "-c", script_of(page)], cwd=folder, env=environment, stdout=output, stderr=output,
             timeout=240, check=False,
