@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -21,7 +23,7 @@ BLOCK = re.compile(
 
 def script_of(page: Path) -> str:
     """Return the page's blocks as one script: what a reader types, from top to bottom."""
-    parts = ["set -eum"]
+    parts = ["set -eu"]
     for block in BLOCK.finditer(page.read_text(encoding="utf-8")):
         if block["why"] or block["kind"] == "text":
             continue
@@ -41,23 +43,32 @@ def test_blocks_are_commands_python_or_output(page):
     assert not re.findall(r"^ {4,}canest", text, re.M), "a command in no block is not run"
 
 
+@pytest.fixture
+def reader():
+    """Return an empty folder with a short name: a daemon's socket lies below it."""
+    with tempfile.TemporaryDirectory(prefix="reader", dir="/tmp") as folder:
+        yield Path(folder)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("page", TUTORIALS, ids=lambda p: p.stem)
-def test_a_reader_can_type_the_tutorial(page, tmp_path):
-    commands = tmp_path / "commands"
-    commands.mkdir()
+def test_a_reader_can_type_the_tutorial(page, tmp_path, reader):
     for name, words in (("canest", "-m canest"), ("python", "")):
-        command = commands / name
+        command = tmp_path / name
         command.write_text(
             f'#!/bin/sh\nPYTHONPATH={shlex.quote(str(ROOT))} exec {sys.executable} {words} "$@"\n'
         )
         command.chmod(0o755)
-    # the state directory lies below it, and the path of a socket holds 107 characters
-    with tempfile.TemporaryDirectory() as folder, (tmp_path / "output").open("w+") as output:
-        environment = os.environ | {"PATH": f"{commands}:{os.environ['PATH']}", "HOME": folder}
-        done = subprocess.run(
-            ["bash", "-c", script_of(page)], cwd=folder, env=environment, stdout=output, stderr=output,
-            timeout=240, check=False,
+    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "HOME": str(reader)}
+    with (tmp_path / "output").open("w+") as output:
+        shell = subprocess.Popen(
+            ["bash", "-c", script_of(page)], cwd=reader, env=environment, stdout=output, stderr=output,
+            start_new_session=True,
         )  # fmt: skip
+        try:
+            code = shell.wait(timeout=240)
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(shell.pid, signal.SIGKILL)  # what a page that fails leaves in the background
         output.seek(0)
-        assert done.returncode == 0, output.read()[-3000:]
+        assert code == 0, output.read()[-3000:]
