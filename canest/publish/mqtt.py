@@ -64,13 +64,15 @@ class MqttPublisher(Follower):
 
     async def stop(self) -> None:
         """Say goodbye to a broker that listens; takes a second at most."""
+        until_s = time.monotonic() + _FAREWELL_S
         if self._online:
             farewell = self._send("availability", b"offline")
-            until_s = time.monotonic() + _FAREWELL_S
             while farewell is not None and not farewell.is_published() and time.monotonic() < until_s:
                 await asyncio.sleep(0.02)
         # the thread is not waited for: one that hangs in a connection ends with the process
         self._client.disconnect()
+        while self._online and time.monotonic() < until_s:  # or the broker would send the last will too
+            await asyncio.sleep(0.02)
 
     def on_estimate(self, estimate: LiveEstimate) -> None:
         """Publish it, if one is due."""
