@@ -83,9 +83,10 @@ class Recorder:
         kept = {}
         for side in (0, 1):
             for f in fields(self.parts[0][side]) if self.parts else ():  # type: ignore[arg-type]
-                kept[f"{side} {f.name}"] = np.concatenate(
-                    [getattr(p[side], f.name) for p in self.parts]
-                ).tobytes()
+                columns = [getattr(p[side], f.name) for p in self.parts]
+                # None: a column of a road map, without one
+                whole = b"" if columns[0] is None else np.concatenate(columns).tobytes()
+                kept[f"{side} {f.name}"] = whole
         return kept
 
 

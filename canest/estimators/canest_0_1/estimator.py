@@ -31,6 +31,8 @@ REMEMBERED = 10.0
 STEEPEST = 0.33
 _DEAF = "the accelerometer does not feel what the speed tells, and is not used: another unit, sign or axis?"
 _SPEED, _SENSED = COLUMNS.index("speed_mps"), COLUMNS.index("sensed_mps2")
+#: the rows its kernel takes: version 0.1 knew no road map
+_TAKEN = [row for row, name in enumerate(COLUMNS) if name not in ("road_sine", "road_std")]
 
 
 class CanestOptions(Options):
@@ -121,6 +123,7 @@ class Canest(Estimator):
 
     def _run(self, windows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Run the kernel over windows; return its outputs, as `_filter`."""
+        windows = windows[_TAKEN]
         n = windows.shape[1]
         compiled = jit.enabled()
         X: Any = self._X
