@@ -204,9 +204,9 @@ def diagnose(
 
     Example:
         >>> import canest
-        >>> drive = canest.demo_drive()
-        >>> canest.diagnose(drive, drive.config, truth=drive.truth).verdict
-        'explained'
+        >>> drive = canest.simulate("wheel-radius")  # worn tyres, which its config does not say
+        >>> canest.diagnose(drive, drive.config, truth=drive.truth).finding
+        'Wheel radius explains the residual.'
     """
     from canest.interface.run import diagnosed  # with numba where it pays
 

@@ -78,7 +78,7 @@ def test_the_diagnosis_finds_it_and_the_revised_config_repairs_the_replay(
     assert found["selected"] == ["trailer_drag"] and found["verdict"] == "explained"
     value = found["candidates"][0]["parameters"]["cda_delta_m2"]["value"]
     assert value == pytest.approx(TRAILER_M2, rel=0.05)
-    assert "larger while a trailer is attached" in found["finding"]
+    assert "larger while a trailer is attached" in " ".join(found["details"])
     for config, rms_pct in ((drive.with_suffix(".yaml"), (2.0, 100.0)), (out / "revised.yaml", (0.0, 2.0))):
         summary = tmp_path / f"{config.stem}.json"
         done = canest_with(installed, "replay", drive, "-c", config, "--truth", "auto", "--json", summary)
