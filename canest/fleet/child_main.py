@@ -29,6 +29,10 @@ def write_message(file: IO[bytes], message: Any) -> None:
 
 def read_message(file: IO[bytes]) -> Any:
     """Return the next message. Errors: EOFError where the other side is gone."""
+    return pickle.loads(_read_pickle(file))
+
+
+def _read_pickle(file: IO[bytes]) -> bytes:
     head = file.read(LENGTH.size)
     if len(head) < LENGTH.size:
         raise EOFError
@@ -36,7 +40,7 @@ def read_message(file: IO[bytes]) -> Any:
     content = file.read(length)
     if len(content) < length:
         raise EOFError
-    return pickle.loads(content)
+    return content
 
 
 def main() -> None:
@@ -47,22 +51,26 @@ def main() -> None:
         Path("/proc/self/oom_score_adj").write_text("900")
     results = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no outcome
-    jobs: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    jobs: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     threading.Thread(target=_receive, args=(sys.stdin.buffer, jobs), daemon=True).start()
     from canest.fleet.process_log import process_log
 
     bundles: dict[str, Any] = {}
     while True:
-        job, more, settings = jobs.get()
+        job, more, settings = pickle.loads(jobs.get())
         bundles.update(more)
         write_message(results, process_log(job, bundles, settings))
 
 
-def _receive(file: IO[bytes], jobs: queue.SimpleQueue[Any]) -> None:
-    """Pass on jobs; end the process when the parent is gone, whatever it is doing."""
+def _receive(file: IO[bytes], jobs: queue.SimpleQueue[bytes]) -> None:
+    """Pass on jobs as they came; end the process when the parent is gone, whatever it is doing.
+
+    The main thread unpickles: a pickle imports modules, and two threads that import a package and a module of
+    it at a time may each get the other's half.
+    """
     with suppress(EOFError, OSError):
         while True:
-            jobs.put(read_message(file))
+            jobs.put(_read_pickle(file))
     os._exit(0)
 
 

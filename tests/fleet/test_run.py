@@ -15,6 +15,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from canest.fleet.child_main import write_message
+
 from .conftest import ROOT, candump, command, files_of, run, wait_for
 
 
@@ -158,3 +160,20 @@ def children_of(pid: int) -> list[int]:
     for task in Path(f"/proc/{pid}/task").glob("*/children"):
         found += [int(child) for child in task.read_text().split()]
     return found
+
+
+class Unpickled:
+    """What says, as it is unpickled, in which thread that happens."""
+
+    def __reduce__(self):
+        return eval, ("__import__('os').write(2, __import__('threading').current_thread().name.encode())",)
+
+
+def test_a_child_imports_in_one_thread_alone():
+    """Two threads that import a package and a module of it at a time may each get the other's half."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "canest.fleet.child_main"],
+        cwd=ROOT, stdin=subprocess.PIPE, stderr=subprocess.PIPE,
+    ) as process:  # fmt: skip
+        write_message(process.stdin, Unpickled())
+        assert process.stderr.read(10) == b"MainThread"

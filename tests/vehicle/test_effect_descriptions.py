@@ -104,5 +104,5 @@ def test_every_vehicle_has_some_wind_some_error_of_torque_and_of_rolling_resista
     vehicle = SimpleNamespace(drag_area_m2=0.7, rolling_resistance=0.006, engine_inertia_kgm2=3.0)
     spread = {name: next(iter(c.parameters.values())).usual_std(vehicle) for name, c in EFFECTS.items()}
     assert {name: s * 3**0.5 for name, s in spread.items() if s} == pytest.approx(
-        {"headwind": 3.0, "torque_gain": 0.02, "rolling_resistance": 0.0009}
+        {"headwind": 3.0, "torque_gain": 0.02, "rolling_resistance": 0.0009, "wheel_slip": 0.006}
     )

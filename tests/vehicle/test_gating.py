@@ -88,7 +88,6 @@ CAUSES = [
     ("DRIVELINE", {"clutch_switch": 1.0}),
     ("DRIVELINE", {"clutch_slip": 6.0}),
     ("DRIVELINE", {"engine_speed": SHAFT_RPM * 1.2}),
-    ("RETARDER", {"retarder_torque_pct": -3.0}),
     ("PTO", {"pto_state": 5.0}),
     ("TURNING", {"yaw_rate": 0.08}),
     ("TURNING", {"yaw_rate": -0.08}),
@@ -97,6 +96,7 @@ CAUSES = [
     ("INVALID", {"engine_torque_pct": math.nan}),
     ("INVALID", {"engine_torque_pct": 1e300}),
     ("INVALID", dict.fromkeys(SPEEDS, math.nan)),
+    ("RETARDER", {"retarder_torque_pct": -3.0}),
 ]  # fmt: skip
 
 
