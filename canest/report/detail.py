@@ -1,7 +1,7 @@
 """All samples of a drive for a page: packed tightly enough that hours of 50 Hz stay a few megabytes.
 
-A chunk holds some thousand samples. Each column of it is whole numbers of its resolution; of them the page
-gets the differences, zigzag-coded (0, -1, 1, -2 ... become 0, 1, 2, 3 ...), the lowest bytes of all first, then
+A chunk holds some thousand samples. Each column of it is whole numbers of its resolution. The page gets
+their differences, zigzag-coded (0, -1, 1, -2 ... become 0, 1, 2, 3 ...): the lowest bytes of all first, then
 the next higher ones, and so on, deflated. ``assets/detail.js`` undoes that, one chunk when it is wanted.
 """
 
@@ -66,9 +66,8 @@ class Detail:
         start = 0
         while self._waiting - start >= least:
             part = {name: column[start : start + CHUNK] for name, column in columns.items()}
-            self._add(
-                {"tick": part["tick"], **{name: part[name] / step for name, step in RESOLUTIONS.items()}}
-            )
+            whole = {name: part[name] / step for name, step in RESOLUTIONS.items()}
+            self._add({"tick": part["tick"], **whole})
             start += len(part["tick"])
             if start == self._waiting:
                 break

@@ -36,7 +36,7 @@ def drive_section(
     recorder: Recorder,
     score: Score | None,
 ) -> Section:
-    """Return the curves of a drive with their cursor, all samples, and the track where there are positions."""
+    """Return the curves of a drive with their cursor, all samples, and the track where it is known."""
     origin = recorder.first_us or 0
     stamps, columns = with_gaps(stamps, columns)
     x = numbers((stamps - origin) * 1e-6, 2)

@@ -36,7 +36,7 @@ class Card:
 class Table:
     """Rows of text. left: columns of words (the others are figures). marked: index of a row to stress.
 
-    links: a page for the first cell of each row, '' for none. tones: of the last cell of each row, see `Card`.
+    links: a page for the first cell of each row, '' for none. tones: of its last cell, as of `Card`.
     """
 
     header: list[str]
@@ -88,7 +88,7 @@ class Bar(NamedTuple):
 
 @dataclass(slots=True)
 class Section:
-    """A heading with what stands below it; every part may be missing. listing: folded text, as a file has it."""
+    """A heading with what stands below it; every part may be missing. listing: folded text of a file."""
 
     title: str
     text: str = ""
@@ -119,8 +119,7 @@ class Page:
     def render(self, where: str = "report", script_file: str = "") -> str:
         """Return the HTML. Errors: OutputError when the extra `report` is not installed.
 
-        script_file: name of the file beside the page that has plotly and our own (`write_scripts`), '' to put both
-        into the page.
+        script_file: the file beside the page that has all JavaScript (`write_scripts`), '' to put it into it.
         """
         require_packages(where)
         drawn = any(section.figure for section in self.sections)

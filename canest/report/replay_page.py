@@ -12,13 +12,13 @@ import yaml
 from canest import __version__
 from canest.core.samples import GRAVITY_MPS2
 from canest.offline.leg_text import CALENDAR_END_S, EPOCH_S, headline
-from canest.report import verdicts
 from canest.report.drive_section import drive_section
 from canest.report.gate_colours import OPEN_COLOUR
 from canest.report.gate_colours import look as gate_look
 from canest.report.page import Bar, Page, Section, Table
 from canest.report.recorder import Recorder
 from canest.report.replay_figures import cards, legs_section, reported_section
+from canest.report.verdicts import of_correlation, of_count, of_nis, of_residual, of_runs, why_not_valid
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -47,7 +47,7 @@ def replay_page(result: ReplayResult, config: Config, recorder: Recorder, score:
         facts=_facts(s, recorder),
         cards=cards(s, recorder),
     )
-    if reasons := verdicts.why_not_valid(s):
+    if reasons := why_not_valid(s):
         page.sections.append(Section("Why not valid", text=" ".join(reasons)))
     stamps, columns = recorder.columns()
     if len(stamps):
@@ -91,24 +91,24 @@ def _residual(recorder: Recorder, result: ReplayResult) -> Section:
     w, innovations = recorder.whiteness, result.innovations
     weight_N = GRAVITY_MPS2 * (result.summary["mass_kg"] or 0.0)
     judged = [
-        ("force residual RMS", f"{w.rms_N:,.0f} N", verdicts.of_residual(w.rms_N, weight_N)),
+        ("force residual RMS", f"{w.rms_N:,.0f} N", of_residual(w.rms_N, weight_N)),
         (
             "correlation over one second",
             _or_dash(w.correlation, "+.2f"),
-            verdicts.of_correlation(w.correlation),
+            of_correlation(w.correlation),
         ),
-        ("runs test (z)", _or_dash(w.runs_z, "+.1f"), verdicts.of_runs(w.runs_z)),
-        ("seconds counted", f"{w.count:,}", verdicts.of_count(w.count)),
+        ("runs test (z)", _or_dash(w.runs_z, "+.1f"), of_runs(w.runs_z)),
+        ("seconds counted", f"{w.count:,}", of_count(w.count)),
     ]
     if innovations.get("windows"):
         nis = innovations["nis"]
-        judged.append(("normalised innovation squared", _or_dash(nis, ".2f"), verdicts.of_nis(nis)))
+        judged.append(("normalised innovation squared", _or_dash(nis, ".2f"), of_nis(nis)))
         if "runs_z" in innovations:
             z = innovations["runs_z"]
             name = f"runs test of {innovations['windows']:,.0f} innovations (z)"
-            judged.append((name, _or_dash(z, "+.1f"), verdicts.of_runs(z, "innovations")))
+            judged.append((name, _or_dash(z, "+.1f"), of_runs(z, "innovations")))
     text = (
-        "The residual is what the model with its estimate leaves unexplained, at open gates on whole seconds. "
+        "The residual is what the model with its estimate leaves unexplained, at open gates, each second. "
         "Normalised innovations squared are 1 when the estimator's standard deviation is right."
     )
     rows = [[name, value, verdict.text] for name, value, verdict in judged]

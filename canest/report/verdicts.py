@@ -14,7 +14,7 @@ _Z_MAX = 3.0
 #: share of the residual's variance that the second before explains, as a correlation
 _CORRELATED = 0.3
 #: mean squares of this many times what the standard deviation says (gated, correlated data: generous)
-_NIS_LOW, _NIS_HIGH = 0.2, 2.0
+_NIS_LOW, _NIS_HIGH = 0.5, 2.0
 #: fewer seconds say little of any statistic
 _FEW_S = 60
 _DIAGNOSE = "canest diagnose looks for it"
@@ -63,7 +63,9 @@ def of_nis(nis: float) -> Verdict:
     if nis > _NIS_HIGH:
         return Verdict("innovations are larger than the estimator expects: its bands are too narrow", "bad")
     if nis < _NIS_LOW:
-        return Verdict("innovations are far smaller than expected: its bands are wider than needed", "warn")
+        return Verdict(
+            "innovations are smaller than expected: its bands are wider than needed, the safe side"
+        )
     return Verdict("innovations are as large as the estimator expects: its bands can be trusted", "good")
 
 

@@ -39,7 +39,7 @@ canest.Figure = class {
     this.detail = linked.detail ? new canest.Detail(linked.detail) : null;
     this.valid = [...linked.valid].map((flag) => flag === "1");
     this.overview = this.traces.map((trace) => ({ t: trace.x, y: trace.y }));
-    this.whole = [this.way.t[0] ?? 0, this.way.t.at(-1) ?? 1];
+    this.whole = [this.way.t[0] ?? 0, Math.max(this.way.t.at(-1) ?? 1, ...(linked.detail?.chunks ?? []).map((c) => c.last))];
     this.view = this.whole;
     this.listeners = [];
     for (const key of Object.keys(this.layout)) if (key.startsWith("xaxis")) this.layout[key].range = this.whole;
