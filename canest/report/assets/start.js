@@ -13,7 +13,7 @@ canest.Track = class {
     this.plot = element("div", { class: "map", role: "img", "aria-label": `Track, ${wide} km east to west, ${tall} km north to south` });
     const select = element("select", {}, ...Object.keys(track.colours).map((name) => element("option", {}, name)));
     select.addEventListener("change", () => { this.colour = select.value; this.draw(); });
-    cursor.figure.box.querySelector("aside").append(element("label", {}, "Track coloured by ", select), this.plot);
+    cursor.figure.box.querySelector(".track").append(element("label", {}, "Track coloured by ", select), this.plot);
     cursor.onMove = (t) => this.mark(t);
     canest.theme.onChange(() => this.draw());
   }
