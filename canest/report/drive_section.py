@@ -166,7 +166,7 @@ def _estimate(
 def _link(
     rows: Rows,
     x: list[float | None],
-    stamps: FloatColumn,
+    stamps: IntColumn,
     columns: dict[str, FloatColumn],
     config: Config,
     recorder: Recorder,
@@ -214,7 +214,7 @@ def _items(config: Config) -> list[dict[str, Any]]:
 
 
 def track_of(
-    positions: FloatColumn, stamps: FloatColumn, columns: dict[str, FloatColumn], origin_us: int
+    positions: FloatColumn, stamps: IntColumn, columns: dict[str, FloatColumn], origin_us: int
 ) -> dict[str, Any]:
     """Return the track on a plane, km from its middle, with what colours it; empty without positions.
 

@@ -79,8 +79,8 @@ canest.Figure = class {
       if (/bgcolor$/.test(key)) layout[key] = value;
       if (key === "font") layout["font.color"] = value.color;
     }
-    layout.width = canest.theme.isPrinting() ? 680 : null;
-    layout.autosize = !canest.theme.isPrinting();
+    const paper = canest.theme.isPrinting(); // one page of it
+    Object.assign(layout, { width: paper ? 680 : null, height: Math.min(this.layout.height, paper ? 860 : Infinity), autosize: !paper });
     Plotly.update(this.plot, restyled, layout);
     canest.legend(this);
     this.changed();

@@ -15,7 +15,12 @@ canest.theme = (() => {
   };
   root.dataset.theme = order.includes(read()) ? read() : "automatic";
   system.addEventListener("change", changed);
-  const toPaper = (now) => { if (now !== printing) { printing = now; changed(); } };
+  const toPaper = (now) => {
+    if (now === printing) return;
+    printing = now;
+    document.querySelectorAll("details").forEach((details) => { details.open = now; });
+    changed();
+  };
   print.addEventListener("change", () => toPaper(print.matches));
   addEventListener("beforeprint", () => toPaper(true));
   addEventListener("afterprint", () => toPaper(false));
