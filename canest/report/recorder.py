@@ -113,7 +113,8 @@ class Recorder:
             "speed_mps": samples.raw_speed_mps, "torque_Nm": samples.raw_torque_Nm, "gear": gear,
             "traction_N": samples.traction_N * known, "force_N": samples.force_N * known,
             "residual_N": np.where(samples.gate == 0, residual, np.nan),
-            "gate": samples.gate.astype(np.float64), "status": e.status.astype(np.float64), "distance_m": way_m,
+            "gate": samples.gate.astype(np.float64), "status": e.status.astype(np.float64),
+            "distance_m": way_m,
         })  # fmt: skip
 
     def _note_gates(self, samples: ModelBlock) -> None:

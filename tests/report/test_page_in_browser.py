@@ -74,10 +74,24 @@ def page(browser, folder):
     return opened(browser, folder / "replay.html")
 
 
-def opened(browser, path, **options):
-    tab = browser.page(f"file://{path}", **options)
+@pytest.fixture(scope="module")
+def comparison(browser, folder):
+    return opened(browser, folder / "compare.html")
+
+
+def opened(browser, path):
+    tab = browser.page(f"file://{path}")
     tab.wait(DRAWN, 30)
     return tab
+
+
+def seen_as(tab, scheme, width=1280, media=""):
+    """Let a page be seen in another scheme of colours, width or medium."""
+    tab.call(
+        "Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=width < 600
+    )
+    features = [{"name": "prefers-color-scheme", "value": scheme}]
+    tab.call("Emulation.setEmulatedMedia", media=media, features=features)
 
 
 @cache
@@ -165,8 +179,10 @@ def test_a_drag_zooms_and_a_button_goes_back(page):
         "(r => [r.left, r.top, r.width])(document.querySelector('.figure').getBoundingClientRect())"
     )
     for kind, share in (("mousePressed", 0.4), ("mouseMoved", 0.5), ("mouseReleased", 0.5)):
-        page.call("Input.dispatchMouseEvent", type=kind, x=left + share * width, y=top + 80, button="left", buttons=1,
-                  clickCount=1)  # fmt: skip
+        page.call(
+            "Input.dispatchMouseEvent", type=kind, x=left + share * width, y=top + 80, button="left",
+            buttons=1, clickCount=1,
+        )  # fmt: skip
     page.wait(f"{FIGURE}.view[1] - {FIGURE}.view[0] < 40", 5)
     page.run("[...document.querySelectorAll('.tools button')].at(-1).click()")
     page.wait(f"{FIGURE}.view[1] - {FIGURE}.view[0] > 170", 5)
@@ -203,39 +219,42 @@ def test_the_map_marks_the_cursor_and_colours_the_track(page):
 
 @pytest.mark.parametrize(
     ("kind", "scheme", "width"),
-    [("replay", "light", 1400), ("replay", "dark", 390), ("compare", "dark", 1280)],
+    [("page", "light", 1280), ("page", "dark", 390), ("comparison", "dark", 1280)],
 )
-def test_an_accessibility_audit_finds_nothing(browser, folder, kind, scheme, width):
-    tab = opened(browser, folder / f"{kind}.html", width=width, prefers_color_scheme=scheme)
+def test_an_accessibility_audit_finds_nothing(request, kind, scheme, width):
+    tab = request.getfixturevalue(kind)
+    seen_as(tab, scheme, width)
     tab.run("document.querySelectorAll('details').forEach(d => { d.open = true; })")
     assert violations(tab) == []
     assert tab.errors() == []
     ground = tab.run("getComputedStyle(document.body).backgroundColor")
     assert (sum(map(int, re.findall(r"\d+", ground)[:3])) < 200) == (scheme == "dark")
-    assert tab.run("document.documentElement.scrollWidth <= innerWidth")
-    if kind == "replay":
+    tab.wait("document.documentElement.scrollWidth <= innerWidth", 5)
+    if kind == "page":
         colour = tab.run(f"{FIGURE}.plot.data.find(t => t.name === 'mass' && !t.fill).line.color")
         assert colour == {"light": "#0072b2", "dark": "#56b4e9"}[scheme]
+    seen_as(tab, "light")
 
 
-def test_the_button_changes_the_theme_and_print_is_light(browser, folder):
-    tab = opened(browser, folder / "replay.html", prefers_color_scheme="dark")
+def test_the_button_changes_the_theme_and_print_is_light(page):
     paper = f"{FIGURE}.plot.layout.paper_bgcolor"
-    assert tab.run(paper) != "#ffffff"
-    tab.call("Emulation.setEmulatedMedia", media="print", features=[])
-    tab.wait(f"{paper} === '#ffffff'")
-    assert tab.run("getComputedStyle(document.querySelector('.tools')).display") == "none"
-    tab.call(
-        "Emulation.setEmulatedMedia", media="", features=[{"name": "prefers-color-scheme", "value": "dark"}]
-    )
-    tab.wait(f"{paper} !== '#ffffff'")
-    tab.run("document.getElementById('theme').click(); document.getElementById('theme').click()")
-    assert tab.text("theme") == "Theme: light"
-    tab.wait(f"{paper} === '#ffffff'")
+    seen_as(page, "dark")
+    page.wait(f"{paper} !== '#ffffff'")
+    seen_as(page, "dark", media="print")
+    page.wait(f"{paper} === '#ffffff'")
+    assert page.run("getComputedStyle(document.querySelector('.tools')).display") == "none"
+    assert page.run("[...document.querySelectorAll('details')].every(d => d.open)")
+    seen_as(page, "dark")
+    page.wait(f"{paper} !== '#ffffff'")
+    page.run("document.getElementById('theme').click(); document.getElementById('theme').click()")
+    assert page.text("theme") == "Theme: light"
+    page.wait(f"{paper} === '#ffffff'")
+    page.run("document.getElementById('theme').click()")
+    seen_as(page, "light")
 
 
-def test_the_curves_of_a_comparison_have_a_cursor_and_buttons(browser, folder):
-    tab = opened(browser, folder / "compare.html")
+def test_the_curves_of_a_comparison_have_a_cursor_and_buttons(comparison):
+    tab = comparison
     found = shown(tab, 120.0)
     assert {"canest-0.1", "truth", "speed"} <= set(found)
     assert figures_in(found["truth"])[0] == pytest.approx(21.0)

@@ -51,7 +51,7 @@ canest.Figure = class {
     if (this.linked) Object.assign(layout, { hovermode: false, dragmode: touch ? false : "zoom" });
     if (this.linked) this.fitted(this.view, layout);
     await Plotly.newPlot(this.plot, canest.tinted(this.traces), layout,
-      { responsive: true, displayModeBar: false, doubleClick: this.linked ? false : "reset+autosize" });
+      { responsive: true, displayModeBar: false, showTips: false, doubleClick: this.linked ? false : "reset+autosize" });
     canest.legend(this);
     canest.theme.onChange(() => this.recolour());
     if (!this.linked) return;
