@@ -90,7 +90,7 @@ def of_count(seconds: int) -> Verdict:
 
 
 def of_mass_error(error_pct: float, std_pct: float) -> Verdict:
-    """Judge an error by the standard deviation that was stated with it."""
+    """Judge an error by the standard deviation that was stated with the last valid mass."""
     ratio = abs(error_pct) / std_pct if std_pct > 0 else math.nan
     if math.isnan(ratio):
         return Verdict("no standard deviation to compare it with")

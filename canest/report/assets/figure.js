@@ -212,6 +212,13 @@ canest.merge = (figure, fine) => {
   return { of, valid };
 };
 
+/** How the legend shows a curve: a class of the style sheet. */
+canest.drawnAs = (trace) => {
+  if (trace.fill === "toself") return "area";
+  if (trace.mode === "markers") return trace.marker.symbol === "circle-open" ? "hollow point" : "point";
+  return trace.line?.dash ?? "";
+};
+
 /** A legend of buttons: each shows or hides the curves of one name. */
 canest.legend = (figure) => {
   const place = figure.box.querySelector(".legend");
@@ -220,7 +227,7 @@ canest.legend = (figure) => {
   figure.traces.forEach((trace, k) => {
     if (trace.showlegend === false || !trace.name) return;
     const colour = trace.fill === "toself" ? trace.fillcolor : trace.line?.color ?? trace.marker?.color;
-    const swatch = canest.element("span", { class: `swatch ${trace.fill === "toself" ? "area" : trace.line?.dash ?? ""}` });
+    const swatch = canest.element("span", { class: `swatch ${canest.drawnAs(trace)}` });
     swatch.style.color = canest.theme.tint(Array.isArray(colour) ? "" : colour);
     const shown = (figure.plot.data?.[k]?.visible ?? trace.visible ?? true) === true;
     const button = canest.element("button", { type: "button", "aria-pressed": String(shown) }, swatch, trace.name);
