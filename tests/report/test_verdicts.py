@@ -36,7 +36,8 @@ def test_a_statistic_has_a_sentence_and_a_tone(verdict, tone, words):
 
 
 def summary(**changes):
-    known = {"status": "converging", "updated": 2000, "samples": 10_000, "gates": {"brake": 6000, "shift": 100},
+    gates = {"brake": 6000, "shift": 100}
+    known = {"status": "converging", "updated": 2000, "samples": 10_000, "gates": gates,
              "mass_kg": 20_000.0, "mass_std_kg": 2000.0}  # fmt: skip
     return known | changes
 
