@@ -52,7 +52,7 @@ class Job:
             from canest.report.recorder import Recorder
 
             require_packages(self.report)
-            recorder = Recorder()
+            recorder = Recorder(config)
         truth = None
         if self.truth is not None:
             truth = read_truth(self.truth)
@@ -62,6 +62,7 @@ class Job:
             output=Output(self.output, self.columns, self.opened) if self.output is not None else None,
             reference=Reference(truth, self.mass_kg, self.after_s),
             listener=recorder,
+            tick_listener=recorder.track if recorder is not None else None,
             progress=progress,
             channel=self.channel,
         )

@@ -120,7 +120,8 @@ def _show(log: str, result: Comparison) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from canest.report.compare_page import COLUMNS, cells, ranked
+    from canest.report.compare_page import COLUMNS, ranked
+    from canest.report.page import cells
 
     console = terminal.console(highlight=False, width=None if sys.stdout.isatty() else _FILE_WIDTH)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=escape(log), title_justify="left")
@@ -131,7 +132,7 @@ def _show(log: str, result: Comparison) -> None:
     estimators = result.table["estimators"]
     for name in ranked(estimators):
         style = "bold" if name == result.table["default"] else ""
-        table.add_row(name, *cells(estimators[name]), escape(estimators[name]["note"]), style=style)
+        table.add_row(name, *cells(estimators[name], COLUMNS), escape(estimators[name]["note"]), style=style)
     console.print(table)
     for note in result.table["notes"]:
         console.print(f"[dim]note[/]  {escape(note)}", soft_wrap=True)

@@ -106,7 +106,8 @@ def with_outputs(jobs: list[Job], outputs: Outputs, config: Config) -> list[Job]
 
 def _with_one_script(jobs: list[Job], directory: Path) -> list[Job]:
     """Write plotly once, beside the reports that show it. Errors: OutputError, UsageError."""
-    from canest.report.index_page import INDEX, write_script  # wanted for reports alone
+    from canest.report.index_page import INDEX  # wanted for reports alone
+    from canest.report.page import write_scripts  # as above
 
     for job in jobs:
         if job.report is not None and job.report.name == INDEX:
@@ -114,7 +115,7 @@ def _with_one_script(jobs: list[Job], directory: Path) -> list[Job]:
                 "the report of this log would replace the index of all", where="--report", found=str(job.log),
                 expected="another name of the log",
             )  # fmt: skip
-    script = write_script(directory)
+    script = write_scripts(directory)
     return [replace(job, report_script=script) for job in jobs]
 
 

@@ -11,10 +11,8 @@ from typing import Any
 from canest.core.errors import OutputError
 from canest.fleet.query import connect
 from canest.fleet.report_pages import fleet_page, vehicle_page
-from canest.report.page import plotly_script, require_packages
-from canest.system.result_files import write_result
+from canest.report.page import require_packages, write_scripts
 
-SCRIPT = "plotly.min.js"
 _FOLDER, _PREFIX = "vehicles", "vehicle-"
 _BATCH_ROWS = 100_000
 
@@ -57,17 +55,17 @@ def write_report(lake: str, folder: str, progress: Callable[[float], None]) -> t
     vehicles = _records(connection.execute(_VEHICLES))
     masses = connection.execute(_MASSES).fetchall()
     files = {str(row["vehicle"]): f"{_PREFIX}{_slug(str(row['vehicle']))}.html" for row in vehicles}
-    write_result(out / SCRIPT, plotly_script())
+    script = write_scripts(out)
     of_vehicle = {str(row["vehicle"]): row for row in vehicles}
     for done, (vehicle, trips) in enumerate(_trips(connection), 1):
         page = vehicle_page(of_vehicle[vehicle], trips)
         page.home = "../index.html"
-        page.write(pages / files.pop(vehicle), f"../{SCRIPT}")
+        page.write(pages / files.pop(vehicle), f"../{script}")
         progress(done / len(vehicles))
     # what is left in `files` has no driving at all: a row of the index alone
     links = {name: f"{_FOLDER}/{_PREFIX}{_slug(name)}.html" for name in of_vehicle if name not in files}
     index = fleet_page(lake, vehicles, masses, links)
-    index.write(out / "index.html", SCRIPT)
+    index.write(out / "index.html", script)
     kept = {Path(link).name for link in links.values()}
     for path in pages.glob(f"{_PREFIX}*.html"):
         if path.name not in kept:

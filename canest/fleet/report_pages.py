@@ -11,40 +11,40 @@ import numpy as np
 from canest.core.frames import FloatColumn
 from canest.report import figure as look
 from canest.report.figure import Rows, numbers
-from canest.report.page import Bar, Card, Page, Section, Table
+from canest.report.page import Bar, Card, Column, Page, Section, Table, cells, titles, value_text
 
 #: points of a figure at most; of more trips every second, third ... is drawn
 POINTS_MAX = 2000
 TRIPS_SHOWN = 50
 _DAY_S = 86_400.0
 
-_FLEET_COLUMNS: tuple[tuple[str, str, str], ...] = (
-    ("logs", "logs", ",.0f"),
-    ("trips", "trips", ",.0f"),
-    ("km", "km", ",.0f"),
-    ("hours", "hours driven", ",.1f"),
-    ("valid_share", "valid %", ".0f"),
-    ("light_kg", "5 % lighter than, kg", ",.0f"),
-    ("mass_kg", "median mass kg", ",.0f"),
-    ("heavy_kg", "5 % heavier than, kg", ",.0f"),
-    ("residual_pct", "residual % of traction", "+.2f"),
-    ("trend_pct", "trend per 100 days", "+.2f"),
-    ("last", "last trip", ""),
+_FLEET_COLUMNS: tuple[Column, ...] = (
+    Column("logs", "logs", ",.0f"),
+    Column("trips", "trips", ",.0f"),
+    Column("km", "km", ",.0f"),
+    Column("hours", "hours driven", ",.1f"),
+    Column("valid_share", "valid %", ".0f"),
+    Column("light_kg", "5 % lighter than, kg", ",.0f"),
+    Column("mass_kg", "median mass kg", ",.0f"),
+    Column("heavy_kg", "5 % heavier than, kg", ",.0f"),
+    Column("residual_pct", "residual % of traction", "+.2f"),
+    Column("trend_pct", "trend per 100 days", "+.2f"),
+    Column("last", "last trip"),
 )
-_TRIP_COLUMNS: tuple[tuple[str, str, str], ...] = (
-    ("start", "start UTC", ""),
-    ("distance_m", "km", ",.1f"),
-    ("duration_s", "minutes", ",.0f"),
-    ("climb_m", "climb m", ",.0f"),
-    ("stops", "stops", ",.0f"),
-    ("mass_kg", "mass kg", ",.0f"),
-    ("mass_std_kg", "std kg", ",.0f"),
-    ("reported_mass_kg", "reported kg", ",.0f"),
-    ("valid_share", "valid %", ".0f"),
-    ("torque_residual_pct", "residual %", "+.2f"),
-    ("reason", "why not valid", ""),
+_TRIP_COLUMNS: tuple[Column, ...] = (
+    Column("start", "start UTC"),
+    Column("distance_m", "km", ",.1f"),
+    Column("duration_s", "minutes", ",.0f"),
+    Column("climb_m", "climb m", ",.0f"),
+    Column("stops", "stops", ",.0f"),
+    Column("mass_kg", "mass kg", ",.0f"),
+    Column("mass_std_kg", "std kg", ",.0f"),
+    Column("reported_mass_kg", "reported kg", ",.0f"),
+    Column("valid_share", "valid %", ".0f"),
+    Column("torque_residual_pct", "residual %", "+.2f"),
+    Column("reason", "why not valid"),
 )
-_SCALES = {"distance_m": 1e-3, "duration_s": 1 / 60, "valid_share": 100.0}
+_FACTORS = {"distance_m": 1e-3, "duration_s": 1 / 60, "valid_share": 100.0}
 
 
 def fleet_page(
@@ -70,8 +70,8 @@ def fleet_page(
         trips = sum(count for _, count in masses)
         bars = [Bar(f"{t} to {t + 5} t", count / trips, look.BLUE) for t, count in masses]
         page.sections.append(Section("Masses", text="Share of the trips with a valid mass.", bars=bars))
-    header = ["vehicle", *(title for _, title, _ in _FLEET_COLUMNS)]
-    rows = [[str(row["vehicle"]), *_cells(row, _FLEET_COLUMNS)] for row in vehicles]
+    header = ["vehicle", *titles(_FLEET_COLUMNS)]
+    rows = [[str(row["vehicle"]), *cells(row, _FLEET_COLUMNS, _FACTORS)] for row in vehicles]
     text = (
         "The residual is the part of the traction that the acceleration does not show, with the mass and the "
         "grade that were estimated. A vehicle whose residual drifts has changed: tyres, brakes, injectors."
@@ -91,9 +91,9 @@ def vehicle_page(vehicle: Mapping[str, Any], trips: Any) -> Page:
         headline=f"{vehicle['trips']:,} trips, {vehicle['km']:,.0f} km",
         cards=[
             Card("Mass valid", f"{100 * vehicle['valid_share']:.0f} %", "of the driving time"),
-            Card("Median mass", _text(vehicle["mass_kg"], ",.0f", " kg"), "of trips with a valid mass"),
-            Card("Residual", _text(vehicle["residual_pct"], "+.2f", " %"), "of the traction, median"),
-            Card("Trend", _text(vehicle["trend_pct"], "+.2f", " %"), "of the traction per 100 days"),
+            Card("Median mass", value_text(vehicle["mass_kg"], ",.0f", " kg"), "of trips with a valid mass"),
+            Card("Residual", value_text(vehicle["residual_pct"], "+.2f", " %"), "of the traction, median"),
+            Card("Trend", value_text(vehicle["trend_pct"], "+.2f", " %"), "of the traction per 100 days"),
         ],
     )
     shown = trips.take(np.arange(0, len(trips), -(-len(trips) // POINTS_MAX)))
@@ -106,8 +106,8 @@ def vehicle_page(vehicle: Mapping[str, Any], trips: Any) -> Page:
         )
     )
     last = trips.slice(max(0, len(trips) - TRIPS_SHOWN)).to_pylist()[::-1]
-    rows = [[f"{row['log']} · {row['leg']}", *_cells(row, _TRIP_COLUMNS)] for row in last]
-    header = ["log · leg", *(title for _, title, _ in _TRIP_COLUMNS)]
+    rows = [[f"{row['log']} · {row['leg']}", *cells(row, _TRIP_COLUMNS, _FACTORS)] for row in last]
+    header = ["log · leg", *titles(_TRIP_COLUMNS)]
     text = f"The last {len(rows):,} trips. `canest fleet query` has them all."
     page.sections.append(Section("Trips", text=text, table=Table(header, rows, left=(0, 11))))
     return page
@@ -167,15 +167,3 @@ def _trend(x: FloatColumn, y: FloatColumn) -> FloatColumn | None:
 
 def _floats(trips: Any, name: str) -> FloatColumn:
     return np.asarray(trips[name].to_numpy(), np.float64)
-
-
-def _cells(row: Mapping[str, Any], columns: Sequence[tuple[str, str, str]]) -> list[str]:
-    return [_text(row[key], form, scale=_SCALES.get(key, 1.0)) for key, _, form in columns]
-
-
-def _text(value: Any, form: str, unit: str = "", scale: float = 1.0) -> str:
-    if value is None or value != value:  # noqa: PLR0124 - NaN
-        return "-"
-    if not form:
-        return str(value)[:16] if hasattr(value, "isoformat") else str(value)
-    return format(value * scale, form) + unit

@@ -83,6 +83,7 @@ def replay(
     output: str | Path | Output | None = None,
     reference: Reference | None = None,
     listener: Listener | None = None,
+    tick_listener: TickListener | None = None,
     progress: Progress | None = None,
     channel: str | None = None,
 ) -> ReplayResult:
@@ -90,7 +91,8 @@ def replay(
 
     output: file for the estimates.
     reference: what they are compared with.
-    listener: gets the model samples with their estimates. channel: this interface of the log only.
+    listener: gets the model samples with their estimates. tick_listener: gets the roles before.
+    channel: this interface of the log only.
     Errors: LogError, ConfigError, OutputError.
     """
     begin = time.perf_counter()
@@ -100,7 +102,14 @@ def replay(
     motion, driven, reported = Motion(), Legs(), ReportedMasses(config)
     more = ModelColumns(output.columns, config) if output is not None and output.columns else None
     listeners: list[Listener] = [each for each in (motion, listener, more) if each is not None]
-    run = LogRun(log, config, listener=_all_of(listeners), channel=channel, reported=reported)
+    run = LogRun(
+        log,
+        config,
+        listener=_all_of(listeners),
+        tick_listener=tick_listener,
+        channel=channel,
+        reported=reported,
+    )
     score = reference.score() if reference is not None and reference.known else None
     last: Estimates | None = None
     with closing(run.reader), _opened(output, more) as writer:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from canest.core.frames import FloatColumn
-from canest.core.samples import STEP_US
+from canest.core.samples import STEP_S, STEP_US
 from canest.report import figure as look
 from canest.report.figure import Rows, numbers, with_gaps
-from canest.report.page import Card, Page, Section, Table
+from canest.report.page import Card, Column, Page, Section, Table, cells, titles
 
 if TYPE_CHECKING:
     from canest.offline.compare import Comparison
@@ -22,13 +22,13 @@ FIRST_STRIDE = 10
 #: drawn at first: the default and this many more, best first; the others wait in the legend
 SHOWN_FIRST = 5
 
-COLUMNS: tuple[tuple[str, str, str], ...] = (
-    ("mass_end_pct", "mass at the end %", "+.2f"),
-    ("mass_rms_pct", "mass RMS %", ".2f"),
-    ("mass_max_pct", "worst %", ".2f"),
-    ("grade_rms_deg", "grade RMS °", ".3f"),
-    ("to_5pct_s", "to 5 %, s", ".1f"),
-    ("ns_per_sample", "ns/sample", ",.0f"),
+COLUMNS: tuple[Column, ...] = (
+    Column("mass_end_pct", "mass at the end %", "+.2f"),
+    Column("mass_rms_pct", "mass RMS %", ".2f"),
+    Column("mass_max_pct", "worst %", ".2f"),
+    Column("grade_rms_deg", "grade RMS °", ".3f"),
+    Column("to_5pct_s", "to 5 %, s", ".1f"),
+    Column("ns_per_sample", "ns/sample", ",.0f"),
 )
 
 
@@ -48,11 +48,6 @@ def ranked(estimators: dict[str, Any]) -> list[str]:
     return sorted(estimators, key=key)
 
 
-def cells(row: dict[str, Any]) -> list[str]:
-    """Return one estimator's figures as text, in the order of `COLUMNS`, '-' where there is none."""
-    return ["-" if row[key] is None else format(row[key], form) for key, _, form in COLUMNS]
-
-
 def compare_page(log: str, vehicle: str, result: Comparison) -> Page:
     """Return the page."""
     estimators, default = result.table["estimators"], result.table["default"]
@@ -68,9 +63,9 @@ def compare_page(log: str, vehicle: str, result: Comparison) -> Page:
                  "good" if name == default else "")
             for name in order[:5] if estimators[name]["mass_rms_pct"] is not None
         ]  # fmt: skip
-    rows = [[name, *cells(estimators[name]), estimators[name]["note"]] for name in order]
+    rows = [[name, *cells(estimators[name], COLUMNS), estimators[name]["note"]] for name in order]
     marked = order.index(default) if default in order else None  # --only may have left it out
-    table = Table(["estimator", *(title for _, title, _ in COLUMNS), "note"], rows, marked, (0, 7))
+    table = Table(["estimator", *titles(COLUMNS), "note"], rows, marked, (0, 7))
     speed_note = "compiled" if result.table.get("compiled") else "interpreted"
     text = (
         f"Smallest mass error first; the config's own estimator is marked. Costs are of {speed_note} kernels."
@@ -121,7 +116,9 @@ def _curves(result: Comparison, order: list[str], default: str) -> Section:
         if name not in shown:
             for trace in rows.traces[first:]:
                 trace["visible"] = "legendonly"
-    _draw_truth(rows, x, columns)
+        rows.traces[first]["meta"] = {"unit": "t", "digits": 3}
+        rows.traces[first + 1]["meta"] = {"unit": "%", "digits": 2}
+    limits = _draw_truth(rows, x, columns)
     rows.line(
         3,
         x,
@@ -131,6 +128,11 @@ def _curves(result: Comparison, order: list[str], default: str) -> Section:
         hover="%{y:.1f} km/h",
         legend=False,
     )
+    rows.traces[-1]["meta"] = {"unit": "km/h", "digits": 1}
+    way_m = np.cumsum(np.abs(np.nan_to_num(result.speed_mps))) * STEP_S
+    _, gapped = with_gaps(t_us[keep], {"way": way_m[keep]})
+    no = np.zeros(len(x), np.bool_)
+    rows.link(x, gapped["way"] / 1e3, no, robust=["yaxis", "yaxis2"], limits=limits)
     return Section(
         "Mass and grade over the drive",
         text="The nearest few are drawn; click a name in the legend to add or remove an estimator.",
@@ -138,23 +140,17 @@ def _curves(result: Comparison, order: list[str], default: str) -> Section:
     )
 
 
-def _draw_truth(rows: Rows, x: list[float | None], columns: dict[str, FloatColumn]) -> None:
-    """Draw true mass and grade where they are known, and scale both axes to them."""
+def _draw_truth(rows: Rows, x: list[float | None], columns: dict[str, FloatColumn]) -> dict[str, list[float]]:
+    """Draw true mass and grade where they are known; return beyond what the axes need not go."""
     stroke = look.Stroke(look.INK, dash="dash")
-    true_mass, true_grade = columns["true mass"], columns["true grade"]
-    if np.isfinite(true_mass).any():
-        rows.line(1, x, numbers(true_mass / 1e3, 3), "truth", stroke, hover="%{y:.2f} t")
-        low, high = float(np.nanmin(true_mass)) / 1e3, float(np.nanmax(true_mass)) / 1e3
-        rows.axis(1)["range"] = [0.7 * low, 1.35 * high]
-    if np.isfinite(true_grade).any():
-        rows.line(
-            2,
-            x,
-            numbers(true_grade * 1e2, 3),
-            "truth",
-            stroke,
-            hover="%{y:.2f} %",
-            legend=False,
-        )
-        low, high = float(np.nanmin(true_grade)) * 100, float(np.nanmax(true_grade)) * 100
-        rows.axis(2)["range"] = [low - 2.0, high + 2.0]
+    limits = {}
+    mass_t, grade_pct = columns["true mass"] / 1e3, columns["true grade"] * 1e2
+    if np.isfinite(mass_t).any():
+        rows.line(1, x, numbers(mass_t, 3), "truth", stroke, hover="%{y:.2f} t")
+        rows.traces[-1]["meta"] = {"unit": "t", "digits": 3}
+        limits["yaxis"] = [0.7 * float(np.nanmin(mass_t)), 1.35 * float(np.nanmax(mass_t))]
+    if np.isfinite(grade_pct).any():
+        rows.line(2, x, numbers(grade_pct, 3), "truth", stroke, hover="%{y:.2f} %", legend=False)
+        rows.traces[-1]["meta"] = {"unit": "%", "digits": 2}
+        limits["yaxis2"] = [float(np.nanmin(grade_pct)) - 2.0, float(np.nanmax(grade_pct)) + 2.0]
+    return limits

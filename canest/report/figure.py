@@ -10,8 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-INK, MUTED, GRID = "#1c2733", "#5b697e", "#e6eaf0"
-BLUE, ORANGE, GREEN, RED, VIOLET = "#1d4ed8", "#d97706", "#0f766e", "#dc2626", "#7c3aed"
+from canest.report.palette import BLUE, GREEN, GRID, GROUND, INK, MUTED, ORANGE, RED, VIOLET
+
+__all__ = [
+    "BLUE", "FONT", "GREEN", "GRID", "INK", "MUTED", "ORANGE", "RED", "SERIES", "VIOLET", "Rows", "Stroke",
+    "numbers", "with_gaps",
+]  # fmt: skip
+
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif"
 #: colours that colour-blind readers can distinguish too (Okabe and Ito 2008, darkened where too light)
 SERIES = (
@@ -59,15 +64,14 @@ class Rows:
 
     def __init__(self, titles: Sequence[str], weights: Sequence[float], x_title: str) -> None:
         self.traces: list[dict[str, Any]] = []
+        self.linked: dict[str, Any] = {}  #: what makes one cursor of all rows: see `link`
         self.layout: dict[str, Any] = {
-            "margin": {"l": 74, "r": 40, "t": 16, "b": 48},
-            "modebar": {"orientation": "v", "color": "#8392a7", "activecolor": MUTED},
-            "paper_bgcolor": "#fff",
-            "plot_bgcolor": "#fff",
+            "margin": {"l": 64, "r": 14, "t": 8, "b": 48},
+            "paper_bgcolor": GROUND,
+            "plot_bgcolor": GROUND,
             "font": {"family": FONT, "size": 12, "color": INK},
             "hovermode": "x unified",
             "hoverlabel": {"namelength": -1, "font": {"size": 11}},
-            "legend": {"orientation": "h", "y": 1.015, "yanchor": "bottom", "x": 0, "font": {"size": 11}},
             "dragmode": "zoom",
             "height": 60 + int(170 * sum(weights)),
         }
@@ -86,7 +90,7 @@ class Rows:
                 "zeroline": False,
                 "automargin": False,
                 "ticks": "outside",
-                "tickcolor": "#fff",
+                "tickcolor": GROUND,
                 "exponentformat": "none",
                 "separatethousands": True,
             }
@@ -145,6 +149,25 @@ class Rows:
         self.traces.append({**common, "y": low})
         self.traces.append({**common, "y": high, "fill": "tonexty", "fillcolor": _pale(colour, 0.18)})
 
+    def link(self, x: list[float | None], distance_km: Column, valid: Column, **more: Any) -> None:
+        """Give all rows one cursor, y axes that follow a zoom, and distance as the other x axis.
+
+        x: s, of the curves, (n,). distance_km, valid: at the same points. more: see ``assets/figure.js``.
+        """
+        known = np.where(np.isfinite(distance_km), np.asarray(distance_km, np.float64), 0.0)
+        self.linked = {
+            "x": x,
+            "distance_km": numbers(np.maximum.accumulate(known), 4),
+            "valid": "".join("1" if yes else "0" for yes in np.asarray(valid).tolist()),
+            **more,
+        }
+        for row in range(1, self.rows + 1):
+            self.axis(row)["fixedrange"] = True
+
+    def follow(self, column: str, factor: float, times_std: float = 0.0, std: str = "") -> None:
+        """State which column of the detail the last curve is: factor (column + times_std std)."""
+        self.traces[-1]["meta"] = {"column": column, "factor": factor, "times": times_std, "std": std}
+
     def spans(self, spans: Sequence[tuple[float, float]], name: str, colour: str) -> None:
         """Shade stretches of time over all rows."""
         x: list[float | None] = []
@@ -201,7 +224,9 @@ class Rows:
                 places[id(x)] = len(shared)
                 shared.append(x)
             data.append({**trace, "x": places[id(x)]})
-        figure = {"data": data, "layout": self.layout, "shared": shared}
+        figure: dict[str, Any] = {"data": data, "layout": self.layout, "shared": shared}
+        if self.linked:
+            figure["linked"] = {**self.linked, "x": places[id(self.linked["x"])]}
         text = json.dumps(figure, separators=(",", ":"), allow_nan=False)
         return text.replace("</", "<\\/")
 

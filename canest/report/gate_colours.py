@@ -1,27 +1,28 @@
-"""How gates look in every report."""
+"""How gates look in every report: those that often follow each other differ for the colour-blind too."""
 
 from __future__ import annotations
 
 from canest.core.gates import LABELS
+from canest.report.palette import GREEN
 
 #: gate -> (colour, what it means to a reader)
 LOOKS: dict[str, tuple[str, str]] = {
     "stale": ("#7c3aed", "a needed signal is too old"),
-    "invalid": ("#9333ea", "a needed signal is not available"),
-    "reverse": ("#64748b", "reversing"),
-    "low_speed": ("#64748b", "standing or crawling"),
-    "brake": ("#dc2626", "braking"),
-    "shift": ("#d97706", "shifting"),
-    "driveline": ("#b45309", "driveline open or slipping"),
-    "possible_brake": ("#f87171", "may be braking: no brake or pedal signal"),
-    "retarder": ("#e11d48", "retarder at work"),
-    "pto": ("#0e7490", "power take-off"),
-    "turning": ("#0d9488", "curve"),
+    "invalid": ("#cc79a7", "a needed signal is not available"),
+    "reverse": ("#475569", "reversing"),
+    "low_speed": ("#94a3b8", "standing or crawling"),
+    "brake": ("#d55e00", "braking"),
+    "shift": ("#e69f00", "shifting"),
+    "driveline": ("#0072b2", "driveline open or slipping"),
+    "possible_brake": ("#8c510a", "may be braking: no brake or pedal signal"),
+    "retarder": ("#be185d", "retarder at work"),
+    "pto": ("#009e73", "power take-off"),
+    "turning": ("#56b4e9", "curve"),
     "implausible": ("#a21caf", "signals contradict each other"),
-    "low_excitation": ("#ca8a04", "force varies too little to learn from"),
-    "recovery": ("#94a3b8", "filters settle after a gate"),
+    "low_excitation": ("#b8860b", "force varies too little to learn from"),
+    "recovery": ("#64748b", "filters settle after a gate"),
 }
-OPEN_COLOUR = "#0f766e"
+OPEN_COLOUR = GREEN
 
 
 def look(gate: str) -> tuple[str, str]:

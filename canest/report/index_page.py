@@ -6,10 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from canest.report.page import Page, Section, Table, plotly_script, require_packages
-from canest.system.result_files import write_result
+from canest.report.page import Page, Section, Table
 
-SCRIPT = "plotly.min.js"
 INDEX = "index.html"
 
 
@@ -20,13 +18,6 @@ class Entry(NamedTuple):
     report: str
     summary: dict[str, Any] | None
     error: str
-
-
-def write_script(directory: Path) -> str:
-    """Write plotly beside the reports; return the name of its file. Errors: OutputError."""
-    require_packages(directory)
-    write_result(directory / SCRIPT, plotly_script())
-    return SCRIPT
 
 
 def write_index(directory: Path, entries: Sequence[Entry]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
@@ -11,8 +13,13 @@ from typing import Any, NamedTuple
 
 from canest import __version__
 from canest.core.errors import OutputError
+from canest.report.palette import DARK, both
 from canest.system.installation import how_to_add
 from canest.system.result_files import write_result
+
+#: the file that the reports of one directory share: plotly, and our own scripts after it
+SCRIPT = "plotly.min.js"
+_SCRIPTS = ("theme.js", "detail.js", "figure.js", "cursor.js", "start.js")
 
 
 @dataclass(slots=True)
@@ -27,13 +34,47 @@ class Card:
 
 @dataclass(slots=True)
 class Table:
-    """Rows of text. left: columns of words (the others are figures). marked: index of a row to stress."""
+    """Rows of text. left: columns of words (the others are figures). marked: index of a row to stress.
+
+    links: a page for the first cell of each row, '' for none. tones: of its last cell, as of `Card`.
+    """
 
     header: list[str]
     rows: list[list[str]]
     marked: int | None = None
     left: tuple[int, ...] = (0,)
-    links: list[str] = field(default_factory=list)  #: a page for the first cell of each row, '' for none
+    links: list[str] = field(default_factory=list)
+    tones: list[str] = field(default_factory=list)
+
+
+class Column(NamedTuple):
+    """A column of a table of records: which key of theirs, its title and its format; "": as text."""
+
+    key: str
+    title: str
+    form: str = ""
+
+
+def titles(columns: Sequence[Column]) -> list[str]:
+    """Return the header of a table of records."""
+    return [column.title for column in columns]
+
+
+def cells(
+    record: Mapping[str, Any], columns: Sequence[Column], factors: Mapping[str, float] | None = None
+) -> list[str]:
+    """Return a record as a row of a table, '-' where it has no value; factors: of the keys that have one."""
+    factors = factors or {}
+    return [value_text(record[key], form, factor=factors.get(key, 1.0)) for key, _, form in columns]
+
+
+def value_text(value: Any, form: str, unit: str = "", factor: float = 1.0) -> str:
+    """Return a value as text: in a format of numbers, or to the minute where it is a time."""
+    if value is None or value != value:  # noqa: PLR0124 - NaN
+        return "-"
+    if not form:
+        return str(value)[:16] if hasattr(value, "isoformat") else str(value)
+    return format(value * factor, form) + unit
 
 
 class Bar(NamedTuple):
@@ -47,13 +88,14 @@ class Bar(NamedTuple):
 
 @dataclass(slots=True)
 class Section:
-    """A heading with what stands below it; every part may be missing."""
+    """A heading with what stands below it; every part may be missing. listing: folded text of a file."""
 
     title: str
     text: str = ""
     figure: str = ""
     table: Table | None = None
     bars: list[Bar] = field(default_factory=list)
+    listing: str = ""
 
 
 @dataclass(slots=True)
@@ -77,20 +119,40 @@ class Page:
     def render(self, where: str = "report", script_file: str = "") -> str:
         """Return the HTML. Errors: OutputError when the extra `report` is not installed.
 
-        script_file: name of the file beside the page that has plotly, '' to put it into the page.
+        script_file: the file beside the page that has all JavaScript (`write_scripts`), '' to put it into it.
         """
         require_packages(where)
         drawn = any(section.figure for section in self.sections)
-        script = plotly_script() if drawn and not script_file else ""
-        values: dict[str, Any] = {"page": self, "version": __version__, "script": script}
-        values["script_file"] = script_file if drawn else ""
-        html: str = _template().render(values)
+        script = "" if drawn and script_file else scripts() if drawn else own_script()
+        html: str = _template().render({
+            "page": self, "version": __version__, "drawn": drawn, "both": both, "palette": json.dumps(DARK),
+            "style": _asset("page.css"),
+            "script_file": "" if script else script_file, "script": script,
+        })  # fmt: skip
         return html
 
 
-def plotly_script() -> str:
-    """Return plotly's JavaScript, for pages that share it as a file too."""
-    return files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8")
+def write_scripts(directory: Path) -> str:
+    """Write what the pages of a directory share; return the name for `Page.render`. Errors: OutputError."""
+    require_packages(directory)
+    write_result(directory / SCRIPT, scripts())
+    return SCRIPT
+
+
+def scripts() -> str:
+    """Return the JavaScript of a page with figures: plotly's and our own."""
+    plotly = files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8")
+    return f"{plotly}\n;\n{own_script()}"
+
+
+def own_script() -> str:
+    """Return the pages' own JavaScript."""
+    return "\n".join(_asset(name) for name in _SCRIPTS)
+
+
+@cache
+def _asset(name: str) -> str:
+    return files("canest.report").joinpath("assets", name).read_text(encoding="utf-8")
 
 
 @cache

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from canest.core.frames import FloatColumn
-from canest.report.figure import FONT, GRID, INK, numbers
+from canest.report.figure import FONT, numbers
+from canest.report.palette import GRID, GROUND, INK, MUTED
 
 _ROW_PX, _GAP_X, _GAP_Y_PX = 250, 0.075, 78
 
@@ -24,9 +25,8 @@ class Panels:
         height = rows * _ROW_PX + (rows - 1) * _GAP_Y_PX
         self.layout: dict[str, Any] = {
             "margin": {"l": 74, "r": 24, "t": 40, "b": 56},
-            "paper_bgcolor": "#fff", "plot_bgcolor": "#fff",
+            "paper_bgcolor": GROUND, "plot_bgcolor": GROUND,
             "font": {"family": FONT, "size": 12, "color": INK},
-            "legend": {"orientation": "h", "y": 1.0 + 14 / height, "yanchor": "bottom", "x": 0},
             "hoverlabel": {"namelength": -1}, "height": height + 96,
         }  # fmt: skip
         width = (1.0 - _GAP_X * (columns - 1)) / columns
@@ -35,7 +35,7 @@ class Panels:
             row, column = divmod(i, columns)
             key = self._key(i)
             left, top = column * (width + _GAP_X), 1.0 - row * (tall + gap)
-            common = {"gridcolor": GRID, "zerolinecolor": "#94a3b8", "separatethousands": True,
+            common = {"gridcolor": GRID, "zerolinecolor": MUTED, "separatethousands": True,
                       "exponentformat": "none"}  # fmt: skip
             self.layout[f"xaxis{key}"] = {
                 "domain": [left, min(left + width, 1.0)], "anchor": f"y{key}", **common, "zeroline": False,

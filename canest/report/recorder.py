@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from canest.core.frames import FloatColumn, IntColumn
-from canest.core.samples import STEP_US, EstimateBlock, ModelBlock
-from canest.offline.model_columns import residual_N
+from canest.core.samples import STEP_S, STEP_US, EstimateBlock, ModelBlock
+from canest.grid.grid import GridBlock
+from canest.offline.model_columns import nearest_gear, residual_N
+from canest.report.detail import Detail
 
-#: points per curve at most; then every other one goes. One hour at 5 Hz fits.
-POINTS_MAX = 20_000
+if TYPE_CHECKING:
+    from canest.config import Config
+
+#: points per curve at most; then every other one goes. All samples are in the detail.
+POINTS_MAX = 10_000
+#: positions of the track at most
+TRACK_MAX = 4_000
 FIRST_STRIDE = 10
 #: shorter closures are one stroke wide on any screen, but thousands of them would make the page slow
 EDGES_MAX = 20_000
 
 COLUMNS = (
+    "distance_m",
     "raw_speed_mps", "raw_torque_Nm", "raw_force_N", "accel_mps2", "force_N", "traction_N", "mu",
     "force_per_torque_1pm",
     "mass_kg", "mass_std_kg", "grade", "grade_std", "status", "gate",
@@ -24,10 +34,15 @@ COLUMNS = (
 class Recorder:
     """A pipeline's listener: every tick that is a multiple of the stride, and every change of the gate.
 
-    first_us, last_us: stamps of the first and the last sample.
+    config: for the gear of the detail. first_us, last_us: stamps of the first and the last sample.
+    detail: all samples, packed. track: where the vehicle was.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, config: Config | None = None) -> None:
+        self._config = config
+        self.detail = Detail()
+        self.track = Positions()
+        self._distance_m = 0.0
         self.first_us: int | None = None
         self.last_us = 0
         self._stride = FIRST_STRIDE
@@ -47,11 +62,13 @@ class Recorder:
         self._note_gates(samples)
         self._residuals.push(samples, estimates)
         self.last_us = int(samples.t_us[-1])
+        way_m = self._way_m(samples)
+        self._push_detail(samples, estimates, way_m)
         keep = np.flatnonzero(samples.t_us // STEP_US % self._stride == 0)
         if not len(keep):
             return
-        held = {}
-        for name in COLUMNS:
+        held = {"distance_m": way_m[keep]}
+        for name in COLUMNS[1:]:
             block = samples if hasattr(samples, name) else estimates
             held[name] = np.asarray(getattr(block, name)[keep], np.float64)
         self._stamps.append(samples.t_us[keep])
@@ -78,6 +95,28 @@ class Recorder:
         """Return the residual's statistics over all open samples."""
         return self._residuals
 
+    def _way_m(self, samples: ModelBlock) -> FloatColumn:
+        """Return the way driven so far (n,), m; it stands still where the speed is not known."""
+        speed = np.where(samples.stopped, 0.0, np.abs(np.nan_to_num(samples.raw_speed_mps)))
+        way_m = self._distance_m + np.cumsum(speed) * STEP_S
+        self._distance_m = float(way_m[-1])
+        return way_m
+
+    def _push_detail(self, samples: ModelBlock, e: EstimateBlock, way_m: FloatColumn) -> None:
+        residual = residual_N(e.mass_kg, samples.accel_mps2, e.grade, samples.mu, samples.force_N)
+        known = np.where(np.isfinite(samples.raw_force_N), 1.0, np.nan)
+        gear = np.full(len(samples), np.nan)
+        if self._config is not None:
+            gear = nearest_gear(samples.force_per_torque_1pm, self._config)
+        self.detail.push((samples.t_us - (self.first_us or 0)) // STEP_US, {
+            "mass_kg": e.mass_kg, "mass_std_kg": e.mass_std_kg, "grade": e.grade, "grade_std": e.grade_std,
+            "speed_mps": samples.raw_speed_mps, "torque_Nm": samples.raw_torque_Nm, "gear": gear,
+            "traction_N": samples.traction_N * known, "force_N": samples.force_N * known,
+            "residual_N": np.where(samples.gate == 0, residual, np.nan),
+            "gate": samples.gate.astype(np.float64), "status": e.status.astype(np.float64),
+            "distance_m": way_m,
+        })  # fmt: skip
+
     def _note_gates(self, samples: ModelBlock) -> None:
         gate = samples.gate.astype(np.int64)
         before = np.empty(len(gate), np.int64)
@@ -99,6 +138,30 @@ class Recorder:
         self._stamps = [stamps[keep]]
         self._held = [{name: column[keep] for name, column in columns.items()}]
         self._points = int(np.count_nonzero(keep))
+
+
+class Positions:
+    """Where the vehicle was: a pipeline's listener for ticks, one position per second or fewer."""
+
+    def __init__(self) -> None:
+        self._held: list[FloatColumn] = []  #: (3, n): stamp, latitude, longitude
+        self._stride = 50
+
+    def __call__(self, ticks: GridBlock) -> None:
+        """Take the next ticks."""
+        roles = [ticks.values.get(role) for role in ("latitude", "longitude")]
+        if roles[0] is None or roles[1] is None:
+            return
+        keep = (ticks.t_us // STEP_US % self._stride == 0) & np.isfinite(roles[0]) & np.isfinite(roles[1])
+        self._held.append(np.array([ticks.t_us[keep], roles[0][keep], roles[1][keep]], np.float64))
+        if sum(part.shape[1] for part in self._held) > TRACK_MAX:
+            self._stride *= 2
+            held = self.columns()
+            self._held = [held[:, held[0] // STEP_US % self._stride == 0]]
+
+    def columns(self) -> FloatColumn:
+        """Return stamps, us, latitudes and longitudes, deg: (3, n)."""
+        return np.concatenate(self._held, axis=1) if self._held else np.empty((3, 0))
 
 
 def _without_shortest(edges: list[tuple[int, int]]) -> list[tuple[int, int]]:

@@ -10,6 +10,7 @@ from canest.offline.leg_text import clock_text, span_text
 from canest.offline.reported_masses import report_lines
 from canest.report.page import Card, Section, Table
 from canest.report.recorder import Recorder
+from canest.report.verdicts import of_mass_error
 
 _TONES = {"valid": "good", "converging": "warn", "unestimated": "bad"}
 
@@ -31,21 +32,27 @@ def cards(s: Mapping[str, Any], recorder: Recorder) -> list[Card]:
         share = f"{100 * s['updated'] / s['samples']:.0f} %"
         shown.append(Card("Learned from", share, f"{s['updated'] / RATE_HZ:,.0f} s with open gates"))
     if s.get("errors"):
-        shown += _error_cards(s["errors"])
+        std_pct = 100 * last["mass_std_kg"] / last["mass_kg"] if last is not None else 0.0
+        shown += _error_cards(s["errors"], std_pct)
     if recorder.whiteness.count:
         shown.append(Card("Force residual RMS", f"{recorder.whiteness.rms_N:,.0f} N", "open samples, 1 Hz"))
     return shown
 
 
-def _error_cards(errors: Mapping[str, Any]) -> list[Card]:
-    """Return the errors over the settled legs, with those over all samples as a note."""
+def _error_cards(errors: Mapping[str, Any], std_pct: float) -> list[Card]:
+    """Return the errors over the settled legs, with those over all samples as a note.
+
+    std_pct: standard deviation of the last valid mass, % of it.
+    """
     settled, shown = errors["settled"], []
     whole = f"over all samples from {errors['after_s']:g} s on"
     if settled["mass_rms_pct"] is not None:
         note = f"settled legs, worst {settled['mass_max_pct']:.2f} %"
         if errors["mass_rms_pct"] is not None:
             note += f"; {errors['mass_rms_pct']:.2f} % {whole}"
-        shown.append(Card("Mass error RMS", f"{settled['mass_rms_pct']:.2f} %", note))
+        verdict = of_mass_error(settled["mass_rms_pct"], std_pct)
+        note += f"; {verdict.text}"
+        shown.append(Card("Mass error RMS", f"{settled['mass_rms_pct']:.2f} %", note, verdict.tone))
     elif errors["mass_rms_pct"] is not None:
         note = f"never valid; {whole}, worst {errors['mass_max_pct']:.2f} %"
         shown.append(Card("Mass error RMS", f"{errors['mass_rms_pct']:.2f} %", note))
