@@ -131,11 +131,19 @@ def minute(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemons]:
             daemons.asleep.signal(signal.SIGCONT)
             continued_s = time.monotonic()
             daemons.recovered_s = asleep.fresh(continued_s, RECOVERY_S, "it was continued after a minute")
-        time.sleep(1.0)
+        # the bus is quiet but for broadcasts; what waits in the sockets is taken within the next ticks
         first = frames_on(ASLEEP)
+        with contextlib.suppress(AssertionError):  # what is missing fails the test of it, with its numbers
+            rig.wait_until(lambda: accounted(daemons.asleep.status()) >= first, 20.0, "every frame to be counted")
         daemons.after = {daemon.interface: daemon.status() for daemon in both if daemon.alive}
         daemons.on_its_bus = first, frames_on(ASLEEP)
         yield daemons
+
+
+def accounted(status: dict[str, Any]) -> int:
+    """Frames that the daemon received, lost with a number, or sent."""
+    bus = status["bus"]
+    return int(bus["frames"] + bus.get("dropped_by_kernel", 0) + status["broadcast"]["sent"])
 
 
 def is_valid(received: rig.ReceivedBroadcast) -> bool:
@@ -161,7 +169,8 @@ def test_a_minute_of_sleep_leaves_estimates_of_now(minute: Daemons, record_prope
     assert after["pid"] == before["pid"]
     assert after["ticks"]["missed"] - before["ticks"]["missed"] >= 0.9 * MINUTE_S * 50
     assert after["clock"]["gaps"] > before["clock"].get("gaps", 0)
-    assert after["broadcast"]["reclaimed_after_sleep"] == 1
+    # once for this sleep; a machine that stops the guest for seconds adds its own
+    assert after["broadcast"]["reclaimed_after_sleep"] > before["broadcast"].get("reclaimed_after_sleep", 0)
     assert after["failures"] == 0
     learned, known = after["learned"]["mass_kg"], before["learned"]["mass_kg"]
     assert learned == pytest.approx(known, rel=MOST)
@@ -169,10 +178,8 @@ def test_a_minute_of_sleep_leaves_estimates_of_now(minute: Daemons, record_prope
 
 def test_every_frame_it_slept_through_is_used_or_counted_as_lost(minute: Daemons) -> None:
     after = minute.after[ASLEEP]
-    lost = after["bus"]["dropped_by_kernel"]
-    assert lost > 1000
-    seen = after["bus"]["frames"] + lost + after["broadcast"]["sent"]
-    assert minute.on_its_bus[0] <= seen <= minute.on_its_bus[1]
+    assert after["bus"]["dropped_by_kernel"] > 1000
+    assert minute.on_its_bus[0] <= accounted(after) <= minute.on_its_bus[1]
 
 
 def test_a_minute_of_attacks_at_full_load_leaves_a_valid_mass(
