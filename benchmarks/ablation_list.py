@@ -25,7 +25,8 @@ MECHANISMS = (
     # -- the road and the wind
     Variant("curved roads", {"road.straight_m": NEVER}),
     Variant("steps of the road", {"road.step_nis": NEVER}),
-    Variant("roughness of a straight", {"road.roughness_1pm": 0.0}),
+    Variant("roughness of a straight", {"road.roughness_1pm": 1e-12}),
+    Variant("roughness that follows the innovations", {"road.whiteness": 0.0}),
     Variant("wind", {"wind.wind_mps": 1e-3}),
     Variant("wind and errors of the drag area", {"wind.wind_mps": 1e-3, "wind.usual_mps": 0.0}),
     # -- states of the signals

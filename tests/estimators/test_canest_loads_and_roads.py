@@ -83,6 +83,27 @@ def test_a_road_in_steps_is_no_change_of_load():
     assert wrong_share(drive, e) == 0.0
 
 
+def rough(s):
+    """As much grade at every wavelength from 50 m to 3 km, 1.5 % RMS in all."""
+    waves = np.geomspace(50.0, 3000.0, 24)
+    phases = 2 * np.pi * np.multiply.outer(s, 1 / waves) + 2.4 * np.arange(24) ** 2
+    return 0.015 * np.sqrt(2 / 24) * np.sin(phases).sum(-1)
+
+
+@pytest.mark.parametrize("accelerometer", [False, True])
+@pytest.mark.parametrize("load_kg", [12_000.0, 28_000.0])
+def test_a_rough_road_is_no_load(load_kg, accelerometer):
+    drive = trip(400, mass_kg=load_kg, road=rough, throttle=steady, accelerometer=accelerometer)
+    e = run(drive)
+    later = slice(120 * 50, None)
+    off = np.abs(e.mass_kg - drive.mass_kg) / e.mass_std_kg
+    assert wrong_share(drive, e) < 0.01
+    if accelerometer:  # without one a cruise over such a road has no mass, and is never valid
+        assert np.mean(off[later] < 3.0) > 0.95
+    else:
+        assert not (e.status[later] == Status.VALID).any()
+
+
 def test_nothing_is_valid_after_hours_of_silence():
     drive = trip(120)
     late = np.where(np.arange(6000) >= 5000, 8 * 3_600_000_000, 0)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from canest.core import jit
-from canest.estimators.default import hypotheses, predict, update
-from canest.estimators.default.constants import CONSTANTS
+from canest.estimators.default import hypotheses, noise, predict, update
+from canest.estimators.default.constants import CONSTANTS, Vehicle
 from canest.estimators.default.load import Standing, changed_probability, stand
-from canest.estimators.default.model import GRADE, RESPONSE, U, Window
+from canest.estimators.default.model import GRADE, RATE, RESPONSE, U, Window
 from canest.estimators.default.report import summed_mixture
 
 N = 11
@@ -105,6 +105,57 @@ def test_joining_keeps_mean_and_covariance_of_both(seed):
     hypotheses.join(xs, Ps, weight, y.tolist(), R.tolist(), other, [0.0] * N)
     np.testing.assert_allclose(xs, mean, rtol=1e-12)
     np.testing.assert_allclose(Ps, covariance, rtol=1e-11)
+
+
+def merged_loads(drifting):
+    x, P = density(7)
+    x = np.append(x, 3e-9)
+    P = np.pad(P, (0, 1)) + 0.1 * np.eye(N + 1)
+    P[RATE, U] = P[U, RATE] = 0.01
+    filters = hypotheses.Filters(
+        *(np.array(a).tolist() for a in ([[x] * 4] * 2, [[P] * 4] * 2, [[0.4, 0.3, 0.2, 0.1]] * 2)),
+        [0.7, 0.3],
+        [0.0, 0.0],
+        drifting,
+    )
+    hypotheses.merge_loads(filters, 1, 0, [0.0] * (N + 1))
+    return filters
+
+
+def test_a_steady_load_has_no_rate_even_where_a_drifting_one_became_part_of_it():
+    filters = merged_loads([0.0, 1.0])
+    for m in range(4):
+        assert filters.x[0][m][RATE] == 0.0
+        assert not np.array(filters.P[0][m])[RATE].any()
+    assert merged_loads([1.0, 1.0]).x[0][0][RATE] == pytest.approx(3e-9)
+
+
+def roughness_after(innovations, *, is_open=True):
+    """The roughness, 1e-7 at first, after speeds with these innovations."""
+    road, vehicle = CONSTANTS.road, Vehicle(1 / 40_000, 1 / 8_000, 1.0, 1e-3, 0.1, 1e-3, 1.0, 1e-5)
+    levels = noise.Levels(1e-4, 1e-3, 0.0, 0.0, 0.0, 1e-7, 0.0, 0.0, 0.0)
+    for innovation in innovations:
+        found = noise.Innovations(1.0, 0.0, 0.0, innovation)
+        levels = noise.follow(levels, found, 0.0, is_open, False, CONSTANTS.noise, road, vehicle)
+    return levels.roughness_1pm
+
+
+def test_the_roughness_follows_the_product_of_an_innovation_and_the_three_before():
+    """d ln r = whiteness (product - alike smooth^2), smooth = 1 at the floor, 0 at the roughest."""
+    road = CONSTANTS.road
+    roughness = 1e-7
+    for product in (0.0, 1 / 3, 2 / 3, 1.0, 1.0):
+        smooth = np.log(road.roughest_1pm / roughness) / np.log(road.roughest_1pm / road.roughness_1pm)
+        roughness *= np.exp(road.whiteness * (product - road.alike * smooth**2))
+    assert roughness_after([1.0] * 5) == pytest.approx(roughness)
+    assert roughness_after([1.0] * 500) == CONSTANTS.road.roughest_1pm
+    assert roughness_after([1.0, -1.0] * 500) == CONSTANTS.road.roughness_1pm
+    assert roughness_after([1.0] * 12, is_open=False) == 1e-7
+
+
+def test_a_speed_that_is_held_for_a_second_makes_no_road_rough():
+    """Five windows per report: what the first gains too little the others gain too much."""
+    assert roughness_after([2.0, 0.5, -0.5, -1.0, -1.0] * 200) < 2.0 * CONSTANTS.road.roughness_1pm
 
 
 def test_modes_exchange_probability_like_a_markov_chain():

@@ -134,7 +134,9 @@ def minute(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemons]:
         # the bus is quiet but for broadcasts; what waits in the sockets is taken within the next ticks
         first = frames_on(ASLEEP)
         with contextlib.suppress(AssertionError):  # what is missing fails the test of it, with its numbers
-            rig.wait_until(lambda: accounted(daemons.asleep.status()) >= first, 20.0, "every frame to be counted")
+            rig.wait_until(
+                lambda: accounted(daemons.asleep.status()) >= first, 20.0, "every frame to be counted"
+            )
         daemons.after = {daemon.interface: daemon.status() for daemon in both if daemon.alive}
         daemons.on_its_bus = first, frames_on(ASLEEP)
         yield daemons

@@ -29,7 +29,10 @@ class Road(NamedTuple):
     straight_m: float = 500.0  #: mean length of a straight
     curved_m: float = 150.0  #: mean length of a crest or sag
     curve_m: float = 300.0  #: correlation length of the curvature
-    roughness_1pm: float = 1e-8  #: variance that the grade of a straight gains per metre
+    roughness_1pm: float = 1e-8  #: variance that the grade gains per metre, on a smooth road
+    roughest_1pm: float = 2e-5  #: and on the roughest
+    whiteness: float = 0.1  #: gain of the roughness, per window, on the product of neighbouring innovations
+    alike: float = 0.3  #: mean of that product beyond which a smooth road becomes a rough one
     mix_m: float = 20.0  #: distance between two exchanges of probability
     step_nis: float = 25.0  #: a normalised innovation squared beyond this is a step of the road
     height_wander_m2ps: float = 0.2  #: variance that the height gains per second (receiver drift)
@@ -82,7 +85,7 @@ class Noise(NamedTuple):
     overrun_share: float = 0.1  #: the same in overrun (friction torque, blended brakes)
     force_s: float = 0.2  #: correlation time of the two
     longest_windows: float = 25.0  #: a rounding error of the torque lasts at most this long
-    gust_mps: float = 0.15  #: std of the gusts
+    gust_mps: float = 0.1  #: std of the gusts
     gust_s: float = 5.0  #: their correlation time
     jitter_s: float = 0.004  #: the delay of the torque changes from frame to frame by this
     ringing: float = 0.75  #: share of a driveline's swing, squared, left a window later

@@ -104,7 +104,8 @@ class GaussianSum(Estimator):
             *(a.tolist() for a in (x, P, mode, weight, np.zeros(_LOADS), np.zeros(_LOADS)))
         )
         start = v.speed_loudest_mps / c.noise.loudest
-        levels = Levels(start * start, 4.0 * v.sensed_floor_mps2 * v.sensed_floor_mps2, 0.0, 0.0, 0.0)
+        sensed_var = 4.0 * v.sensed_floor_mps2 * v.sensed_floor_mps2
+        levels = Levels(start * start, sensed_var, 0.0, 0.0, 0.0, c.road.roughness_1pm, 0.0, 0.0, 0.0)
         guess = mass_kg or facts.initial_mass_kg or 1.0 / math.sqrt(v.least_u * v.most_u)
         report = Report(guess, guess * guess, facts.initial_grade or 0.0, c.prior.grade**2, 0.0, 0.0, 0.0)
         self._carried = kernel.Carried(kernel.Progress(), Standing(), levels, Comparison(), report, RoadUse())

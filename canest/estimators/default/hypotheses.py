@@ -11,7 +11,7 @@ import math
 from typing import Any, NamedTuple
 
 from canest.core import jit
-from canest.estimators.default.model import MODES, U
+from canest.estimators.default.model import MODES, RATE, U
 from canest.estimators.default.predict import Matrix, Vector, reset
 
 #: a mode less probable than this, its load's probability counted, is left out until the next exchange
@@ -168,6 +168,8 @@ def merge_loads(filters: Filters, kl: int, ki: int, d: Vector) -> None:
             join(filters.x[ki][m], filters.P[ki][m], own, filters.x[kl][m], filters.P[kl][m], other, d)
         elif other > 0.0:
             copy_density(filters.x[kl][m], filters.P[kl][m], filters.x[ki][m], filters.P[ki][m])
+        if other > 0.0 and filters.drifting[ki] < filters.drifting[kl]:  # a steady load has no rate
+            reset(filters.x[ki][m], filters.P[ki][m], RATE, 0.0, 0.0)
         filters.mode[ki][m] = (own + other) / total
     filters.pending[ki] = (weight[ki] * filters.pending[ki] + weight[kl] * filters.pending[kl]) / total
     weight[ki], weight[kl] = total, 0.0

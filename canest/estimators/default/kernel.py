@@ -106,7 +106,7 @@ def answered_force(w: Window, p: Progress, metres: float, u: float, begins: bool
 
 
 @jit.kernel
-def own_torque(fast_N: float, u: float, speed_mps: float, c: Constants) -> float:
+def own_torque(fast_N: float, u: float, speed_mps: float, roughness_1pm: float, c: Constants) -> float:
     """Return how much less probable a change of torque is where it answers the road (log likelihood).
 
     A road bends by about `usual_1pm`; what moves faster within a second is the driver's own. A free driver
@@ -114,7 +114,8 @@ def own_torque(fast_N: float, u: float, speed_mps: float, c: Constants) -> float
     """
     d = c.driver
     usual = GRAVITY_MPS2 * d.usual_1pm * max(speed_mps, 1.0)
-    ratio = u * u * fast_N * fast_N / (usual * usual + d.usual_mps2 * d.usual_mps2)
+    rough = GRAVITY_MPS2 * GRAVITY_MPS2 * roughness_1pm * max(speed_mps, 1.0)
+    ratio = u * u * fast_N * fast_N / (usual * usual + rough + d.usual_mps2 * d.usual_mps2)
     return -d.weight * min(0.5 * max(ratio - 1.0, 0.0), 30.0)
 
 
@@ -165,7 +166,7 @@ def step_all(
 
     found: scratch, one per mode. The loads' log likelihoods gather until a gate opens.
     """
-    nis = speed_surplus = sensed_surplus = 0.0
+    nis = speed_surplus = sensed_surplus = innovation = 0.0
     for k in range(len(filters.weight)):
         weight = filters.weight[k]
         if weight <= 0.0:
@@ -180,8 +181,9 @@ def step_all(
                 nis += share * one.nis
                 speed_surplus += share * one.speed_surplus
                 sensed_surplus += share * one.sensed_surplus
+                innovation += share * one.innovation
         filters.pending[k] += c.noise.power * weigh_modes(mode, found, weight)
-    return Innovations(nis, speed_surplus, sensed_surplus)
+    return Innovations(nis, speed_surplus, sensed_surplus, innovation)
 
 
 @jit.kernel
@@ -265,9 +267,10 @@ def run(
         moved = w.traction_N - w.before_N
         common = Common(
             levers, begins, began, metres, answered_force(w, p, metres, u, begins, c),
-            own_torque(fast_N, u, w.speed_mps, c) if is_open else 0.0,
+            own_torque(fast_N, u, w.speed_mps, levels.roughness_1pm, c) if is_open else 0.0,
             unknown_force(w.traction_N, abs(moved), v.torque_std_Nm * w.gear_1pm, w.drag_N_per_mps, c.noise),
             height_known, sees, p.accel_mps2, WINDOW_S + min(w.gap_s, 10.0), roll_share, road.uses > 0.0,
+            levels.roughness_1pm,
         )  # fmt: skip
         # -- each hypothesis, and what they learn together
         innovations = step_all(filters, found, scratch, w, common, c)
@@ -277,7 +280,7 @@ def run(
                 merge_alike(filters, means, variances, room.d)
             prune_impossible(filters, v.least_u, v.most_u)
         changed_N = w.traction_N if begins else moved
-        levels = follow(levels, innovations, changed_N, is_open, sees, c.noise, v)
+        levels = follow(levels, innovations, changed_N, is_open, sees, c.noise, c.road, v)
         given = report(filters, given, nodes, metres, is_open, begins, c, v)
         p = Progress(
             mixed_m if road_m == 0.0 else 0.0, driven_m if driver_m == 0.0 else 0.0,

@@ -54,6 +54,7 @@ class Common(NamedTuple):
     seconds: float  #: of the window, and of the gap before it
     roll_share: float  #: std of the rolling resistance, as a share
     has_road: bool  #: a road map is used
+    roughness_1pm: float  #: variance that the grade gains per metre
 
 
 class Found(NamedTuple):
@@ -63,6 +64,7 @@ class Found(NamedTuple):
     nis: float  #: e^2 / s of the speed, zero while closed
     speed_surplus: float
     sensed_surplus: float
+    innovation: float  #: of the speed, in stds, cut as the update cuts it
 
 
 @jit.kernel
@@ -76,7 +78,7 @@ def predict(
         P[HEIGHT][HEIGHT] += k.road.height_wander_m2ps * (WINDOW_S + w.gap_s)
     if c.metres > 0.0:
         curved = m in (CURVED_FREE, CURVED_ANSWERED)
-        travel(x, P, s.h, s.K, c.metres, curved, c.height_known, k.road.roughness_1pm)
+        travel(x, P, s.h, s.K, c.metres, curved, c.height_known, c.roughness_1pm)
     if c.answers_kg != 0.0 and m >= STRAIGHT_ANSWERED:
         scatter = k.driver.scatter_share * c.levers.mean_u * c.answers_kg
         answer(x, P, s.h, s.K, c.answers_kg, scatter)
@@ -97,8 +99,10 @@ def balance(x: Vector, P: Matrix, s: Scratch, w: Window, c: Common, k: Constants
         step = missing / (WINDOW_S * GRAVITY_MPS2)
         P[GRADE][GRADE] += min(step * step, k.prior.grade * k.prior.grade)
         P[Q][Q] += missing * missing
+    most = math.sqrt(k.noise.outlier)
+    cut = min(max(e / math.sqrt(var), -most), most)
     excess = surplus(e, var, speed_noise(w, c.levers, k.noise), k.noise)
-    return Found(log_likelihood(e, var, k.noise.outlier), nis, excess, 0.0)
+    return Found(log_likelihood(e, var, k.noise.outlier), nis, excess, 0.0, cut)
 
 
 @jit.kernel
@@ -108,13 +112,13 @@ def step(
     """Take one window into the density (x, P) of mode m."""
     predict(x, P, m, drifting, s, w, c, k)
     found = c.own_torque if m >= STRAIGHT_ANSWERED else 0.0
-    nis = speed_surplus = sensed_surplus = 0.0
+    nis = speed_surplus = sensed_surplus = innovation = 0.0
     motion = w.accel_mps2
     if w.open > 0.0:
         u = bounded_u(x, c.levers)
         driven = u * w.force_N - w.roll_mps2 - GRAVITY_MPS2 * x[GRADE] - w.drag_N_per_mps * x[WIND]
         motion = driven / (1.0 + u * w.rotating_kg)
-        likelihood, nis, speed_surplus, _ = balance(x, P, s, w, c, k)
+        likelihood, nis, speed_surplus, _, innovation = balance(x, P, s, w, c, k)
         found += likelihood
     elif w.retarding > 0.0 or w.coarse > 0.0:
         closed_balance(x, P, s, w, c.levers, k.closed, c.roll_share, k.noise)
@@ -128,4 +132,4 @@ def step(
         found += known_slope(x, P, s.h, s.K, w, k.noise.outlier)
     if has_coasted(w, k.closed):
         found += coasting(x, P, s, w, k.closed, k.road, k.noise)
-    return Found(found, nis, speed_surplus, sensed_surplus)
+    return Found(found, nis, speed_surplus, sensed_surplus, innovation)
