@@ -44,8 +44,15 @@ def refuse_excess(text: str, where: str) -> None:
     """
     _refuse_size(len(text.encode("utf-8", "surrogatepass")), where)
     count = _Count(where)
-    for event in yaml.parse(text, Loader=LOADER):
-        count.take(event)
+    try:
+        for event in yaml.parse(text, Loader=LOADER):
+            count.take(event)
+    except yaml.MarkedYAMLError as error:
+        # libyaml looks ahead, and since 0.2.6 gives up at 1000 levels before the first event is there
+        if "nesting depth" not in str(error.problem):
+            raise
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        refuse_depth(MOST_LEVELS + 1, f"{where}:{line}")
 
 
 def refuse_depth(levels: int, where: str) -> None:

@@ -59,8 +59,8 @@ def parse_config(
     Errors: ConfigError.
     """
     try:
-        _refuse_list(text, where)
         refuse_excess(text, where)
+        _refuse_list(text, where)
         node = yaml.compose(text, Loader=LOADER)
         raw = yaml.load(text, Loader=LOADER)
         lines = lines_of(node, where) if node is not None and isinstance(raw, dict) else {}
@@ -121,7 +121,7 @@ def _apply_overrides(raw: dict[str, Any], overrides: Iterable[str]) -> set[str]:
             refuse_excess(value, f"--set {key}")
             target[last] = yaml.load(value, Loader=LOADER)
         except (yaml.YAMLError, ValueError, RecursionError) as error:
-            raise ConfigError(f"--set {key}: not a YAML value", found=value) from error
+            raise ConfigError(f"--set {key}: not a YAML value", found=value[:60]) from error
         changed.add(key.strip())
     return changed
 
