@@ -59,11 +59,11 @@ class Kernel:
     (three times faster to index from CPython) for an interpreted one.
     """
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], interpreted: Callable[..., Any] | None = None) -> None:
         self._source: Any = function
         self.__doc__ = function.__doc__
         self.__name__ = function.__name__
-        self._interpreted: Callable[..., Any] | None = None
+        self._interpreted = interpreted
         self._compiled: Callable[..., Any] | None = None
 
     @property
@@ -100,7 +100,10 @@ class Kernel:
                 parts.append(value.content())
             elif hasattr(value, "_fields"):  # a named tuple: what a compiled constructor depends on
                 parts.append(f"{name}={value._fields!r}")
-            elif not callable(value) and not isinstance(value, ModuleType):
+            elif isinstance(value, ModuleType):  # what a kernel takes from it is compiled in as it is now
+                taken = ((other, getattr(value, other, None)) for other in code.co_names)
+                parts += [f"{name}.{other}={x!r}" for other, x in taken if isinstance(x, (int, float, tuple))]
+            elif not callable(value):
                 parts.append(f"{name}={value!r}")
         return "\n".join(parts)
 
@@ -151,3 +154,17 @@ def _keep_if_it_can_be(dispatcher: Any) -> None:
 def kernel(function: Callable[..., Any]) -> Kernel:
     """Mark a scalar function as a kernel (decorator)."""
     return Kernel(function)
+
+
+def kernel_beside(interpreted: Callable[..., Any]) -> Callable[[Callable[..., Any]], Kernel]:
+    """Mark a scalar function as a kernel whose interpreted form is another function, of numpy operations.
+
+    For loops over arrays, which CPython runs a hundred times slower than numpy does. Both forms do the same
+    operations on the same numbers in the same order, so they give the same bits: elementwise products and
+    sums, and no numpy reduction, whose order is its own.
+    """
+
+    def mark(function: Callable[..., Any]) -> Kernel:
+        return Kernel(function, interpreted)
+
+    return mark

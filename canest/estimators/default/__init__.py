@@ -1,1 +1,1 @@
-"""The estimator that is to become the default: see docs/theory.md, whose sections are the modules here."""
+"""The default estimator: a sum of Kalman filters over the inverse mass (docs/theory.md)."""

@@ -39,22 +39,20 @@ class Comparison(NamedTuple):
 @jit.kernel
 def compare(c: Comparison, sensed: float, accel: float, speed: float, rounding_mps: float) -> Comparison:
     """Return the comparison after one more window. rounding_mps: std of the speed within its resolution."""
-    sum_sensed, sum_accel, windows, sensed_before, accel_before, squares, products, faulty = c
     if math.isnan(sensed) or speed <= _MOVING_MPS:
-        return Comparison(0.0, 0.0, 0.0, sensed_before, math.nan, squares, products, faulty)
-    sum_sensed += sensed
-    sum_accel += accel
-    windows += 1.0
+        return Comparison(0.0, 0.0, 0.0, c.sensed_before, math.nan, c.squares, c.products, c.faulty)
+    sum_sensed, sum_accel, windows = c.sensed + sensed, c.accel + accel, c.windows + 1.0
+    squares, products, faulty = c.squares, c.products, c.faulty
     if windows < _SECOND:
         return Comparison(
-            sum_sensed, sum_accel, windows, sensed_before, accel_before, squares, products, faulty
+            sum_sensed, sum_accel, windows, c.sensed_before, c.accel_before, squares, products, faulty
         )
     sum_sensed /= _SECOND
     sum_accel /= _SECOND
-    change = sum_accel - accel_before
+    change = sum_accel - c.accel_before
     if abs(change) > max(_CHANGE_MPS2, _ROUNDED_1PS * rounding_mps):
         squares += change * change
-        products += change * (sum_sensed - sensed_before)
+        products += change * (sum_sensed - c.sensed_before)
         left = min(_MOST / squares, 1.0)
         squares *= left
         products *= left

@@ -1,128 +1,114 @@
-"""Every constant of the estimator, once, with its unit (docs/theory.md, section 9, gives each its source)."""
+"""Every constant of the estimator, once: symbol, unit and source beside each (docs/theory.md, section 9)."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Annotated, NamedTuple, get_type_hints
 
 from canest.core.samples import VehicleFacts
 
 
-class Prior(NamedTuple):
-    """Standard deviations of the states before the first sample. Those "times u" hold for a known mass."""
+class Source(NamedTuple):
+    """What is known of a constant beside its value. "Chosen" names the trade-off, "measured" the runs."""
 
-    grade: float = 0.03  #: slope of a road
-    delay_s: float = 0.04  #: beyond the usual delay of the reported torque
-    slip_per_mps2: float = 0.005  #: slip of driven wheels per m/s2 of traction
-    windup_s2: float = 0.02  #: speed that a driveline gives way per change of specific traction
-    bias_mps2: float = 0.3  #: offset of an accelerometer, tilt of its mounting included
-    pitch_rad_per_mps2: float = 0.006  #: mean and std of the pitch where the config does not state it
-    pitch_share: float = 0.2  #: std of a stated pitch, as a share of it
-    lag_s: float = 0.06  #: delay of the accelerometer against the speed
-    height_var_m2: float = 6.25  #: variance of an altitude
-
-
-class Road(NamedTuple):
-    """How the grade changes along the road."""
-
-    curvature_1pm: float = 2e-4  #: std of the change of the grade per metre, on a crest or in a sag
-    straight_m: float = 500.0  #: mean length of a straight
-    curved_m: float = 150.0  #: mean length of a crest or sag
-    curve_m: float = 300.0  #: correlation length of the curvature
-    roughness_1pm: float = 1e-8  #: variance that the grade gains per metre, on a smooth road
-    roughest_1pm: float = 2e-5  #: and on the roughest
-    whiteness: float = 0.1  #: gain of the roughness, per window, on the product of neighbouring innovations
-    alike: float = 0.3  #: mean of that product beyond which a smooth road becomes a rough one
-    mix_m: float = 20.0  #: distance between two exchanges of probability
-    step_nis: float = 25.0  #: a normalised innovation squared beyond this is a step of the road
-    height_wander_m2ps: float = 0.2  #: variance that the height gains per second (receiver drift)
-    height_lost_s: float = 60.0  #: after a gap this long the height is unknown
-
-
-class Driver(NamedTuple):
-    """How torque follows the road: not at all, or the road's slope answers every change of the force."""
-
-    answered_share: float = 0.9  #: prior probability of the second
-    switch_m: float = 10_000.0  #: mean distance between two changes
-    mix_m: float = 40.0  #: distance between two exchanges of probability
-    response_share: float = 0.5  #: std of the response, as a share of the inverse mass
-    response_m: float = 1000.0  #: its correlation length
-    scatter_share: float = 1.0  #: std of one answer, as a share of the answer
-    most_1pm: float = 2.5e-4  #: no road answers faster: change of the grade per metre
-    usual_1pm: float = (
-        3e-4  #: changes of the force beyond what this asks for in a second are the driver's own
-    )
-    usual_mps2: float = 0.02  #: and beyond this, whatever the road
-    weight: float = 2.0  #: weight of that evidence, per open window
-
-
-class Load(NamedTuple):
-    """The load as a process."""
-
-    stop_s: float = 130.0  #: mean standing time after which it has changed
-    least_stop_s: float = 3.0  #: in a shorter stop nobody loads
-    moving_probability: float = 0.01  #: that it has changed in motion, taken again at each challenge
-    surprised_probability: float = 0.1  #: the same where an innovation has no other cause
-    surprise_nis: float = 25.0
-    drift_probability: float = 0.3  #: that it drifts (spreading, leaking, snow), likewise
-    drift_1ps: float = 3e-4  #: std of a drift of the inverse mass, a share of it per second
-    drifted_s: float = 10.0  #: how long it may have drifted before it is noticed
-    challenge_s: float = 8.0  #: open gates between two challenges
-    banks: int = 4  #: normal densities that stand for an unknown load, log-spaced
-    spread: float = 0.7  #: their std, in their spacing
-
-
-class Noise(NamedTuple):
-    """What the model lacks."""
-
-    careful: float = 20.0  #: a speed's noise starts this many times coarser than its resolution
-    oscillation_mps: float = 0.05  #: or at this, what a driveline's oscillation may leave in one window
-    loudest: float = 2.0  #: and is never more than this many times its start
-    windows: float = 300.0  #: memory of a noise level
-    first_windows: float = 10.0  #: that its start counts for
-    doubted: float = 5.0  #: an innovation counts less once its variance is this many times the noise
-    force_share: float = 0.02  #: force that the model lacks, as a share of the traction
-    overrun_share: float = 0.1  #: the same in overrun (friction torque, blended brakes)
-    force_s: float = 0.2  #: correlation time of the two
-    longest_windows: float = 25.0  #: a rounding error of the torque lasts at most this long
-    gust_mps: float = 0.1  #: std of the gusts
-    gust_s: float = 5.0  #: their correlation time
-    jitter_s: float = 0.004  #: the delay of the torque changes from frame to frame by this
-    ringing: float = 0.75  #: share of a driveline's swing, squared, left a window later
-    swing_mpN: float = 1e-6  #: speed of that swing per change of the traction, (m/s)/N
-    outlier: float = 9.0  #: innovations are cut at the root of this, in stds
-    power: float = 0.5  #: windows are not independent: share of the log likelihood that counts for the mass
-
-
-class Wind(NamedTuple):
-    """Wind along the road."""
-
-    wind_mps: float = 1.7  #: std
-    wind_m: float = 5000.0  #: correlation length
-    usual_mps: float = 20.0  #: speed at which an error of the drag area is taken for a wind
-
-
-class Closed(NamedTuple):
-    """What is measured while the gates are closed."""
-
-    force_share: float = 0.1  #: std of a retarder's force, of what a gate hides
-    drag_mps2: float = 0.03  #: drag of an open driveline, and a vehicle that rocks on its tyres
-    far_m: float = 100.0  #: further back a coasting happened on another road
+    symbol: str
+    unit: str
+    text: str
 
 
 class Constants(NamedTuple):
     """All of them."""
 
-    prior: Prior = Prior()
-    road: Road = Road()
-    driver: Driver = Driver()
-    load: Load = Load()
-    noise: Noise = Noise()
-    wind: Wind = Wind()
-    closed: Closed = Closed()
+    # -- before the first sample
+    grade: Annotated[float, Source("s_theta", "1", "chosen: country roads end at about 10 %")] = 0.03
+    delay_s: Annotated[float, Source("s_delta", "s", "chosen: two cycles of an engine message")] = 0.04
+    windup_s2: Annotated[
+        float, Source("s_gamma", "s2", "chosen: larger takes fast torque away from the mass")
+    ] = 0.02
+    bias_mps2: Annotated[float, Source("s_b", "m/s2", "chosen: 1.8 degrees of tilt of the mounting")] = 0.3
+    pitch_rad_per_mps2: Annotated[
+        float, Source("p", "rad s2/m", "chosen: mean and std where the config states none")
+    ] = 0.006
+    pitch_share: Annotated[float, Source("s_p / p", "1", "chosen: a stated pitch depends on the load")] = 0.2
+    height_m: Annotated[float, Source("s_h", "m", "chosen: a satellite receiver")] = 2.5
+    wind_mps: Annotated[float, Source("s_w", "m/s", "chosen: a breeze of 4 m/s along half of the road")] = 2.0
+    wind_m: Annotated[float, Source("L_w", "m", "chosen: a main road turns; less makes a cruise wide")] = 20e3
+    unknown_share: Annotated[
+        float, Source("k_u", "1", "measured: std of an unknown load, in its range of ln u; 0.3 is too narrow")
+    ] = 0.7
+    # -- road
+    curvature_1pm: Annotated[float, Source("s_kappa", "1/m", "chosen: radius of 5 km, a country road")] = 2e-4
+    straight_m: Annotated[float, Source("L_s", "m", "chosen: shorter says less of the mass")] = 500.0
+    curved_m: Annotated[float, Source("L_c", "m", "chosen: length of a crest")] = 150.0
+    curve_m: Annotated[float, Source("L_kappa", "m", "chosen: a crest keeps its curvature")] = 300.0
+    smooth_1pm: Annotated[float, Source("r_s", "1/m", "chosen: 0.3 % of grade in a kilometre")] = 1e-8
+    rough_1pm: Annotated[float, Source("r_r", "1/m", "measured: 1.5 % RMS at waves of 50 m and more")] = 6e-6
+    roughens_m: Annotated[float, Source("L_r", "m", "chosen: rough roads are rare")] = 20e3
+    smoothens_m: Annotated[float, Source("L_rs", "m", "measured: at 2 km a rough road is forgotten")] = 10e3
+    exchange_m: Annotated[float, Source("d_x", "m", "chosen: cost against delay")] = 20.0
+    wander_m2ps: Annotated[float, Source("q_h", "m2/s", "chosen: 3.5 m in a minute, a receiver's error")] = 0.2
+    step_nis: Annotated[float, Source("k_step", "1", "chosen: five standard deviations")] = 25.0
+    # -- driver
+    answered: Annotated[float, Source("P_a", "1", "chosen: less makes a cruise less safe")] = 0.9
+    driver_m: Annotated[float, Source("L_d", "m", "chosen: a habit is kept for ten minutes")] = 10e3
+    response_share: Annotated[float, Source("s_xi", "1", "chosen: half or one and a half of it")] = 0.5
+    response_m: Annotated[float, Source("L_xi", "m", "chosen")] = 1000.0
+    usual_1pm: Annotated[float, Source("k_d", "1/m", "chosen: a little more than a crest")] = 3e-4
+    usual_mps2: Annotated[float, Source("a_d", "m/s2", "chosen: noise of torque at low speed")] = 0.02
+    # -- load
+    stop_s: Annotated[float, Source("T_l", "s", "chosen: shorter loses `valid` at every traffic light")] = 130.0
+    least_stop_s: Annotated[float, Source("T_0", "s", "chosen: nobody loads in less")] = 3.0
+    drift_1ps: Annotated[float, Source("s_r", "1/s", "chosen: 6 kg/s of 20 t")] = 3e-4
+    drift_begins_s: Annotated[
+        float, Source("T_rb", "s", "measured: rarer is found late, more often makes a cruise wide")
+    ] = 2000.0
+    drift_ends_s: Annotated[float, Source("T_re", "s", "chosen: a spreader's round")] = 600.0
+    surprise: Annotated[float, Source("S_max", "1", "chosen: one window at five standard deviations")] = 25.0
+    usual_nis: Annotated[float, Source("k_S", "1", "measured: at 2, rough driving is a surprise")] = 3.0
+    surprised: Annotated[
+        float, Source("P_S", "1", "chosen: above `left_out`, so that `valid` goes at once")
+    ] = 0.1
+    # -- noise
+    force_share: Annotated[float, Source("k_F", "1", "chosen: a controller's torque, from moment to moment")] = (
+        0.02
+    )
+    overrun_share: Annotated[float, Source("k_o", "1", "chosen: friction torque, blended brakes")] = 0.1
+    longest_s: Annotated[float, Source("t_q", "s", "chosen: how long a rounding error of the torque lasts")] = 2.0
+    gust_m2ps: Annotated[float, Source("q_g", "m2/s", "chosen: gusts of 0.07 m/s for 5 s")] = 0.05
+    oscillation_mps: Annotated[float, Source("s_v", "m/s", "chosen: a driveline's swing in one window")] = 0.05
+    careful: Annotated[float, Source("k_v", "1", "chosen: start of the level, in rounding errors")] = 20.0
+    loudest: Annotated[float, Source("k_vm", "1", "chosen: more would hide faults of the model")] = 2.0
+    level_windows: Annotated[float, Source("N_v", "1", "chosen: a minute of open gates")] = 300.0
+    first_windows: Annotated[float, Source("N_0", "1", "chosen: weight of the start")] = 10.0
+    doubted: Annotated[float, Source("k_s", "1", "chosen: windows whose s is mostly the states' do not count")] = (
+        5.0
+    )
+    outlier: Annotated[float, Source("k_e", "1", "textbook: three standard deviations")] = 9.0
+    floor: Annotated[
+        float, Source("c_0", "1", "chosen: one window in a hundred is anything, within 30 times its noise")
+    ] = 3e-4
+    power: Annotated[float, Source("p", "1", "measured: at 1 the masses of cruise drives are too sure")] = 0.5
+    bias_wander: Annotated[float, Source("q_b", "(m/s2)2/s", "chosen: 0.05 m/s2 in an hour")] = 6e-7
+    # -- closed gates
+    hidden_share: Annotated[float, Source("k_c", "1", "chosen: a retarder's torque, a gearbox that closes")] = 0.1
+    hidden_windows: Annotated[float, Source("N_c", "1", "chosen: such an error lasts 5 s")] = 25.0
+    open_drag_mps2: Annotated[float, Source("s_c", "m/s2", "chosen: an open driveline, a rocking body")] = 0.03
+    # -- hypotheses and report
+    prune: Annotated[float, Source("P_min", "1", "measured: at 1e-3 modes are missing later")] = 1e-4
+    merge: Annotated[float, Source("L_min", "nats", "chosen: cost against shape")] = 0.02
+    left_out: Annotated[float, Source("P_0", "1", "95 % in two standard deviations leave 5 %")] = 0.04
+    wide: Annotated[float, Source("V_max", "1", "chosen: 1/u is nearly linear below")] = 0.1
 
 
 CONSTANTS = Constants()
+
+
+def sources() -> Iterator[tuple[str, float, Source]]:
+    """Yield name, value and source of every constant."""
+    hints = get_type_hints(Constants, include_extras=True)
+    for name, value in CONSTANTS._asdict().items():
+        yield name, value, hints[name].__metadata__[0]
 
 
 class Vehicle(NamedTuple):
@@ -130,30 +116,36 @@ class Vehicle(NamedTuple):
 
     least_u: float  #: 1/kg, of the heaviest mass
     most_u: float
-    wind_mps: float  #: std, errors of the drag area included
+    unknown_u: float  #: mean and variance of the inverse mass of an unknown load
+    unknown_var: float
+    drag_share: float  #: std of the drag area, as a share
+    roll_share: float  #: std of the rolling resistance, as a share
     speed_floor_mps: float
     speed_loudest_mps: float
     sensed_floor_mps2: float
     torque_std_Nm: float
     response: float  #: std of the driver's response, 1/kg
+    late_s: float  #: how much older than the samples the filtered states are
 
 
-def vehicle_of(facts: VehicleFacts, constants: Constants) -> Vehicle:
+def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
     """Return what the loop needs of a vehicle."""
     least, most = 1.0 / facts.mass_max_kg, 1.0 / facts.mass_min_kg
-    wind, noise = constants.wind, constants.noise
+    unknown = math.sqrt(least * most)
     floor = facts.speed_step_mps / math.sqrt(12.0)
-    # F = c v / 2: a drag area wrong by a share e is a wind of e v / 2
-    drag_mps = 0.5 * wind.usual_mps * facts.drag_area_accuracy
     return Vehicle(
         least_u=least,
         most_u=most,
-        wind_mps=math.hypot(wind.wind_mps, drag_mps),
+        unknown_u=unknown,
+        unknown_var=(c.unknown_share * math.log(most / least) * unknown) ** 2,
+        drag_share=facts.drag_area_accuracy,
+        roll_share=facts.rolling_resistance_accuracy,
         speed_floor_mps=floor,
-        speed_loudest_mps=noise.loudest * max(noise.careful * floor, noise.oscillation_mps),
+        speed_loudest_mps=c.loudest * max(c.careful * floor, c.oscillation_mps),
         sensed_floor_mps2=facts.accelerometer_step_mps2 / 2.0,
         torque_std_Nm=facts.torque_step_Nm / math.sqrt(12.0),
-        response=constants.driver.response_share * math.sqrt(least * most),
+        response=c.response_share * unknown,
+        late_s=late_s,
     )
 
 

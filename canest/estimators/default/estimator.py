@@ -17,20 +17,19 @@ from canest.estimators.default import kernel
 from canest.estimators.default import model as at
 from canest.estimators.default.accelerometer import Comparison
 from canest.estimators.default.constants import CONSTANTS, Constants, gain_std, vehicle_of
-from canest.estimators.default.hypotheses import Filters, Room, moments_of_u, most_probable
-from canest.estimators.default.load import Standing
+from canest.estimators.default.hypotheses import set_loads
+from canest.estimators.default.model import LOADS, MODES, MOST, Mixture
 from canest.estimators.default.noise import Levels
-from canest.estimators.default.report import LEAD_1PM, Report
+from canest.estimators.default.report import Report
 from canest.estimators.default.road_map import LEVEL_STD, RoadUse
 from canest.estimators.default.sensors import Scratch
+from canest.estimators.default.update import Innovation
 from canest.estimators.default.windows import COLUMNS, SHIFT, Windows
 from canest.estimators.description import Description
 from canest.estimators.options import Options, parse
 from canest.estimators.status import StatusTracker
 
-#: densities at most: those of an unknown load, and what was there before
-_LOADS = 9
-#: masses over which a wide mixture is summed
+#: masses over which a wide mixture is summed: 4 % apart
 _NODES = 48
 _SENSED = COLUMNS.index("sensed_mps2")
 #: sine of the steepest slope given out; no road is steeper than 35 %
@@ -65,77 +64,59 @@ class GaussianSum(Estimator):
         super().__init__(name, facts, options)
         self.options = parse(GaussianSumOptions, options)
         self._late_s = SHIFT * STEP_S + facts.filter_delay_s
-        self._begin(None, None)
-
-    def _begin(self, mass_kg: float | None, mass_std_kg: float | None) -> None:
-        """Set every density to its prior."""
-        facts, c = self.facts, self.constants
-        self._vehicle = v = vehicle_of(facts, c)
-        n = at.STATES if facts.has_accelerometer else at.STATES_WITHOUT_ACCELEROMETER
+        self._vehicle = v = vehicle_of(facts, self._late_s, self.constants)
         width = math.log(v.most_u / v.least_u)
-        steps = np.arange(c.load.banks) + 0.5
-        self._centres = (v.least_u * np.exp(steps * width / c.load.banks)).tolist()
         self._nodes = (v.least_u * np.exp((np.arange(_NODES) + 0.5) * width / _NODES)).tolist()
-        mean, std = self._prior(c)
-        self._prior_var = np.square(std[:n]).tolist()
-        centres, spread = self._centres, [c.load.spread * u * width / c.load.banks for u in self._centres]
-        if mass_kg is not None:
-            u = min(max(1.0 / mass_kg, v.least_u), v.most_u)
-            centres, spread = [u], [(mass_std_kg or mass_kg) * u * u]
-        x = np.zeros((_LOADS, at.MODES, n))
-        P = np.zeros((_LOADS, at.MODES, n, n))
-        times_u = [i for i in (at.WIND, at.DELAY, at.SLIP, at.WINDUP, at.LAG) if i < n]
-        for k, (u, u_std) in enumerate(zip(centres, spread, strict=True)):
-            one = std[:n].copy()
-            one[times_u] *= u
-            one[at.U] = u_std
-            x[k] = mean[:n]
-            x[k, :, at.U] = u
-            P[k] = np.diag(one * one)
-        P[:, [at.STRAIGHT_FREE, at.STRAIGHT_ANSWERED], at.CURVATURE, at.CURVATURE] = 0.0
-        P[:, [at.STRAIGHT_FREE, at.CURVED_FREE], at.RESPONSE, at.RESPONSE] = 0.0
-        straight = c.road.straight_m / (c.road.straight_m + c.road.curved_m)
-        road = np.array([straight, 1.0 - straight])
-        free = 1.0 - c.driver.answered_share
-        mode = np.tile(np.concatenate((free * road, (1.0 - free) * road)), (_LOADS, 1))
-        weight = np.zeros(_LOADS)
-        weight[: len(centres)] = 1.0 / len(centres)
-        self._filters = Filters(
-            *(a.tolist() for a in (x, P, mode, weight, np.zeros(_LOADS), np.zeros(_LOADS)))
-        )
-        start = v.speed_loudest_mps / c.noise.loudest
-        sensed_var = 4.0 * v.sensed_floor_mps2 * v.sensed_floor_mps2
-        levels = Levels(start * start, sensed_var, 0.0, 0.0, 0.0, c.road.roughness_1pm, 0.0, 0.0, 0.0)
-        guess = mass_kg or facts.initial_mass_kg or 1.0 / math.sqrt(v.least_u * v.most_u)
-        report = Report(guess, guess * guess, facts.initial_grade or 0.0, c.prior.grade**2, 0.0, 0.0, 0.0)
-        self._carried = kernel.Carried(kernel.Progress(), Standing(), levels, Comparison(), report, RoadUse())
-        self._windows = Windows(self._late_s)
-        bounds = (facts.mass_min_kg, facts.mass_max_kg)
-        self._status = StatusTracker(facts.valid_std, bounds_kg=bounds)
         self._gain = gain_std(facts)
-        first = np.zeros(kernel.OUTPUTS)
-        first[: kernel.OUT_BEND] = report[: kernel.OUT_BEND]
-        self._last = first
+        self._begin(v.unknown_u, v.unknown_var)
+
+    def _begin(self, u: float, u_var: float) -> None:
+        """Set every density to its prior, for an inverse mass."""
+        facts, c, v = self.facts, self.constants, self._vehicle
+        mean, std = self._prior(u)
+        n = len(mean)
+        shares = _mode_shares(c)
+        self._mixture = _room(n)
+        for mode in range(MODES):
+            own = std.copy()
+            own[at.U] = math.sqrt(u_var)
+            own[at.CURVATURE] *= at.BENDS[mode]
+            own[at.RESPONSE] *= at.ANSWERS[mode]
+            own[at.RATE] *= at.DRIFTS[mode]
+            self._mixture.x[mode], self._mixture.P[mode] = mean, np.diag(own * own)
+            self._mixture.weight[mode], self._mixture.mode[mode] = shares[mode], float(mode)
+        start = v.speed_loudest_mps / c.loudest
+        levels = Levels(start * start, 4.0 * v.sensed_floor_mps2 * v.sensed_floor_mps2)
+        guess = facts.initial_mass_kg or 1.0 / u
+        report = Report(guess, guess * guess, facts.initial_grade or 0.0, c.grade * c.grade)
+        progress = kernel.Progress(float(MODES))
+        self._carried = kernel.Carried(progress, levels, Comparison(), report, RoadUse())
+        self._windows = Windows(self._late_s)
+        self._status = StatusTracker(facts.valid_std, bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
+        self._last = np.zeros(kernel.OUTPUTS)
+        self._last[: kernel.OUT_SLOPE] = report[: kernel.OUT_SLOPE]
         self._last_tick: int | None = None
 
-    def _prior(self, c: Constants) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return mean and std of every state; those times u for u = 1."""
-        facts, v = self.facts, self._vehicle
+    def _prior(self, u: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return mean and std of every state but u, for an inverse mass."""
+        facts, c, v = self.facts, self.constants, self._vehicle
         mean, std = np.zeros(at.STATES), np.zeros(at.STATES)
-        mean[at.GRADE], std[at.GRADE] = facts.initial_grade or 0.0, c.prior.grade
-        std[at.Q], std[at.HEIGHT] = 10.0, 1.0
-        std[at.CURVATURE], std[at.RESPONSE] = c.road.curvature_1pm, v.response
-        std[at.WIND], std[at.DELAY] = v.wind_mps, c.prior.delay_s
-        std[at.SLIP], std[at.WINDUP] = c.prior.slip_per_mps2, c.prior.windup_s2
+        mean[at.GRADE], std[at.GRADE] = facts.initial_grade or 0.0, c.grade
+        mean[at.U] = u
+        std[at.V], std[at.HEIGHT] = 10.0, 1.0
+        std[at.CURVATURE], std[at.RESPONSE] = c.curvature_1pm, v.response
+        std[at.WIND], std[at.RATE] = c.wind_mps * u, c.drift_1ps * u
+        std[at.DELAY], std[at.WINDUP] = c.delay_s * u, c.windup_s2 * u
         std[at.ROLLING] = facts.rolling_resistance_accuracy * facts.rolling_resistance
         if facts.has_road_map:
             std[at.ROLLING] = math.hypot(std[at.ROLLING], LEVEL_STD)
-        std[at.BIAS], std[at.LAG] = c.prior.bias_mps2, c.prior.lag_s
+        std[at.BIAS] = c.bias_mps2
         pitch = facts.pitch_rad_per_mps2
-        mean[at.PITCH] = GRAVITY_MPS2 * (c.prior.pitch_rad_per_mps2 if pitch is None else pitch)
-        share = 1.0 if pitch is None else c.prior.pitch_share
+        mean[at.PITCH] = GRAVITY_MPS2 * (c.pitch_rad_per_mps2 if pitch is None else pitch)
+        share = 1.0 if pitch is None else c.pitch_share
         std[at.PITCH] = max(share * abs(mean[at.PITCH]), GRAVITY_MPS2 * 1e-4)
-        return mean, std
+        n = at.STATES if facts.has_accelerometer else at.STATES_WITHOUT_ACCELEROMETER
+        return mean[:n], std[:n]
 
     def update(self, block: ModelBlock) -> EstimateBlock:
         """Take the next samples; a sample's estimate uses the windows that end at or before it."""
@@ -147,28 +128,23 @@ class GaussianSum(Estimator):
 
     def _run(self, windows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Pass windows (columns, w) through the loop; return its rows (w, OUTPUTS)."""
-        n = windows.shape[1]
-        if not n:
+        count = windows.shape[1]
+        if not count:
             return np.zeros((0, kernel.OUTPUTS))
-        give: Any = np.array if jit.enabled() else (lambda a: np.asarray(a).tolist())
-        filters = Filters(*(np.array(a) if jit.enabled() else a for a in self._filters))
-        size = len(self._prior_var)
-        if size <= at.BIAS:  # the vehicle's facts name no accelerometer
+        if not self.facts.has_accelerometer:
             windows[_SENSED] = np.nan
-        vector, matrix = np.zeros(size), np.zeros((size, size))
-        scratch = Scratch(*(give(vector) for _ in range(3)))
-        room = Room(give(vector), give(matrix), give(vector), give(matrix), give(vector))
-        out = give(np.zeros((n, kernel.OUTPUTS)))
+        n = self._mixture.x.shape[1]
+        out: Any = np.zeros((count, kernel.OUTPUTS))
+        columns: Any = np.ascontiguousarray(windows) if jit.enabled() else windows.tolist()
+        mix = Mixture(*self._mixture[:2], *(_give(column) for column in self._mixture[2:]))
+        rows: Any = out if jit.enabled() else out.tolist()
         self._carried = kernel.run(
-            n, np.ascontiguousarray(windows) if jit.enabled() else windows.tolist(), filters, self._carried,
-            scratch, room, give(np.zeros(at.MODES)), give(np.zeros(_LOADS)), give(np.zeros(_LOADS)),
-            give(self._centres), give(self._nodes), give(self._prior_var),
-            self.facts.rolling_resistance_accuracy, self.constants, self._vehicle, out,
+            count, columns, mix, self._carried, self.constants, self._vehicle, _give(self._nodes), _scratch(n),
+            _given_room(n), rows,
         )  # fmt: skip
-        if jit.enabled():
-            self._filters = Filters(*(a.tolist() for a in filters))
-            self._carried = _plain(self._carried)
-        return np.asarray(out)
+        self._mixture = Mixture(*mix[:2], *([float(x) for x in column] for column in mix[2:]))
+        self._carried = _plain(self._carried)
+        return np.asarray(rows)
 
     def _estimates(
         self, known: NDArray[np.float64], ends: NDArray[np.int64], block: ModelBlock
@@ -188,20 +164,21 @@ class GaussianSum(Estimator):
         counts = np.diff(np.concatenate(([0], ends, [n])))
         rows = np.repeat(np.arange(len(known)), counts)
         table = known[rows].T
-        since = np.clip((ticks - last_ticks[rows]) * STEP_S, 0.0, _SILENCE_S) + self._late_s
-        ahead_m = table[kernel.OUT_SPEED] * since
-        sine = np.clip(table[kernel.OUT_GRADE] + table[kernel.OUT_BEND] * ahead_m, -_STEEPEST, _STEEPEST)
-        grade_std = np.minimum(np.sqrt(table[kernel.OUT_GRADE_VAR] + (LEAD_1PM * ahead_m) ** 2), 1.0)
+        since_s = (ticks - last_ticks[rows]) * STEP_S
+        ahead_m = table[kernel.OUT_SPEED] * np.clip(since_s, 0.0, _SILENCE_S)
+        sine = np.clip(table[kernel.OUT_GRADE] + table[kernel.OUT_SLOPE] * ahead_m, -_STEEPEST, _STEEPEST)
+        grade_var = table[kernel.OUT_GRADE_VAR] + table[kernel.OUT_WANDER] * ahead_m
         facts = self.facts
         mass = np.clip(table[kernel.OUT_MASS], facts.mass_min_kg, facts.mass_max_kg)
         mass_std = np.sqrt(table[kernel.OUT_VAR] + (self._gain * mass) ** 2)
         learned = table[kernel.OUT_LEARNED] > 0.0
-        silent = (ticks - last_ticks[rows]) * STEP_S > _SILENCE_S
+        silent = since_s > _SILENCE_S
         mass_std = np.where(silent, np.maximum(mass_std, _UNKNOWN * mass), mass_std)
         mass_std = np.minimum(mass_std, facts.mass_max_kg)
         status = self._status.update(learned & ~silent, mass, mass_std)
         status[learned & silent] = Status.CONVERGING
         grade = sine / np.sqrt(1.0 - sine * sine)
+        grade_std = np.minimum(np.sqrt(grade_var), 1.0)
         if facts.initial_mass_kg is None and not learned.all():
             mass, mass_std, grade, grade_std = (
                 np.where(learned, column, np.nan) for column in (mass, mass_std, grade, grade_std)
@@ -224,8 +201,9 @@ class GaussianSum(Estimator):
         """Return the bound of the mass beyond which the driving leads, in a sentence."""
         if not self._last[kernel.OUT_LEARNED]:
             return ""
-        u, var = moments_of_u.interpreted(self._filters, most_probable.interpreted(self._filters.weight))
-        return beyond_bound(u, var, self.facts)
+        loads, us, u_vars = [0.0] * (3 * LOADS), [0.0] * MOST, [0.0] * MOST
+        best = set_loads.interpreted(self._mixture, int(self._carried.progress.count), loads, us, u_vars)
+        return beyond_bound(loads[3 * best + 1], loads[3 * best + 2], self.facts)
 
     def consistency(self) -> dict[str, float]:
         """Return the mean normalised innovation squared (1 when honest), and over how many windows."""
@@ -235,10 +213,46 @@ class GaussianSum(Estimator):
 
     def restore(self, mass_kg: float, mass_std_kg: float) -> None:
         """Start from a remembered mass with its (already widened) standard deviation."""
-        self._begin(mass_kg, mass_std_kg)
+        u = min(max(1.0 / mass_kg, self._vehicle.least_u), self._vehicle.most_u)
+        self._begin(u, (mass_std_kg * u * u) ** 2)
         self._last[kernel.OUT_LEARNED] = 1.0
         self._last[kernel.OUT_MASS], self._last[kernel.OUT_VAR] = mass_kg, mass_std_kg**2
-        self._carried = self._carried._replace(progress=self._carried.progress._replace(learned=1.0))
+        progress = self._carried.progress._replace(learned=1.0)
+        report = self._carried.report._replace(mass_kg=mass_kg, mass_var=mass_std_kg**2)
+        self._carried = self._carried._replace(progress=progress, report=report)
+
+
+def _mode_shares(c: Constants) -> list[float]:
+    """Return the prior probability of every mode: that of road, driver and load."""
+    rough = c.smoothens_m / (c.roughens_m + c.smoothens_m)
+    straight = c.straight_m / (c.straight_m + c.curved_m)
+    drifts = c.drift_ends_s / (c.drift_begins_s + c.drift_ends_s)
+    roads = ((1.0 - rough) * straight, (1.0 - rough) * (1.0 - straight), rough)
+    return [l * d * r for l in (1.0 - drifts, drifts) for d in (1.0 - c.answered, c.answered) for r in roads]
+
+
+def _give(column: list[float]) -> Any:
+    return np.array(column) if jit.enabled() else list(column)
+
+
+def _room(n: int) -> Mixture:
+    """Return a mixture of n states with nothing in it."""
+    return Mixture(np.zeros((MOST, n)), np.zeros((MOST, n, n)), *([0.0] * MOST for _ in range(4)))
+
+
+def _given_room(n: int) -> Mixture:
+    room = _room(n)
+    return Mixture(*room[:2], *(_give(column) for column in room[2:]))
+
+
+def _scratch(n: int) -> Scratch:
+    def zeros(length: int) -> Any:
+        return _give([0.0] * length)
+
+    columns = tuple(zeros(MOST) for _ in range(4))
+    left = Innovation(zeros(MOST), zeros(MOST), zeros(n), zeros(n))
+    sizes = (zeros(8), zeros(3 * MOST), columns, zeros(3 * LOADS), zeros(MODES * LOADS * MOST))
+    return Scratch(*sizes, zeros(MODES * MODES), left)
 
 
 def _plain(carried: kernel.Carried) -> kernel.Carried:

@@ -1,243 +1,306 @@
-"""Hypotheses: for every load a normal density per mode of road and driver; mixed, weighed, merged and pruned.
+"""Hypotheses: weighed by Bayes' rule, mixed where they meet, pruned where improbable.
 
-Modes exchange probability like a Markov chain, and where two meet they become the normal density with the
-mean and covariance of both (interacting multiple models, Blom and Bar-Shalom 1988). Loads are weighed by a
-power of their likelihood and merged by Runnalls' bound on the loss (2007).
+The modes of a load exchange probability like a Markov chain, and each becomes the normal density with the
+mean and covariance of what comes to it (interacting multiple models, Blom and Bar-Shalom 1988). Loads are
+weighed by a power of their likelihood, and two alike become one (Runnalls 2007).
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
+
+import numpy as np
 
 from canest.core import jit
-from canest.estimators.default.model import MODES, RATE, U
-from canest.estimators.default.predict import Matrix, Vector, reset
+from canest.estimators.default.constants import Constants, Vehicle
+from canest.estimators.default.model import (
+    ANSWERED,
+    ANSWERS,
+    BENDS,
+    CURVATURE,
+    DRIFTS,
+    LOADS,
+    MODES,
+    MOST,
+    RATE,
+    RESPONSE,
+    ROADS,
+    Mixture,
+    U,
+)
+from canest.estimators.default.predict import column, variances
 
-#: a mode less probable than this, its load's probability counted, is left out until the next exchange
-PRUNE = 1e-4
-#: a load less probable than this is left out until the next challenge
-PRUNE_LOAD = 1e-4
 #: least variance of an inverse mass, against rounding, 1/kg2
 _LEAST_VARIANCE = 1e-24
-#: loads are merged where that loses less than this, in nats
-MERGE = 0.02
-
-
-class Filters(NamedTuple):
-    """Densities of the states, by load k and mode m; a load without weight is not there."""
-
-    x: Any  #: (loads, MODES, n) means
-    P: Any  #: (loads, MODES, n, n) covariances
-    mode: Any  #: (loads, MODES) probability of the modes, given the load
-    weight: Any  #: (loads,) probability of the loads
-    pending: Any  #: (loads,) log likelihood since gates closed
-    drifting: Any  #: (loads,) 1 where the load drifts, else 0
-
-
-class Room(NamedTuple):
-    """Room for two densities and a difference."""
-
-    x: Vector
-    P: Matrix
-    y: Vector
-    R: Matrix
-    d: Vector
 
 
 @jit.kernel
-def copy_density(x: Vector, P: Matrix, y: Vector, R: Matrix) -> None:
-    """Copy the density (x, P) to (y, R)."""
-    for i in range(len(x)):
-        y[i] = x[i]
-        own, other = R[i], P[i]
-        for j in range(len(x)):
-            own[j] = other[j]
+def weigh(mix: Mixture, count: int, power: float, scale: Any) -> None:
+    """Weigh the densities by their log likelihoods: modes within a load fully, loads by the power.
+
+    scale: scratch, one per load.
+    """
+    weight, load, found = mix.weight, mix.load, mix.found
+    top = -math.inf
+    for d in range(count):
+        top = max(top, found[d])
+    for k in range(LOADS):
+        scale[k] = 0.0
+    total = 0.0
+    for d in range(count):
+        found[d] = math.exp(found[d] - top)
+    for k in range(LOADS):
+        before = after = 0.0
+        for d in range(count):
+            if load[d] == k:
+                before += weight[d]
+                after += weight[d] * found[d]
+        if before > 0.0 and after > 0.0:  # before (after / before)^power
+            likely = before * math.exp(power * math.log(after / before))
+            scale[k] = likely / after
+            total += likely
+    for d in range(count):
+        weight[d] *= found[d] * scale[int(load[d])] / total
+
+
+def _move(mix: Mixture, source: int, target: int) -> None:
+    mix.x[target] = mix.x[source]
+    mix.P[target] = mix.P[source]
+    for values in (mix.weight, mix.load, mix.mode, mix.found):
+        values[target] = values[source]
+
+
+@jit.kernel_beside(_move)
+def move(mix: Mixture, source: int, target: int) -> None:
+    """Copy one density over another."""
+    x, P = mix.x, mix.P
+    for i in range(x.shape[1]):
+        x[target, i] = x[source, i]
+        for j in range(x.shape[1]):
+            P[target, i, j] = P[source, i, j]
+    mix.weight[target], mix.load[target] = mix.weight[source], mix.load[source]
+    mix.mode[target], mix.found[target] = mix.mode[source], mix.found[source]
 
 
 @jit.kernel
-def join(x: Vector, P: Matrix, weight: float, y: Vector, R: Matrix, other: float, d: Vector) -> None:
-    """Give (x, P) the mean and covariance of both densities, by their weights."""
-    n = len(x)
-    share = other / (weight + other)
-    both = share * (1.0 - share)
-    for i in range(n):
-        d[i] = y[i] - x[i]
-    for i in range(n):
-        own, theirs, lever = P[i], R[i], both * d[i]
-        for j in range(n):
-            own[j] += share * (theirs[j] - own[j]) + lever * d[j]
-        x[i] += share * d[i]
+def prune(mix: Mixture, count: int, least: float) -> int:
+    """Remove the densities below a weight; the last takes the place. Returns how many are left."""
+    weight = mix.weight
+    total, d = 0.0, 0
+    while d < count:
+        if weight[d] < least:
+            count -= 1
+            if d != count:
+                move(mix, count, d)
+        else:
+            total += weight[d]
+            d += 1
+    for k in range(count):
+        weight[k] /= total
+    return count
+
+
+@jit.kernel
+def set_transitions(metres: float, driven_s: float, c: Constants, table: Any) -> None:
+    """Set the probability of mode j after mode i at [i * MODES + j]: that of road, driver and load."""
+    curves, straightens = 1.0 - math.exp(-metres / c.straight_m), 1.0 - math.exp(-metres / c.curved_m)
+    roughens, smoothens = 1.0 - math.exp(-metres / c.roughens_m), 1.0 - math.exp(-metres / c.smoothens_m)
+    drawn = 1.0 - math.exp(-metres / c.driver_m)
+    begins, ends = 1.0 - math.exp(-driven_s / c.drift_begins_s), 1.0 - math.exp(-driven_s / c.drift_ends_s)
+    smooth = 1.0 - roughens
+    roads = (
+        smooth * (1.0 - curves), smooth * curves, roughens,
+        smooth * straightens, smooth * (1.0 - straightens), roughens,
+        0.0, smoothens, 1.0 - smoothens,
+    )  # fmt: skip
+    frees, answers = drawn * (1.0 - c.answered), drawn * c.answered
+    drivers = (1.0 - answers, answers, frees, 1.0 - frees)
+    loads = (1.0 - begins, begins, ends, 1.0 - ends)
+    for i in range(MODES):
+        for j in range(MODES):
+            driver = drivers[2 * (i // ROADS % 2) + j // ROADS % 2]
+            load = loads[2 * (i // ANSWERED) + j // ANSWERED]
+            table[i * MODES + j] = roads[ROADS * (i % ROADS) + j % ROADS] * driver * load
+
+
+def _mean_of(mix: Mixture, count: int, share: Any, made: int, room: Mixture) -> None:
+    shares = np.array(share[: made * MOST]).reshape(made, MOST)
+    y, R = room.x[:made], room.P[:made]
+    y[:], R[:] = 0.0, 0.0
+    for d in range(count):
+        y += shares[:, d, None] * mix.x[d]
+    for d in range(count):
+        off = mix.x[d] - y
+        R += shares[:, d, None, None] * (mix.P[d] + off[:, :, None] * off[:, None, :])
+
+
+@jit.kernel_beside(_mean_of)
+def mean_of(mix: Mixture, count: int, share: Any, made: int, room: Mixture) -> None:
+    """Give density t of the room mean and covariance of those of the mixture, by shares [t * MOST + d]."""
+    x, P, y, R = mix.x, mix.P, room.x, room.P
+    n = x.shape[1]
+    for t in range(made):
+        for i in range(n):
+            y[t, i] = 0.0
+            for j in range(n):
+                R[t, i, j] = 0.0
+        for d in range(count):
+            part = share[t * MOST + d]
+            if part > 0.0:
+                for i in range(n):
+                    y[t, i] += part * x[d, i]
+        for d in range(count):
+            part = share[t * MOST + d]
+            if part > 0.0:
+                for i in range(n):
+                    off = x[d, i] - y[t, i]
+                    for j in range(n):
+                        R[t, i, j] += part * (P[d, i, j] + off * (x[d, j] - y[t, j]))
+
+
+def _keep(room: Mixture, made: int, i: int, modes: Any, fresh: Any) -> None:
+    has = np.array([modes[int(m)] for m in room.mode[:made]])
+    room.x[:made, i] *= has
+    room.P[:made, i] *= has[:, None]
+    room.P[:made, :, i] *= has[:, None]
+    room.P[:made, i, i] += has * fresh[:made]
+
+
+@jit.kernel_beside(_keep)
+def keep(room: Mixture, made: int, i: int, modes: Any, fresh: Any) -> None:
+    """Keep a state where the mode has it, with the prior variance of what comes without; else forget it."""
+    for t in range(made):
+        has = modes[int(room.mode[t])]
+        room.x[t, i] *= has
+        for k in range(room.x.shape[1]):
+            room.P[t, i, k] *= has
+        for k in range(room.x.shape[1]):
+            room.P[t, k, i] *= has
+        room.P[t, i, i] += has * fresh[t]
+
+
+@jit.kernel
+def lacking(mix: Mixture, count: int, made: int, share: Any, modes: Any, variance: float, out: Any) -> None:
+    """Set the prior variance of a state that comes from modes without it, per new density."""
+    for t in range(made):
+        part = 0.0
+        for d in range(count):
+            part += share[t * MOST + d] * (1.0 - modes[int(mix.mode[d])])
+        out[t] = part * variance
 
 
 @jit.kernel
 def exchange(
-    filters: Filters,
-    k: int,
-    a: int,
-    b: int,
-    a_to_b: float,
-    b_to_a: float,
-    state: int,
-    variance: float,
-    room: Room,
-) -> None:
-    """Let modes a and b of load k exchange probability; `state` lives in b, with a prior variance."""
-    mode = filters.mode[k]
-    stays, comes = mode[a] * (1.0 - a_to_b), mode[b] * b_to_a
-    goes, remains = mode[a] * a_to_b, mode[b] * (1.0 - b_to_a)
-    if stays + comes <= 0.0 or goes + remains <= 0.0:
-        return
-    xa, Pa, xb, Pb = filters.x[k][a], filters.P[k][a], filters.x[k][b], filters.P[k][b]
-    copy_density(xa, Pa, room.x, room.P)
-    copy_density(xb, Pb, room.y, room.R)
-    reset(room.y, room.R, state, 0.0, 0.0)
-    join(xa, Pa, stays, room.y, room.R, comes, room.d)
-    room.x[state] = 0.0
-    room.P[state][state] = variance
-    if remains > 0.0:
-        join(xb, Pb, remains, room.x, room.P, goes, room.d)
-    else:
-        copy_density(room.x, room.P, xb, Pb)
-    mode[a], mode[b] = stays + comes, goes + remains
+    mix: Mixture, count: int, table: Any, fresh: Any, least: float, room: Mixture, share: Any, out: Any
+) -> int:
+    """Let the modes of each load exchange probability by the table; returns the number of densities.
+
+    fresh: prior variances of curvature, response and rate. room, share, out: scratch.
+    """
+    made = 0
+    for load in range(LOADS):
+        for m in range(MODES):
+            total, at = 0.0, made * MOST
+            for d in range(count):
+                part = 0.0
+                if mix.load[d] == load:
+                    part = mix.weight[d] * table[int(mix.mode[d]) * MODES + m]
+                share[at + d] = part
+                total += part
+            if total >= least:
+                for d in range(count):
+                    share[at + d] /= total
+                room.weight[made], room.load[made], room.mode[made] = total, float(load), float(m)
+                made += 1
+    mean_of(mix, count, share, made, room)
+    lacking(mix, count, made, share, BENDS, fresh[0], out)
+    keep(room, made, CURVATURE, BENDS, out)
+    lacking(mix, count, made, share, ANSWERS, fresh[1], out)
+    keep(room, made, RESPONSE, ANSWERS, out)
+    lacking(mix, count, made, share, DRIFTS, fresh[2], out)
+    keep(room, made, RATE, DRIFTS, out)
+    take(room, made, mix)
+    return prune(mix, made, least)
+
+
+def _take(room: Mixture, count: int, mix: Mixture) -> None:
+    mix.x[:count], mix.P[:count] = room.x[:count], room.P[:count]
+    mix.weight[:count], mix.load[:count] = room.weight[:count], room.load[:count]
+    mix.mode[:count] = room.mode[:count]
+
+
+@jit.kernel_beside(_take)
+def take(room: Mixture, count: int, mix: Mixture) -> None:
+    """Copy the densities of the room into the mixture."""
+    n = mix.x.shape[1]
+    for d in range(count):
+        for i in range(n):
+            mix.x[d, i] = room.x[d, i]
+            for j in range(n):
+                mix.P[d, i, j] = room.P[d, i, j]
+        mix.weight[d], mix.load[d], mix.mode[d] = room.weight[d], room.load[d], room.mode[d]
 
 
 @jit.kernel
-def weigh_modes(mode: Vector, found: Vector, weight: float) -> float:
-    """Weigh the modes of a load of this weight by their log likelihoods; return that of the load."""
-    top = -math.inf
-    for m in range(MODES):
-        if mode[m] > 0.0:
-            top = max(top, found[m])
-    total = 0.0
-    for m in range(MODES):
-        if mode[m] > 0.0:
-            mode[m] *= math.exp(found[m] - top)
-            total += mode[m]
-    kept, least = 0.0, min(PRUNE / weight, 0.05)
-    for m in range(MODES):
-        mode[m] = mode[m] / total if mode[m] >= least * total else 0.0
-        kept += mode[m]
-    for m in range(MODES):
-        mode[m] /= kept
-    return top + math.log(total)
+def set_loads(mix: Mixture, count: int, loads: Any, us: Any, u_vars: Any) -> int:
+    """Set weight, mean and variance of the inverse mass of every load, at [3 k]; returns the likeliest.
 
-
-@jit.kernel
-def weigh_loads(weight: Vector, pending: Vector) -> None:
-    """Weigh the loads by the log likelihoods that have gathered, and prune them."""
-    top = -math.inf
-    for k in range(len(weight)):
-        if weight[k] > 0.0:
-            top = max(top, pending[k])
-    total = 0.0
-    for k in range(len(weight)):
-        if weight[k] > 0.0:
-            weight[k] *= math.exp(pending[k] - top)
-            total += weight[k]
-        pending[k] = 0.0
-    kept = 0.0
-    for k in range(len(weight)):
-        weight[k] = weight[k] / total if weight[k] >= PRUNE_LOAD * total else 0.0
-        kept += weight[k]
-    for k in range(len(weight)):
-        weight[k] /= kept
-
-
-@jit.kernel
-def moments_of_u(filters: Filters, k: int) -> tuple[float, float]:
-    """Return mean and variance of a load's inverse mass."""
-    mean = square = 0.0
-    mode = filters.mode[k]
-    for m in range(MODES):
-        if mode[m] > 0.0:
-            u = filters.x[k][m][U]
-            mean += mode[m] * u
-            square += mode[m] * (u * u + filters.P[k][m][U][U])
-    return mean, max(square - mean * mean, _LEAST_VARIANCE)
-
-
-@jit.kernel
-def merge_loads(filters: Filters, kl: int, ki: int, d: Vector) -> None:
-    """Merge load kl into load ki, mode by mode."""
-    weight = filters.weight
-    total = weight[ki] + weight[kl]
-    for m in range(MODES):
-        own, other = weight[ki] * filters.mode[ki][m], weight[kl] * filters.mode[kl][m]
-        if own > 0.0 and other > 0.0:
-            join(filters.x[ki][m], filters.P[ki][m], own, filters.x[kl][m], filters.P[kl][m], other, d)
-        elif other > 0.0:
-            copy_density(filters.x[kl][m], filters.P[kl][m], filters.x[ki][m], filters.P[ki][m])
-        if other > 0.0 and filters.drifting[ki] < filters.drifting[kl]:  # a steady load has no rate
-            reset(filters.x[ki][m], filters.P[ki][m], RATE, 0.0, 0.0)
-        filters.mode[ki][m] = (own + other) / total
-    filters.pending[ki] = (weight[ki] * filters.pending[ki] + weight[kl] * filters.pending[kl]) / total
-    weight[ki], weight[kl] = total, 0.0
-
-
-@jit.kernel
-def merge_alike(filters: Filters, means: Vector, variances: Vector, d: Vector) -> None:
-    """Merge the pair of loads that loses least, while it loses less than `MERGE`."""
-    weight = filters.weight
-    for k in range(len(weight)):
-        if weight[k] > 0.0:
-            means[k], variances[k] = moments_of_u(filters, k)
-    while True:
-        best, first, second = MERGE, -1, -1
-        for i in range(len(weight)):
-            for j in range(i):
-                if weight[i] > 0.0 and weight[j] > 0.0 and filters.drifting[i] == filters.drifting[j]:
-                    total = weight[i] + weight[j]
-                    share, apart = weight[i] / total, means[i] - means[j]
-                    both = share * variances[i] + (1.0 - share) * variances[j]
-                    both += share * (1.0 - share) * apart * apart
-                    loss = math.log(both) - share * math.log(variances[i])
-                    loss = 0.5 * total * (loss - (1.0 - share) * math.log(variances[j]))
-                    if loss < best:
-                        best, first, second = loss, i, j
-        if first < 0:
-            return
-        merge_loads(filters, second, first, d)
-        means[first], variances[first] = moments_of_u(filters, first)
-
-
-@jit.kernel
-def most_probable(weight: Vector) -> int:
-    """Return the load with the largest weight."""
+    us, u_vars: set to those of every density.
+    """
+    column(mix.x, count, U, us)
+    variances(mix.P, count, U, u_vars)
+    for k in range(3 * LOADS):
+        loads[k] = 0.0
+    for d in range(count):
+        k = 3 * int(mix.load[d])
+        loads[k] += mix.weight[d]
+        loads[k + 1] += mix.weight[d] * us[d]
+        loads[k + 2] += mix.weight[d] * (us[d] * us[d] + u_vars[d])
     best = 0
-    for k in range(len(weight)):
-        if weight[k] > weight[best]:
+    for k in range(0, 3 * LOADS, 3):
+        if loads[k] > 0.0:
+            mean = loads[k + 1] / loads[k]
+            loads[k + 1], loads[k + 2] = mean, max(loads[k + 2] / loads[k] - mean * mean, _LEAST_VARIANCE)
+        if loads[k] > loads[best]:
             best = k
-    return best
+    return best // 3
 
 
 @jit.kernel
-def prune_impossible(filters: Filters, least: float, most: float) -> None:
-    """Leave out loads, but for the most probable, whose inverse mass lies beyond the bounds by its std."""
-    weight = filters.weight
-    best = most_probable(weight)
-    left = 1.0
-    for k in range(len(weight)):
-        if k != best and weight[k] > 0.0:
-            u, var = moments_of_u(filters, k)
-            off = max(least - u, u - most)
-            if off > 0.0 and off * off > var:
-                left -= weight[k]
-                weight[k] = 0.0
-    if left < 1.0:
-        for k in range(len(weight)):
-            weight[k] /= left
+def relabel(mix: Mixture, count: int, before: int, after: int) -> None:
+    """Give the densities of one load to another: the next exchange makes one of them per mode."""
+    for d in range(count):
+        if mix.load[d] == before:
+            mix.load[d] = float(after)
 
 
 @jit.kernel
-def mean_inverse_mass(filters: Filters, least: float, most: float) -> float:
-    """Return the mean of u over all hypotheses, each within the vehicle's bounds."""
-    mean = 0.0
-    for k in range(len(filters.weight)):
-        if filters.weight[k] > 0.0:
-            mode = filters.mode[k]
-            for m in range(MODES):
-                if mode[m] > 0.0:
-                    u = min(max(filters.x[k][m][U], least), most)
-                    mean += filters.weight[k] * mode[m] * u
-    return mean
+def merge_alike(mix: Mixture, count: int, least: float, loads: Any, us: Any, u_vars: Any) -> None:
+    """Make one load of two where that loses less than `least` nats of the density of u."""
+    set_loads(mix, count, loads, us, u_vars)
+    for i in range(3, 3 * LOADS, 3):
+        for j in range(0, i, 3):
+            if loads[i] > 0.0 and loads[j] > 0.0:
+                total = loads[i] + loads[j]
+                share, apart = loads[i] / total, loads[i + 1] - loads[j + 1]
+                both = share * loads[i + 2] + (1.0 - share) * (loads[j + 2] + share * apart * apart)
+                loss = math.log(both) - share * math.log(loads[i + 2]) - (1.0 - share) * math.log(loads[j + 2])
+                if 0.5 * total * loss < least:
+                    relabel(mix, count, i // 3, j // 3)
+                    loads[i] = 0.0
+
+
+@jit.kernel
+def drop_impossible(mix: Mixture, count: int, v: Vehicle, far: float, loads: Any, us: Any, u_vars: Any) -> int:
+    """Remove loads, but for the likeliest, whose inverse mass lies far beyond the bounds, in variances."""
+    best = set_loads(mix, count, loads, us, u_vars)
+    dropped = False
+    for k in range(0, 3 * LOADS, 3):
+        off = max(v.least_u - loads[k + 1], loads[k + 1] - v.most_u)
+        if loads[k] > 0.0 and k != 3 * best and off > 0.0 and off * off > far * loads[k + 2]:
+            dropped = True
+            for d in range(count):
+                if mix.load[d] == k // 3:
+                    mix.weight[d] = 0.0
+    return prune(mix, count, _LEAST_VARIANCE) if dropped else count

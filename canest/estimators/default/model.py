@@ -1,70 +1,90 @@
-"""The model: what the states are, and what moves and measures them (docs/theory.md, sections 2 to 4).
+"""The model: what the states are, and which hypotheses there are (docs/theory.md, sections 2 and 7).
 
-Newton's law divided by the mass is linear in the inverse mass u = 1/M and in every product with it:
+Newton's law divided by the mass, with u = 1/M:
 
-    d/dt [(1 + u J) v] = u F - g (mu + theta) - c (u w)
+    dv/dt = (u F - g mu - g theta - c omega) / (1 + u J)
 
-F known forces (N), J mass of what rotates (kg), g mu rolling resistance, theta the apparent grade, c the
-aerodynamic force per m/s of wind w. A state "times u" is such a product.
+F known forces (N), J mass of what rotates (kg), g mu rolling resistance, theta apparent grade, c aerodynamic
+force per m/s of headwind. A state "times u" is a product with the inverse mass, so that it enters linearly.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-#: states of every filter
-Q = 0  #: momentum per mass (1 + u J) v, m/s
+#: states of every density
+V = 0  #: speed, m/s
 GRADE = 1  #: apparent grade: sine of the slope plus the error of the rolling resistance coefficient
-CURVATURE = 2  #: change of the grade per metre, 1/m; zero on a straight road
-RESPONSE = 3  #: how the road answers a change of force, less u, 1/kg; zero where it does not
-WIND = 4  #: headwind times u, (m/s)/kg
-DELAY = 5  #: remaining delay of the reported torque times u, s/kg
-SLIP = 6  #: slip of the driven wheels per traction times u
-WINDUP = 7  #: compliance of the driveline times u
-HEIGHT = 8  #: m
-ROLLING = 9  #: error of the rolling resistance coefficient
-U = 10  #: inverse mass, 1/kg
-RATE = 11  #: drift of the inverse mass, 1/(kg s); zero where the load does not drift
-BIAS = 12  #: offset of the accelerometer, m/s2
-PITCH = 13  #: g times pitch of the body per m/s2
-LAG = 14  #: delay of the accelerometer times u, s/kg
-STATES = 15
-STATES_WITHOUT_ACCELEROMETER = 12
+HEIGHT = 2  #: m
+U = 3  #: inverse mass, 1/kg
+CURVATURE = 4  #: change of the grade per metre, 1/m; zero on a straight
+RESPONSE = 5  #: how the road answers a change of force, less u, 1/kg; zero where it does not
+WIND = 6  #: headwind times u, (m/s)/kg
+ROLLING = 7  #: error of the rolling resistance coefficient
+RATE = 8  #: drift of the inverse mass, 1/(kg s); zero where the load is steady
+DELAY = 9  #: remaining delay of the reported torque times u, s/kg
+WINDUP = 10  #: compliance of the driveline times u, s2/kg
+BIAS = 11  #: offset of the accelerometer, m/s2
+PITCH = 12  #: g times pitch of the body per m/s2
+STATES = 13
+STATES_WITHOUT_ACCELEROMETER = 11
+#: products with the inverse mass
+TIMES_U = (WIND, DELAY, WINDUP)
 
-#: modes of a load hypothesis: the road is straight or curved; torque is free, or the road answers it
-MODES = 4
-STRAIGHT_FREE, CURVED_FREE, STRAIGHT_ANSWERED, CURVED_ANSWERED = range(MODES)
+#: a mode: the road is straight, curved or rough; the driver is free, or the road answers the torque;
+#: the load is steady or drifts. mode = road + ROADS * answered + ANSWERED * drifting
+ROADS = 3
+STRAIGHT, CURVED, ROUGH = range(ROADS)
+ANSWERED = 2 * ROADS
+MODES = 2 * ANSWERED
+#: which modes have a curvature, a rough road, a response, a drift (1 or 0)
+BENDS = (0.0, 1.0, 1.0) * 4
+IS_ROUGH = (0.0, 0.0, 1.0) * 4
+ANSWERS = ((0.0,) * ROADS + (1.0,) * ROADS) * 2
+DRIFTS = (0.0,) * ANSWERED + (1.0,) * ANSWERED
+#: loads at most: the one there was, and others that it may have become
+LOADS = 3
+#: densities at most, while a load begins
+MOST = 2 * LOADS * MODES
+
+
+class Mixture(NamedTuple):
+    """The posterior: a sum of normal densities, each under one hypothesis. The first `count` are alive."""
+
+    x: Any  #: (MOST, n) means
+    P: Any  #: (MOST, n, n) covariances
+    weight: Any  #: (MOST,) probabilities; like all below a list interpreted, an array compiled
+    load: Any  #: (MOST,) number of the load
+    mode: Any  #: (MOST,)
+    found: Any  #: (MOST,) log likelihood of the window
 
 
 class Window(NamedTuple):
-    """One window of 0.2 s, its measurements and known forces (see `windows`)."""
+    """One window of 0.2 s: its measurements and known forces, NaN where there is none (see `windows`)."""
 
-    gap_s: float
+    gap_s: float  #: time missing before it
     distance_m: float
-    before_mps: float
-    before_N: float
-    before_Nps: float
-    speed_mps: float
-    force_N: float
-    traction_N: float
-    traction_Nps: float
-    roll_mps2: float
-    accel_mps2: float
-    drag_N_per_mps: float
-    gear_1pm: float
+    begin_N: float  #: traction at its begin
+    speed_mps: float  #: at its end
+    force_N: float  #: known forces, mean; the inertia of `rotating_kg` is not subtracted
+    traction_N: float  #: at its end
+    traction_Nps: float  #: its rate there
+    roll_mps2: float  #: g mu, mean
+    accel_mps2: float  #: by the speed, mean
+    drag_N_per_mps: float  #: aerodynamic force per m/s of wind, mean
+    gear_1pm: float  #: force per crank torque
     rotating_kg: float
-    undriven_mps: float
-    sensed_mps2: float
-    altitude_m: float
-    open: float
-    retarding: float
+    sensed_mps2: float  #: accelerometer, mean
+    altitude_m: float  #: only where a new value came
+    open: float  #: 1 where no gate was closed
+    retarding: float  #: 1 where nothing but a retarder of known force closed one
     stopped: float
-    coarse: float
-    bend_mps2: float
-    road_sine: float
+    coarse: float  #: 1 where nothing but a bend, or the dwell after another gate, closed one
+    bend_mps2: float  #: what a bend may brake there, std
+    road_sine: float  #: slope by a road map, and its std
     road_std: float
-    coast_mps2: float
+    coast_mps2: float  #: acceleration of a coasting that has ended, and its variance
     coast_var: float
-    coast_N: float
-    coast_kg: float
-    coast_back_s: float
+    coast_N: float  #: known forces on it
+    coast_kg: float  #: what rotates with the wheels
+    coast_back_s: float  #: time since its middle

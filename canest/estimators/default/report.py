@@ -1,8 +1,7 @@
-"""The posterior that is reported: moments of the mixture, within the bounds of the vehicle.
+"""The posterior that is reported: moments of the mixture, within the bounds of the vehicle (section 10).
 
-Two standard deviations are to hold 95 % of the probability: loads that together hold less than `LEFT_OUT`
-are no part of the standard deviation. The likelihood counts by a power for the mass, so the variance of u
-is divided by it.
+The likelihood counts by a power for the mass, so the variance of u is divided by it. Loads that together hold
+less than `left_out` are no part of the standard deviation: two of them are to hold 95 % of the probability.
 """
 
 from __future__ import annotations
@@ -12,20 +11,12 @@ from typing import Any, NamedTuple
 
 from canest.core import jit
 from canest.estimators.default.constants import Constants, Vehicle
-from canest.estimators.default.hypotheses import Filters
-from canest.estimators.default.load import Standing, changed_probability
-from canest.estimators.default.model import GRADE, MODES, ROLLING, U
+from canest.estimators.default.load import changed_probability
+from canest.estimators.default.model import CURVATURE, GRADE, IS_ROUGH, LOADS, ROLLING, Mixture, U
+from canest.estimators.default.sensors import Scratch
 
-#: probability of loads that are left out of the standard deviation
-LEFT_OUT = 0.04
-#: a relative spread beyond this is not described by the moments of u: the mixture is summed over masses
-_WIDE = 0.1
-#: windows between two such sums
+#: windows between two sums over the nodes
 _EVERY = 5.0
-#: distance over which the reported grade's own slope is followed, m, and its std per metre of lead
-_LEAD_M, LEAD_1PM = 40.0, 1.5e-4
-#: and the most it is, 1/m
-_STEEPEST_1PM = 4e-4
 
 
 class Report(NamedTuple):
@@ -33,45 +24,45 @@ class Report(NamedTuple):
 
     mass_kg: float
     mass_var: float
-    grade: float
+    grade: float  #: sine, where the vehicle is at the window's last sample
     grade_var: float
-    slope_1pm: float  #: change of the reported grade per metre
-    windows: float  #: until the mixture is summed again
-    known: float  #: 1 once there is a grade
+    slope_1pm: float = 0.0  #: change of the grade per metre
+    wander_1pm: float = 0.0  #: variance that the grade gains per metre
+    windows: float = 0.0  #: until the mixture is summed again
 
 
 @jit.kernel
-def left_out(weight: Any) -> float:
-    """Return the weight below which loads are left out."""
+def leave_out(mix: Mixture, count: int, loads: Any, left_out: float, share: Any) -> None:
+    """Set share[d] to the weight of density d, zero for loads that are left out; normalised."""
     small = 0.0
-    for k in range(len(weight)):
-        if weight[k] < LEFT_OUT:
-            small += weight[k]
-    return LEFT_OUT if small < LEFT_OUT else 0.0
+    for k in range(0, 3 * LOADS, 3):
+        if loads[k] < left_out:
+            small += loads[k]
+    least = left_out if small < left_out else 0.0
+    total = 0.0
+    for d in range(count):
+        share[d] = mix.weight[d] if loads[3 * int(mix.load[d])] >= least else 0.0
+        total += share[d]
+    for d in range(count):
+        share[d] /= total
 
 
 @jit.kernel
-def summed_mixture(filters: Filters, nodes: Any, least: float, power: float) -> tuple[float, float]:
-    """Return mean and variance of 1/u over the nodes (uniform in log u); zeros where all is beyond."""
+def sum_over_nodes(count: int, share: Any, us: Any, u_vars: Any, nodes: Any, power: float) -> tuple[float, float]:
+    """Return mean and variance of 1/u over nodes uniform in ln u; zeros where all is beyond them."""
     total = first = second = 0.0
-    for node in nodes:
+    for i in range(len(nodes)):
         density = 0.0
-        for k in range(len(filters.weight)):
-            if filters.weight[k] > least:
-                mode = filters.mode[k]
-                for m in range(MODES):
-                    if mode[m] > 0.0:
-                        variance = filters.P[k][m][U][U] / power
-                        off = node - filters.x[k][m][U]
-                        distance = off * off / variance
-                        if distance < 40.0:
-                            density += (
-                                filters.weight[k] * mode[m] * math.exp(-0.5 * distance) / math.sqrt(variance)
-                            )
-        density *= node
+        for d in range(count):
+            variance = u_vars[d] / power
+            off = nodes[i] - us[d]
+            distance = off * off / variance
+            if share[d] > 0.0 and distance < 40.0:
+                density += share[d] * math.exp(-0.5 * distance) / math.sqrt(variance)
+        density *= nodes[i]
         total += density
-        first += density / node
-        second += density / (node * node)
+        first += density / nodes[i]
+        second += density / (nodes[i] * nodes[i])
     if total <= 0.0:
         return 0.0, 0.0
     mean = first / total
@@ -79,68 +70,87 @@ def summed_mixture(filters: Filters, nodes: Any, least: float, power: float) -> 
 
 
 @jit.kernel
-def report(
-    filters: Filters, before: Report, nodes: Any, metres: float, is_open: bool, begins: bool, c: Constants,
-    vehicle: Vehicle,
-) -> Report:  # fmt: skip
-    """Return what is reported after a window; the mass is held while a gate is closed."""
-    power, least = c.noise.power, left_out(filters.weight)
-    total = u1 = u2 = g1 = g2 = 0.0
-    for k in range(len(filters.weight)):
-        if filters.weight[k] > least:
-            mode = filters.mode[k]
-            for m in range(MODES):
-                if mode[m] > 0.0:
-                    share, x, P = filters.weight[k] * mode[m], filters.x[k][m], filters.P[k][m]
-                    u, u_var = x[U], P[U][U]
-                    total += share
-                    u1 += share * u
-                    u2 += share * (u * u + u_var / power)
-                    # grade given u, at the u within bounds
-                    slope = (P[GRADE][U] - P[ROLLING][U]) / u_var
-                    grade = x[GRADE] - x[ROLLING]
-                    grade += slope * (min(max(u, vehicle.least_u), vehicle.most_u) - u)
-                    var = P[GRADE][GRADE] - 2.0 * P[GRADE][ROLLING] + P[ROLLING][ROLLING]
-                    var += slope * slope * u_var * (1.0 / power - 1.0)
-                    g1 += share * grade
-                    g2 += share * (var + grade * grade)
-    u1 /= total
-    u2 /= total
-    g1 /= total
-    scale = max(u1, 0.1 * vehicle.least_u)
-    spread = max(u2 - u1 * u1, 0.0) / (scale * scale)
-    windows = before.windows - 1.0
-    if not is_open:
-        mass, var, windows = before.mass_kg, before.mass_var, before.windows
-    elif spread < _WIDE * _WIDE and vehicle.least_u < u1 < vehicle.most_u:
-        mass = (1.0 + spread) / u1
-        var, windows = spread * mass * mass, 0.0
-    elif windows <= 0.0 or begins:
-        mass, var = summed_mixture(filters, nodes, least, power)
-        windows = _EVERY
-        if mass <= 0.0:
-            mass = 1.0 / min(max(u1, vehicle.least_u), vehicle.most_u)
-            var = spread * mass * mass
-        if u1 <= vehicle.least_u or u1 >= vehicle.most_u:  # beyond the bounds nothing is narrow
-            var = max(var, spread * mass * mass)
-    else:
-        mass, var = before.mass_kg, before.mass_var
-    bend = before.slope_1pm
-    if metres > 0.0 and before.known > 0.0:
-        bend += min(metres / _LEAD_M, 1.0) * ((g1 - before.grade) / metres - bend)
-        bend = min(max(bend, -_STEEPEST_1PM), _STEEPEST_1PM)
-    return Report(mass, var, g1, max(g2 / total - g1 * g1, 1e-10), bend, windows, 1.0)
+def report_mass(
+    count: int, best: int, before: tuple[float, float, float], nodes: Any, c: Constants, v: Vehicle, t: Scratch
+) -> tuple[float, float, float]:
+    """Return the mass of the likeliest load, the variance about it of all, and the windows until the next sum.
+
+    Where they are narrow by the moments of u: M = (1 + V) / u, Var(M) = V M^2; else summed over the nodes.
+    before: these three of the window before.
+    """
+    us, u_vars, share, _ = t.columns
+    best *= 3
+    u1 = u2 = 0.0
+    for d in range(count):
+        u1 += share[d] * us[d]
+        u2 += share[d] * (us[d] * us[d] + u_vars[d] / c.power)
+    likely = t.loads[best] > 0.5
+    centre = t.loads[best + 1] if likely else u1
+    scale = max(centre, 0.1 * v.least_u)
+    spread = max(u2 - 2.0 * centre * u1 + centre * centre, 0.0) / (scale * scale)
+    own = t.loads[best + 2] / (c.power * scale * scale) if likely else spread
+    inside = v.least_u < centre < v.most_u
+    narrow = own < c.wide * c.wide and inside
+    if spread < c.wide * c.wide and inside:
+        mass = (1.0 + own) / centre
+        return mass, spread * mass * mass, 0.0
+    if before[2] > 1.0:
+        return before[0], before[1], before[2] - 1.0
+    mass, var = sum_over_nodes(count, share, us, u_vars, nodes, c.power)
+    if mass <= 0.0:
+        mass = 1.0 / min(max(centre, v.least_u), v.most_u)
+        var = spread * mass * mass
+    if not inside:  # beyond the bounds nothing is narrow
+        var = max(var, spread * mass * mass)
+    if narrow and likely:
+        mean, mass = mass, (1.0 + own) / centre
+        var += (mass - mean) * (mass - mean)
+    return mass, var, _EVERY
 
 
 @jit.kernel
-def unknown_load_var(mass: float, standing: Standing, c: Constants, vehicle: Vehicle) -> float:
+def report_grade(
+    mix: Mixture, count: int, mass: tuple[float, float, float], ahead_m: float, c: Constants, v: Vehicle,
+    t: Scratch,
+) -> Report:  # fmt: skip
+    """Return the grade given u within bounds, predicted to where the vehicle is by now.
+
+    theta - rho + d kappa, Q = r d: d metres ahead of the filtered signals.
+    """
+    us, u_vars, share, _ = t.columns
+    g1 = g2 = slope = wander = 0.0
+    for d in range(count):
+        if share[d] > 0.0:
+            mean, var, bend = grade_moments(mix.x, mix.P, d, us[d], u_vars[d], ahead_m, c.power, v)
+            rough = c.rough_1pm if IS_ROUGH[int(mix.mode[d])] > 0.0 else c.smooth_1pm
+            g1 += share[d] * mean
+            g2 += share[d] * (var + rough * ahead_m + mean * mean)
+            slope += share[d] * bend
+            wander += share[d] * rough
+    return Report(mass[0], mass[1], g1, max(g2 - g1 * g1, 1e-10), slope, wander, mass[2])
+
+
+@jit.kernel
+def grade_moments(
+    x: Any, P: Any, d: int, u: float, u_var: float, ahead_m: float, power: float, v: Vehicle
+) -> tuple[float, float, float]:
+    """Return mean and variance of the grade ahead in one density, and its curvature."""
+    per_u = (P[d, GRADE, U] - P[d, ROLLING, U]) / u_var
+    bend = x[d, CURVATURE]
+    mean = x[d, GRADE] - x[d, ROLLING] + ahead_m * bend + per_u * (min(max(u, v.least_u), v.most_u) - u)
+    var = P[d, GRADE, GRADE] - 2.0 * P[d, GRADE, ROLLING] + P[d, ROLLING, ROLLING]
+    var += 2.0 * ahead_m * (P[d, GRADE, CURVATURE] - P[d, ROLLING, CURVATURE])
+    var += ahead_m * ahead_m * P[d, CURVATURE, CURVATURE]
+    return mean, var + per_u * per_u * u_var * (1.0 / power - 1.0), bend
+
+
+@jit.kernel
+def unknown_load_var(mass: float, unknown_s: float, c: Constants, v: Vehicle) -> float:
     """Return what a stop adds to the variance of the mass: P(changed) E[(M' - M)^2], M' log-uniform."""
-    if standing.unknown_s <= c.load.least_stop_s:
+    probability = changed_probability(unknown_s, c.stop_s)
+    if unknown_s <= c.least_stop_s or probability < c.left_out:
         return 0.0
-    probability = changed_probability(standing.unknown_s, c.load)
-    if probability < LEFT_OUT:
-        return 0.0
-    least, most = 1.0 / vehicle.most_u, 1.0 / vehicle.least_u
+    least, most = 1.0 / v.most_u, 1.0 / v.least_u
     width = math.log(most / least)
     mean, square = (most - least) / width, 0.5 * (most * most - least * least) / width
     spread: float = square - 2.0 * mass * mean + mass * mass

@@ -3,222 +3,165 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2
-from canest.estimators.default.constants import Closed, Noise, Prior, Road
+from canest.estimators.default.constants import Constants
 from canest.estimators.default.model import (
     BIAS,
     CURVATURE,
     DELAY,
     GRADE,
     HEIGHT,
-    LAG,
     PITCH,
-    SLIP,
+    ROLLING,
     WIND,
     WINDUP,
-    Q,
+    Mixture,
     U,
+    V,
     Window,
 )
-from canest.estimators.default.predict import Matrix, Vector, reset
-from canest.estimators.default.update import condition_all_but_mass, condition_on, log_likelihood
+from canest.estimators.default.noise import surplus
+from canest.estimators.default.predict import add_noise, column, reset, variances
+from canest.estimators.default.update import (
+    Innovation,
+    add_log_likelihood,
+    condition_all_but_mass,
+    condition_on,
+)
 from canest.estimators.default.windows import WINDOW_S
 
-_SPEED = (Q, DELAY, SLIP, WINDUP, U)
-_SENSED = (GRADE, BIAS, PITCH, SLIP, LAG)
+_SPEED = (V, DELAY, WINDUP)
+_SENSED = (GRADE, BIAS, PITCH)
 _ALTITUDE = (HEIGHT,)
 _SLOPE = (GRADE, WIND)
 _COASTED = (GRADE, CURVATURE, WIND, U)
-#: bounds of the delay at which the lever of the delay is taken, s
+_MAP = (GRADE, ROLLING)
+#: bounds of the delay at which its lever is taken, s
 _LONGEST_DELAY_S = 0.1
 #: an altitude this many variances off begins anew
 _FAR_OFF = 25.0
-#: variance that an accelerometer's offset gains per second, (m/s2)2
-BIAS_WANDER = 6e-7
-#: accelerations of the speed are delayed against the accelerometer by the shifting gear
-_CLOSED_NOISE = 0.01
+#: what a body does that the pitch does not follow, share of the acceleration squared
+_ROCKING = 0.01
 
 
 class Scratch(NamedTuple):
-    """Vectors to work on, each as long as the state."""
+    """Room to work in: rows, columns (one number per density), and what a measurement left."""
 
-    h: Vector
-    K: Vector
-    a: Vector
-
-
-class Levers(NamedTuple):
-    """What the measurements of one window have in common, for every hypothesis."""
-
-    mean_u: float  #: inverse mass, mean of all
-    calm_mps: float  #: slow speed: an instrument for levers, whose noise must not meet that of the innovation
-    least_u: float  #: bounds of the inverse mass
-    most_u: float
-    speed_var: float  #: variance of a speed, oscillation of the driveline included
-    sensed_var: float
+    h: Any  #: (8,) entries of a row
+    f: Any  #: (3 * MOST,) gains of a prediction
+    columns: Any  #: four columns
+    loads: Any  #: (3 * LOADS,) weight, mean and variance of u of every load
+    share: Any  #: (MODES * LOADS * MOST,)
+    table: Any  #: (MODES * MODES,) transition probabilities
+    left: Innovation
 
 
 @jit.kernel
-def bounded_u(x: Vector, c: Levers) -> float:
-    """Return the inverse mass of a density, within the bounds of the vehicle."""
-    u: float = min(max(x[U], c.least_u), c.most_u)
-    return u
+def weighted(weight: Any, count: int, values: Any) -> float:
+    """Return the mean of a column."""
+    mean = 0.0
+    for d in range(count):
+        mean += weight[d] * values[d]
+    return mean
 
 
 @jit.kernel
-def begin_balance(
-    x: Vector, P: Matrix, scratch: Scratch, w: Window, c: Levers, began_mps: float, noise: Noise
-) -> None:
-    """Begin a balance of momentum with the speed before the window."""
-    u = bounded_u(x, c)
-    whole, mean_whole = 1.0 + u * w.rotating_kg, 1.0 + c.mean_u * w.rotating_kg
-    reset(x, P, Q, w.before_mps * whole, 100.0)
-    h = scratch.h
-    h[0] = 1.0
-    h[1] = (w.before_N + half_delay_s(x, u) * w.before_Nps) * mean_whole
-    h[2] = began_mps * w.before_N * mean_whole
-    h[3] = w.before_Nps
-    h[4] = -w.rotating_kg * began_mps
-    z = w.before_mps + w.rotating_kg * (w.before_mps - began_mps) * u
-    condition_on(x, P, _SPEED, h, z, c.speed_var * whole * whole, noise.outlier, scratch.K)
+def mean_surplus(mix: Mixture, count: int, left: Innovation, r: float, c: Constants) -> float:
+    """Return the mean of e^2 - s (see `noise.surplus`)."""
+    mean = 0.0
+    for d in range(count):
+        mean += mix.weight[d] * surplus(left.e[d], left.s[d], r, c)
+    return mean
 
 
 @jit.kernel
-def speed(x: Vector, P: Matrix, scratch: Scratch, w: Window, c: Levers, noise: Noise) -> tuple[float, float]:
-    """Update with the speed at the window's end: (1 + u J) v = q - delays, slip, windup. Returns e, s.
+def speed(mix: Mixture, count: int, w: Window, u: float, r: float, c: Constants, t: Scratch) -> None:
+    """Update with the speed at the window's end: v measured = v + delta T + gamma dT/dt.
 
-    v measured = v + delta T + sigma v T + gamma dT/dt, with delta, sigma, gamma times u.
+    The lever of the delay is the traction halfway through it. u: mean inverse mass.
     """
-    u = bounded_u(x, c)
-    whole, mean_whole = 1.0 + u * w.rotating_kg, 1.0 + c.mean_u * w.rotating_kg
-    h = scratch.h
-    h[0] = 1.0
-    h[1] = (w.traction_N + half_delay_s(x, u) * w.traction_Nps) * mean_whole
-    h[2] = c.calm_mps * w.traction_N * mean_whole
-    h[3] = w.traction_Nps
-    h[4] = -w.rotating_kg * c.calm_mps
-    z = w.speed_mps + w.rotating_kg * (w.speed_mps - c.calm_mps) * u
-    e, s = condition_on(
-        x, P, _SPEED, h, z, speed_noise(w, c, noise) * whole * whole, noise.outlier, scratch.K
-    )
-    return e / whole, s / (whole * whole)
-
-
-@jit.kernel
-def speed_noise(w: Window, c: Levers, noise: Noise) -> float:
-    """Return the variance of a measured speed: its noise, and what the torque's jitter makes of it."""
-    moved = w.traction_N - w.before_N
-    jitter = c.mean_u * moved * noise.jitter_s / (1.0 + c.mean_u * w.rotating_kg)
-    return c.speed_var + jitter * jitter
-
-
-@jit.kernel
-def half_delay_s(x: Vector, u: float) -> float:
-    """Return half of the remaining delay: its lever is the traction halfway through it."""
-    half: float = 0.5 * min(max(x[DELAY] / u, -_LONGEST_DELAY_S), _LONGEST_DELAY_S)
-    return half
+    column(mix.x, count, DELAY, t.columns[0])
+    delay_s = weighted(mix.weight, count, t.columns[0]) / u
+    half_s = 0.5 * min(max(delay_s, -_LONGEST_DELAY_S), _LONGEST_DELAY_S)
+    t.h[0], t.h[1], t.h[2] = 1.0, w.traction_N + half_s * w.traction_Nps, w.traction_Nps
+    condition_on(mix, count, _SPEED, t.h, w.speed_mps, r, c.outlier, t.left)
 
 
 @jit.kernel
 def accelerometer(
-    x: Vector, P: Matrix, scratch: Scratch, w: Window, c: Levers, motion: float, accel_before: float,
-    prior: Prior, noise: Noise,
-) -> tuple[float, float, float]:  # fmt: skip
-    """Update with an accelerometer: a_x - dv/dt = g theta + bias + pitch dv/dt - lag d2v/dt2 - slip.
+    mix: Mixture, count: int, w: Window, r: float, motion: float, c: Constants, t: Scratch
+) -> float:
+    """Update with an accelerometer: a_x - dv/dt = g theta + b + p dv/dt. Returns the mean surplus.
 
-    motion: dv/dt by the model. Returns e, s and r.
+    motion: dv/dt by the model; while closed, that of the speed, whose error joins the noise.
     """
-    P[BIAS][BIAS] += BIAS_WANDER * 2.0 * WINDOW_S
-    rate = (w.traction_N - w.before_N) / WINDOW_S
-    slip = c.calm_mps * rate + w.traction_N * motion
-    r = c.sensed_var
+    for d in range(count):
+        t.f[d] = c.bias_wander * 2.0 * WINDOW_S
+    add_noise(mix, count, BIAS, t.f)
+    own = r
     if w.open == 0.0:
-        jerk = (w.accel_mps2 - accel_before) / WINDOW_S
-        u = bounded_u(x, c)
-        slipped, late = u * slip * prior.slip_per_mps2, jerk * prior.lag_s
-        r += slipped * slipped + late * late
-        r += _CLOSED_NOISE * w.accel_mps2 * w.accel_mps2
-        rate = slip = 0.0
-    h = scratch.h
-    h[0], h[1], h[2], h[3], h[4] = GRAVITY_MPS2, 1.0, motion, -slip, -rate
-    e, s = condition_on(x, P, _SENSED, h, w.sensed_mps2 - w.accel_mps2, r, noise.outlier, scratch.K)
-    return e, s, r
+        own += _ROCKING * w.accel_mps2 * w.accel_mps2
+    t.h[0], t.h[1], t.h[2] = GRAVITY_MPS2, 1.0, motion
+    condition_on(mix, count, _SENSED, t.h, w.sensed_mps2 - w.accel_mps2, own, c.outlier, t.left)
+    add_log_likelihood(mix.found, count, t.left, own, c.floor)
+    return mean_surplus(mix, count, t.left, r, c)
 
 
 @jit.kernel
-def altitude(
-    x: Vector, P: Matrix, scratch: Scratch, height_m: float, known: bool, prior: Prior, noise: Noise
-) -> float:
-    """Update with an altitude, or begin with it; return the log likelihood."""
-    r = prior.height_var_m2
-    e, s = height_m - x[HEIGHT], P[HEIGHT][HEIGHT] + r
-    found = log_likelihood(e, s, noise.outlier) if known else 0.0
-    if known and e * e < _FAR_OFF * s:
-        scratch.h[0] = 1.0
-        condition_on(x, P, _ALTITUDE, scratch.h, height_m, r, noise.outlier, scratch.K)
+def altitude(mix: Mixture, count: int, height_m: float, known: bool, c: Constants, t: Scratch) -> None:
+    """Update with an altitude; begin with the first one, and with one that is far off."""
+    r = c.height_m * c.height_m
+    t.h[0] = 1.0
+    far = not known
+    if known:
+        column(mix.x, count, HEIGHT, t.columns[0])
+        e = height_m - weighted(mix.weight, count, t.columns[0])
+        variances(mix.P, count, HEIGHT, t.columns[0])
+        far = e * e > _FAR_OFF * (weighted(mix.weight, count, t.columns[0]) + r)
+    if far:
+        reset(mix, count, HEIGHT, height_m, r)
     else:
-        reset(x, P, HEIGHT, height_m, r)
-    return found
+        condition_on(mix, count, _ALTITUDE, t.h, height_m, r, c.outlier, t.left)
+        add_log_likelihood(mix.found, count, t.left, r, c.floor)
 
 
 @jit.kernel
 def closed_balance(
-    x: Vector,
-    P: Matrix,
-    scratch: Scratch,
-    w: Window,
-    c: Levers,
-    closed: Closed,
-    roll_share: float,
-    noise: Noise,
+    mix: Mixture, count: int, w: Window, speed_var: float, u: float, c: Constants, t: Scratch
 ) -> None:
-    """Update all but the mass with a = u (F - J a) - g mu - g theta - c omega, where a gate hides a force.
+    """Update all but the mass with g theta + c omega - u (F - J a) = -a - g mu, where a gate hides a force.
 
     The gate is a retarder of known force, a bend, or the dwell after another gate.
     """
-    hidden = closed.force_share * bounded_u(x, c) * w.force_N
-    r = 2.0 * c.speed_var / (WINDOW_S * WINDOW_S)
-    if w.retarding > 0.0:
-        r += 25.0 * hidden * hidden
-    else:
-        roll = roll_share * w.roll_mps2
-        r += 5.0 * (hidden * hidden + roll * roll) + 25.0 * w.bend_mps2 * w.bend_mps2
-    h = scratch.h
-    h[0], h[1] = GRAVITY_MPS2, w.drag_N_per_mps
+    hidden = c.hidden_share * u * w.force_N
+    hidden = hidden * hidden + w.bend_mps2 * w.bend_mps2
+    r = 2.0 * speed_var / (WINDOW_S * WINDOW_S) + c.hidden_windows * hidden
+    t.h[0], t.h[1] = GRAVITY_MPS2, w.drag_N_per_mps
     lever_u = -(w.force_N - w.rotating_kg * w.accel_mps2)
     z = -w.accel_mps2 - w.roll_mps2
-    condition_all_but_mass(x, P, _SLOPE, h, lever_u, z, r, noise.outlier, scratch.K, scratch.a)
+    condition_all_but_mass(mix, count, _SLOPE, t.h, lever_u, z, r, c.outlier, t.left)
 
 
 @jit.kernel
-def coasting(
-    x: Vector, P: Matrix, scratch: Scratch, w: Window, closed: Closed, road: Road, noise: Noise
-) -> float:
-    """Update with a coasting whose middle lies some metres back: how steep that place was.
+def coasting(mix: Mixture, count: int, w: Window, c: Constants, t: Scratch) -> None:
+    """Update with a coasting whose middle lies d metres back: how steep that place was.
 
-    a (1 + u J) = u F - g mu - g theta - c omega, F without traction, J the wheels alone. Where it denies
-    the grade, the road has become another while nothing was measured of it. Returns the log likelihood.
+    g (theta - d kappa) + c omega + u (J_w a - F) = -a - g mu, F without traction, J_w the wheels alone.
     """
     back_m = w.coast_back_s * w.speed_mps
-    r = w.coast_var + closed.drag_mps2 * closed.drag_mps2
-    r += GRAVITY_MPS2 * GRAVITY_MPS2 * road.roughness_1pm * abs(back_m)
-    z = -w.coast_mps2 - w.roll_mps2
-    lever = w.coast_kg * w.coast_mps2 - w.coast_N
-    off = (z - lever * x[U]) / GRAVITY_MPS2 - x[GRADE] + back_m * x[CURVATURE]
-    if off * off > noise.outlier * (P[GRADE][GRADE] + r / (GRAVITY_MPS2 * GRAVITY_MPS2)):
-        P[GRADE][GRADE] += off * off
-    h = scratch.h
-    h[0], h[1], h[2], h[3] = GRAVITY_MPS2, -GRAVITY_MPS2 * back_m, w.drag_N_per_mps, lever
-    e, s = condition_on(x, P, _COASTED, h, z, r, noise.outlier, scratch.K)
-    found: float = log_likelihood(e, s, noise.outlier)
-    return found
+    r = w.coast_var + c.open_drag_mps2 * c.open_drag_mps2
+    t.h[0], t.h[1] = GRAVITY_MPS2, -GRAVITY_MPS2 * back_m
+    t.h[2], t.h[3] = w.drag_N_per_mps, w.coast_kg * w.coast_mps2 - w.coast_N
+    condition_on(mix, count, _COASTED, t.h, -w.coast_mps2 - w.roll_mps2, r, c.outlier, t.left)
+    add_log_likelihood(mix.found, count, t.left, r, c.floor)
 
 
 @jit.kernel
-def has_coasted(w: Window, closed: Closed) -> bool:
-    """Return whether the window ends a coasting that was here."""
-    back_m = w.coast_back_s * w.speed_mps
-    return not math.isnan(w.coast_mps2) and -20.0 <= back_m < closed.far_m
+def mapped_slope(mix: Mixture, count: int, sine: float, r: float, c: Constants, t: Scratch) -> None:
+    """Update with the slope of a road map: z = theta - rho."""
+    t.h[0], t.h[1] = 1.0, -1.0
+    condition_on(mix, count, _MAP, t.h, sine, r, c.outlier, t.left)
+    add_log_likelihood(mix.found, count, t.left, r, c.floor)

@@ -1,4 +1,4 @@
-"""Cuts the 50 Hz samples into windows of 0.2 s and balances momentum over each.
+"""Cuts the 50 Hz samples into windows of 0.2 s, over which the estimator balances momentum.
 
 A window ends on the ticks whose number is one less than a multiple of `TICKS`, whatever the cut of the
 blocks; sums run tick by tick in one order, so the bits do not depend on the cut either.
@@ -15,76 +15,30 @@ from numpy.typing import NDArray
 from canest.core.frames import FloatColumn
 from canest.core.gates import Gate
 from canest.core.samples import GRAVITY_MPS2, STEP_S, STEP_US, ModelBlock
-from canest.estimators.default.lines import COLUMNS as COASTED
-from canest.estimators.default.lines import CoastLines
+from canest.estimators.default.coasting import REACH, lines, run_lengths
+from canest.estimators.default.model import Window
 
 TICKS = 10  #: samples per window; 0.2 s, about the correlation time of speeds filtered at 2 Hz
 WINDOW_S = TICKS * STEP_S
 SHIFT = 4  #: ticks that torque is typically late
+COLUMNS = Window._fields
 _REACH = TICKS + SHIFT + 1  #: samples before its last one that a window looks back to
+_KEPT = REACH + TICKS + 2  #: and a coasting before it
 _LONGEST_S = 86_400.0  #: a gap beyond a day is one of the clock
 _SETTLED = 50  #: ticks after which a filter that began anew shows accelerations as they are
-
-#: columns of a window, in the kernel's order
-COLUMNS = (
-    "gap_s",  # time missing before this window
-    "distance_m",
-    "before_mps",  # speed on the sample before the window
-    "before_N",  # traction there
-    "before_Nps",  # and its rate
-    "speed_mps",  # at the end
-    "force_N",  # mean, the inertia of `rotating_kg` not subtracted
-    "traction_N",  # at the end
-    "traction_Nps",  # its rate there
-    "roll_mps2",  # mean g mu
-    "accel_mps2",  # mean
-    "drag_N_per_mps",  # aerodynamic force per m/s of wind, mean
-    "gear_1pm",  # force per crank torque
-    "rotating_kg",
-    "undriven_mps",  # at the end, NaN without
-    "sensed_mps2",  # mean of the accelerometer, NaN without
-    "altitude_m",  # only when a new value came, else NaN
-    "open",
-    "retarding",  # 1 where nothing but a retarder of known force closes the gate
-    "stopped",
-    "coarse",  # 1 where nothing but a bend or the dwell after another gate closes this one
-    "bend_mps2",  # what a bend may brake there, std
-    "road_sine",  # slope by a road map, NaN without; and its std
-    "road_std",
-    *COASTED,
-)
-
-(
-    _SENSED,
-    _SPEED,
-    _REST,  # known forces less traction
-    _MU,
-    _ACCEL,
-    _AERO,
-    _TRACTION,
-    _GEAR,
-    _ROTATING,
-    _UNDRIVEN,
-    _ALTITUDE,
-    _YAW,
-    _GATE,
-    _STOPPED,
-    _TICK,
-    _BROKEN,
-    _RAW,
-    _COAST,
-    _ROAD,
-    _ROAD_STD,
-) = range(20)
-_COLUMNS = 20
-_LINED = [_TICK, _COAST, _ROTATING, _RAW]  #: what lines through a coasting are drawn from
-_LATE = slice(_SENSED, _AERO + 1)  #: columns whose mean is taken SHIFT ticks back
-_NEEDED = slice(_SPEED, _ROTATING + 1)  #: columns without which a sample is broken
-#: beyond these no vehicle goes: m/s, N, -, m/s2, N, N, 1/m, kg; and the accelerometer, altitude
-_MOST = np.array([[150.0], [1e7], [1.0], [50.0], [1e7], [1e7], [1e4], [1e6]])
-_MOST_SENSED, _MOST_SPEED, _MOST_ALTITUDE, _MOST_YAW = 50.0, 150.0, 1e4, 3.0
 #: drag of cornering tyres by lateral acceleration squared: 1 / (g x cornering stiffness per load, some 5/rad)
 _CORNERING_S2PM = 0.02
+
+(
+    _SENSED, _SPEED, _REST, _MU, _ACCEL, _AERO, _TRACTION, _GEAR, _ROTATING, _ALTITUDE, _YAW, _GATE, _STOPPED,
+    _TICK, _BROKEN, _RAW, _COAST, _RUN, _ROAD, _ROAD_STD,
+) = range(20)  # fmt: skip
+_COLUMNS = 20
+_LATE = slice(_SENSED, _AERO + 1)  #: columns whose mean is taken SHIFT ticks back
+_NEEDED = slice(_SPEED, _ROTATING + 1)  #: columns without which a sample is broken
+#: beyond these no vehicle goes: m/s, N, -, m/s2, N, N, 1/m, kg; and the accelerometer, altitude, yaw rate
+_MOST = np.array([[150.0], [1e7], [1.0], [50.0], [1e7], [1e7], [1e4], [1e6]])
+_MOST_SENSED, _MOST_ALTITUDE, _MOST_YAW = 50.0, 1e4, 3.0
 
 Picked = slice | NDArray[np.int64]  #: indices of samples, one per window
 
@@ -99,7 +53,6 @@ class Windows:
         self._altitude_m = np.nan
         self._last_end: int | None = None
         self._started = 0
-        self._lines = CoastLines()
 
     def push(self, block: ModelBlock) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Take samples (n,); return finished windows (len(COLUMNS), w) and the samples that end them (w,)."""
@@ -108,14 +61,13 @@ class Windows:
         past = rows.shape[1] - len(block)
         ends = self._ends(ticks, past)
         starts = self._starts(rows[_GATE], ticks, past, ends)
-        coasted = self._lines.push(past, rows[_LINED], ends)
+        windows = np.empty((len(COLUMNS), 0))
         if len(ends):
+            coasted = lines(rows[_RUN], rows[_COAST], rows[_ROTATING], rows[_RAW], ends, TICKS)
             coasted[-1] -= self._late_s
             windows = np.concatenate((self._windows(rows, ticks, ends, starts), coasted))
             self._last_end = int(ticks[ends[-1]])
-        else:
-            windows = np.empty((len(COLUMNS), 0))
-        self._kept = rows[:, max(0, rows.shape[1] - _REACH) :].copy()
+        self._kept = rows[:, max(0, rows.shape[1] - _KEPT) :].copy()
         return windows, ends - past
 
     def _rows(self, block: ModelBlock) -> NDArray[np.float64]:
@@ -128,35 +80,32 @@ class Windows:
         rows[:, :past] = self._kept
         new = rows[:, past:]
         new[_SENSED] = np.where(block.ax_ok, within(block.accelerometer_mps2, _MOST_SENSED), np.nan)
-        new[_SPEED] = block.speed_mps
         with np.errstate(over="ignore", invalid="ignore"):  # the result is judged below
             np.subtract(block.force_N, block.traction_N, out=new[_REST])
-        new[_MU] = block.mu
-        new[_ACCEL] = block.accel_mps2
-        new[_AERO] = block.aero_N
-        new[_TRACTION] = block.traction_N
-        new[_GEAR] = block.force_per_torque_1pm
-        new[_ROTATING] = block.rotating_mass_kg
-        new[_UNDRIVEN] = block.undriven_mps
-        new[_ALTITUDE] = block.altitude_m
-        new[_YAW] = block.yaw_rate_radps
-        new[_GATE] = block.gate
-        new[_STOPPED] = block.stopped
-        new[_TICK] = block.t_us // STEP_US
-        new[_BROKEN] = 0.0
-        new[_RAW] = block.raw_speed_mps
-        new[_COAST] = block.coasting_N
-        new[_ROAD] = np.nan if block.road_sine is None else block.road_sine
-        new[_ROAD_STD] = np.nan if block.road_std is None else block.road_std
+        for row, column in (
+            (_SPEED, block.speed_mps), (_MU, block.mu), (_ACCEL, block.accel_mps2), (_AERO, block.aero_N),
+            (_TRACTION, block.traction_N), (_GEAR, block.force_per_torque_1pm),
+            (_ROTATING, block.rotating_mass_kg), (_ALTITUDE, block.altitude_m), (_YAW, block.yaw_rate_radps),
+            (_GATE, block.gate), (_STOPPED, block.stopped), (_TICK, block.t_us // STEP_US), (_BROKEN, 0.0),
+            (_RAW, block.raw_speed_mps), (_COAST, block.coasting_N),
+            (_ROAD, np.nan if block.road_sine is None else block.road_sine),
+            (_ROAD_STD, np.nan if block.road_std is None else block.road_std),
+        ):  # fmt: skip
+            new[row] = column
+        known = past > 0
+        new[_RUN] = run_lengths(
+            np.concatenate((rows[_TICK, past - 1 : past] if known else [np.nan], new[_TICK])),
+            np.concatenate(([np.nan], new[_COAST])), rows[_RUN, past - 1] if known else 0.0,
+        )  # fmt: skip
         needed = new[_NEEDED]
         if len(block) and not (np.abs(extremes(needed)) <= _MOST).all():  # NaN is not either
             sound = np.abs(needed) <= _MOST
-            new[_BROKEN] = ~sound.all(axis=0)
+            broken = ~sound.all(axis=0)
+            new[_BROKEN] = broken
             needed[~sound] = 0.0
             motionless = ~(sound[_SPEED - _NEEDED.start] & sound[_ACCEL - _NEEDED.start])
             new[_SENSED, motionless] = np.nan
-            broken = new[_BROKEN] > 0.0
-            new[_GATE, broken] = np.where(new[_GATE, broken] == Gate.OPEN, Gate.INVALID, new[_GATE, broken])
+            new[_GATE, broken & (new[_GATE] == Gate.OPEN)] = Gate.INVALID
         return rows
 
     @staticmethod
@@ -179,36 +128,22 @@ class Windows:
         starts: NDArray[np.int64],
     ) -> NDArray[np.float64]:
         now, late = rows[:, back_from(ends, 0)], rows[:, back_from(ends, SHIFT)]
-        before_mps = rows[_SPEED, back_from(ends, TICKS + SHIFT)]
-        first_N = rows[_TRACTION, back_from(ends, TICKS)]
         sensed, mean_speed, rest, mu, accel, aero = mean_of(rows[_LATE], ends, SHIFT)
         (mean_traction,) = mean_of(rows[_TRACTION : _TRACTION + 1], ends, 0)
         traction, rotating = now[_TRACTION], now[_ROTATING]
         before = np.empty(len(ends), np.int64)
         before[0] = ticks[ends[0]] - TICKS if self._last_end is None else self._last_end
         before[1:] = ticks[ends[:-1]]
-        closed = rows[_GATE] != Gate.OPEN
-        is_open = none_of(closed, ends, TICKS)
-        retarding = none_of(closed & (rows[_GATE] != Gate.RETARDER), ends, TICKS)
-        turning = rows[_GATE] == Gate.TURNING
-        coarse = none_of(closed & (rows[_GATE] != Gate.RECOVERY) & ~turning, ends, _REACH)
-        coarse &= ticks[ends] - starts > _SETTLED
-        lateral_mps2 = late[_SPEED] * within(late[_YAW], _MOST_YAW)
-        bend_mps2 = np.where(none_of(turning, ends, _REACH), 0.0, _CORNERING_S2PM * lateral_mps2**2)
-        coarse &= bend_mps2 >= 0.0  # NaN where nobody tells how sharp the bend is
-        if rows[_BROKEN].any():
-            sound = none_of(rows[_BROKEN] > 0.0, ends, _REACH + 1)
-            is_open &= sound
-            retarding &= sound
-            coarse &= sound
         between_s = (ticks[ends] - before - TICKS) * STEP_S
+        lateral_mps2 = late[_SPEED] * within(late[_YAW], _MOST_YAW)
+        is_open, retarding, coarse, turns = self._gates(rows, ticks[ends] - starts, ends)
+        bend_mps2 = np.where(turns, _CORNERING_S2PM * lateral_mps2**2, 0.0)
+        coarse &= bend_mps2 >= 0.0  # NaN where nobody tells how sharp the bend is
         columns = [
             # no time runs backwards where a clock is set back, and no vehicle waits for years
             np.where(between_s < 0.0, WINDOW_S, np.minimum(between_s, _LONGEST_S)),
             np.maximum(mean_speed, 0.0) * WINDOW_S,
-            before_mps,
-            first_N,
-            (first_N - rows[_TRACTION, back_from(ends, TICKS + 1)]) / STEP_S,
+            rows[_TRACTION, back_from(ends, TICKS)],
             late[_SPEED],
             # traction is not shifted, the rest of the force is: force = (F - T)[k - SHIFT] + T[k]
             rest + mean_traction + rotating * accel,
@@ -219,7 +154,6 @@ class Windows:
             2.0 * aero / np.maximum(mean_speed, 1.0),
             now[_GEAR],
             rotating,
-            within(late[_UNDRIVEN], _MOST_SPEED),
             sensed,
             self._new_altitudes(within(now[_ALTITUDE], _MOST_ALTITUDE)),
             is_open,
@@ -230,6 +164,24 @@ class Windows:
             *rows[_ROAD:, back_from(ends, self._road_back)],
         ]
         return np.array(columns, np.float64)
+
+    @staticmethod
+    def _gates(
+        rows: NDArray[np.float64], settled: NDArray[np.int64], ends: NDArray[np.int64]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return where no gate is closed, only a retarder's, only one of a bend or dwell, and where it turns.
+
+        settled: ticks since filters last began anew.
+        """
+        closed, turning = rows[_GATE] != Gate.OPEN, rows[_GATE] == Gate.TURNING
+        is_open = none_of(closed, ends, TICKS)
+        retarding = none_of(closed & (rows[_GATE] != Gate.RETARDER), ends, TICKS)
+        coarse = none_of(closed & (rows[_GATE] != Gate.RECOVERY) & ~turning, ends, _REACH)
+        coarse &= settled > _SETTLED
+        if rows[_BROKEN].any():
+            sound = none_of(rows[_BROKEN] > 0.0, ends, _REACH + 1)
+            is_open, retarding, coarse = is_open & sound, retarding & sound, coarse & sound
+        return is_open, retarding, coarse, ~none_of(turning, ends, _REACH)
 
     def _starts(
         self, gate: FloatColumn, ticks: NDArray[np.int64], past: int, ends: NDArray[np.int64]

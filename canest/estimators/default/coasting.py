@@ -1,0 +1,82 @@
+"""The slope of a vehicle that coasts with its driveline open: a line through its raw speeds.
+
+The moment between two gears is too short to be seen in filtered accelerations. A least-squares line through
+the raw speeds of its half second has an acceleration to some 0.01 m/s2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canest.core.samples import STEP_S
+
+#: ticks in which a driveline comes to rest after it has opened, and in which it has closed before it is
+#: reported closed
+SETTLES, EARLY = 6, 8
+#: ticks of a line: fewer show too little, after more the slope may be another
+FEWEST, LONGEST = 8, 50
+#: ticks that a line looks back to
+REACH = SETTLES + LONGEST + EARLY
+#: no air and no retarder pulls harder, N; no road makes a vehicle roll faster and faster than this, m/s2
+MOST_N, MOST_MPS2 = 1e7, 4.0
+
+
+def run_lengths(ticks: NDArray[np.float64], coasting_N: NDArray[np.float64], before: float) -> NDArray[np.float64]:
+    """Return how many samples the vehicle has coasted for, without one missing, by each of them, (n,).
+
+    ticks, coasting_N (NaN: no coasting): (n + 1,), the first that of the sample before, after `before` ticks.
+    """
+    coasts = np.abs(coasting_N) <= MOST_N
+    index = np.arange(len(ticks), dtype=np.float64)
+    begins = np.where(coasts, index - 1.0, index)  # as if the run had begun on the sample before
+    breaks = ~coasts
+    breaks[1:] |= np.diff(ticks) != 1.0
+    begins[0], breaks[0] = -before, True
+    return (index - np.maximum.accumulate(np.where(breaks, begins, -np.inf)))[1:]
+
+
+def line(speed_mps: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the slope of speeds one tick apart, m/s2, and its variance.
+
+    The variance is that of white noise about a parabola, and what this bends beyond the noise: a driveline
+    that is not at rest yet, or has closed already, bends what should be straight.
+    """
+    n = len(speed_mps)
+    x = (np.arange(n) - 0.5 * (n - 1)) * STEP_S
+    sxx = float(np.sum(x * x))
+    square = x * x - sxx / n
+    squares = float(np.sum(square * square))
+    v = speed_mps - speed_mps[0]
+    slope, bend = float(np.sum(v * x)) / sxx, float(np.sum(v * square)) / squares
+    off = v - np.sum(v) / n - slope * x - bend * square
+    noise = float(np.sum(off * off)) / (n - 3)
+    turned = max(bend * bend - noise / squares, 0.0) * (n * STEP_S) ** 2
+    return slope, noise / sxx + turned
+
+
+def lines(
+    run: NDArray[np.float64], coasting_N: NDArray[np.float64], rotating_kg: NDArray[np.float64],
+    speed_mps: NDArray[np.float64], ends: NDArray[np.int64], window: int,
+) -> NDArray[np.float64]:  # fmt: skip
+    """Return the line that ended in each window: acceleration, variance, force, mass, time back, (5, w).
+
+    run: `run_lengths` of the samples (n,). ends: samples that end windows of `window` ticks, (w,). A line ends
+    with its coasting, or when it is `LONGEST`. NaN where none has ended.
+    """
+    out = np.full((5, len(ends)), np.nan)
+    usable = run - SETTLES - EARLY
+    full = (usable > 0.0) & (usable % LONGEST == 0.0)
+    stops = np.zeros(len(run), np.bool_)
+    stops[:-1] = (run[1:] <= 1.0) & (usable[:-1] % LONGEST >= FEWEST) & (usable[:-1] > 0.0)
+    for last in np.flatnonzero(full | stops):
+        n = int(usable[last] % LONGEST) or LONGEST
+        seen = last if full[last] else last + 1  # that it has stopped is known a sample later
+        w = int(np.searchsorted(ends, seen))
+        if w < len(ends) and seen > ends[w] - window and last - EARLY - n + 1 >= 0:
+            rows = slice(last - EARLY - n + 1, last - EARLY + 1)
+            slope, var = line(speed_mps[rows])
+            if abs(slope) <= MOST_MPS2 and var <= MOST_MPS2 * MOST_MPS2:
+                back_s = (ends[w] - last + EARLY + 0.5 * (n - 1)) * STEP_S
+                out[:, w] = slope, var, np.sum(coasting_N[rows]) / n, rotating_kg[last - EARLY], back_s
+    return out

@@ -1,0 +1,63 @@
+"""Accelerometer fault detection: one that is stuck, inverted or in another unit is left out.
+
+The change of its mean from one second to the next is compared with that of the acceleration by the speed:
+torque, mass, grade and bias have no part in it, and a speed's noise hardly any. Pitch adds some tenths.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from canest.core import jit
+
+#: a second, in windows; a change of the acceleration that is no noise, m/s2
+_SECOND, _CHANGE_MPS2 = 5.0, 0.2
+#: nor the rounding of a coarse speed: four times what that makes of a change, sqrt(6) stds a second
+_ROUNDED_1PS = 10.0
+#: squares of changes, (m/s2)2: how many decide, and how many are remembered
+_FEWEST, _MOST = 1.5, 5.0
+#: share of a change that a sound accelerometer shows: 0.8 to 1.1 on trucks and cars, more on soft springs
+_LEAST_SHARE, _MOST_SHARE = 0.5, 1.6
+#: slower than this a speed sensor's pulses are too rare, m/s
+_MOVING_MPS = 2.0
+
+
+class Comparison(NamedTuple):
+    """Sums over the second that is under way, means of the one before, and the sums of squares."""
+
+    sensed: float = 0.0
+    accel: float = 0.0
+    windows: float = 0.0
+    sensed_before: float = 0.0
+    accel_before: float = math.nan
+    squares: float = 0.0
+    products: float = 0.0
+    faulty: float = 0.0
+
+
+@jit.kernel
+def compare(c: Comparison, sensed: float, accel: float, speed: float, rounding_mps: float) -> Comparison:
+    """Return the comparison after one more window. rounding_mps: std of the speed within its resolution."""
+    sum_sensed, sum_accel, windows, sensed_before, accel_before, squares, products, faulty = c
+    if math.isnan(sensed) or speed <= _MOVING_MPS:
+        return Comparison(0.0, 0.0, 0.0, sensed_before, math.nan, squares, products, faulty)
+    sum_sensed += sensed
+    sum_accel += accel
+    windows += 1.0
+    if windows < _SECOND:
+        return Comparison(
+            sum_sensed, sum_accel, windows, sensed_before, accel_before, squares, products, faulty
+        )
+    sum_sensed /= _SECOND
+    sum_accel /= _SECOND
+    change = sum_accel - accel_before
+    if abs(change) > max(_CHANGE_MPS2, _ROUNDED_1PS * rounding_mps):
+        squares += change * change
+        products += change * (sum_sensed - sensed_before)
+        left = min(_MOST / squares, 1.0)
+        squares *= left
+        products *= left
+        sound = _LEAST_SHARE * squares < products < _MOST_SHARE * squares
+        faulty = 0.0 if sound or squares < _FEWEST else 1.0
+    return Comparison(0.0, 0.0, 0.0, sum_sensed, sum_accel, squares, products, faulty)
