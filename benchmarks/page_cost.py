@@ -1,6 +1,6 @@
 """What the live page costs: the daemon with and without three open pages, the server, and the browser.
 
-    python benchmarks/page_cost.py [--seconds 20] [--rounds 2] [--rate 1000]
+    python benchmarks/page_cost.py [--seconds 20] [--rounds 2] [--rate 1000] [--broadcast-hz 10]
 
 The daemon runs as in benchmarks/live_cost.py (whose stand-in for the bus it uses where the kernel has no
 SocketCAN), in turns without and with `canest serve` and three pages in headless Chromium. The browsers have
@@ -60,19 +60,19 @@ class Server:
         self._process.wait(10)
 
 
-def measure_daemon(rate: float, seconds: float) -> dict[str, Any]:
-    given = ("kenworth", seconds, None)
+def measure_daemon(rate: float, seconds: float, broadcast_hz: float) -> dict[str, Any]:
+    given = ("kenworth", seconds, broadcast_hz)
     return live_cost.beside_a_sender(live_cost.daemon, given, rate, seconds, filtered=True)
 
 
-def with_pages(rate: float, seconds: float, profile: str) -> dict[str, Any]:
+def with_pages(rate: float, seconds: float, broadcast_hz: float, profile: str) -> dict[str, Any]:
     """Measure the daemon while pages are open; they wait for it, as pages do."""
     server = Server()
     try:
         with Browser(profile, nice=19) as browser:
             tabs = [browser.page(f"http://127.0.0.1:{server.port}/") for _ in range(PAGES)]
             begin_s, cpu_s = time.monotonic(), server.cpu_s()
-            row = measure_daemon(rate, seconds)
+            row = measure_daemon(rate, seconds, broadcast_hz)
             row["server_core_pct"] = round(100 * (server.cpu_s() - cpu_s) / (time.monotonic() - begin_s), 2)
             row["server_peak_mb"] = server.peak_mb()
             row["points_received"] = [tab.run("import('/live.js').then(m => m.points())") for tab in tabs]
@@ -112,15 +112,19 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--rate", type=float, default=1000.0)
+    parser.add_argument("--broadcast-hz", type=float, default=10.0, help="estimations a second")
     arguments = parser.parse_args()
     if BROWSER is None or not has_multicast():
         sys.exit("needs Chromium and multicast on the loopback")
-    print(f"load {os.getloadavg()[0]:.2f}; {arguments.rate:g} frames/s; {arguments.seconds:g} s each")
+    print(
+        f"load {os.getloadavg()[0]:.2f}; {arguments.rate:g} frames/s, "
+        f"estimated at {arguments.broadcast_hz:g} Hz; {arguments.seconds:g} s each"
+    )
     rows = []
     for number in range(arguments.rounds):
         for pages in (0, PAGES):
             with tempfile.TemporaryDirectory() as profile:
-                given = arguments.rate, arguments.seconds
+                given = arguments.rate, arguments.seconds, arguments.broadcast_hz
                 measured = with_pages(*given, profile) if pages else measure_daemon(*given)
             rows.append({"round": number, "pages": pages} | measured)
             text = f"{pages} pages: daemon {measured['core_pct']:5.2f} % of a core, "

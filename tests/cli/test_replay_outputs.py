@@ -97,7 +97,7 @@ def test_a_parquet_read_back_by_pandas_has_the_same_columns(log, tmp_path):
     for name in ("est.csv", "est.parquet"):
         replay(log, "-o", tmp_path / name, "--columns", "torque_Nm")
     read = pandas.read_parquet(tmp_path / "est.parquet")
-    missing = dict.fromkeys(HALF_STEPS, [""])  # a gate that is open has an empty name
+    missing = {name: [""] for name in HALF_STEPS}  # a gate that is open has an empty name
     table = pandas.read_csv(tmp_path / "est.csv", keep_default_na=False, na_values=missing)
     assert list(read.columns) == list(table.columns)
     for name, half_step in HALF_STEPS.items() | {("t_s", 5e-7)}:
