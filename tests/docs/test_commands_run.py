@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import gzip
 import lzma
 import os
@@ -14,7 +15,9 @@ from pathlib import Path
 
 import pytest
 
+from canest.telemetry.live_protocol import COLUMNS, stream_path
 from tests.docs.test_pages import LINES
+from tests.serve.rig import Stream, wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 #: what cannot be run here -> why; each of them has tests of its own
@@ -77,12 +80,33 @@ def test_most_commands_are_run():
     assert len(PAGES) >= 6 and len([line for _, line in LINES if runnable(line)]) >= 25
 
 
+def python_of(page: str) -> list[str]:
+    return re.findall(r"^```python\n(.*?)^```", (ROOT / "docs" / page).read_text(), re.M | re.S)
+
+
+def test_the_program_on_the_page_of_the_live_page_reads_the_stream(tmp_path):
+    (code,) = python_of("live-page.md")
+    stream = Stream(tmp_path)
+    try:
+        code = code.replace("/run/canest/truck/live-can0.sock", str(stream_path(stream.status_socket)))
+        assert str(tmp_path) in code
+        with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as reader:
+            assert wait_for(lambda: stream.sent > 5)
+            stream.close()
+            rows = [ast.literal_eval(line) for line in reader.stdout]
+    finally:
+        stream.close()
+    assert len(rows) >= 3 and all(len(row) == len(COLUMNS) and row[1] >= 20_000 for row in rows)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
 def test_the_commands_of_a_page_run(page, command, drives, tmp_path):
     folder = tmp_path / "reader"
     shutil.copytree(drives, folder)
     lines = [f"canest {line}" for name, line in LINES if name == page and runnable(line)]
+    if page == "fleet.md":  # the other pages' Python has tests of its own
+        lines += [f"{sys.executable} - << 'END'\n{code}END" for code in python_of(page)]
     done = subprocess.run(
         ["bash", "-euxc", "\n".join(lines)], cwd=folder, capture_output=True, text=True, timeout=500,
         check=False, env=os.environ | {"PATH": f"{command}:{os.environ['PATH']}", "HOME": str(tmp_path)},

@@ -42,7 +42,7 @@ candump -L vcan0,18FF5A00:1FFFFF00 -n 400 > "$GUEST_OUT/broadcast" &
 receiver=$!
 canplayer -l i -I /root/drive.log vcan0=can0 &
 timeout 200 tail --pid=$receiver -f /dev/null
-canest status > "$GUEST_OUT/status"
+canest status > "$GUEST_OUT/condition"
 ls -ld /run/canest/vcan /var/lib/private/canest/vcan > "$GUEST_OUT/places"
 apt-get purge -y canest
 test ! -e /usr/lib/canest
@@ -96,4 +96,4 @@ def test_installed_by_apt_on_a_fresh_debian_the_service_estimates_on_vcan(debian
     assert all(each.intact for each in received)
     valid = [each.estimate for each in received if each.estimate.status == 2]
     assert valid and valid[-1].mass_kg == pytest.approx(rig.TRUE_MASS_KG, rel=0.05)
-    assert "valid" in found["status"] and "socketcan:vcan0 up" in found["status"]
+    assert "valid" in found["condition"] and "socketcan:vcan0 up" in found["condition"]
