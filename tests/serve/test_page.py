@@ -249,6 +249,7 @@ def test_eight_hours_do_not_grow_the_page(alone):
               module.take("rows", { rows, newest: rows[9], quiet_s: 0 });
               const senders = { pgn_1_from_0x00: { frames: second } };
               module.take("status", { vehicle: "x", bus: { state: "up" }, senders });
+              module.take("change", [time, second % 2 ? "status valid" : "status converging"]);
             }
             return second;
           };
@@ -298,6 +299,12 @@ def test_a_daemon_that_hangs_or_ends_shows_and_one_that_comes_back_is_followed(b
         tab.wait(f"{PROBLEM}.includes('No data')", LOST_S)
         stack.enter_context(vehicle.daemon())
         tab.wait("/[0-9] km.h/.test(document.getElementById('speed').textContent)", 90)
+        newest_first = tab.run("[...document.querySelectorAll('#changes span')].map(e => e.textContent)")
+        assert sum(line.startswith("no data: ") for line in newest_first) >= 2
+        assert sum(line == "the source answers" for line in newest_first) >= 2
+        later = browser.page(f"http://127.0.0.1:{port}/")
+        later.wait("document.getElementById('changes').children.length >= 4")
+        assert violations(later) == []
 
 
 def test_a_page_reconnects_by_itself_and_says_so_meanwhile(browser, driving, vehicle):
