@@ -18,12 +18,10 @@ from canest.estimators.default import model as at
 from canest.estimators.default.accelerometer import Comparison
 from canest.estimators.default.constants import CONSTANTS, Constants, gain_std, vehicle_of
 from canest.estimators.default.hypotheses import set_loads
-from canest.estimators.default.model import LOADS, MODES, MOST, Mixture
+from canest.estimators.default.model import LOADS, MODES, MOST, Mixture, Scratch
 from canest.estimators.default.noise import Levels
 from canest.estimators.default.report import Report
 from canest.estimators.default.road_map import LEVEL_STD, RoadUse
-from canest.estimators.default.sensors import Scratch
-from canest.estimators.default.update import Innovation
 from canest.estimators.default.windows import COLUMNS, SHIFT, Windows
 from canest.estimators.description import Description
 from canest.estimators.options import Options, parse
@@ -89,7 +87,7 @@ class GaussianSum(Estimator):
         levels = Levels(start * start, 4.0 * v.sensed_floor_mps2 * v.sensed_floor_mps2)
         guess = facts.initial_mass_kg or 1.0 / u
         report = Report(guess, guess * guess, facts.initial_grade or 0.0, c.grade * c.grade)
-        progress = kernel.Progress(float(MODES))
+        progress = kernel.Progress(float(MODES), u)
         self._carried = kernel.Carried(progress, levels, Comparison(), report, RoadUse())
         self._windows = Windows(self._late_s)
         self._status = StatusTracker(facts.valid_std, bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
@@ -201,9 +199,9 @@ class GaussianSum(Estimator):
         """Return the bound of the mass beyond which the driving leads, in a sentence."""
         if not self._last[kernel.OUT_LEARNED]:
             return ""
-        loads, us, u_vars = [0.0] * (3 * LOADS), [0.0] * MOST, [0.0] * MOST
-        best = set_loads.interpreted(self._mixture, int(self._carried.progress.count), loads, us, u_vars)
-        return beyond_bound(loads[3 * best + 1], loads[3 * best + 2], self.facts)
+        t = _scratch(0)
+        best = set_loads.interpreted(self._mixture, int(self._carried.progress.count), t)
+        return beyond_bound(float(t.loads[3 * best + 1]), float(t.loads[3 * best + 2]), self.facts)
 
     def consistency(self) -> dict[str, float]:
         """Return the mean normalised innovation squared (1 when honest), and over how many windows."""
@@ -246,13 +244,12 @@ def _given_room(n: int) -> Mixture:
 
 
 def _scratch(n: int) -> Scratch:
-    def zeros(length: int) -> Any:
-        return _give([0.0] * length)
-
-    columns = tuple(zeros(MOST) for _ in range(4))
-    left = Innovation(zeros(MOST), zeros(MOST), zeros(n), zeros(n))
-    sizes = (zeros(8), zeros(3 * MOST), columns, zeros(3 * LOADS), zeros(MODES * LOADS * MOST))
-    return Scratch(*sizes, zeros(MODES * MODES), left)
+    columns = tuple(_give([0.0] * MOST) for _ in range(4))
+    h, f, K, e, s, zeros, loads, share = (
+        _give([0.0] * size)
+        for size in (8, 3 * MOST, n, MOST, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST)
+    )
+    return Scratch(h, f, K, columns, e, s, zeros, loads, share)
 
 
 def _plain(carried: kernel.Carried) -> kernel.Carried:

@@ -13,62 +13,42 @@ from typing import Any
 import numpy as np
 
 from canest.core import jit
+from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants, Vehicle
-from canest.estimators.default.model import (
-    ANSWERED,
-    ANSWERS,
-    BENDS,
-    CURVATURE,
-    DRIFTS,
-    LOADS,
-    MODES,
-    MOST,
-    RATE,
-    RESPONSE,
-    ROADS,
-    Mixture,
-    U,
-)
-from canest.estimators.default.predict import column, variances
+from canest.estimators.default.model import LOADS, MODES, MOST, ROADS, Mixture, Scratch
+from canest.estimators.default.predict import moments
 
-#: least variance of an inverse mass, against rounding, 1/kg2
-_LEAST_VARIANCE = 1e-24
+#: least variance of an inverse mass, against rounding, 1/kg2; and an impossible one, in variances
+_LEAST_VARIANCE, _FAR = 1e-24, 9.0
 
 
 @jit.kernel
-def weigh(mix: Mixture, count: int, power: float, scale: Any) -> None:
-    """Weigh the densities by their log likelihoods: modes within a load fully, loads by the power.
-
-    scale: scratch, one per load.
-    """
-    weight, load, found = mix.weight, mix.load, mix.found
+def weigh(mix: Mixture, count: int, power: float, t: Scratch) -> None:
+    """Weigh the densities by their log likelihoods: modes within a load fully, loads by the power."""
+    weight, found, scale = mix.weight, mix.found, t.loads
     top = -math.inf
     for d in range(count):
         top = max(top, found[d])
-    for k in range(LOADS):
-        scale[k] = 0.0
-    total = 0.0
     for d in range(count):
         found[d] = math.exp(found[d] - top)
+    total = 0.0
     for k in range(LOADS):
-        before = after = 0.0
+        before = after = scale[k] = 0.0
         for d in range(count):
-            if load[d] == k:
+            if mix.load[d] == k:
                 before += weight[d]
                 after += weight[d] * found[d]
-        if before > 0.0 and after > 0.0:  # before (after / before)^power
+        if after > 0.0:  # before (after / before)^power
             likely = before * math.exp(power * math.log(after / before))
             scale[k] = likely / after
             total += likely
     for d in range(count):
-        weight[d] *= found[d] * scale[int(load[d])] / total
+        weight[d] *= found[d] * scale[int(mix.load[d])] / total
 
 
 def _move(mix: Mixture, source: int, target: int) -> None:
-    mix.x[target] = mix.x[source]
-    mix.P[target] = mix.P[source]
-    for values in (mix.weight, mix.load, mix.mode, mix.found):
-        values[target] = values[source]
+    for column in mix[:-1]:
+        column[target] = column[source]
 
 
 @jit.kernel_beside(_move)
@@ -80,7 +60,7 @@ def move(mix: Mixture, source: int, target: int) -> None:
         for j in range(x.shape[1]):
             P[target, i, j] = P[source, i, j]
     mix.weight[target], mix.load[target] = mix.weight[source], mix.load[source]
-    mix.mode[target], mix.found[target] = mix.mode[source], mix.found[source]
+    mix.mode[target] = mix.mode[source]
 
 
 @jit.kernel
@@ -102,30 +82,23 @@ def prune(mix: Mixture, count: int, least: float) -> int:
 
 
 @jit.kernel
-def set_transitions(metres: float, driven_s: float, c: Constants, table: Any) -> None:
-    """Set the probability of mode j after mode i at [i * MODES + j]: that of road, driver and load."""
+def transitions(metres: float, driven_s: float, c: Constants) -> tuple[Any, Any, Any]:
+    """Return the transition probabilities of road (3 x 3), driver and load (2 x 2), row by row."""
     curves, straightens = 1.0 - math.exp(-metres / c.straight_m), 1.0 - math.exp(-metres / c.curved_m)
     roughens, smoothens = 1.0 - math.exp(-metres / c.roughens_m), 1.0 - math.exp(-metres / c.smoothens_m)
     drawn = 1.0 - math.exp(-metres / c.driver_m)
     begins, ends = 1.0 - math.exp(-driven_s / c.drift_begins_s), 1.0 - math.exp(-driven_s / c.drift_ends_s)
-    smooth = 1.0 - roughens
+    smooth, frees, answers = 1.0 - roughens, drawn * (1.0 - c.answered), drawn * c.answered
     roads = (
         smooth * (1.0 - curves), smooth * curves, roughens,
         smooth * straightens, smooth * (1.0 - straightens), roughens,
         0.0, smoothens, 1.0 - smoothens,
     )  # fmt: skip
-    frees, answers = drawn * (1.0 - c.answered), drawn * c.answered
-    drivers = (1.0 - answers, answers, frees, 1.0 - frees)
-    loads = (1.0 - begins, begins, ends, 1.0 - ends)
-    for i in range(MODES):
-        for j in range(MODES):
-            driver = drivers[2 * (i // ROADS % 2) + j // ROADS % 2]
-            load = loads[2 * (i // ANSWERED) + j // ANSWERED]
-            table[i * MODES + j] = roads[ROADS * (i % ROADS) + j % ROADS] * driver * load
+    return roads, (1.0 - answers, answers, frees, 1.0 - frees), (1.0 - begins, begins, ends, 1.0 - ends)
 
 
-def _mean_of(mix: Mixture, count: int, share: Any, made: int, room: Mixture) -> None:
-    shares = np.array(share[: made * MOST]).reshape(made, MOST)
+def _mix(mix: Mixture, count: int, made: int, room: Mixture, t: Scratch) -> None:
+    shares = np.array(t.share[: made * MOST]).reshape(made, MOST)
     y, R = room.x[:made], room.P[:made]
     y[:], R[:] = 0.0, 0.0
     for d in range(count):
@@ -135,32 +108,32 @@ def _mean_of(mix: Mixture, count: int, share: Any, made: int, room: Mixture) -> 
         R += shares[:, d, None, None] * (mix.P[d] + off[:, :, None] * off[:, None, :])
 
 
-@jit.kernel_beside(_mean_of)
-def mean_of(mix: Mixture, count: int, share: Any, made: int, room: Mixture) -> None:
-    """Give density t of the room mean and covariance of those of the mixture, by shares [t * MOST + d]."""
+@jit.kernel_beside(_mix)
+def mix_densities(mix: Mixture, count: int, made: int, room: Mixture, t: Scratch) -> None:
+    """Give density k of the room mean and covariance of those of the mixture, by shares [k * MOST + d]."""
     x, P, y, R = mix.x, mix.P, room.x, room.P
     n = x.shape[1]
-    for t in range(made):
+    for k in range(made):
         for i in range(n):
-            y[t, i] = 0.0
+            y[k, i] = 0.0
             for j in range(n):
-                R[t, i, j] = 0.0
+                R[k, i, j] = 0.0
         for d in range(count):
-            part = share[t * MOST + d]
+            part = t.share[k * MOST + d]
             if part > 0.0:
                 for i in range(n):
-                    y[t, i] += part * x[d, i]
+                    y[k, i] += part * x[d, i]
         for d in range(count):
-            part = share[t * MOST + d]
+            part = t.share[k * MOST + d]
             if part > 0.0:
                 for i in range(n):
-                    off = x[d, i] - y[t, i]
+                    off = x[d, i] - y[k, i]
                     for j in range(n):
-                        R[t, i, j] += part * (P[d, i, j] + off * (x[d, j] - y[t, j]))
+                        R[k, i, j] += part * (P[d, i, j] + off * (x[d, j] - y[k, j]))
 
 
 def _keep(room: Mixture, made: int, i: int, modes: Any, fresh: Any) -> None:
-    has = np.array([modes[int(m)] for m in room.mode[:made]])
+    has = np.array([modes[int(mode)] for mode in room.mode[:made]])
     room.x[:made, i] *= has
     room.P[:made, i] *= has[:, None]
     room.P[:made, :, i] *= has[:, None]
@@ -170,64 +143,68 @@ def _keep(room: Mixture, made: int, i: int, modes: Any, fresh: Any) -> None:
 @jit.kernel_beside(_keep)
 def keep(room: Mixture, made: int, i: int, modes: Any, fresh: Any) -> None:
     """Keep a state where the mode has it, with the prior variance of what comes without; else forget it."""
-    for t in range(made):
-        has = modes[int(room.mode[t])]
-        room.x[t, i] *= has
-        for k in range(room.x.shape[1]):
-            room.P[t, i, k] *= has
-        for k in range(room.x.shape[1]):
-            room.P[t, k, i] *= has
-        room.P[t, i, i] += has * fresh[t]
+    for k in range(made):
+        has = modes[int(room.mode[k])]
+        room.x[k, i] *= has
+        for j in range(room.x.shape[1]):
+            room.P[k, i, j] *= has
+        for j in range(room.x.shape[1]):
+            room.P[k, j, i] *= has
+        room.P[k, i, i] += has * fresh[k]
 
 
 @jit.kernel
-def lacking(mix: Mixture, count: int, made: int, share: Any, modes: Any, variance: float, out: Any) -> None:
-    """Set the prior variance of a state that comes from modes without it, per new density."""
-    for t in range(made):
+def keep_state(
+    mix: Mixture, count: int, room: Mixture, made: int, i: int, modes: Any, variance: float, t: Scratch
+) -> None:
+    """Keep state i in the modes that have it. variance: prior, of the share that comes from modes without."""
+    fresh = t.columns[0]
+    for k in range(made):
         part = 0.0
         for d in range(count):
-            part += share[t * MOST + d] * (1.0 - modes[int(mix.mode[d])])
-        out[t] = part * variance
+            part += t.share[k * MOST + d] * (1.0 - modes[int(mix.mode[d])])
+        fresh[k] = part * variance
+    keep(room, made, i, modes, fresh)
 
 
 @jit.kernel
 def exchange(
-    mix: Mixture, count: int, table: Any, fresh: Any, least: float, room: Mixture, share: Any, out: Any
+    mix: Mixture, count: int, chains: Any, fresh: Any, least: float, room: Mixture, t: Scratch
 ) -> int:
-    """Let the modes of each load exchange probability by the table; returns the number of densities.
+    """Let the modes of each load exchange probability; returns the number of densities.
 
-    fresh: prior variances of curvature, response and rate. room, share, out: scratch.
+    chains: `transitions`. fresh: prior variances of curvature, response and rate. room: scratch.
     """
+    roads, drivers, loads = chains
     made = 0
     for load in range(LOADS):
-        for m in range(MODES):
+        for mode in range(MODES):
             total, at = 0.0, made * MOST
             for d in range(count):
                 part = 0.0
                 if mix.load[d] == load:
-                    part = mix.weight[d] * table[int(mix.mode[d]) * MODES + m]
-                share[at + d] = part
+                    own = int(mix.mode[d])
+                    part = mix.weight[d] * roads[ROADS * (own % ROADS) + mode % ROADS]
+                    part *= drivers[2 * (own // ROADS % 2) + mode // ROADS % 2]
+                    part *= loads[2 * (own // m.STEADY_MODES) + mode // m.STEADY_MODES]
+                t.share[at + d] = part
                 total += part
             if total >= least:
                 for d in range(count):
-                    share[at + d] /= total
-                room.weight[made], room.load[made], room.mode[made] = total, float(load), float(m)
+                    t.share[at + d] /= total
+                room.weight[made], room.load[made], room.mode[made] = total, float(load), float(mode)
                 made += 1
-    mean_of(mix, count, share, made, room)
-    lacking(mix, count, made, share, BENDS, fresh[0], out)
-    keep(room, made, CURVATURE, BENDS, out)
-    lacking(mix, count, made, share, ANSWERS, fresh[1], out)
-    keep(room, made, RESPONSE, ANSWERS, out)
-    lacking(mix, count, made, share, DRIFTS, fresh[2], out)
-    keep(room, made, RATE, DRIFTS, out)
+    mix_densities(mix, count, made, room, t)
+    keep_state(mix, count, room, made, m.CURVATURE, m.BENDS, fresh[0], t)
+    keep_state(mix, count, room, made, m.RESPONSE, m.ANSWERS, fresh[1], t)
+    keep_state(mix, count, room, made, m.RATE, m.DRIFTS, fresh[2], t)
     take(room, made, mix)
     return prune(mix, made, least)
 
 
 def _take(room: Mixture, count: int, mix: Mixture) -> None:
-    mix.x[:count], mix.P[:count] = room.x[:count], room.P[:count]
-    mix.weight[:count], mix.load[:count] = room.weight[:count], room.load[:count]
-    mix.mode[:count] = room.mode[:count]
+    for source, target in zip(room[:-1], mix[:-1], strict=True):
+        target[:count] = source[:count]
 
 
 @jit.kernel_beside(_take)
@@ -243,13 +220,13 @@ def take(room: Mixture, count: int, mix: Mixture) -> None:
 
 
 @jit.kernel
-def set_loads(mix: Mixture, count: int, loads: Any, us: Any, u_vars: Any) -> int:
-    """Set weight, mean and variance of the inverse mass of every load, at [3 k]; returns the likeliest.
+def set_loads(mix: Mixture, count: int, t: Scratch) -> int:
+    """Set weight, mean and variance of the inverse mass of every load, t.loads[3 k]; returns the likeliest.
 
-    us, u_vars: set to those of every density.
+    Leaves mean and variance of every density in t.columns[0] and [1].
     """
-    column(mix.x, count, U, us)
-    variances(mix.P, count, U, u_vars)
+    loads, us, u_vars = t.loads, t.columns[0], t.columns[1]
+    moments(mix, count, m.U, us, u_vars)
     for k in range(3 * LOADS):
         loads[k] = 0.0
     for d in range(count):
@@ -276,9 +253,10 @@ def relabel(mix: Mixture, count: int, before: int, after: int) -> None:
 
 
 @jit.kernel
-def merge_alike(mix: Mixture, count: int, least: float, loads: Any, us: Any, u_vars: Any) -> None:
+def merge_alike(mix: Mixture, count: int, least: float, t: Scratch) -> None:
     """Make one load of two where that loses less than `least` nats of the density of u."""
-    set_loads(mix, count, loads, us, u_vars)
+    set_loads(mix, count, t)
+    loads = t.loads
     for i in range(3, 3 * LOADS, 3):
         for j in range(0, i, 3):
             if loads[i] > 0.0 and loads[j] > 0.0:
@@ -292,13 +270,12 @@ def merge_alike(mix: Mixture, count: int, least: float, loads: Any, us: Any, u_v
 
 
 @jit.kernel
-def drop_impossible(mix: Mixture, count: int, v: Vehicle, far: float, loads: Any, us: Any, u_vars: Any) -> int:
-    """Remove loads, but for the likeliest, whose inverse mass lies far beyond the bounds, in variances."""
-    best = set_loads(mix, count, loads, us, u_vars)
-    dropped = False
+def drop_impossible(mix: Mixture, count: int, v: Vehicle, t: Scratch) -> int:
+    """Remove loads, but for the likeliest, whose inverse mass lies three stds beyond the bounds."""
+    best, dropped = set_loads(mix, count, t), False
     for k in range(0, 3 * LOADS, 3):
-        off = max(v.least_u - loads[k + 1], loads[k + 1] - v.most_u)
-        if loads[k] > 0.0 and k != 3 * best and off > 0.0 and off * off > far * loads[k + 2]:
+        off = max(v.least_u - t.loads[k + 1], t.loads[k + 1] - v.most_u)
+        if t.loads[k] > 0.0 and k != 3 * best and off > 0.0 and off * off > _FAR * t.loads[k + 2]:
             dropped = True
             for d in range(count):
                 if mix.load[d] == k // 3:

@@ -9,43 +9,17 @@ from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2
 from canest.estimators.default.accelerometer import Comparison, compare
 from canest.estimators.default.constants import Constants, Vehicle
-from canest.estimators.default.hypotheses import (
-    drop_impossible,
-    exchange,
-    merge_alike,
-    prune,
-    set_loads,
-    set_transitions,
-    weigh,
-)
+from canest.estimators.default import model as m
+from canest.estimators.default.hypotheses import drop_impossible, exchange, merge_alike, prune, set_loads
+from canest.estimators.default.hypotheses import transitions, weigh
 from canest.estimators.default.load import changed_probability, open_load
-from canest.estimators.default.model import (
-    ANSWERS,
-    BENDS,
-    CURVATURE,
-    GRADE,
-    MODES,
-    RESPONSE,
-    WIND,
-    Mixture,
-    U,
-    V,
-    Window,
-)
+from canest.estimators.default.model import Mixture, Scratch, Window
 from canest.estimators.default.noise import Levels, follow, lacking_force
-from canest.estimators.default.predict import accelerate, add_noise, climb, column, decay, drift, travel
+from canest.estimators.default.predict import accelerate, add, climb, decay, drift, fill, travel
 from canest.estimators.default.report import Report, leave_out, report_grade, report_mass, unknown_load_var
 from canest.estimators.default.road_map import RoadUse, cell_var, follow_road
-from canest.estimators.default.sensors import (
-    Scratch,
-    accelerometer,
-    altitude,
-    closed_balance,
-    coasting,
-    mapped_slope,
-    mean_surplus,
-    speed,
-)
+from canest.estimators.default.sensors import accelerometer, altitude, closed_balance, coasting, mapped_slope
+from canest.estimators.default.sensors import mean_surplus, speed
 from canest.estimators.default.update import add_log_likelihood
 from canest.estimators.default.windows import WINDOW_S
 
@@ -53,8 +27,6 @@ from canest.estimators.default.windows import WINDOW_S
 _SEE_EVERY = 2.0
 #: variance of a speed that no open window has led to, (m/s)2
 _UNKNOWN_V = 100.0
-#: an inverse mass so many variances beyond the bounds is impossible
-_FAR = 9.0
 #: after a gap this long the height is unknown, s; of a coasting further back the road is another, m
 _LOST_S, _FAR_M = 60.0, 100.0
 #: where innovations surprise, a road may have become another one as if it were so long, m
@@ -64,13 +36,14 @@ OUTPUTS = 9
 (
     OUT_MASS, OUT_VAR, OUT_GRADE, OUT_GRADE_VAR, OUT_SLOPE, OUT_WANDER, OUT_LEARNED, OUT_SPEED, OUT_LIVE,
 ) = range(OUTPUTS)  # fmt: skip
-_EVERYWHERE = (1.0,) * MODES
+_EVERYWHERE = (1.0,) * m.MODES
 
 
 class Progress(NamedTuple):
     """What is carried from window to window beside the densities."""
 
     count: float  #: densities alive
+    u: float  #: inverse mass, mean of all densities, each within the vehicle's bounds
     mixed_m: float = 0.0  #: metres, and seconds of motion, since modes exchanged probability
     mixed_s: float = 0.0
     follows: float = 0.0  #: 1 where the force of the window before was known
@@ -81,6 +54,8 @@ class Progress(NamedTuple):
     unknown_s: float = 0.0  #: standing and missing time since the load was last taken up
     unseen: float = 0.0  #: windows since the accelerometer was used
     height_known: float = 0.0
+    climbed_m: float = 0.0  #: metres and seconds since the height followed the slope
+    climbed_s: float = 0.0
 
 
 class Carried(NamedTuple):
@@ -104,12 +79,11 @@ def window_at(c: Any, k: int) -> Window:
 
 
 @jit.kernel
-def mean_inverse_mass(mix: Mixture, count: int, v: Vehicle, us: Any) -> float:
+def mean_inverse_mass(mix: Mixture, count: int, v: Vehicle, t: Scratch) -> float:
     """Return the mean of u over all densities, each within the vehicle's bounds."""
-    column(mix.x, count, U, us)
     mean = 0.0
     for d in range(count):
-        mean += mix.weight[d] * min(max(us[d], v.least_u), v.most_u)
+        mean += mix.weight[d] * min(max(t.columns[0][d], v.least_u), v.most_u)
     return mean
 
 
@@ -126,88 +100,99 @@ def own_torque(fast_N: float, u: float, speed_mps: float, c: Constants) -> float
 
 
 @jit.kernel
-def fade(
-    mix: Mixture, count: int, metres: float, wind: float, u: float, c: Constants, v: Vehicle
-) -> None:
-    """Let wind, curvature and response fade over a distance. wind: its std, m/s."""
+def fade(mix: Mixture, count: int, metres: float, wind: float, c: Constants, v: Vehicle) -> None:
+    """Let wind, curvature and response fade over a distance. wind: std of the wind times u."""
     left = math.exp(-metres / c.wind_m)
-    decay(mix, count, WIND, left, wind * u * wind * u * (1.0 - left * left), _EVERYWHERE)
+    decay(mix, count, m.WIND, left, wind * wind * (1.0 - left * left), _EVERYWHERE)
     left = math.exp(-metres / c.curve_m)
-    decay(mix, count, CURVATURE, left, c.curvature_1pm * c.curvature_1pm * (1.0 - left * left), BENDS)
+    decay(mix, count, m.CURVATURE, left, c.curvature_1pm * c.curvature_1pm * (1.0 - left * left), m.BENDS)
     left = math.exp(-metres / c.response_m)
-    decay(mix, count, RESPONSE, left, v.response * v.response * (1.0 - left * left), ANSWERS)
+    decay(mix, count, m.RESPONSE, left, v.response * v.response * (1.0 - left * left), m.ANSWERS)
 
 
 @jit.kernel
 def change_modes(
-    mix: Mixture, count: int, metres: float, seconds: float, u: float, c: Constants, v: Vehicle, t: Scratch,
+    mix: Mixture, count: int, metres: float, driven_s: float, rate: float, c: Constants, v: Vehicle, t: Scratch,
     room: Mixture,
 ) -> int:  # fmt: skip
-    """Let alike loads become one and the modes exchange probability; returns the number of densities."""
-    rate = c.drift_1ps * u
+    """Drop impossible loads, merge alike ones, let modes exchange probability; returns the densities.
+
+    rate: std of a drift of u.
+    """
+    count = drop_impossible(mix, count, v, t)
+    merge_alike(mix, count, c.merge, t)
     fresh = (c.curvature_1pm * c.curvature_1pm, v.response * v.response, rate * rate)
-    merge_alike(mix, count, c.merge, t.loads, t.columns[0], t.columns[1])
-    set_transitions(metres, seconds, c, t.table)
-    return exchange(mix, count, t.table, fresh, c.prune, room, t.share, t.columns[0])
+    return exchange(mix, count, transitions(metres, driven_s, c), fresh, c.prune, room, t)
 
 
 @jit.kernel
 def predict(
-    mix: Mixture, count: int, w: Window, p: Progress, metres: float, u: float, c: Constants, v: Vehicle,
-    t: Scratch,
-) -> float:  # fmt: skip
-    """Predict load, road and speed over a window; returns the mean acceleration by the model."""
-    drift(mix, count, WINDOW_S + min(w.gap_s, 10.0), t.f, t.left.K)
+    mix: Mixture, count: int, w: Window, p: Progress, metres: float, c: Constants, v: Vehicle, t: Scratch
+) -> float:
+    """Predict road and speed over a window; returns the mean acceleration by the model."""
     answered_kg = 0.0
     if w.open > 0.0:
         answered_kg = (w.traction_N - w.begin_N) / GRAVITY_MPS2
     elif w.retarding > 0.0 and p.follows > 0.0 and w.gap_s == 0.0:
         answered_kg = (w.force_N - p.force_N) / GRAVITY_MPS2
     if metres > 0.0 or answered_kg != 0.0:
-        travel(mix, count, metres, answered_kg, u, c.smooth_1pm, c.rough_1pm, t.f, t.left.K)
-    motion, noise = w.accel_mps2, 0.0
+        travel(mix, count, metres, answered_kg, p.u, (c.smooth_1pm, c.rough_1pm), t)
+    motion = w.accel_mps2
     if w.open > 0.0:
-        motion = accelerate(mix, count, w, (v.least_u, v.most_u), t.f, t.left.K, t.columns)
-        lever = u / (1.0 + u * w.rotating_kg)
-        noise = lever * lever * lacking_force(w, c, v) * WINDOW_S
+        motion = accelerate(mix, count, w, (v.least_u, v.most_u), lacking_force(w, c, v), t)
     if w.open == 0.0 or w.gap_s > 0.0:
-        noise += _UNKNOWN_V
-    for d in range(count):
-        t.f[d] = noise
-    add_noise(mix, count, V, t.f)
+        fill(count, t.f, _UNKNOWN_V)
+        add(mix, count, m.V, t.zeros, t.f)
     return motion
 
 
 @jit.kernel
 def step_of_road(mix: Mixture, count: int, w: Window, u: float, c: Constants, t: Scratch) -> None:
     """Where no noise explains an innovation the road has a step, and the speed is what was measured."""
-    stepped = False
     for d in range(count):
-        missing = t.left.e[d]
-        big = missing * missing > c.step_nis * t.left.s[d]
-        stepped = stepped or big
+        missing = t.e[d]
+        big = missing * missing > c.step_nis * t.s[d]
         step = missing * (1.0 + u * w.rotating_kg) / (WINDOW_S * GRAVITY_MPS2)
         t.columns[0][d] = min(step * step, c.grade * c.grade) if big else 0.0
         t.columns[1][d] = missing * missing if big else 0.0
-    if stepped:
-        add_noise(mix, count, GRADE, t.columns[0])
-        add_noise(mix, count, V, t.columns[1])
+    add(mix, count, m.GRADE, t.zeros, t.columns[0])
+    add(mix, count, m.V, t.zeros, t.columns[1])
 
 
 @jit.kernel
-def update_open(
+def learn_open(
     mix: Mixture, count: int, w: Window, fast_N: float, u: float, r: float, c: Constants, t: Scratch
 ) -> tuple[float, float]:
-    """Take what an open window's speed and torque say of the hypotheses; returns NIS and surplus, in the mean."""
-    add_log_likelihood(mix.found, count, t.left, r, c.floor)
-    own = own_torque(fast_N, u, w.speed_mps, c)
-    nis = 0.0
+    """Weigh the hypotheses by an open window's speed and torque; returns NIS and surplus, in the mean."""
+    add_log_likelihood(mix, count, r, c.floor, t)
+    own, nis, largest = own_torque(fast_N, u, w.speed_mps, c), 0.0, 0.0
     for d in range(count):
-        mix.found[d] += own * ANSWERS[int(mix.mode[d])]
-        nis += mix.weight[d] * t.left.e[d] * t.left.e[d] / t.left.s[d]
-    surplus = mean_surplus(mix, count, t.left, r, c)
-    step_of_road(mix, count, w, u, c, t)
+        mix.found[d] += own * m.ANSWERS[int(mix.mode[d])]
+        ratio = t.e[d] * t.e[d] / t.s[d]
+        nis += mix.weight[d] * ratio
+        largest = max(largest, ratio)
+    surplus = mean_surplus(mix, count, r, c, t)
+    if largest > c.step_nis:
+        step_of_road(mix, count, w, u, c, t)
     return nis, surplus
+
+
+@jit.kernel
+def change_load(
+    mix: Mixture, count: int, w: Window, begins: bool, failed: bool, p: Progress, unseen_s: float, surprise: float,
+    c: Constants, v: Vehicle, t: Scratch, room: Mixture,
+) -> tuple[int, float, float]:  # fmt: skip
+    """Open the load where it may have changed; returns the densities, time unseen and surprise that are left."""
+    if failed or (begins and unseen_s >= c.least_stop_s):
+        if p.learned > 0.0:
+            probability = 1.0 if failed else changed_probability(unseen_s, c.stop_s)
+            count = prune(mix, open_load(mix, count, probability, False, 0.0, v, t), 1e-300)
+        return count, 0.0, 0.0
+    if w.open > 0.0 and surprise > c.surprise:
+        net_kg = (w.force_N - w.rotating_kg * w.accel_mps2) / GRAVITY_MPS2
+        count = change_modes(mix, count, _CALLED_M, 0.0, c.drift_1ps * p.u, c, v, t, room)
+        return open_load(mix, count, c.surprised, True, net_kg, v, t), unseen_s, 0.0
+    return count, unseen_s, surprise
 
 
 @jit.kernel
@@ -228,47 +213,40 @@ def run(
         metres = w.distance_m + w.gap_s * max(w.speed_mps, 0.0)
         ahead_m = max(w.speed_mps, 0.0) * v.late_s
         begins = is_open and (p.was_open == 0.0 or w.gap_s > 0.0)
-        unknown_s = p.unknown_s + w.gap_s + (WINDOW_S if still else 0.0)
         was_faulty = comparison.faulty
         comparison = compare(comparison, w.sensed_mps2, w.accel_mps2, w.speed_mps, v.speed_floor_mps)
         road = follow_road(road, given, w, metres, ahead_m)
         failed = comparison.faulty != was_faulty or road.lost > 0.0
-        surprise = levels.surprise
-        mixed_m, mixed_s = p.mixed_m + metres, p.mixed_s + (0.0 if still else WINDOW_S)
+        height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S
         # -- other loads, other modes
-        if failed or (begins and unknown_s >= c.least_stop_s):
-            if p.learned > 0.0:
-                probability = 1.0 if failed else changed_probability(unknown_s, c.stop_s)
-                count = open_load(mix, count, probability, 0.0, v, t.loads, t.columns, t.left.a)
-                count = prune(mix, count, 1e-300)
-            unknown_s = surprise = 0.0
-        elif is_open and surprise > c.surprise:
-            surprise = 0.0
-            u = mean_inverse_mass(mix, count, v, t.columns[0])
-            net_kg = (w.force_N - w.rotating_kg * w.accel_mps2) / GRAVITY_MPS2
-            count = change_modes(mix, count, _CALLED_M, 0.0, u, c, v, t, room)
-            count = open_load(mix, count, c.surprised, net_kg, v, t.loads, t.columns, t.left.a)
-        u = mean_inverse_mass(mix, count, v, t.columns[0])
+        unseen_s = p.unknown_s + w.gap_s + (WINDOW_S if still else 0.0)
+        count, unknown_s, surprise = change_load(
+            mix, count, w, begins, failed, p, unseen_s, levels.surprise, c, v, t, room
+        )
+        mixed_m, mixed_s = p.mixed_m + metres, p.mixed_s + (0.0 if still else WINDOW_S + min(w.gap_s, 10.0))
         if mixed_m >= c.exchange_m:
-            wind = math.hypot(c.wind_mps, 0.5 * w.speed_mps * v.drag_share)
-            fade(mix, count, mixed_m, wind, u, c, v)
-            count = change_modes(mix, count, mixed_m, mixed_s, u, c, v, t, room)
+            wind = math.hypot(c.wind_mps, 0.5 * w.speed_mps * v.drag_share) * p.u
+            fade(mix, count, mixed_m, wind, c, v)
+            drift(mix, count, mixed_s, t)
+            count = change_modes(mix, count, mixed_m, mixed_s, c.drift_1ps * p.u, c, v, t, room)
             mixed_m = mixed_s = 0.0
         # -- predict and update every density
-        for d in range(count):
-            mix.found[d] = 0.0
-        height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S
-        if height_known:
-            climb(mix, count, metres, c.wander_m2ps * (WINDOW_S + w.gap_s), t.f, t.left.K)
-        motion = predict(mix, count, w, p, metres, u, c, v, t)
-        speed(mix, count, w, u, levels.speed_var, c, t)
+        fill(count, mix.found, 0.0)
+        climbed_m, climbed_s = p.climbed_m + metres, p.climbed_s + WINDOW_S + w.gap_s
+        measured = not math.isnan(w.altitude_m)
+        if height_known and (measured or climbed_m > c.exchange_m):
+            climb(mix, count, climbed_m, c.wander_m2ps * climbed_s, t)
+            climbed_m = climbed_s = 0.0
+        motion = predict(mix, count, w, p, metres, c, v, t)
+        speed(mix, count, w, p.u, levels.speed_var, c, t)
         slow_N = w.traction_N if begins else p.slow_N
         nis = speed_surplus = sensed_surplus = 0.0
         if is_open:
-            nis, speed_surplus = update_open(mix, count, w, w.traction_N - slow_N, u, levels.speed_var, c, t)
+            nis, speed_surplus = learn_open(
+                mix, count, w, w.traction_N - slow_N, p.u, levels.speed_var, c, t
+            )
         elif w.retarding > 0.0 or w.coarse > 0.0:
-            closed_balance(mix, count, w, levels.speed_var, u, c, t)
-        measured = not math.isnan(w.altitude_m)
+            closed_balance(mix, count, w, levels.speed_var, p.u, c, t)
         if measured:
             altitude(mix, count, w.altitude_m, height_known, c, t)
         sees = not math.isnan(w.sensed_mps2) and comparison.faulty == 0.0 and not still
@@ -280,21 +258,23 @@ def run(
         if not math.isnan(w.coast_mps2) and w.coast_back_s * w.speed_mps < _FAR_M:
             coasting(mix, count, w, c, t)
         # -- weigh, follow the noise, report
-        weigh(mix, count, c.power, t.loads)
+        weigh(mix, count, c.power, t)
         count = prune(mix, count, c.prune)
         if is_open:
-            count = drop_impossible(mix, count, v, _FAR, t.loads, t.columns[0], t.columns[1])
             levels = follow(levels, surprise, nis, speed_surplus, sensed_surplus, sees, c, v)
-        best = set_loads(mix, count, t.loads, t.columns[0], t.columns[1])
-        leave_out(mix, count, t.loads, c.left_out, t.columns[2])
+        best = set_loads(mix, count, t)
+        u = mean_inverse_mass(mix, count, v, t)
+        leave_out(mix, count, c.left_out, t)
         mass = (given.mass_kg, given.mass_var, 0.0 if begins else given.windows)
         if is_open:
             mass = report_mass(count, best, mass, nodes, c, v, t)
         given = report_grade(mix, count, mass, ahead_m, c, v, t)
         p = Progress(
-            float(count), mixed_m, mixed_s, 1.0 if is_open or w.retarding > 0.0 else 0.0, w.force_N,
+            float(count), u, mixed_m, mixed_s,
+            1.0 if is_open or w.retarding > 0.0 else 0.0, w.force_N,
             slow_N + WINDOW_S * (w.traction_N - slow_N), w.open, 1.0 if is_open or p.learned > 0.0 else 0.0,
             unknown_s, 0.0 if sees else p.unseen + 1.0, 1.0 if measured or height_known else 0.0,
+            0.0 if measured else climbed_m, 0.0 if measured else climbed_s,
         )  # fmt: skip
         row = out[k]
         row[OUT_MASS] = given.mass_kg

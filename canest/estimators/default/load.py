@@ -8,14 +8,14 @@ Where the vehicle moves off, that share of the probability goes to an unknown lo
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from canest.core import jit
+from canest.estimators.default import model as m
 from canest.estimators.default.constants import Vehicle
 from canest.estimators.default.hypotheses import move, relabel, set_loads
-from canest.estimators.default.model import ANSWERED, ANSWERS, GRADE, LOADS, RESPONSE, ROADS, TIMES_U, Mixture, U
+from canest.estimators.default.model import LOADS, Mixture, Scratch
 
 
 @jit.kernel
@@ -24,91 +24,83 @@ def changed_probability(seconds: float, stop_s: float) -> float:
     return 1.0 - math.exp(-seconds / stop_s)
 
 
-def _reopen(mix: Mixture, d: int, free: float, u: float, u_var: float, known_u: float, net_kg: float, a: Any) -> None:
+def _reopen(mix: Mixture, d: int, answers: float, known_u: float, net_kg: float, v: Vehicle, t: Scratch) -> None:
     x, P = mix.x[d], mix.P[d]
-    for state in (U, RESPONSE) if free > 0.0 else (U,):
-        P[state] = 0.0
-        P[:, state] = 0.0
-    if free > 0.0:
-        x[RESPONSE] = 0.0
-    lever = np.zeros(len(x))
-    lever[U], lever[GRADE] = 1.0, net_kg
-    for state in TIMES_U:
-        lever[state] = x[state] / known_u
-        P[state] *= u / known_u
-        P[:, state] *= u / known_u
-    x[U] = known_u
-    x += lever * (u - known_u)
-    P += (lever * u_var)[:, None] * lever
+    P[m.U] = P[:, m.U] = 0.0
+    x[m.RESPONSE] *= answers
+    P[m.RESPONSE] *= answers
+    P[:, m.RESPONSE] *= answers
+    a = np.zeros(len(x))
+    a[m.U], a[m.GRADE] = 1.0, net_kg
+    for state in m.TIMES_U:
+        a[state] = x[state] / known_u
+        P[state] *= v.unknown_u / known_u
+        P[:, state] *= v.unknown_u / known_u
+    x[m.U] = known_u
+    x += a * (v.unknown_u - known_u)
+    P += (a * v.unknown_var)[:, None] * a
 
 
 @jit.kernel_beside(_reopen)
-def reopen(
-    mix: Mixture, d: int, free: float, u: float, u_var: float, known_u: float, net_kg: float, a: Any
-) -> None:
+def reopen(mix: Mixture, d: int, answers: float, known_u: float, net_kg: float, v: Vehicle, t: Scratch) -> None:
     """Open the load of one density: x(u) = x + a (u - known_u), P = P without u + a Var(u) a'.
 
     a: 1 for u itself; x / known_u for what is times u; net_kg = (F - J dv/dt) / g for the grade, since
-    u F - g theta has been right whatever the load. free: 1 where the road shall not answer. a: scratch.
+    u F - g theta has been right whatever the load. answers: 0 where the road shall no longer answer, else 1.
     """
-    x, P = mix.x, mix.P
+    x, P, a = mix.x, mix.P, t.K
     n = x.shape[1]
     for i in range(n):
-        P[d, U, i] = 0.0
-        P[d, i, U] = 0.0
-        if free > 0.0:
-            P[d, RESPONSE, i] = 0.0
-            P[d, i, RESPONSE] = 0.0
+        P[d, m.U, i] = 0.0
+        P[d, i, m.U] = 0.0
+        P[d, m.RESPONSE, i] *= answers
         a[i] = 0.0
-    if free > 0.0:
-        x[d, RESPONSE] = 0.0
-    a[U], a[GRADE] = 1.0, net_kg
-    for state in TIMES_U:
+    for i in range(n):
+        P[d, i, m.RESPONSE] *= answers
+    x[d, m.RESPONSE] *= answers
+    a[m.U], a[m.GRADE] = 1.0, net_kg
+    for state in m.TIMES_U:
         a[state] = x[d, state] / known_u
         for i in range(n):
-            P[d, state, i] *= u / known_u
+            P[d, state, i] *= v.unknown_u / known_u
         for i in range(n):
-            P[d, i, state] *= u / known_u
-    x[d, U] = known_u
+            P[d, i, state] *= v.unknown_u / known_u
+    x[d, m.U] = known_u
     for i in range(n):
-        x[d, i] += a[i] * (u - known_u)
+        x[d, i] += a[i] * (v.unknown_u - known_u)
         for j in range(n):
-            P[d, i, j] += a[i] * u_var * a[j]
+            P[d, i, j] += a[i] * v.unknown_var * a[j]
 
 
 @jit.kernel
 def open_load(
-    mix: Mixture, count: int, probability: float, net_kg: float, v: Vehicle, loads: Any, scratch: Any, a: Any
+    mix: Mixture, count: int, probability: float, moving: bool, net_kg: float, v: Vehicle, t: Scratch
 ) -> int:
     """Give a share of the probability to an unknown load, a copy of the likeliest; returns the densities.
 
-    net_kg: (F - J dv/dt) / g in motion, zero after a stop. After a stop the loads that there are become one;
-    in motion nothing is done where there is no room, and in the new load torque is the driver's own: what the
-    old one takes for an answer of the road may be the new load. scratch: two columns, of u and its variance.
+    After a stop the loads that there are become one. In motion nothing is done where there is no room, and in
+    the new load torque is the driver's own: what the old one takes for an answer of the road may be the load.
     """
-    base = set_loads(mix, count, loads, scratch[0], scratch[1])
-    known_u = min(max(loads[3 * base + 1], v.least_u), v.most_u)
-    moving = net_kg != 0.0
-    label = -1
+    base = set_loads(mix, count, t)
+    known_u = min(max(t.loads[3 * base + 1], v.least_u), v.most_u)
+    label, made, total = -1, count, 0.0
     for k in range(LOADS):
-        if k != base and not moving:
-            relabel(mix, count, k, base)
-        if k != base and (loads[3 * k] == 0.0 or not moving):
+        if k != base and (t.loads[3 * k] == 0.0 or not moving):
             label = k
+            relabel(mix, count, k, base)
     if label < 0:
         return count
-    made, total = count, 0.0
     for d in range(count):
         mode = int(mix.mode[d])
-        if mix.load[d] == base and mode < ANSWERED:
+        if mix.load[d] == base and mode < m.STEADY_MODES:
             move(mix, d, made)
-            free = ANSWERS[mode] if moving else 0.0
-            reopen(mix, made, free, v.unknown_u, v.unknown_var, known_u, net_kg, a)
-            mix.load[made], mix.mode[made] = float(label), float(mode - ROADS * int(free))
+            answers = 0.0 if moving else 1.0
+            reopen(mix, made, answers, known_u, net_kg, v, t)
+            mix.load[made] = float(label)
+            if moving:
+                mix.mode[made] = float(mode % m.ROADS)
             total += mix.weight[d]
             made += 1
-    if made == count:
-        return count
-    for d in range(made):
+    for d in range(made if total > 0.0 else 0):
         mix.weight[d] *= 1.0 - probability if d < count else probability / total
     return made

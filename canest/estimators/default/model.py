@@ -32,16 +32,16 @@ STATES_WITHOUT_ACCELEROMETER = 11
 TIMES_U = (WIND, DELAY, WINDUP)
 
 #: a mode: the road is straight, curved or rough; the driver is free, or the road answers the torque;
-#: the load is steady or drifts. mode = road + ROADS * answered + ANSWERED * drifting
+#: the load is steady or drifts. mode = road + ROADS * answered + STEADY_MODES * drifting
 ROADS = 3
 STRAIGHT, CURVED, ROUGH = range(ROADS)
-ANSWERED = 2 * ROADS
-MODES = 2 * ANSWERED
+STEADY_MODES = 2 * ROADS
+MODES = 2 * STEADY_MODES
 #: which modes have a curvature, a rough road, a response, a drift (1 or 0)
 BENDS = (0.0, 1.0, 1.0) * 4
 IS_ROUGH = (0.0, 0.0, 1.0) * 4
 ANSWERS = ((0.0,) * ROADS + (1.0,) * ROADS) * 2
-DRIFTS = (0.0,) * ANSWERED + (1.0,) * ANSWERED
+DRIFTS = (0.0,) * STEADY_MODES + (1.0,) * STEADY_MODES
 #: loads at most: the one there was, and others that it may have become
 LOADS = 3
 #: densities at most, while a load begins
@@ -56,7 +56,21 @@ class Mixture(NamedTuple):
     weight: Any  #: (MOST,) probabilities; like all below a list interpreted, an array compiled
     load: Any  #: (MOST,) number of the load
     mode: Any  #: (MOST,)
-    found: Any  #: (MOST,) log likelihood of the window
+    found: Any  #: (MOST,) log likelihood of the window; the last column
+
+
+class Scratch(NamedTuple):
+    """Room to work in: columns have one number per density."""
+
+    h: Any  #: (8,) entries of a row of H
+    f: Any  #: (3 * MOST,) entries of a row of F
+    K: Any  #: (n,) gain
+    columns: Any  #: four columns
+    e: Any  #: column: innovations of the last measurement
+    s: Any  #: column: their variances
+    zeros: Any  #: column that stays zero
+    loads: Any  #: (3 * LOADS,) weight, mean and variance of u of every load
+    share: Any  #: (MODES * LOADS * MOST,)
 
 
 class Window(NamedTuple):

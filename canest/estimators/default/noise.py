@@ -39,13 +39,6 @@ def lacking_force(w: Window, c: Constants, v: Vehicle) -> float:
 
 
 @jit.kernel
-def surplus(e: float, s: float, r: float, c: Constants) -> float:
-    """Return e^2 - s, outliers cut, less where s is mostly the states' own uncertainty."""
-    share = min(c.doubted * r / s, 1.0)
-    return share * (min(e * e, c.outlier * s) - s)
-
-
-@jit.kernel
 def follow(
     levels: Levels, surprise: float, nis: float, speed: float, sensed: float, sees: bool, c: Constants, v: Vehicle,
 ) -> Levels:  # fmt: skip

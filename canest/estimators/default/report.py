@@ -9,11 +9,13 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from canest.core import jit
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.load import changed_probability
-from canest.estimators.default.model import CURVATURE, GRADE, IS_ROUGH, LOADS, ROLLING, Mixture, U
-from canest.estimators.default.sensors import Scratch
+from canest.estimators.default import model as m
+from canest.estimators.default.model import LOADS, Mixture, Scratch
 
 #: windows between two sums over the nodes
 _EVERY = 5.0
@@ -32,8 +34,9 @@ class Report(NamedTuple):
 
 
 @jit.kernel
-def leave_out(mix: Mixture, count: int, loads: Any, left_out: float, share: Any) -> None:
-    """Set share[d] to the weight of density d, zero for loads that are left out; normalised."""
+def leave_out(mix: Mixture, count: int, left_out: float, t: Scratch) -> None:
+    """Set t.columns[2] to the weights of the densities, zero for loads that are left out; normalised."""
+    loads, share = t.loads, t.columns[2]
     small = 0.0
     for k in range(0, 3 * LOADS, 3):
         if loads[k] < left_out:
@@ -48,8 +51,9 @@ def leave_out(mix: Mixture, count: int, loads: Any, left_out: float, share: Any)
 
 
 @jit.kernel
-def sum_over_nodes(count: int, share: Any, us: Any, u_vars: Any, nodes: Any, power: float) -> tuple[float, float]:
+def sum_over_nodes(count: int, nodes: Any, power: float, t: Scratch) -> tuple[float, float]:
     """Return mean and variance of 1/u over nodes uniform in ln u; zeros where all is beyond them."""
+    us, u_vars, share, _ = t.columns
     total = first = second = 0.0
     for i in range(len(nodes)):
         density = 0.0
@@ -96,7 +100,7 @@ def report_mass(
         return mass, spread * mass * mass, 0.0
     if before[2] > 1.0:
         return before[0], before[1], before[2] - 1.0
-    mass, var = sum_over_nodes(count, share, us, u_vars, nodes, c.power)
+    mass, var = sum_over_nodes(count, nodes, c.power, t)
     if mass <= 0.0:
         mass = 1.0 / min(max(centre, v.least_u), v.most_u)
         var = spread * mass * mass
@@ -108,40 +112,54 @@ def report_mass(
     return mass, var, _EVERY
 
 
+def _grades(mix: Mixture, count: int, ahead_m: float, power: float, v: Vehicle, t: Scratch) -> None:
+    x, P, variance = mix.x[:count], mix.P[:count], mix.P[:count, m.U, m.U]
+    per_u = (P[:, m.GRADE, m.U] - P[:, m.ROLLING, m.U]) / variance
+    u = np.minimum(np.maximum(x[:, m.U], v.least_u), v.most_u)
+    mean = x[:, m.GRADE] - x[:, m.ROLLING] + ahead_m * x[:, m.CURVATURE] + per_u * (u - x[:, m.U])
+    var = P[:, m.GRADE, m.GRADE] - 2.0 * P[:, m.GRADE, m.ROLLING] + P[:, m.ROLLING, m.ROLLING]
+    var = var + 2.0 * ahead_m * (P[:, m.GRADE, m.CURVATURE] - P[:, m.ROLLING, m.CURVATURE])
+    var = var + ahead_m * ahead_m * P[:, m.CURVATURE, m.CURVATURE]
+    var = var + per_u * per_u * variance * (1.0 / power - 1.0)
+    t.columns[0][:count], t.columns[1][:count] = mean.tolist(), var.tolist()
+    t.columns[3][:count] = x[:, m.CURVATURE].tolist()
+
+
+@jit.kernel_beside(_grades)
+def set_grades(mix: Mixture, count: int, ahead_m: float, power: float, v: Vehicle, t: Scratch) -> None:
+    """Set t.columns[0], [1] and [3] to mean and variance of the grade ahead and its change per metre.
+
+    theta - rho + d kappa given u, at the u within bounds, d metres ahead of the filtered signals.
+    """
+    for d in range(count):
+        x, P = mix.x, mix.P
+        per_u = (P[d, m.GRADE, m.U] - P[d, m.ROLLING, m.U]) / P[d, m.U, m.U]
+        u = min(max(x[d, m.U], v.least_u), v.most_u)
+        mean = x[d, m.GRADE] - x[d, m.ROLLING] + ahead_m * x[d, m.CURVATURE] + per_u * (u - x[d, m.U])
+        var = P[d, m.GRADE, m.GRADE] - 2.0 * P[d, m.GRADE, m.ROLLING] + P[d, m.ROLLING, m.ROLLING]
+        var = var + 2.0 * ahead_m * (P[d, m.GRADE, m.CURVATURE] - P[d, m.ROLLING, m.CURVATURE])
+        var = var + ahead_m * ahead_m * P[d, m.CURVATURE, m.CURVATURE]
+        var = var + per_u * per_u * P[d, m.U, m.U] * (1.0 / power - 1.0)
+        t.columns[0][d], t.columns[1][d], t.columns[3][d] = mean, var, x[d, m.CURVATURE]
+
+
 @jit.kernel
 def report_grade(
     mix: Mixture, count: int, mass: tuple[float, float, float], ahead_m: float, c: Constants, v: Vehicle,
     t: Scratch,
 ) -> Report:  # fmt: skip
-    """Return the grade given u within bounds, predicted to where the vehicle is by now.
-
-    theta - rho + d kappa, Q = r d: d metres ahead of the filtered signals.
-    """
-    us, u_vars, share, _ = t.columns
-    g1 = g2 = slope = wander = 0.0
+    """Return the grade where the vehicle is by now, and the mass."""
+    set_grades(mix, count, ahead_m, c.power, v, t)
+    means, variances, share, bends = t.columns
+    mean = square = slope = wander = 0.0
     for d in range(count):
         if share[d] > 0.0:
-            mean, var, bend = grade_moments(mix.x, mix.P, d, us[d], u_vars[d], ahead_m, c.power, v)
-            rough = c.rough_1pm if IS_ROUGH[int(mix.mode[d])] > 0.0 else c.smooth_1pm
-            g1 += share[d] * mean
-            g2 += share[d] * (var + rough * ahead_m + mean * mean)
-            slope += share[d] * bend
+            rough = c.rough_1pm if m.IS_ROUGH[int(mix.mode[d])] > 0.0 else c.smooth_1pm
+            mean += share[d] * means[d]
+            square += share[d] * (variances[d] + rough * ahead_m + means[d] * means[d])
+            slope += share[d] * bends[d]
             wander += share[d] * rough
-    return Report(mass[0], mass[1], g1, max(g2 - g1 * g1, 1e-10), slope, wander, mass[2])
-
-
-@jit.kernel
-def grade_moments(
-    x: Any, P: Any, d: int, u: float, u_var: float, ahead_m: float, power: float, v: Vehicle
-) -> tuple[float, float, float]:
-    """Return mean and variance of the grade ahead in one density, and its curvature."""
-    per_u = (P[d, GRADE, U] - P[d, ROLLING, U]) / u_var
-    bend = x[d, CURVATURE]
-    mean = x[d, GRADE] - x[d, ROLLING] + ahead_m * bend + per_u * (min(max(u, v.least_u), v.most_u) - u)
-    var = P[d, GRADE, GRADE] - 2.0 * P[d, GRADE, ROLLING] + P[d, ROLLING, ROLLING]
-    var += 2.0 * ahead_m * (P[d, GRADE, CURVATURE] - P[d, ROLLING, CURVATURE])
-    var += ahead_m * ahead_m * P[d, CURVATURE, CURVATURE]
-    return mean, var + per_u * per_u * u_var * (1.0 / power - 1.0), bend
+    return Report(mass[0], mass[1], mean, max(square - mean * mean, 1e-10), slope, wander, mass[2])
 
 
 @jit.kernel

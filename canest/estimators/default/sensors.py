@@ -2,43 +2,23 @@
 
 from __future__ import annotations
 
-import math
-from typing import Any, NamedTuple
+from typing import Any
 
 from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2
+from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants
-from canest.estimators.default.model import (
-    BIAS,
-    CURVATURE,
-    DELAY,
-    GRADE,
-    HEIGHT,
-    PITCH,
-    ROLLING,
-    WIND,
-    WINDUP,
-    Mixture,
-    U,
-    V,
-    Window,
-)
-from canest.estimators.default.noise import surplus
-from canest.estimators.default.predict import add_noise, column, reset, variances
-from canest.estimators.default.update import (
-    Innovation,
-    add_log_likelihood,
-    condition_all_but_mass,
-    condition_on,
-)
+from canest.estimators.default.model import Mixture, Scratch, Window
+from canest.estimators.default.predict import add, fill, moments, restore
+from canest.estimators.default.update import add_log_likelihood, condition_on
 from canest.estimators.default.windows import WINDOW_S
 
-_SPEED = (V, DELAY, WINDUP)
-_SENSED = (GRADE, BIAS, PITCH)
-_ALTITUDE = (HEIGHT,)
-_SLOPE = (GRADE, WIND)
-_COASTED = (GRADE, CURVATURE, WIND, U)
-_MAP = (GRADE, ROLLING)
+_SPEED = (m.V, m.DELAY, m.WINDUP)
+_SENSED = (m.GRADE, m.BIAS, m.PITCH)
+_ALTITUDE = (m.HEIGHT,)
+_BALANCE = (m.GRADE, m.WIND, m.U)
+_COASTED = (m.GRADE, m.CURVATURE, m.WIND, m.U)
+_MAP = (m.GRADE, m.ROLLING)
 #: bounds of the delay at which its lever is taken, s
 _LONGEST_DELAY_S = 0.1
 #: an altitude this many variances off begins anew
@@ -47,20 +27,8 @@ _FAR_OFF = 25.0
 _ROCKING = 0.01
 
 
-class Scratch(NamedTuple):
-    """Room to work in: rows, columns (one number per density), and what a measurement left."""
-
-    h: Any  #: (8,) entries of a row
-    f: Any  #: (3 * MOST,) gains of a prediction
-    columns: Any  #: four columns
-    loads: Any  #: (3 * LOADS,) weight, mean and variance of u of every load
-    share: Any  #: (MODES * LOADS * MOST,)
-    table: Any  #: (MODES * MODES,) transition probabilities
-    left: Innovation
-
-
 @jit.kernel
-def weighted(weight: Any, count: int, values: Any) -> float:
+def mean_of(weight: Any, count: int, values: Any) -> float:
     """Return the mean of a column."""
     mean = 0.0
     for d in range(count):
@@ -69,11 +37,12 @@ def weighted(weight: Any, count: int, values: Any) -> float:
 
 
 @jit.kernel
-def mean_surplus(mix: Mixture, count: int, left: Innovation, r: float, c: Constants) -> float:
-    """Return the mean of e^2 - s (see `noise.surplus`)."""
+def mean_surplus(mix: Mixture, count: int, r: float, c: Constants, t: Scratch) -> float:
+    """Return the mean of e^2 - s, outliers cut, less where s is mostly the states' own uncertainty."""
     mean = 0.0
     for d in range(count):
-        mean += mix.weight[d] * surplus(left.e[d], left.s[d], r, c)
+        e, s = t.e[d], t.s[d]
+        mean += mix.weight[d] * min(c.doubted * r / s, 1.0) * (min(e * e, c.outlier * s) - s)
     return mean
 
 
@@ -83,11 +52,11 @@ def speed(mix: Mixture, count: int, w: Window, u: float, r: float, c: Constants,
 
     The lever of the delay is the traction halfway through it. u: mean inverse mass.
     """
-    column(mix.x, count, DELAY, t.columns[0])
-    delay_s = weighted(mix.weight, count, t.columns[0]) / u
+    moments(mix, count, m.DELAY, t.columns[0], t.columns[1])
+    delay_s = mean_of(mix.weight, count, t.columns[0]) / u
     half_s = 0.5 * min(max(delay_s, -_LONGEST_DELAY_S), _LONGEST_DELAY_S)
     t.h[0], t.h[1], t.h[2] = 1.0, w.traction_N + half_s * w.traction_Nps, w.traction_Nps
-    condition_on(mix, count, _SPEED, t.h, w.speed_mps, r, c.outlier, t.left)
+    condition_on(mix, count, _SPEED, w.speed_mps, r, c.outlier, t)
 
 
 @jit.kernel
@@ -98,34 +67,32 @@ def accelerometer(
 
     motion: dv/dt by the model; while closed, that of the speed, whose error joins the noise.
     """
-    for d in range(count):
-        t.f[d] = c.bias_wander * 2.0 * WINDOW_S
-    add_noise(mix, count, BIAS, t.f)
+    fill(count, t.f, c.bias_wander * 2.0 * WINDOW_S)
+    add(mix, count, m.BIAS, t.zeros, t.f)
     own = r
     if w.open == 0.0:
         own += _ROCKING * w.accel_mps2 * w.accel_mps2
     t.h[0], t.h[1], t.h[2] = GRAVITY_MPS2, 1.0, motion
-    condition_on(mix, count, _SENSED, t.h, w.sensed_mps2 - w.accel_mps2, own, c.outlier, t.left)
-    add_log_likelihood(mix.found, count, t.left, own, c.floor)
-    return mean_surplus(mix, count, t.left, r, c)
+    condition_on(mix, count, _SENSED, w.sensed_mps2 - w.accel_mps2, own, c.outlier, t)
+    add_log_likelihood(mix, count, own, c.floor, t)
+    return mean_surplus(mix, count, r, c, t)
 
 
 @jit.kernel
 def altitude(mix: Mixture, count: int, height_m: float, known: bool, c: Constants, t: Scratch) -> None:
-    """Update with an altitude; begin with the first one, and with one that is far off."""
+    """Update with an altitude; what is known of the height is given up for the first, and for one far off."""
     r = c.height_m * c.height_m
+    moments(mix, count, m.HEIGHT, t.columns[0], t.columns[1])
+    e = height_m - mean_of(mix.weight, count, t.columns[0])
+    far = e * e > _FAR_OFF * (mean_of(mix.weight, count, t.columns[1]) + r)
+    if far or not known:
+        fill(count, t.f, 1e6)
+        fill(count, t.columns[0], e)
+        add(mix, count, m.HEIGHT, t.columns[0], t.f)
     t.h[0] = 1.0
-    far = not known
-    if known:
-        column(mix.x, count, HEIGHT, t.columns[0])
-        e = height_m - weighted(mix.weight, count, t.columns[0])
-        variances(mix.P, count, HEIGHT, t.columns[0])
-        far = e * e > _FAR_OFF * (weighted(mix.weight, count, t.columns[0]) + r)
-    if far:
-        reset(mix, count, HEIGHT, height_m, r)
-    else:
-        condition_on(mix, count, _ALTITUDE, t.h, height_m, r, c.outlier, t.left)
-        add_log_likelihood(mix.found, count, t.left, r, c.floor)
+    condition_on(mix, count, _ALTITUDE, height_m, r, c.outlier, t)
+    if known and not far:
+        add_log_likelihood(mix, count, r, c.floor, t)
 
 
 @jit.kernel
@@ -134,15 +101,16 @@ def closed_balance(
 ) -> None:
     """Update all but the mass with g theta + c omega - u (F - J a) = -a - g mu, where a gate hides a force.
 
-    The gate is a retarder of known force, a bend, or the dwell after another gate.
+    The gate is a retarder of known force, a bend, or the dwell after another gate. A force known to a tenth
+    must not teach a mass: u takes part with its uncertainty and keeps its density (Schmidt 1966).
     """
     hidden = c.hidden_share * u * w.force_N
-    hidden = hidden * hidden + w.bend_mps2 * w.bend_mps2
-    r = 2.0 * speed_var / (WINDOW_S * WINDOW_S) + c.hidden_windows * hidden
-    t.h[0], t.h[1] = GRAVITY_MPS2, w.drag_N_per_mps
-    lever_u = -(w.force_N - w.rotating_kg * w.accel_mps2)
-    z = -w.accel_mps2 - w.roll_mps2
-    condition_all_but_mass(mix, count, _SLOPE, t.h, lever_u, z, r, c.outlier, t.left)
+    r = c.hidden_windows * (hidden * hidden + w.bend_mps2 * w.bend_mps2)
+    r += 2.0 * speed_var / (WINDOW_S * WINDOW_S)
+    t.h[0], t.h[1], t.h[2] = GRAVITY_MPS2, w.drag_N_per_mps, w.rotating_kg * w.accel_mps2 - w.force_N
+    moments(mix, count, m.U, t.columns[0], t.columns[1])
+    condition_on(mix, count, _BALANCE, -w.accel_mps2 - w.roll_mps2, r, c.outlier, t)
+    restore(mix, count, m.U, t.columns[0], t.columns[1])
 
 
 @jit.kernel
@@ -155,13 +123,13 @@ def coasting(mix: Mixture, count: int, w: Window, c: Constants, t: Scratch) -> N
     r = w.coast_var + c.open_drag_mps2 * c.open_drag_mps2
     t.h[0], t.h[1] = GRAVITY_MPS2, -GRAVITY_MPS2 * back_m
     t.h[2], t.h[3] = w.drag_N_per_mps, w.coast_kg * w.coast_mps2 - w.coast_N
-    condition_on(mix, count, _COASTED, t.h, -w.coast_mps2 - w.roll_mps2, r, c.outlier, t.left)
-    add_log_likelihood(mix.found, count, t.left, r, c.floor)
+    condition_on(mix, count, _COASTED, -w.coast_mps2 - w.roll_mps2, r, c.outlier, t)
+    add_log_likelihood(mix, count, r, c.floor, t)
 
 
 @jit.kernel
 def mapped_slope(mix: Mixture, count: int, sine: float, r: float, c: Constants, t: Scratch) -> None:
     """Update with the slope of a road map: z = theta - rho."""
     t.h[0], t.h[1] = 1.0, -1.0
-    condition_on(mix, count, _MAP, t.h, sine, r, c.outlier, t.left)
-    add_log_likelihood(mix.found, count, t.left, r, c.floor)
+    condition_on(mix, count, _MAP, sine, r, c.outlier, t)
+    add_log_likelihood(mix, count, r, c.floor, t)
