@@ -12,6 +12,7 @@ from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default import model as m
 from canest.estimators.default.hypotheses import drop_impossible, exchange, merge_alike, prune, set_loads
 from canest.estimators.default.hypotheses import transitions, weigh
+from canest.estimators.default.joining import Quiet, add_window, is_quiet, join
 from canest.estimators.default.load import changed_probability, open_load
 from canest.estimators.default.model import Mixture, Scratch, Window
 from canest.estimators.default.noise import Levels, follow, lacking_force
@@ -66,6 +67,7 @@ class Carried(NamedTuple):
     comparison: Comparison
     report: Report
     road: RoadUse
+    quiet: Quiet
 
 
 @jit.kernel
@@ -127,7 +129,7 @@ def change_modes(
 
 @jit.kernel
 def predict(
-    mix: Mixture, count: int, w: Window, p: Progress, metres: float, c: Constants, v: Vehicle, t: Scratch
+    mix: Mixture, count: int, w: Window, dt: float, p: Progress, metres: float, c: Constants, v: Vehicle, t: Scratch
 ) -> float:
     """Predict road and speed over a window; returns the mean acceleration by the model."""
     answered_kg = 0.0
@@ -139,7 +141,7 @@ def predict(
         travel(mix, count, metres, answered_kg, p.u, (c.smooth_1pm, c.rough_1pm), t)
     motion = w.accel_mps2
     if w.open > 0.0:
-        motion = accelerate(mix, count, w, (v.least_u, v.most_u), lacking_force(w, c, v), t)
+        motion = accelerate(mix, count, w, dt, (v.least_u, v.most_u), lacking_force(w, c, v), t)
     if w.open == 0.0 or w.gap_s > 0.0:
         fill(count, t.f, _UNKNOWN_V)
         add(mix, count, m.V, t.zeros, t.f)
@@ -147,12 +149,12 @@ def predict(
 
 
 @jit.kernel
-def step_of_road(mix: Mixture, count: int, w: Window, u: float, c: Constants, t: Scratch) -> None:
+def step_of_road(mix: Mixture, count: int, w: Window, dt: float, u: float, c: Constants, t: Scratch) -> None:
     """Where no noise explains an innovation the road has a step, and the speed is what was measured."""
     for d in range(count):
         missing = t.e[d]
         big = missing * missing > c.step_nis * t.s[d]
-        step = missing * (1.0 + u * w.rotating_kg) / (WINDOW_S * GRAVITY_MPS2)
+        step = missing * (1.0 + u * w.rotating_kg) / (dt * GRAVITY_MPS2)
         t.columns[0][d] = min(step * step, c.grade * c.grade) if big else 0.0
         t.columns[1][d] = missing * missing if big else 0.0
     add(mix, count, m.GRADE, t.zeros, t.columns[0])
@@ -161,7 +163,7 @@ def step_of_road(mix: Mixture, count: int, w: Window, u: float, c: Constants, t:
 
 @jit.kernel
 def learn_open(
-    mix: Mixture, count: int, w: Window, fast_N: float, u: float, r: float, c: Constants, t: Scratch
+    mix: Mixture, count: int, w: Window, dt: float, fast_N: float, u: float, r: float, c: Constants, t: Scratch
 ) -> tuple[float, float]:
     """Weigh the hypotheses by an open window's speed and torque; returns NIS and surplus, in the mean."""
     add_log_likelihood(mix, count, r, c.floor, t)
@@ -173,7 +175,7 @@ def learn_open(
         largest = max(largest, ratio)
     surplus = mean_surplus(mix, count, r, c, t)
     if largest > c.step_nis:
-        step_of_road(mix, count, w, u, c, t)
+        step_of_road(mix, count, w, dt, u, c, t)
     return nis, surplus
 
 
@@ -196,6 +198,19 @@ def change_load(
 
 
 @jit.kernel
+def write(
+    row: Any, given: Report, since_m: float, p: Progress, speed_mps: float, c: Constants, v: Vehicle
+) -> None:
+    """Write what is known after a window, the grade carried on since the last update."""
+    row[OUT_MASS] = given.mass_kg
+    row[OUT_VAR] = given.mass_var + unknown_load_var(given.mass_kg, p.unknown_s, c, v)
+    row[OUT_GRADE] = given.grade + given.slope_1pm * since_m
+    row[OUT_GRADE_VAR] = given.grade_var + given.wander_1pm * since_m
+    row[OUT_SLOPE], row[OUT_WANDER] = given.slope_1pm, given.wander_1pm
+    row[OUT_LEARNED], row[OUT_SPEED], row[OUT_LIVE] = p.learned, max(speed_mps, 0.0), p.count
+
+
+@jit.kernel
 def run(
     n: int, columns: Any, mix: Mixture, carried: Carried, c: Constants, v: Vehicle, nodes: Any, t: Scratch,
     room: Mixture, out: Any,
@@ -204,26 +219,32 @@ def run(
 
     nodes: inverse masses over which wide mixtures are summed. t, room: scratch.
     """
-    p, levels, comparison, given, road = carried
+    p, levels, comparison, given, road, quiet = carried
     count = int(p.count)
     for k in range(n):
         w = window_at(columns, k)
+        was_faulty = comparison.faulty
+        comparison = compare(comparison, w.sensed_mps2, w.accel_mps2, w.speed_mps, v.speed_floor_mps)
+        failed = comparison.faulty != was_faulty
+        quiet = add_window(quiet, w)
+        if p.was_open > 0.0 and not failed and is_quiet(quiet, w, p.u, levels.speed_var, c):
+            write(out[k], given, quiet.distance_m, p, w.speed_mps, c, v)
+            continue
+        w, dt = join(quiet, w), WINDOW_S * quiet.joined
         is_open, still = w.open > 0.0, w.stopped > 0.0
         # -- what has happened since the window before
         metres = w.distance_m + w.gap_s * max(w.speed_mps, 0.0)
         ahead_m = max(w.speed_mps, 0.0) * v.late_s
         begins = is_open and (p.was_open == 0.0 or w.gap_s > 0.0)
-        was_faulty = comparison.faulty
-        comparison = compare(comparison, w.sensed_mps2, w.accel_mps2, w.speed_mps, v.speed_floor_mps)
         road = follow_road(road, given, w, metres, ahead_m)
-        failed = comparison.faulty != was_faulty or road.lost > 0.0
+        failed = failed or road.lost > 0.0
         height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S
         # -- other loads, other modes
-        unseen_s = p.unknown_s + w.gap_s + (WINDOW_S if still else 0.0)
+        unseen_s = p.unknown_s + w.gap_s + (dt if still else 0.0)
         count, unknown_s, surprise = change_load(
             mix, count, w, begins, failed, p, unseen_s, levels.surprise, c, v, t, room
         )
-        mixed_m, mixed_s = p.mixed_m + metres, p.mixed_s + (0.0 if still else WINDOW_S + min(w.gap_s, 10.0))
+        mixed_m, mixed_s = p.mixed_m + metres, p.mixed_s + (0.0 if still else dt + min(w.gap_s, 10.0))
         if mixed_m >= c.exchange_m:
             wind = math.hypot(c.wind_mps, 0.5 * w.speed_mps * v.drag_share) * p.u
             fade(mix, count, mixed_m, wind, c, v)
@@ -232,27 +253,27 @@ def run(
             mixed_m = mixed_s = 0.0
         # -- predict and update every density
         fill(count, mix.found, 0.0)
-        climbed_m, climbed_s = p.climbed_m + metres, p.climbed_s + WINDOW_S + w.gap_s
+        climbed_m, climbed_s = p.climbed_m + metres, p.climbed_s + dt + w.gap_s
         measured = not math.isnan(w.altitude_m)
         if height_known and (measured or climbed_m > c.exchange_m):
             climb(mix, count, climbed_m, c.wander_m2ps * climbed_s, t)
             climbed_m = climbed_s = 0.0
-        motion = predict(mix, count, w, p, metres, c, v, t)
+        motion = predict(mix, count, w, dt, p, metres, c, v, t)
         speed(mix, count, w, p.u, levels.speed_var, c, t)
         slow_N = w.traction_N if begins else p.slow_N
         nis = speed_surplus = sensed_surplus = 0.0
         if is_open:
             nis, speed_surplus = learn_open(
-                mix, count, w, w.traction_N - slow_N, p.u, levels.speed_var, c, t
+                mix, count, w, dt, w.traction_N - slow_N, p.u, levels.speed_var, c, t
             )
         elif w.retarding > 0.0 or w.coarse > 0.0:
             closed_balance(mix, count, w, levels.speed_var, p.u, c, t)
         if measured:
             altitude(mix, count, w.altitude_m, height_known, c, t)
         sees = not math.isnan(w.sensed_mps2) and comparison.faulty == 0.0 and not still
-        sees = sees and p.unseen + 1.0 >= _SEE_EVERY
+        sees = sees and p.unseen + quiet.joined >= _SEE_EVERY
         if sees:
-            sensed_surplus = accelerometer(mix, count, w, levels.sensed_var, motion, c, t)
+            sensed_surplus = accelerometer(mix, count, w, dt, levels.sensed_var, motion, c, t)
         if road.uses > 0.0:
             mapped_slope(mix, count, w.road_sine, cell_var(w), c, t)
         if not math.isnan(w.coast_mps2) and w.coast_back_s * w.speed_mps < _FAR_M:
@@ -272,14 +293,10 @@ def run(
         p = Progress(
             float(count), u, mixed_m, mixed_s,
             1.0 if is_open or w.retarding > 0.0 else 0.0, w.force_N,
-            slow_N + WINDOW_S * (w.traction_N - slow_N), w.open, 1.0 if is_open or p.learned > 0.0 else 0.0,
-            unknown_s, 0.0 if sees else p.unseen + 1.0, 1.0 if measured or height_known else 0.0,
+            slow_N + dt * (w.traction_N - slow_N), w.open, 1.0 if is_open or p.learned > 0.0 else 0.0,
+            unknown_s, 0.0 if sees else p.unseen + quiet.joined, 1.0 if measured or height_known else 0.0,
             0.0 if measured else climbed_m, 0.0 if measured else climbed_s,
         )  # fmt: skip
-        row = out[k]
-        row[OUT_MASS] = given.mass_kg
-        row[OUT_VAR] = given.mass_var + unknown_load_var(given.mass_kg, unknown_s, c, v)
-        row[OUT_GRADE], row[OUT_GRADE_VAR] = given.grade, given.grade_var
-        row[OUT_SLOPE], row[OUT_WANDER] = given.slope_1pm, given.wander_1pm
-        row[OUT_LEARNED], row[OUT_SPEED], row[OUT_LIVE] = p.learned, max(w.speed_mps, 0.0), float(count)
-    return Carried(p, levels, comparison, given, road)
+        quiet = Quiet(w.speed_mps, motion, w.traction_N, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        write(out[k], given, 0.0, p, w.speed_mps, c, v)
+    return Carried(p, levels, comparison, given, road, quiet)

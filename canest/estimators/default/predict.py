@@ -13,7 +13,6 @@ from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2
 from canest.estimators.default import model as m
 from canest.estimators.default.model import MOST, Mixture, Scratch, Window
-from canest.estimators.default.windows import WINDOW_S
 
 _DRIFT = (m.RATE,)
 _CLIMB = (m.GRADE, m.ROLLING)
@@ -159,7 +158,9 @@ def travel(
 
 
 @jit.kernel
-def accelerate(mix: Mixture, count: int, w: Window, bounds: Any, lacking: float, t: Scratch) -> float:
+def accelerate(
+    mix: Mixture, count: int, w: Window, dt: float, bounds: Any, lacking: float, t: Scratch
+) -> float:
     """Let the force act: v <- v + dt a, a = (u F - g mu - g theta - c omega) / (1 + u J).
 
     F of this row: da/dtheta = -g / (1 + u J), da/domega = -c / (1 + u J), da/du = (F - J a) / (1 + u J).
@@ -172,16 +173,16 @@ def accelerate(mix: Mixture, count: int, w: Window, bounds: Any, lacking: float,
     gained, mean, mean_u = t.columns[3], 0.0, 0.0
     for d in range(count):
         u = min(max(us[d], bounds[0]), bounds[1])
-        dt = WINDOW_S / (1.0 + u * w.rotating_kg)
-        dv = dt * (u * w.force_N - w.roll_mps2 - GRAVITY_MPS2 * grades[d] - w.drag_N_per_mps * winds[d])
-        t.f[d], t.f[MOST + d] = -dt * GRAVITY_MPS2, -dt * w.drag_N_per_mps
-        t.f[2 * MOST + d] = dt * (w.force_N - w.rotating_kg * dv / WINDOW_S)
+        part = dt / (1.0 + u * w.rotating_kg)
+        dv = part * (u * w.force_N - w.roll_mps2 - GRAVITY_MPS2 * grades[d] - w.drag_N_per_mps * winds[d])
+        t.f[d], t.f[MOST + d] = -part * GRAVITY_MPS2, -part * w.drag_N_per_mps
+        t.f[2 * MOST + d] = part * (w.force_N - w.rotating_kg * dv / dt)
         # what the row adds by its states, and must not
         gained[d] = dv - (t.f[d] * grades[d] + t.f[MOST + d] * winds[d] + t.f[2 * MOST + d] * us[d])
-        mean += mix.weight[d] * dv / WINDOW_S
+        mean += mix.weight[d] * dv / dt
         mean_u += mix.weight[d] * u
     propagate(mix, count, m.V, _ACCELERATE, t)
     lever = mean_u / (1.0 + mean_u * w.rotating_kg)
-    fill(count, t.f, lever * lever * lacking * WINDOW_S)
+    fill(count, t.f, lever * lever * lacking * dt)
     add(mix, count, m.V, gained, t.f)
     return mean

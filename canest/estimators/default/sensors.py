@@ -61,14 +61,15 @@ def speed(mix: Mixture, count: int, w: Window, u: float, r: float, c: Constants,
 
 @jit.kernel
 def accelerometer(
-    mix: Mixture, count: int, w: Window, r: float, motion: float, c: Constants, t: Scratch
+    mix: Mixture, count: int, w: Window, dt: float, r: float, motion: float, c: Constants, t: Scratch
 ) -> float:
     """Update with an accelerometer: a_x - dv/dt = g theta + b + p dv/dt. Returns the mean surplus.
 
     motion: dv/dt by the model; while closed, that of the speed, whose error joins the noise.
     """
-    fill(count, t.f, c.bias_wander * 2.0 * WINDOW_S)
+    fill(count, t.f, c.bias_wander * max(dt, 2.0 * WINDOW_S))
     add(mix, count, m.BIAS, t.zeros, t.f)
+    r *= 2.0 * WINDOW_S / max(dt, 2.0 * WINDOW_S)  # neighbouring windows are one measurement
     own = r
     if w.open == 0.0:
         own += _ROCKING * w.accel_mps2 * w.accel_mps2

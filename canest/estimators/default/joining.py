@@ -1,0 +1,71 @@
+"""Quiet windows are joined: while nothing happens, five of them say as much as one five times as long.
+
+A window is quiet where the torque stands still and the speed goes on as the model said: its end is not worth
+an update. Sums over the windows stay exact, so a joined window balances momentum as its parts would.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from canest.core import jit
+from canest.estimators.default.constants import Constants
+from canest.estimators.default.model import Window
+from canest.estimators.default.windows import WINDOW_S
+
+#: windows that are joined at most: one second
+MOST_JOINED = 5.0
+
+
+class Quiet(NamedTuple):
+    """What the next window is held against, and the windows that wait."""
+
+    speed_mps: float = 0.0  #: at the end of the last update
+    accel_mps2: float = 0.0  #: by the model there
+    traction_N: float = 0.0  #: there
+    joined: float = 0.0  #: windows that wait; their sums:
+    distance_m: float = 0.0
+    force_N: float = 0.0
+    roll_mps2: float = 0.0
+    accels_mps2: float = 0.0
+    drag_N_per_mps: float = 0.0
+    sensed_mps2: float = 0.0
+
+
+@jit.kernel
+def add_window(q: Quiet, w: Window) -> Quiet:
+    """Return the sums with one more window."""
+    return Quiet(
+        q.speed_mps, q.accel_mps2, q.traction_N, q.joined + 1.0, q.distance_m + w.distance_m,
+        q.force_N + w.force_N, q.roll_mps2 + w.roll_mps2, q.accels_mps2 + w.accel_mps2,
+        q.drag_N_per_mps + w.drag_N_per_mps, q.sensed_mps2 + w.sensed_mps2,
+    )  # fmt: skip
+
+
+@jit.kernel
+def is_quiet(q: Quiet, w: Window, u: float, speed_var: float, c: Constants) -> bool:
+    """Return whether a window, the last of the sums, may wait for the next. u: inverse mass."""
+    elapsed_s = q.joined * WINDOW_S
+    off = abs(w.speed_mps - q.speed_mps - q.accel_mps2 * elapsed_s)
+    return (
+        q.joined < MOST_JOINED
+        and w.open > 0.0
+        and w.gap_s == 0.0
+        and math.isnan(w.altitude_m)
+        and math.isnan(w.coast_mps2)
+        and abs(w.traction_N - q.traction_N) * u < c.usual_mps2
+        and off < c.usual_mps2 * elapsed_s + 3.0 * math.sqrt(2.0 * speed_var)
+    )
+
+
+@jit.kernel
+def join(q: Quiet, w: Window) -> Window:
+    """Return the windows that waited as one: sums and means of all, the ends of the last."""
+    n = q.joined
+    return Window(
+        w.gap_s, q.distance_m, q.traction_N if n > 1.0 else w.begin_N, w.speed_mps, q.force_N / n,
+        w.traction_N, w.traction_Nps, q.roll_mps2 / n, q.accels_mps2 / n, q.drag_N_per_mps / n, w.gear_1pm,
+        w.rotating_kg, q.sensed_mps2 / n, w.altitude_m, w.open, w.retarding, w.stopped, w.coarse, w.bend_mps2,
+        w.road_sine, w.road_std, w.coast_mps2, w.coast_var, w.coast_N, w.coast_kg, w.coast_back_s,
+    )  # fmt: skip
