@@ -24,6 +24,10 @@ class Quiet(NamedTuple):
     speed_mps: float = 0.0  #: at the end of the last update
     accel_mps2: float = 0.0  #: by the model there
     traction_N: float = 0.0  #: there
+    last_mps: float = 0.0  #: speed and rate of the traction at the end of the last window
+    last_Nps: float = 0.0
+    before_mps: float = 0.0  #: and of the one before it
+    before_Nps: float = 0.0
     joined: float = 0.0  #: windows that wait; their sums:
     distance_m: float = 0.0
     force_N: float = 0.0
@@ -34,29 +38,32 @@ class Quiet(NamedTuple):
 
 
 @jit.kernel
-def add_window(q: Quiet, w: Window) -> Quiet:
-    """Return the sums with one more window."""
+def add_window(q: Quiet, w: Window, begins: bool) -> Quiet:
+    """Return the sums with one more window. What was closed before it is no part of a balance of forces."""
+    kept = 0.0 if begins or w.retarding > 0.0 or w.coarse > 0.0 else 1.0
     return Quiet(
-        q.speed_mps, q.accel_mps2, q.traction_N, q.joined + 1.0, q.distance_m + w.distance_m,
-        q.force_N + w.force_N, q.roll_mps2 + w.roll_mps2, q.accels_mps2 + w.accel_mps2,
-        q.drag_N_per_mps + w.drag_N_per_mps, q.sensed_mps2 + w.sensed_mps2,
+        q.speed_mps, q.accel_mps2, q.traction_N, w.speed_mps, w.traction_Nps, q.last_mps, q.last_Nps,
+        kept * q.joined + 1.0,
+        q.distance_m + w.distance_m, kept * q.force_N + w.force_N, kept * q.roll_mps2 + w.roll_mps2,
+        kept * q.accels_mps2 + w.accel_mps2, kept * q.drag_N_per_mps + w.drag_N_per_mps,
+        (kept * q.sensed_mps2 if kept > 0.0 else 0.0) + w.sensed_mps2,
     )  # fmt: skip
 
 
 @jit.kernel
-def is_quiet(q: Quiet, w: Window, u: float, speed_var: float, c: Constants) -> bool:
+def is_quiet(q: Quiet, w: Window, was_open: bool, u: float, speed_var: float, c: Constants) -> bool:
     """Return whether a window, the last of the sums, may wait for the next. u: inverse mass."""
-    elapsed_s = q.joined * WINDOW_S
-    off = abs(w.speed_mps - q.speed_mps - q.accel_mps2 * elapsed_s)
-    return (
-        q.joined < MOST_JOINED
-        and w.open > 0.0
-        and w.gap_s == 0.0
-        and math.isnan(w.altitude_m)
-        and math.isnan(w.coast_mps2)
-        and abs(w.traction_N - q.traction_N) * u < c.usual_mps2
-        and off < c.usual_mps2 * elapsed_s + 3.0 * math.sqrt(2.0 * speed_var)
-    )
+    if w.gap_s > 0.0 or not math.isnan(w.altitude_m) or not math.isnan(w.coast_mps2):
+        return False
+    if w.open > 0.0:
+        elapsed_s = q.joined * WINDOW_S
+        off = abs(w.speed_mps - q.speed_mps - q.accel_mps2 * elapsed_s)
+        steady = abs(w.traction_N - q.traction_N) * u < c.usual_mps2
+        expected = off < c.usual_mps2 * elapsed_s + 3.0 * math.sqrt(2.0 * speed_var)
+        return was_open and q.joined < MOST_JOINED and steady and expected
+    if was_open or w.retarding > 0.0 or w.coarse > 0.0:
+        return False
+    return w.stopped > 0.0 or q.joined < MOST_JOINED
 
 
 @jit.kernel

@@ -19,15 +19,13 @@ from canest.estimators.default.noise import Levels, follow, lacking_force
 from canest.estimators.default.predict import accelerate, add, climb, decay, drift, fill, travel
 from canest.estimators.default.report import Report, leave_out, report_grade, report_mass, unknown_load_var
 from canest.estimators.default.road_map import RoadUse, cell_var, follow_road
-from canest.estimators.default.sensors import accelerometer, altitude, closed_balance, coasting, mapped_slope
-from canest.estimators.default.sensors import mean_surplus, speed
+from canest.estimators.default.sensors import accelerometer, altitude, begin_balance, closed_balance, coasting
+from canest.estimators.default.sensors import mapped_slope, mean_surplus, speed
 from canest.estimators.default.update import add_log_likelihood
 from canest.estimators.default.windows import WINDOW_S
 
 #: an accelerometer is used in every other window: its filter correlates neighbours
 _SEE_EVERY = 2.0
-#: variance of a speed that no open window has led to, (m/s)2
-_UNKNOWN_V = 100.0
 #: after a gap this long the height is unknown, s; of a coasting further back the road is another, m
 _LOST_S, _FAR_M = 60.0, 100.0
 #: where innovations surprise, a road may have become another one as if it were so long, m
@@ -142,9 +140,6 @@ def predict(
     motion = w.accel_mps2
     if w.open > 0.0:
         motion = accelerate(mix, count, w, dt, (v.least_u, v.most_u), lacking_force(w, c, v), t)
-    if w.open == 0.0 or w.gap_s > 0.0:
-        fill(count, t.f, _UNKNOWN_V)
-        add(mix, count, m.V, t.zeros, t.f)
     return motion
 
 
@@ -198,6 +193,15 @@ def change_load(
 
 
 @jit.kernel
+def waited(p: Progress, unseen_s: float) -> Progress:
+    """Return the progress with another time in which the load was not seen."""
+    return Progress(
+        p.count, p.u, p.mixed_m, p.mixed_s, p.follows, p.force_N, p.slow_N, p.was_open, p.learned, unseen_s,
+        p.unseen, p.height_known, p.climbed_m, p.climbed_s,
+    )  # fmt: skip
+
+
+@jit.kernel
 def write(
     row: Any, given: Report, since_m: float, p: Progress, speed_mps: float, c: Constants, v: Vehicle
 ) -> None:
@@ -226,21 +230,22 @@ def run(
         was_faulty = comparison.faulty
         comparison = compare(comparison, w.sensed_mps2, w.accel_mps2, w.speed_mps, v.speed_floor_mps)
         failed = comparison.faulty != was_faulty
-        quiet = add_window(quiet, w)
-        if p.was_open > 0.0 and not failed and is_quiet(quiet, w, p.u, levels.speed_var, c):
+        is_open, still = w.open > 0.0, w.stopped > 0.0
+        begins = is_open and (p.was_open == 0.0 or w.gap_s > 0.0)
+        quiet = add_window(quiet, w, begins)
+        unseen_s = p.unknown_s + w.gap_s + (WINDOW_S if still else 0.0)
+        p = waited(p, unseen_s)
+        if not failed and is_quiet(quiet, w, p.was_open > 0.0, p.u, levels.speed_var, c):
             write(out[k], given, quiet.distance_m, p, w.speed_mps, c, v)
             continue
         w, dt = join(quiet, w), WINDOW_S * quiet.joined
-        is_open, still = w.open > 0.0, w.stopped > 0.0
         # -- what has happened since the window before
         metres = w.distance_m + w.gap_s * max(w.speed_mps, 0.0)
         ahead_m = max(w.speed_mps, 0.0) * v.late_s
-        begins = is_open and (p.was_open == 0.0 or w.gap_s > 0.0)
         road = follow_road(road, given, w, metres, ahead_m)
         failed = failed or road.lost > 0.0
         height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S
         # -- other loads, other modes
-        unseen_s = p.unknown_s + w.gap_s + (dt if still else 0.0)
         count, unknown_s, surprise = change_load(
             mix, count, w, begins, failed, p, unseen_s, levels.surprise, c, v, t, room
         )
@@ -258,11 +263,15 @@ def run(
         if height_known and (measured or climbed_m > c.exchange_m):
             climb(mix, count, climbed_m, c.wander_m2ps * climbed_s, t)
             climbed_m = climbed_s = 0.0
+        if begins:
+            begin_balance(
+                mix, count, w, quiet.before_mps, quiet.before_Nps, p.u, levels.speed_var, c, t
+            )  # fmt: skip
         motion = predict(mix, count, w, dt, p, metres, c, v, t)
-        speed(mix, count, w, p.u, levels.speed_var, c, t)
         slow_N = w.traction_N if begins else p.slow_N
         nis = speed_surplus = sensed_surplus = 0.0
         if is_open:
+            speed(mix, count, w.speed_mps, w.traction_N, w.traction_Nps, p.u, levels.speed_var, c, t)
             nis, speed_surplus = learn_open(
                 mix, count, w, dt, w.traction_N - slow_N, p.u, levels.speed_var, c, t
             )
@@ -297,6 +306,8 @@ def run(
             unknown_s, 0.0 if sees else p.unseen + quiet.joined, 1.0 if measured or height_known else 0.0,
             0.0 if measured else climbed_m, 0.0 if measured else climbed_s,
         )  # fmt: skip
-        quiet = Quiet(w.speed_mps, motion, w.traction_N, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        quiet = Quiet(
+            w.speed_mps, motion, w.traction_N, w.speed_mps, w.traction_Nps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        )  # fmt: skip
         write(out[k], given, 0.0, p, w.speed_mps, c, v)
     return Carried(p, levels, comparison, given, road, quiet)

@@ -21,6 +21,8 @@ _COASTED = (m.GRADE, m.CURVATURE, m.WIND, m.U)
 _MAP = (m.GRADE, m.ROLLING)
 #: bounds of the delay at which its lever is taken, s
 _LONGEST_DELAY_S = 0.1
+#: variance of a speed that no known force has led to, (m/s)2
+_UNKNOWN_V = 100.0
 #: an altitude this many variances off begins anew
 _FAR_OFF = 25.0
 #: what a body does that the pitch does not follow, share of the acceleration squared
@@ -47,16 +49,31 @@ def mean_surplus(mix: Mixture, count: int, r: float, c: Constants, t: Scratch) -
 
 
 @jit.kernel
-def speed(mix: Mixture, count: int, w: Window, u: float, r: float, c: Constants, t: Scratch) -> None:
-    """Update with the speed at the window's end: v measured = v + delta T + gamma dT/dt.
+def speed(
+    mix: Mixture, count: int, v_mps: float, T_N: float, rate_Nps: float, u: float, r: float, c: Constants,
+    t: Scratch,
+) -> None:  # fmt: skip
+    """Update with a speed: v measured = v + delta T + gamma dT/dt.
 
-    The lever of the delay is the traction halfway through it. u: mean inverse mass.
+    T_N, rate_Nps: traction there. Its lever is that halfway through the delay. u: mean inverse mass.
     """
     moments(mix, count, m.DELAY, t.columns[0], t.columns[1])
     delay_s = mean_of(mix.weight, count, t.columns[0]) / u
     half_s = 0.5 * min(max(delay_s, -_LONGEST_DELAY_S), _LONGEST_DELAY_S)
-    t.h[0], t.h[1], t.h[2] = 1.0, w.traction_N + half_s * w.traction_Nps, w.traction_Nps
-    condition_on(mix, count, _SPEED, w.speed_mps, r, c.outlier, t)
+    t.h[0], t.h[1], t.h[2] = 1.0, T_N + half_s * rate_Nps, rate_Nps
+    condition_on(mix, count, _SPEED, v_mps, r, c.outlier, t)
+
+
+@jit.kernel
+def begin_balance(
+    mix: Mixture, count: int, w: Window, before_mps: float, before_Nps: float, u: float, r: float, c: Constants,
+    t: Scratch,
+) -> None:  # fmt: skip
+    """Begin a balance of momentum: no force led to this speed, and the one before the window is measured."""
+    fill(count, t.f, _UNKNOWN_V)
+    add(mix, count, m.V, t.zeros, t.f)
+    if w.gap_s == 0.0:
+        speed(mix, count, before_mps, w.begin_N, before_Nps, u, r, c, t)
 
 
 @jit.kernel
