@@ -139,8 +139,14 @@ class VehicleFacts:
     speed_step_mps, torque_step_Nm, accelerometer_step_mps2: resolution of the signals in use.
     has_road_map: whether samples may have the slope of a road map.
     filter_delay_s: how much later than the vehicle the filtered columns are.
+    report_period_s: time between two reports of the slowest of speed and torque, 0 where they are fast. Between
+        two reports a signal is a line, so that what is measured is at its ends.
     torque_accuracy, wheel_radius_accuracy, rolling_resistance_accuracy, drag_area_accuracy: how well each is
         known, one standard deviation as a fraction of its value (2 % in the config is 0.01).
+    overrun_share: std of the force that the model lacks in overrun, as a share of the traction: the friction of
+        a combustion engine is known to a tenth, an electric motor as well as while it drives (None).
+    stop_load_change: what boarding or loading changes at an ordinary stop, one standard deviation as a fraction
+        of the mass.
     valid_std: the mass may be valid while its standard deviation is below this fraction of it.
     """
 
@@ -156,8 +162,11 @@ class VehicleFacts:
     has_accelerometer: bool = False
     has_road_map: bool = False
     filter_delay_s: float = 0.0
+    report_period_s: float = 0.0
     torque_accuracy: float = 0.025
     wheel_radius_accuracy: float = 0.01
     rolling_resistance_accuracy: float = 0.15
     drag_area_accuracy: float = 0.10
+    overrun_share: float | None = 0.1
+    stop_load_change: float = 0.0
     valid_std: float = 0.045

@@ -25,7 +25,7 @@ from canest.pipeline.assumed_constants import AssumedConstants
 from canest.pipeline.signal_map import resolution_of, step_of, wants_of
 from canest.vehicle.butterworth import butterworth, delay_s
 from canest.vehicle.range_rate_check import JUMP, JUMP_HOLD_S, MOTION_JUMP, Limit, limits_of
-from canest.vehicle.role_sources import motion_roles, ratio_ways, speed_roles, torque_role
+from canest.vehicle.role_sources import motion_roles, ratio_ways, speed_in_use, speed_roles, torque_role
 from canest.vehicle.spec import AccelerometerSource, FilterSpec, ModelSpec
 from canest.vehicle.torque_dropout import TorqueLimit, torque_limits
 
@@ -54,6 +54,8 @@ MISSED_PERIODS = 2.5
 LATE_PERIODS = 0.2
 _NOTHING_BETWEEN = ("gear", "gear_ratio", "selected_gear", "pto_state")
 _ACCELEROMETER = "longitudinal_accel"
+#: the friction of a combustion engine is known to this share of its torque in overrun, one standard deviation
+_OVERRUN_SHARE = 0.1
 
 
 class IntakeSpec(NamedTuple):
@@ -190,8 +192,10 @@ def assumed_constants(config: Config) -> AssumedConstants:
 
 def facts_of(config: Config) -> VehicleFacts:
     """Return what the estimator may know of the vehicle."""
-    v = config.vehicle
+    v, roles = config.vehicle, tuple(config.signals)
     resolution = resolution_of(config)
+    torque = torque_role(roles, v)
+    slow = (config.signals[role].period_s for role in (torque, speed_in_use(roles, v)) if role in config.signals)
     return VehicleFacts(
         mass_min_kg=v.mass_min_kg,
         mass_max_kg=v.mass_max_kg,
@@ -205,10 +209,13 @@ def facts_of(config: Config) -> VehicleFacts:
         has_accelerometer=_ACCELEROMETER in config.signals,
         has_road_map=config.road_map is not None,
         filter_delay_s=delay_s(butterworth(config.filter.order, config.filter.cutoff_hz)) + behind_s(config),
+        report_period_s=max((period or 0.0 for period in slow), default=0.0),
         torque_accuracy=v.torque_accuracy_pct / TWO_STD_PCT,
         wheel_radius_accuracy=v.wheel_radius_accuracy_pct / TWO_STD_PCT,
         rolling_resistance_accuracy=v.rolling_resistance_accuracy_pct / TWO_STD_PCT,
         drag_area_accuracy=v.drag_area_accuracy_pct / TWO_STD_PCT,
+        overrun_share=_OVERRUN_SHARE if torque == "engine_torque_pct" else None,
+        stop_load_change=v.stop_load_change_pct / TWO_STD_PCT,
         valid_std=config.estimator.valid_std_pct / 100.0,
     )
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Annotated, NamedTuple, get_type_hints
 
 from canest.core.samples import VehicleFacts
+from canest.estimators.default.model import WINDOW_S
 
 
 class Source(NamedTuple):
@@ -28,8 +29,11 @@ class Constants(NamedTuple):
     ] = 0.02
     bias_mps2: Annotated[float, Source("s_b", "m/s2", "chosen: 1.8 degrees of tilt of the mounting")] = 0.3
     pitch_rad_per_mps2: Annotated[
-        float, Source("p", "rad s2/m", "chosen: mean and std where the config states none")
-    ] = 0.006
+        float, Source("p", "rad s2/m", "measured: trucks 0.01, cars and the gain of a sensor -0.003 to 0.003")
+    ] = 0.003
+    pitch_std: Annotated[
+        float, Source("s_p", "rad s2/m", "chosen: where the config states none")
+    ] = 0.007
     pitch_share: Annotated[float, Source("s_p / p", "1", "chosen: a stated pitch depends on the load")] = 0.2
     height_m: Annotated[float, Source("s_h", "m", "chosen: a satellite receiver")] = 2.5
     wind_mps: Annotated[float, Source("s_w", "m/s", "chosen: a breeze of 4 m/s along half of the road")] = 2.0
@@ -46,7 +50,7 @@ class Constants(NamedTuple):
     rough_1pm: Annotated[float, Source("r_r", "1/m", "measured: 1.5 % RMS at waves of 50 m and more")] = 6e-6
     roughens_m: Annotated[float, Source("L_r", "m", "chosen: rough roads are rare")] = 20e3
     smoothens_m: Annotated[float, Source("L_rs", "m", "measured: at 2 km a rough road is forgotten")] = 10e3
-    exchange_m: Annotated[float, Source("d_x", "m", "chosen: cost against delay")] = 20.0
+    exchange_m: Annotated[float, Source("d_x", "m", "chosen: cost against delay")] = 30.0
     wander_m2ps: Annotated[float, Source("q_h", "m2/s", "chosen: 3.5 m in a minute, a receiver's error")] = 0.2
     step_nis: Annotated[float, Source("k_step", "1", "chosen: five standard deviations")] = 25.0
     # -- driver
@@ -73,7 +77,6 @@ class Constants(NamedTuple):
     force_share: Annotated[float, Source("k_F", "1", "chosen: a controller's torque, from moment to moment")] = (
         0.02
     )
-    overrun_share: Annotated[float, Source("k_o", "1", "chosen: friction torque, blended brakes")] = 0.1
     longest_s: Annotated[float, Source("t_q", "s", "chosen: how long a rounding error of the torque lasts")] = 2.0
     gust_m2ps: Annotated[float, Source("q_g", "m2/s", "chosen: gusts of 0.07 m/s for 5 s")] = 0.05
     oscillation_mps: Annotated[float, Source("s_v", "m/s", "chosen: a driveline's swing in one window")] = 0.05
@@ -95,7 +98,7 @@ class Constants(NamedTuple):
     hidden_windows: Annotated[float, Source("N_c", "1", "chosen: such an error lasts 5 s")] = 25.0
     open_drag_mps2: Annotated[float, Source("s_c", "m/s2", "chosen: an open driveline, a rocking body")] = 0.03
     # -- hypotheses and report
-    prune: Annotated[float, Source("P_min", "1", "measured: at 1e-3 modes are missing later")] = 1e-4
+    prune: Annotated[float, Source("P_min", "1", "measured: at 1e-3 modes are missing later")] = 3e-4
     merge: Annotated[float, Source("L_min", "nats", "chosen: cost against shape")] = 0.02
     left_out: Annotated[float, Source("P_0", "1", "95 % in two standard deviations leave 5 %")] = 0.04
     wide: Annotated[float, Source("V_max", "1", "chosen: 1/u is nearly linear below")] = 0.1
@@ -125,6 +128,9 @@ class Vehicle(NamedTuple):
     sensed_floor_mps2: float
     torque_std_Nm: float
     response: float  #: std of the driver's response, 1/kg
+    overrun_share: float  #: force that the model lacks in overrun, as a share of the traction
+    stop_change: float  #: std of what an ordinary stop changes, as a share of the mass
+    period_windows: float  #: windows between two reports of a slow signal
     late_s: float  #: how much older than the samples the filtered states are
 
 
@@ -145,6 +151,9 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         sensed_floor_mps2=facts.accelerometer_step_mps2 / 2.0,
         torque_std_Nm=facts.torque_step_Nm / math.sqrt(12.0),
         response=c.response_share * unknown,
+        overrun_share=c.force_share if facts.overrun_share is None else facts.overrun_share,
+        stop_change=facts.stop_load_change,
+        period_windows=math.ceil(facts.report_period_s / WINDOW_S - 1e-6),
         late_s=late_s,
     )
 

@@ -112,8 +112,7 @@ class GaussianSum(Estimator):
         std[at.BIAS] = c.bias_mps2
         pitch = facts.pitch_rad_per_mps2
         mean[at.PITCH] = GRAVITY_MPS2 * (c.pitch_rad_per_mps2 if pitch is None else pitch)
-        share = 1.0 if pitch is None else c.pitch_share
-        std[at.PITCH] = max(share * abs(mean[at.PITCH]), GRAVITY_MPS2 * 1e-4)
+        std[at.PITCH] = GRAVITY_MPS2 * (c.pitch_std if pitch is None else max(c.pitch_share * pitch, 1e-4))
         n = at.STATES if facts.has_accelerometer else at.STATES_WITHOUT_ACCELEROMETER
         return mean[:n], std[:n]
 

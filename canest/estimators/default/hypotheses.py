@@ -20,6 +20,8 @@ from canest.estimators.default.predict import moments
 
 #: least variance of an inverse mass, against rounding, 1/kg2; and an impossible one, in variances
 _LEAST_VARIANCE, _FAR = 1e-24, 9.0
+#: share of a mixture that does not change it
+_NEGLIGIBLE = 1e-6
 
 
 @jit.kernel
@@ -191,7 +193,8 @@ def exchange(
                 total += part
             if total >= least:
                 for d in range(count):
-                    t.share[at + d] /= total
+                    part = t.share[at + d] / total
+                    t.share[at + d] = part if part > _NEGLIGIBLE else 0.0
                 room.weight[made], room.load[made], room.mode[made] = total, float(load), float(mode)
                 made += 1
     mix_densities(mix, count, made, room, t)

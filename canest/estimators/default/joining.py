@@ -10,9 +10,8 @@ import math
 from typing import NamedTuple
 
 from canest.core import jit
-from canest.estimators.default.constants import Constants
-from canest.estimators.default.model import Window
-from canest.estimators.default.windows import WINDOW_S
+from canest.estimators.default.constants import Constants, Vehicle
+from canest.estimators.default.model import WINDOW_S, Window
 
 #: windows that are joined at most: one second
 MOST_JOINED = 5.0
@@ -51,17 +50,24 @@ def add_window(q: Quiet, w: Window, begins: bool) -> Quiet:
 
 
 @jit.kernel
-def is_quiet(q: Quiet, w: Window, was_open: bool, u: float, speed_var: float, c: Constants) -> bool:
-    """Return whether a window, the last of the sums, may wait for the next. u: inverse mass."""
-    if w.gap_s > 0.0 or not math.isnan(w.altitude_m) or not math.isnan(w.coast_mps2):
+def waits(q: Quiet, w: Window, was_open: bool, u: float, speed_var: float, c: Constants, v: Vehicle) -> bool:
+    """Return whether a window, the last of the sums, waits for the next. u: inverse mass.
+
+    Between two reports of a slow signal there is a line: only at its end is anything measured.
+    """
+    if w.gap_s > 0.0 or not math.isnan(w.coast_mps2):
         return False
     if w.open > 0.0:
+        if not was_open:
+            return False
+        if q.joined < v.period_windows:
+            return True
         elapsed_s = q.joined * WINDOW_S
         off = abs(w.speed_mps - q.speed_mps - q.accel_mps2 * elapsed_s)
         steady = abs(w.traction_N - q.traction_N) * u < c.usual_mps2
         expected = off < c.usual_mps2 * elapsed_s + 3.0 * math.sqrt(2.0 * speed_var)
-        return was_open and q.joined < MOST_JOINED and steady and expected
-    if was_open or w.retarding > 0.0 or w.coarse > 0.0:
+        return q.joined < MOST_JOINED and steady and expected and math.isnan(w.altitude_m)
+    if was_open or w.retarding > 0.0 or w.coarse > 0.0 or not math.isnan(w.altitude_m):
         return False
     return w.stopped > 0.0 or q.joined < MOST_JOINED
 

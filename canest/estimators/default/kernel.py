@@ -12,9 +12,9 @@ from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default import model as m
 from canest.estimators.default.hypotheses import drop_impossible, exchange, merge_alike, prune, set_loads
 from canest.estimators.default.hypotheses import transitions, weigh
-from canest.estimators.default.joining import Quiet, add_window, is_quiet, join
-from canest.estimators.default.load import changed_probability, open_load
-from canest.estimators.default.model import Mixture, Scratch, Window
+from canest.estimators.default.joining import Quiet, add_window, join, waits
+from canest.estimators.default.load import change_a_little, changed_probability, open_load
+from canest.estimators.default.model import WINDOW_S, Mixture, Scratch, Window
 from canest.estimators.default.noise import Levels, follow, lacking_force
 from canest.estimators.default.predict import accelerate, add, climb, decay, drift, fill, travel
 from canest.estimators.default.report import Report, leave_out, report_grade, report_mass, unknown_load_var
@@ -22,7 +22,6 @@ from canest.estimators.default.road_map import RoadUse, cell_var, follow_road
 from canest.estimators.default.sensors import accelerometer, altitude, begin_balance, closed_balance, coasting
 from canest.estimators.default.sensors import mapped_slope, mean_surplus, speed
 from canest.estimators.default.update import add_log_likelihood
-from canest.estimators.default.windows import WINDOW_S
 
 #: an accelerometer is used in every other window: its filter correlates neighbours
 _SEE_EVERY = 2.0
@@ -183,6 +182,8 @@ def change_load(
     if failed or (begins and unseen_s >= c.least_stop_s):
         if p.learned > 0.0:
             probability = 1.0 if failed else changed_probability(unseen_s, c.stop_s)
+            if v.stop_change > 0.0:
+                change_a_little(mix, count, v.stop_change, t)
             count = prune(mix, open_load(mix, count, probability, False, 0.0, v, t), 1e-300)
         return count, 0.0, 0.0
     if w.open > 0.0 and surprise > c.surprise:
@@ -235,7 +236,7 @@ def run(
         quiet = add_window(quiet, w, begins)
         unseen_s = p.unknown_s + w.gap_s + (WINDOW_S if still else 0.0)
         p = waited(p, unseen_s)
-        if not failed and is_quiet(quiet, w, p.was_open > 0.0, p.u, levels.speed_var, c):
+        if not failed and waits(quiet, w, p.was_open > 0.0, p.u, levels.speed_var, c, v):
             write(out[k], given, quiet.distance_m, p, w.speed_mps, c, v)
             continue
         w, dt = join(quiet, w), WINDOW_S * quiet.joined

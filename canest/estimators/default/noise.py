@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 from canest.core import jit
 from canest.estimators.default.constants import Constants, Vehicle
-from canest.estimators.default.model import Window
-from canest.estimators.default.windows import WINDOW_S
+from canest.estimators.default.model import WINDOW_S, Window
 
 _STEP_STD = math.sqrt(12.0)
 
@@ -32,7 +31,7 @@ def lacking_force(w: Window, c: Constants, v: Vehicle) -> float:
     step = v.torque_std_Nm * w.gear_1pm
     moved = abs(w.traction_N - w.begin_N)
     lasts_s = min(max(_STEP_STD * step / max(moved, 1.0) * WINDOW_S, WINDOW_S), c.longest_s)
-    share = c.force_share if w.traction_N > 0.0 else c.overrun_share
+    share = c.force_share if w.traction_N > 0.0 else v.overrun_share
     lacking = share * w.traction_N
     drag = w.drag_N_per_mps
     return lacking * lacking * WINDOW_S + step * step * lasts_s + drag * drag * c.gust_m2ps

@@ -8,10 +8,9 @@ from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants
-from canest.estimators.default.model import Mixture, Scratch, Window
+from canest.estimators.default.model import WINDOW_S, Mixture, Scratch, Window
 from canest.estimators.default.predict import add, fill, moments, restore
 from canest.estimators.default.update import add_log_likelihood, condition_on
-from canest.estimators.default.windows import WINDOW_S
 
 _SPEED = (m.V, m.DELAY, m.WINDUP)
 _SENSED = (m.GRADE, m.BIAS, m.PITCH)

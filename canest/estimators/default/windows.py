@@ -16,10 +16,8 @@ from canest.core.frames import FloatColumn
 from canest.core.gates import Gate
 from canest.core.samples import GRAVITY_MPS2, STEP_S, STEP_US, ModelBlock
 from canest.estimators.default.coasting import REACH, lines, run_lengths
-from canest.estimators.default.model import Window
+from canest.estimators.default.model import TICKS, WINDOW_S, Window
 
-TICKS = 10  #: samples per window; 0.2 s, about the correlation time of speeds filtered at 2 Hz
-WINDOW_S = TICKS * STEP_S
 SHIFT = 4  #: ticks that torque is typically late
 COLUMNS = Window._fields
 _REACH = TICKS + SHIFT + 1  #: samples before its last one that a window looks back to
