@@ -19,9 +19,10 @@ from canest.diagnosis.search.candidates import Candidate
 def usual_spread(vehicle: object, candidates: Iterable[Candidate]) -> dict[str, float]:
     """Return effect -> standard deviation among vehicles and days, for what every vehicle has a little of.
 
-    vehicle: the config's, which declares what some are a share of.
+    vehicle: the config's, which declares what some are a share of. A factor on all traction is none where the
+    mass is free: both together could scale every force to nothing, and with it the residual.
     """
-    spreads = {c.effect: c.info.usual_std(vehicle) for c in candidates}
+    spreads = {c.effect: c.info.usual_std(vehicle) for c in candidates if not c.confounded}
     return {name: spread for name, spread in spreads.items() if spread > 0.0}
 
 
