@@ -34,8 +34,6 @@ MEANINGS: dict[str, str] = {
     "vehicle.rolling_resistance": "rolling resistance coefficient, N per N",
     "vehicle.rolling_resistance_accuracy_pct": f"accuracy of the coefficient, {ACCURACY}chosen, from "
     "UN Regulation 117 and Vahidi et al. (2005)",
-    "vehicle.stop_load_change_pct": "what boarding or loading changes at an ordinary stop, two standard "
-    "deviations in percent of the mass: 0 for a truck, 6 for a bus or a van on its round",
     "vehicle.accelerometer.pitch_rad_per_mps2": "body pitch (squat), rad per m/s²; null: learned",
     "dbc": "files, beside the config or among the shipped ones; an empty list for tables",
     "signals": "role: where it comes from; see below",

@@ -145,8 +145,6 @@ class VehicleFacts:
         known, one standard deviation as a fraction of its value (2 % in the config is 0.01).
     overrun_share: std of the force that the model lacks in overrun, as a share of the traction: the friction of
         a combustion engine is known to a tenth, an electric motor as well as while it drives (None).
-    stop_load_change: what boarding or loading changes at an ordinary stop, one standard deviation as a fraction
-        of the mass.
     valid_std: the mass may be valid while its standard deviation is below this fraction of it.
     """
 
@@ -168,5 +166,4 @@ class VehicleFacts:
     rolling_resistance_accuracy: float = 0.15
     drag_area_accuracy: float = 0.10
     overrun_share: float | None = 0.1
-    stop_load_change: float = 0.0
     valid_std: float = 0.045

@@ -215,7 +215,6 @@ def facts_of(config: Config) -> VehicleFacts:
         rolling_resistance_accuracy=v.rolling_resistance_accuracy_pct / TWO_STD_PCT,
         drag_area_accuracy=v.drag_area_accuracy_pct / TWO_STD_PCT,
         overrun_share=_OVERRUN_SHARE if torque == "engine_torque_pct" else None,
-        stop_load_change=v.stop_load_change_pct / TWO_STD_PCT,
         valid_std=config.estimator.valid_std_pct / 100.0,
     )
 

@@ -27,7 +27,7 @@ class Accelerometer(Section):
 class Vehicle(Section):
     """Facts of the vehicle that an engineer would know.
 
-    An accuracy, and the change of load at a stop, is two standard deviations in percent of the fact: 19 in 20 such vehicles are within it. The
+    An accuracy is two standard deviations in percent of the fact: 19 in 20 such vehicles are within it. The
     sources of the defaults are in docs/config.md.
     """
 
@@ -52,7 +52,6 @@ class Vehicle(Section):
     air_density_kgpm3: Number = Field(1.2, gt=0.5, lt=1.6)
     rolling_resistance: Number = Field(gt=0, lt=0.1)
     rolling_resistance_accuracy_pct: Number = Field(30.0, gt=0, le=100)
-    stop_load_change_pct: Number = Field(0.0, ge=0, le=50)
     accelerometer: Accelerometer = empty_section()
 
     @property

@@ -129,8 +129,8 @@ class Vehicle(NamedTuple):
     torque_std_Nm: float
     response: float  #: std of the driver's response, 1/kg
     overrun_share: float  #: force that the model lacks in overrun, as a share of the traction
-    stop_change: float  #: std of what an ordinary stop changes, as a share of the mass
     period_windows: float  #: windows between two reports of a slow signal
+    power: float  #: of the likelihood: windows as long as a report period are less dependent
     late_s: float  #: how much older than the samples the filtered states are
 
 
@@ -139,6 +139,7 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
     least, most = 1.0 / facts.mass_max_kg, 1.0 / facts.mass_min_kg
     unknown = math.sqrt(least * most)
     floor = facts.speed_step_mps / math.sqrt(12.0)
+    period = float(math.ceil(facts.report_period_s / WINDOW_S - 1e-6))
     return Vehicle(
         least_u=least,
         most_u=most,
@@ -152,8 +153,8 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         torque_std_Nm=facts.torque_step_Nm / math.sqrt(12.0),
         response=c.response_share * unknown,
         overrun_share=c.force_share if facts.overrun_share is None else facts.overrun_share,
-        stop_change=facts.stop_load_change,
-        period_windows=math.ceil(facts.report_period_s / WINDOW_S - 1e-6),
+        period_windows=period,
+        power=c.power,
         late_s=late_s,
     )
 

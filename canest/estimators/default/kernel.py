@@ -13,7 +13,7 @@ from canest.estimators.default import model as m
 from canest.estimators.default.hypotheses import drop_impossible, exchange, merge_alike, prune, set_loads
 from canest.estimators.default.hypotheses import transitions, weigh
 from canest.estimators.default.joining import Quiet, add_window, join, waits
-from canest.estimators.default.load import change_a_little, changed_probability, open_load
+from canest.estimators.default.load import changed_probability, open_load
 from canest.estimators.default.model import WINDOW_S, Mixture, Scratch, Window
 from canest.estimators.default.noise import Levels, follow, lacking_force
 from canest.estimators.default.predict import accelerate, add, climb, decay, drift, fill, travel
@@ -182,8 +182,6 @@ def change_load(
     if failed or (begins and unseen_s >= c.least_stop_s):
         if p.learned > 0.0:
             probability = 1.0 if failed else changed_probability(unseen_s, c.stop_s)
-            if v.stop_change > 0.0:
-                change_a_little(mix, count, v.stop_change, t)
             count = prune(mix, open_load(mix, count, probability, False, 0.0, v, t), 1e-300)
         return count, 0.0, 0.0
     if w.open > 0.0 and surprise > c.surprise:
@@ -289,7 +287,7 @@ def run(
         if not math.isnan(w.coast_mps2) and w.coast_back_s * w.speed_mps < _FAR_M:
             coasting(mix, count, w, c, t)
         # -- weigh, follow the noise, report
-        weigh(mix, count, c.power, t)
+        weigh(mix, count, v.power, t)
         count = prune(mix, count, c.prune)
         if is_open:
             levels = follow(levels, surprise, nis, speed_surplus, sensed_surplus, sees, c, v)

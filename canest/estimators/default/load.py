@@ -16,7 +16,6 @@ from canest.estimators.default import model as m
 from canest.estimators.default.constants import Vehicle
 from canest.estimators.default.hypotheses import move, relabel, set_loads
 from canest.estimators.default.model import LOADS, Mixture, Scratch
-from canest.estimators.default.predict import add, moments
 
 
 @jit.kernel
@@ -71,15 +70,6 @@ def reopen(mix: Mixture, d: int, answers: float, known_u: float, net_kg: float, 
         x[d, i] += a[i] * (v.unknown_u - known_u)
         for j in range(n):
             P[d, i, j] += a[i] * v.unknown_var * a[j]
-
-
-@jit.kernel
-def change_a_little(mix: Mixture, count: int, share: float, t: Scratch) -> None:
-    """Let every load be a little another one, as boarding and parcels make it. share: std, of the mass."""
-    moments(mix, count, m.U, t.columns[0], t.columns[1])
-    for d in range(count):
-        t.columns[1][d] = share * t.columns[0][d] * share * t.columns[0][d]
-    add(mix, count, m.U, t.zeros, t.columns[1])
 
 
 @jit.kernel
