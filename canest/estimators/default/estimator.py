@@ -133,7 +133,7 @@ class GaussianSum(Estimator):
             windows[_SENSED] = np.nan
         n = self._mixture.x.shape[1]
         out: Any = np.zeros((count, kernel.OUTPUTS))
-        columns: Any = np.ascontiguousarray(windows) if jit.enabled() else windows.tolist()
+        columns: Any = np.ascontiguousarray(windows) if jit.enabled() else windows.T.tolist()
         mix = Mixture(*self._mixture[:2], *(_give(column) for column in self._mixture[2:]))
         rows: Any = out if jit.enabled() else out.tolist()
         self._carried = kernel.run(

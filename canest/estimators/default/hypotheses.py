@@ -156,17 +156,20 @@ def keep(room: Mixture, made: int, i: int, modes: Any, fresh: Any) -> None:
 
 
 @jit.kernel
-def keep_state(
-    mix: Mixture, count: int, room: Mixture, made: int, i: int, modes: Any, variance: float, t: Scratch
-) -> None:
-    """Keep state i in the modes that have it. variance: prior, of the share that comes from modes without."""
-    fresh = t.columns[0]
+def keep_states(mix: Mixture, count: int, room: Mixture, made: int, fresh: Any, t: Scratch) -> None:
+    """Keep curvature, response and rate in the modes that have them. fresh: their prior variances."""
+    bends, answers, drifts, _ = t.columns
     for k in range(made):
-        part = 0.0
+        bends[k] = answers[k] = drifts[k] = 0.0
         for d in range(count):
-            part += t.share[k * MOST + d] * (1.0 - modes[int(mix.mode[d])])
-        fresh[k] = part * variance
-    keep(room, made, i, modes, fresh)
+            part, mode = t.share[k * MOST + d], int(mix.mode[d])
+            if part > 0.0:  # what comes from modes without
+                bends[k] += part * (1.0 - m.BENDS[mode]) * fresh[0]
+                answers[k] += part * (1.0 - m.ANSWERS[mode]) * fresh[1]
+                drifts[k] += part * (1.0 - m.DRIFTS[mode]) * fresh[2]
+    keep(room, made, m.CURVATURE, m.BENDS, bends)
+    keep(room, made, m.RESPONSE, m.ANSWERS, answers)
+    keep(room, made, m.RATE, m.DRIFTS, drifts)
 
 
 @jit.kernel
@@ -175,12 +178,12 @@ def exchange(
 ) -> int:
     """Let the modes of each load exchange probability; returns the number of densities.
 
-    chains: `transitions`. fresh: prior variances of curvature, response and rate. room: scratch.
+    chains: `transitions`. t.loads: see `set_loads`. fresh: prior variances of curvature, response and rate. room: scratch.
     """
     roads, drivers, loads = chains
     made = 0
     for load in range(LOADS):
-        for mode in range(MODES):
+        for mode in range(MODES if t.loads[3 * load] > 0.0 else 0):
             total, at = 0.0, made * MOST
             for d in range(count):
                 part = 0.0
@@ -198,9 +201,7 @@ def exchange(
                 room.weight[made], room.load[made], room.mode[made] = total, float(load), float(mode)
                 made += 1
     mix_densities(mix, count, made, room, t)
-    keep_state(mix, count, room, made, m.CURVATURE, m.BENDS, fresh[0], t)
-    keep_state(mix, count, room, made, m.RESPONSE, m.ANSWERS, fresh[1], t)
-    keep_state(mix, count, room, made, m.RATE, m.DRIFTS, fresh[2], t)
+    keep_states(mix, count, room, made, fresh, t)
     take(room, made, mix)
     return prune(mix, made, least)
 

@@ -34,6 +34,7 @@ class Quiet(NamedTuple):
     accels_mps2: float = 0.0
     drag_N_per_mps: float = 0.0
     sensed_mps2: float = 0.0
+    altitude_m: float = math.nan  #: the latest of them
 
 
 @jit.kernel
@@ -46,6 +47,7 @@ def add_window(q: Quiet, w: Window, begins: bool) -> Quiet:
         q.distance_m + w.distance_m, kept * q.force_N + w.force_N, kept * q.roll_mps2 + w.roll_mps2,
         kept * q.accels_mps2 + w.accel_mps2, kept * q.drag_N_per_mps + w.drag_N_per_mps,
         (kept * q.sensed_mps2 if kept > 0.0 else 0.0) + w.sensed_mps2,
+        q.altitude_m if math.isnan(w.altitude_m) else w.altitude_m,
     )  # fmt: skip
 
 
@@ -64,12 +66,12 @@ def waits(q: Quiet, w: Window, was_open: bool, u: float, speed_var: float, c: Co
             return True
         elapsed_s = q.joined * WINDOW_S
         off = abs(w.speed_mps - q.speed_mps - q.accel_mps2 * elapsed_s)
-        steady = abs(w.traction_N - q.traction_N) * u < c.usual_mps2
-        expected = off < c.usual_mps2 * elapsed_s + 3.0 * math.sqrt(2.0 * speed_var)
-        return q.joined < MOST_JOINED and steady and expected and math.isnan(w.altitude_m)
-    if was_open or w.retarding > 0.0 or w.coarse > 0.0 or not math.isnan(w.altitude_m):
+        steady = abs(w.traction_N - q.traction_N) * u < c.quiet_mps2
+        expected = off < c.quiet_mps2 * elapsed_s + 3.0 * math.sqrt(2.0 * speed_var)
+        return q.joined < c.most_joined and steady and expected
+    if was_open or w.retarding > 0.0 or w.coarse > 0.0:
         return False
-    return w.stopped > 0.0 or q.joined < MOST_JOINED
+    return w.stopped > 0.0 or q.joined < c.most_joined
 
 
 @jit.kernel
@@ -79,6 +81,6 @@ def join(q: Quiet, w: Window) -> Window:
     return Window(
         w.gap_s, q.distance_m, q.traction_N if n > 1.0 else w.begin_N, w.speed_mps, q.force_N / n,
         w.traction_N, w.traction_Nps, q.roll_mps2 / n, q.accels_mps2 / n, q.drag_N_per_mps / n, w.gear_1pm,
-        w.rotating_kg, q.sensed_mps2 / n, w.altitude_m, w.open, w.retarding, w.stopped, w.coarse, w.bend_mps2,
+        w.rotating_kg, q.sensed_mps2 / n, q.altitude_m, w.open, w.retarding, w.stopped, w.coarse, w.bend_mps2,
         w.road_sine, w.road_std, w.coast_mps2, w.coast_var, w.coast_N, w.coast_kg, w.coast_back_s,
     )  # fmt: skip

@@ -67,9 +67,13 @@ class Carried(NamedTuple):
     quiet: Quiet
 
 
-@jit.kernel
+def _window_at(rows: Any, k: int) -> Window:
+    return Window(*rows[k])
+
+
+@jit.kernel_beside(_window_at)
 def window_at(c: Any, k: int) -> Window:
-    """Return window k of the columns."""
+    """Return window k of the columns; interpreted, of rows."""
     return Window(
         c[0][k], c[1][k], c[2][k], c[3][k], c[4][k], c[5][k], c[6][k], c[7][k], c[8][k], c[9][k],
         c[10][k], c[11][k], c[12][k], c[13][k], c[14][k], c[15][k], c[16][k], c[17][k], c[18][k], c[19][k],
@@ -306,7 +310,8 @@ def run(
             0.0 if measured else climbed_m, 0.0 if measured else climbed_s,
         )  # fmt: skip
         quiet = Quiet(
-            w.speed_mps, motion, w.traction_N, w.speed_mps, w.traction_Nps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            w.speed_mps, motion, w.traction_N, w.speed_mps, w.traction_Nps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+            math.nan,
         )  # fmt: skip
         write(out[k], given, 0.0, p, w.speed_mps, c, v)
     return Carried(p, levels, comparison, given, road, quiet)

@@ -57,11 +57,12 @@ def propagate(mix: Mixture, count: int, i: int, states: Any, t: Scratch) -> None
 
 
 def _decay(mix: Mixture, count: int, i: int, left: float, fresh: float, modes: Any) -> None:
-    has = [d for d in range(count) if modes[int(mix.mode[d])] > 0.0]
-    mix.x[has, i] *= left
-    mix.P[has, i] *= left
-    mix.P[has, :, i] *= left
-    mix.P[has, i, i] += fresh
+    has = [modes[int(mode)] for mode in mix.mode[:count]]
+    factor = np.array([left if one > 0.0 else 1.0 for one in has])
+    mix.x[:count, i] *= factor
+    mix.P[:count, i] *= factor[:, None]
+    mix.P[:count, :, i] *= factor[:, None]
+    mix.P[:count, i, i] += [fresh * one for one in has]
 
 
 @jit.kernel_beside(_decay)
