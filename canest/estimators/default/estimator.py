@@ -245,11 +245,11 @@ def _given_room(n: int) -> Mixture:
 
 def _scratch(n: int) -> Scratch:
     columns = tuple(_give([0.0] * MOST) for _ in range(4))
-    h, f, K, e, s, zeros, loads, share = (
+    h, f, K, e, s, nis, zeros, loads, share = (
         _give([0.0] * size)
-        for size in (8, 3 * MOST, n, MOST, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST)
+        for size in (8, 3 * MOST, n, MOST, MOST, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST)
     )
-    return Scratch(h, f, K, columns, e, s, zeros, loads, share)
+    return Scratch(h, f, K, columns, e, s, nis, zeros, loads, share)
 
 
 def _plain(carried: kernel.Carried) -> kernel.Carried:

@@ -20,7 +20,7 @@ from canest.estimators.default.predict import accelerate, add, climb, decay, dri
 from canest.estimators.default.report import Report, leave_out, report_grade, report_mass, unknown_load_var
 from canest.estimators.default.road_map import RoadUse, cell_var, follow_road
 from canest.estimators.default.sensors import accelerometer, altitude, begin_balance, closed_balance, coasting
-from canest.estimators.default.sensors import mapped_slope, mean_surplus, speed
+from canest.estimators.default.sensors import mapped_slope, mean_of, mean_surplus, speed
 from canest.estimators.default.update import add_log_likelihood
 
 #: an accelerometer is used in every other window: its filter correlates neighbours
@@ -168,9 +168,9 @@ def learn_open(
     own, nis, largest = own_torque(fast_N, u, w.speed_mps, c), 0.0, 0.0
     for d in range(count):
         mix.found[d] += own * m.ANSWERS[int(mix.mode[d])]
-        ratio = t.e[d] * t.e[d] / t.s[d]
-        nis += mix.weight[d] * ratio
-        largest = max(largest, ratio)
+        t.nis[d] = t.e[d] * t.e[d] / t.s[d]
+        nis += mix.weight[d] * t.nis[d]
+        largest = max(largest, t.nis[d])
     surplus = mean_surplus(mix, count, r, c, t)
     if largest > c.step_nis:
         step_of_road(mix, count, w, dt, u, c, t)
@@ -292,6 +292,8 @@ def run(
             coasting(mix, count, w, c, t)
         # -- weigh, follow the noise, report
         weigh(mix, count, v.power, t)
+        if is_open:  # what a hypothesis explains is no surprise
+            surprise = max(surprise + mean_of(mix.weight, count, t.nis) - c.usual_nis, 0.0)
         count = prune(mix, count, c.prune)
         if is_open:
             levels = follow(levels, surprise, nis, speed_surplus, sensed_surplus, sees, c, v)

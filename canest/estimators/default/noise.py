@@ -19,7 +19,7 @@ class Levels(NamedTuple):
     sensed_var: float  #: of the accelerometer, (m/s2)2
     windows: float = 0.0  #: open windows so far
     nis_sum: float = 0.0  #: sum of their normalised innovations squared
-    surprise: float = 0.0  #: cumulative sum of what these are more than usual
+    surprise: float = 0.0  #: cumulative sum of what those of the likely hypotheses are more than usual
 
 
 @jit.kernel
@@ -49,5 +49,4 @@ def follow(
     sensed_var = levels.sensed_var
     if sees:
         sensed_var = max(sensed_var + sensed / memory, v.sensed_floor_mps2 * v.sensed_floor_mps2)
-    surprise = max(surprise + nis - c.usual_nis, 0.0)
     return Levels(speed_var, sensed_var, windows, levels.nis_sum + nis, surprise)
