@@ -61,6 +61,11 @@ class ModelColumns:
         self._held: dict[str, list[FloatColumn]] = {name: [] for name in self.names}
         self._distance_m = 0.0
 
+    @property
+    def decimals(self) -> dict[str, int]:
+        """Return how many decimals each column has in a text file."""
+        return {name: COLUMNS[name].decimals for name in self.names}
+
     def __call__(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
         """Take the next samples and their estimates."""
         for name, held in self._held.items():

@@ -43,7 +43,7 @@ _DRIVEN = ("output_shaft_speed", "engine_speed", "vehicle_speed")
 _FRICTION = "engine_friction_pct"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class RawModel:
     """The unfiltered model of consecutive ticks, all columns (n,); units as in `ModelBlock`.
 
