@@ -119,7 +119,7 @@ class Decoder:
             return None
 
     def _find_rows(self, ids: NDArray[np.uint32]) -> IntColumn:
-        """Return the rows of the wanted frames (k,), and remember the identifiers of a short block."""
+        """Return the rows of the wanted frames (k,), and keep the identifiers of a short block."""
         odd = (ids >> np.uint32(29)) != np.uint32(EXTENDED >> 29)
         wanted = self._table[(ids >> np.uint32(8)) & np.uint32(j1939.PGN_MASK)] != _UNWANTED
         if odd.any():

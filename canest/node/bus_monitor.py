@@ -89,7 +89,7 @@ class BusMonitor:
                 self._dispatch(pgn, can_id, length, word, int(frames.t_us[row]), now_us)
 
     def _watched_pgn(self, can_id: int) -> int | None:
-        """Return the group of an identifier, None (and remembered) when it does not concern a node."""
+        """Return the group of an identifier, None (and kept) when it does not concern a node."""
         pgn = j1939.pgn_of(can_id)
         if can_id & EXTENDED and not can_id & (REMOTE | ERROR) and pgn in self._watched:
             return pgn

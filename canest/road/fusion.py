@@ -3,8 +3,8 @@
     y = g[cell] + b[vehicle] + c[track] + e
 
 y is the sine of the slope that a drive estimated, b and c are what a wrong torque, rolling resistance or wind
-adds to it everywhere. e is correlated along a track, so a track tells its offset by its length over the
-correlation length, and not by its cells. What an altitude says of the mean slope of a track measures b + c.
+adds to it everywhere. e is correlated along a track, so the weight of a track's offset is its length over the
+correlation length, and not its cells. The mean slope of a track by its altitude measures b + c.
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ def _mean(v: Visits, weight: FloatColumn, offset: FloatColumn, cells: int) -> Fl
 
 
 def _scale(residual: FloatColumn, var: FloatColumn, v: Visits, cells: int) -> float:
-    """Return the visits' std as a share of what they claim, by the median residual; 1 where few tell."""
+    """Return the visits' std as a share of what they claim, by the median residual; 1 where there are few."""
     passes = np.bincount(v.cell, minlength=cells)[v.cell]
     several = passes > 1
     if np.count_nonzero(several) < 100:

@@ -47,7 +47,7 @@ def same_length(at: list[float], **columns: list[Any] | None) -> None:
 
 
 class VehicleSpec(Strict):
-    """One vehicle. Everything here is declared unless its comment says otherwise."""
+    """One vehicle. Everything here is declared unless its comment states otherwise."""
 
     layout: Literal["j1939", "car"]
     electric: bool = False

@@ -64,7 +64,7 @@ def test_vehicle_spy(tmp_path):
     block, reader = read_all(path)
     assert same(block[:2], EXPECTED)
     assert block.can_id[2] == 0x18EA00F9 | EXTENDED | REMOTE and len(block) == 3
-    # a J1708 message has no place in a log of frames: counted, and said
+    # a J1708 message has no place in a log of frames: counted, and reported
     assert [number for number, *_ in reader.skipped] == [len(SPY.splitlines())]
     assert reader.channels == {"HS CAN": 2, "MS CAN": 1}
 

@@ -65,8 +65,8 @@ def test_what_a_subscriber_gets_is_what_the_daemon_has_sent(tmp_path, stream):
             assert set(estimate) == set(COLUMNS)
         # the last one is its farewell, not its last will: it says goodbye before it goes
         # (it may say so twice, once of its source and once of itself)
-        said = [word for word, _ in itertools.groupby(listener.of("test/truck/availability"))]
-        assert said[-2:] == ["online", "offline"]
+        states = [word for word, _ in itertools.groupby(listener.of("test/truck/availability"))]
+        assert states[-2:] == ["online", "offline"]
         assert done["dropped_offline"] <= 3 and done["dropped_slow"] == 0
         assert done["confirmed"] == done["published"] == len(listener.messages)
 

@@ -1,4 +1,4 @@
-"""Load legs: where a drive is cut, what is merged, and what is said of each."""
+"""Load legs: where a drive is cut, what is merged, and what is reported of each."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Drives become a map: offsets are told from the road, and what is no road is left out and counted."""
+"""Drives become a map: offsets are separated from the road, and what is no road is left out and counted."""
 
 from __future__ import annotations
 

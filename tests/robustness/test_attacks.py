@@ -1,4 +1,4 @@
-"""Real attacks and full-load noise in a drive whose mass is valid: the mass stays, the counters tell."""
+"""Real attacks and full-load noise in a drive whose mass is valid: the mass stays, the counters show it."""
 
 from __future__ import annotations
 

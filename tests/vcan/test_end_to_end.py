@@ -21,7 +21,7 @@ import rig
 pytestmark = pytest.mark.vcan
 
 CYCLES = 2
-#: Between a tick and the broadcast that tells it, in the median: a tick and an emulated processor's work.
+#: Between a tick and the broadcast that has it, in the median: a tick and an emulated processor's work.
 LAG_S = 0.3
 
 

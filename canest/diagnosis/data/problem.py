@@ -136,7 +136,7 @@ class Problem:
     def _nuisance(self) -> Matrix:
         """Return what is always free per drive, in N per unit (n, columns).
 
-        An unknown mass; and the accelerometer's bias where no altitude tells it. (Its pitch coupling is
+        An unknown mass; and the accelerometer's bias where no altitude gives it. (Its pitch coupling is
         left to the smoother: free here, it would take what inertia and rolling radius do.)
         """
         columns = []
