@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from canest.config import Config
     from canest.core.estimates import Estimates
     from canest.logs.base import LogReader
-    from canest.offline.model_columns import ModelColumns
+    from canest.offline.extra_columns import ExtraColumns
     from canest.offline.scoring import Reference, Score
 
 Progress = Callable[[int, int], None]  #: bytes done, bytes in all (0: unknown)
@@ -100,7 +100,7 @@ def replay(
     if output is not None and not isinstance(output, Output):
         output = Output(Path(output))
     motion, driven, reported = Motion(), Legs(), ReportedMasses(config)
-    more = _model_columns(output, config)
+    more = _extra_columns(output, config)
     listeners: list[Listener] = [each for each in (motion, listener, more) if each is not None]
     run = LogRun(
         log,
@@ -153,17 +153,17 @@ def _warnings(run: LogRun, config: Config, score: Score | None) -> list[str]:
     return found
 
 
-def _model_columns(output: Output | None, config: Config) -> ModelColumns | None:
+def _extra_columns(output: Output | None, config: Config) -> ExtraColumns | None:
     """Return what takes the columns that are wanted beside those of est.csv, None for none."""
     if output is None or not output.columns:
         return None
-    from canest.offline.model_columns import ModelColumns  # wanted for further columns alone
+    from canest.offline.extra_columns import ExtraColumns  # wanted for further columns alone
 
-    return ModelColumns(output.columns, config)
+    return ExtraColumns(output.columns, config)
 
 
 def _opened(
-    output: Output | None, more: ModelColumns | None
+    output: Output | None, more: ExtraColumns | None
 ) -> AbstractContextManager[EstimateWriter | None]:
     if output is None:
         return nullcontext()

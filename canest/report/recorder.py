@@ -9,7 +9,7 @@ import numpy as np
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.samples import STEP_S, STEP_US, EstimateBlock, ModelBlock
 from canest.grid.grid import GridBlock
-from canest.offline.model_columns import nearest_gear, residual_N
+from canest.offline.extra_columns import nearest_gear, residual_N
 from canest.report.detail import Detail
 
 if TYPE_CHECKING:

@@ -108,7 +108,7 @@ def _moved(spec: Scenario, hidden: Hidden, rng: dict[str, np.random.Generator]) 
         out = np.zeros(records * COLUMN_COUNT)
         move(vehicle, course, state, out)
     else:
-        out = _interpreted(vehicle, course, state, records)
+        out = _interpreted(vehicle, course, list(state), records)
     if not np.isfinite(out).all():
         raise ConfigError("the motion became unstable", where="vehicle", expected="plausible constants")
     return out

@@ -16,7 +16,7 @@ from canest.vehicle.role_sources import is_at_wheels, torque_role
 if TYPE_CHECKING:
     from canest.config import Config
 
-Compute = Callable[["ModelColumns", ModelBlock, EstimateBlock], FloatColumn]
+Compute = Callable[["ExtraColumns", ModelBlock, EstimateBlock], FloatColumn]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ def nearest_gear(per_torque_1pm: FloatColumn, config: Config) -> FloatColumn:
     return np.where(engaged, gears[nearest], np.nan)
 
 
-class ModelColumns:
+class ExtraColumns:
     """A pipeline's listener that keeps columns until they are written.
 
     names: of `COLUMNS`, in the order of the file. Errors: UsageError for a name that there is not.
@@ -100,7 +100,7 @@ def _of_model(name: str) -> Compute:
     return lambda _, samples, __: getattr(samples, name)
 
 
-def _residual(_: ModelColumns, samples: ModelBlock, estimates: EstimateBlock) -> FloatColumn:
+def _residual(_: ExtraColumns, samples: ModelBlock, estimates: EstimateBlock) -> FloatColumn:
     residual = residual_N(estimates.mass_kg, samples.accel_mps2, estimates.grade, samples.mu, samples.force_N)
     return np.where(np.isfinite(samples.raw_force_N), residual, np.nan)
 
