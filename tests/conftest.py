@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
+
+from canest.core import jit
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -39,3 +42,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     guests = {item.path for item in items if item.get_closest_marker("vcan")}
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: 2 if item.path in guests else 0 if item.path in slow else 1)
+
+
+@pytest.fixture(scope="module")
+def compiled() -> Iterator[None]:
+    """Run kernels compiled, where numba is installed: the same bits at a twentieth of the time.
+
+    That they are the same is tested in tests/estimators (test_compiled, test_canest_robust) and tests/pipeline.
+    """
+    jit.enable()
+    yield
+    jit.enable(False)

@@ -26,6 +26,8 @@ from .attacks import (
     noise,
 )
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 KENWORTH = Path(__file__).parents[1] / "data" / "kenworth"
 TSC1_PGN, CLAIM_PGN = 0x0000, 0xEE00
 MOST_PCT = 2.0  #: a valid mass may change by this much

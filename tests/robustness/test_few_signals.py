@@ -16,6 +16,8 @@ from canest.system.shipped_files import shipped
 
 from .attacks import estimated
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 SHAFTS = ("output_shaft_speed", "undriven_speed")
 CLUTCH_ROLES = ("shift_in_process", "driveline_engaged", "lockup_engaged", "clutch_slip")
 ETC1, ETC2, EBC2, VDC2 = 0xF002, 0xF005, 0xFEBF, 0xF009  #: PGN
