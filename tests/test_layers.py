@@ -24,7 +24,6 @@ MOST_LINES_OF_A_FILE, MOST_LINES_OF_A_FUNCTION, MOST_ARGUMENTS = 300, 60, 8
 PUBLIC = {"__init__.py", "__init__.pyi", "__main__.py", "api.py", "py.typed"}
 
 VERSION_0_1 = "kernels of the default estimator, whose state is given one by one"
-STATE = "numba compiles scalars and arrays, so the state is given one by one"
 DEFAULT = "the compiled loop of the default, and kernels that take vectors and matrices one by one"
 RECURSION = "one loop over one documented recursion: a call per sample costs more than its work"
 
@@ -53,7 +52,6 @@ MANY_ARGUMENTS = {
     "estimators/default/load.py: open_load": DEFAULT,
     "estimators/default/sensors.py: accelerometer": DEFAULT,
     "estimators/default/update.py: condition_all_but_mass": DEFAULT,
-    "vehicle/butterworth.py: _section_kernel": STATE,
 }
 
 
