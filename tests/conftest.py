@@ -48,7 +48,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def compiled() -> Iterator[None]:
     """Run kernels compiled, where numba is installed: the same bits at a twentieth of the time.
 
-    That they are the same is tested in tests/estimators (test_compiled, test_canest_robust) and tests/pipeline.
+    That they are the same is tested in tests/estimators and tests/pipeline (test_any_cut).
     """
     jit.enable()
     yield

@@ -136,10 +136,10 @@ def run(arguments: list[str], debug: bool = False) -> int:
             import traceback
 
             traceback.print_exc()
-        return _tell(error, debug)
+        return _report(error, debug)
 
 
-def _tell(error: Exception, debug: bool) -> int:
+def _report(error: Exception, debug: bool) -> int:
     from canest.core.errors import CanestError
 
     hint = "" if debug else " (--debug shows where)"

@@ -20,7 +20,7 @@ _VD_PGN, _VDHR_PGN = 65248, 65217  #: Vehicle Distance, the same in high resolut
 _ODOMETERS = {_VD_PGN: (32, 0.125), _VDHR_PGN: (0, 0.005)}
 _DISTANCE_LARGEST = 0xFAFF_FFFF
 _NO_ADDRESS = 0xFE  #: the source of "cannot claim"
-_IDS_REMEMBERED = 4096  #: a bus has some hundreds of identifiers, noise has millions
+_IDS_KEPT = 4096  #: a bus has some hundreds of identifiers, noise has millions
 
 
 @dataclass(slots=True)
@@ -93,7 +93,7 @@ class BusMonitor:
         pgn = j1939.pgn_of(can_id)
         if can_id & EXTENDED and not can_id & (REMOTE | ERROR) and pgn in self._watched:
             return pgn
-        if len(self.ignored_ids) >= _IDS_REMEMBERED:
+        if len(self.ignored_ids) >= _IDS_KEPT:
             self.ignored_ids.clear()
         self.ignored_ids.add(can_id)
         return None

@@ -87,11 +87,11 @@ def test_a_minute_of_full_load_noise_and_wrong_addresses_changes_no_bit(config, 
     anything = rng.integers(0, 1 << 32, 4096, dtype=np.uint64).astype(np.uint32)  # also remote, error frames
     anything = anything[~np.isin(anything & 0x03FFFFFF, np.array(right) & 0x03FFFFFF)]
     strangers = noise(rng, anything, count, begin_us)
-    impostors = noise(rng, wrong, count, begin_us)
-    pipeline, attacked = estimated(config, merged(frames, strangers, impostors))
+    wrong_senders = noise(rng, wrong, count, begin_us)
+    pipeline, attacked = estimated(config, merged(frames, strangers, wrong_senders))
     assert same_bits(attacked, clean[1])
     counters = pipeline.decoder.counters
-    assert sum(counters.other_senders.values()) > 0.8 * len(impostors)  # the rest: stray transport packets
+    assert sum(counters.other_senders.values()) > 0.8 * len(other_senders)  # the rest: transport packets
     assert counters.error_frames > 0
 
 

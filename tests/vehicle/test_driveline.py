@@ -49,8 +49,8 @@ def test_in_gear_it_is() -> None:
     assert speed() == pytest.approx([8.0] * 2)
     assert speed(vehicle_speed=8.4) == pytest.approx([8.0] * 2)
     assert speed(vehicle_speed=math.nan) == pytest.approx([8.0] * 2)
-    told_once = np.array([1.0, math.nan])
-    assert speed(driveline_engaged=told_once) == pytest.approx([8.0] * 2)  # nobody says that it is not
+    sent_once = np.array([1.0, math.nan])
+    assert speed(driveline_engaged=sent_once) == pytest.approx([8.0] * 2)  # nothing reports that it is not
 
 
 def test_a_clutch_that_was_never_reported_open_is_closed() -> None:

@@ -30,7 +30,7 @@ def report_page(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str
         facts=_facts(diagnosis),
         cards=_cards(diagnosis),
     )
-    page.sections += [_said(diagnosis), _before_and_after(diagnosis)]
+    page.sections += [_statement(diagnosis), _before_and_after(diagnosis)]
     if diagnosis.steps:
         page.sections.append(_steps(diagnosis))
     if diagnosis.search.chosen:
@@ -109,7 +109,7 @@ def _steps(d: Diagnosis) -> Section:
     return Section("What explains it", text=text, bars=bars)
 
 
-def _said(d: Diagnosis) -> Section:
+def _statement(d: Diagnosis) -> Section:
     return Section("In numbers", table=Table([""], [[line] for line in d.details]))
 
 
