@@ -91,7 +91,7 @@ def test_a_minute_of_full_load_noise_and_wrong_addresses_changes_no_bit(config, 
     pipeline, attacked = estimated(config, merged(frames, strangers, wrong_senders))
     assert same_bits(attacked, clean[1])
     counters = pipeline.decoder.counters
-    assert sum(counters.other_senders.values()) > 0.8 * len(other_senders)  # the rest: transport packets
+    assert sum(counters.other_senders.values()) > 0.8 * len(wrong_senders)  # the rest: transport packets
     assert counters.error_frames > 0
 
 
