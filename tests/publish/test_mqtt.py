@@ -136,7 +136,7 @@ def test_a_broker_that_hangs_costs_counted_messages_and_no_more(tmp_path, stream
         broker.send(signal.SIGSTOP)
         sent = stream.sent
         assert wait_for(lambda: stream.sent > sent + 40, 15)
-        assert stream._stream.watched  # it reads on: a program that did not would have been closed
+        assert stream.live.watched  # it reads on: a program that did not would have been closed
         broker.send(signal.SIGCONT)
         with Listener(broker.port) as listener:
             count = len(listener.of("test/truck/estimate"))
@@ -149,7 +149,7 @@ def test_a_port_that_answers_nothing_holds_up_neither_the_daemon_nor_the_end(tmp
     with SilentServer() as server, publisher(tmp_path, stream, f"mqtt://127.0.0.1:{server.port}") as process:
         assert wait_for(lambda: server.accepted, 15), process.output
         sent = stream.sent
-        assert wait_for(lambda: stream.sent > sent + 10, 10) and stream._stream.watched
+        assert wait_for(lambda: stream.sent > sent + 10, 10) and stream.live.watched
         begin_s = time.monotonic()
         done = counters(process)
         assert time.monotonic() - begin_s < 5 and process.process.returncode == 0

@@ -139,7 +139,7 @@ def test_the_numbers_on_the_page_are_those_of_the_broadcast_and_the_status(page,
             "document.getElementById('status').textContent]"
         )
         seen = [*seen, *broadcasts.drain()][-12:]
-        page._browser.pump(0.2)
+        page.browser.pump(0.2)
         if len(seen) < 12 or known not in ("valid", "converging"):
             continue
         # steps of 2 kg and 0.01 %, a half of each, and the rounding of the text
@@ -158,7 +158,7 @@ def test_the_numbers_on_the_page_are_those_of_the_broadcast_and_the_status(page,
 
 
 def test_nothing_fails_is_blocked_or_comes_from_elsewhere(page, driving):
-    page._browser.pump(1.0)
+    page.browser.pump(1.0)
     assert page.errors() == []
     assert all(url.startswith(f"http://127.0.0.1:{driving.port}/") for url in page.requested())
     sizes = page.run("performance.getEntriesByType('resource').map(e => [e.name, e.decodedBodySize])")
@@ -203,7 +203,7 @@ def test_an_accessibility_audit_finds_nothing(browser, driving, scheme, width):
 
 
 def test_everything_can_be_done_by_keyboard_and_is_said_in_words(page):
-    page._browser.pump(3.0)
+    page.browser.pump(3.0)
     page.press("Tab", "Tab", 9)
     assert page.run("document.activeElement.textContent") == "Skip to the numbers"
     reached = []
@@ -256,12 +256,12 @@ def test_eight_hours_do_not_grow_the_page(alone):
         """
     )
     alone.run("hour()")
-    alone._browser.pump(1.0)
+    alone.browser.pump(1.0)
     heap, nodes = alone.heap_bytes(), alone.metric("Nodes")
     for hours in range(2, 9):
         assert alone.run("hour()") == 3600 * hours
-        alone._browser.pump(0.3)
-    alone._browser.pump(1.0)
+        alone.browser.pump(0.3)
+    alone.browser.pump(1.0)
     assert alone.heap_bytes() - heap < 1_000_000
     assert alone.metric("Nodes") - nodes < 100
 
