@@ -9,7 +9,7 @@ from canest.config import load_config
 from canest.core.errors import ConfigError
 from canest.estimators.registry import BUILT_IN
 from canest.logs.truth import Truth
-from canest.offline.compare import time_to, compare
+from canest.offline.compare import compare, time_to
 from canest.offline.scoring import Reference
 from canest.simulation.run import simulate
 
