@@ -99,7 +99,7 @@ def command(
     if report is not None:
         from canest.report.compare_page import write_compare_report
 
-        write_compare_report(report, log, config.vehicle.name, result)
+        write_compare_report(report, log, config, result)
         if json_path != "-":
             print(f"written {report}")
     return 0

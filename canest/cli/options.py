@@ -76,6 +76,7 @@ class Outputs(NamedTuple):
     json_path: str | None
     report: str | None
     columns: str | None = None
+    with_frames: bool = False
 
 
 def grouped(**groups: Any) -> Callable[[F], F]:

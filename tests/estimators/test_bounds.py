@@ -47,7 +47,7 @@ def test_a_torque_that_is_known_less_well_allows_more():
     assert contradiction(50_000, 0.01, torque_accuracy=0.03)
 
 
-def test_a_posterior_that_is_wider_than_a_valid_one_says_nothing_however_far_off():
+def test_a_posterior_that_is_wider_than_a_valid_one_contradicts_nothing_however_far_off():
     assert contradiction(200_000, 0.30) == beyond_bound(-1e-6, 4e-12, FACTS) == ""
 
 

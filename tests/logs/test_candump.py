@@ -17,7 +17,7 @@ from canest.doctor.warnings import log_warnings
 from canest.logs import open_log
 from canest.logs.base import SKIPPED_SHOWN
 from canest.logs.candump import CandumpParser
-from logs.helpers_logs import DATA, FRAMES, assert_same, log_form, one_by_one, read_all, screen_form
+from tests.logs.helpers_logs import DATA, FRAMES, assert_same, log_form, one_by_one, read_all, screen_form
 
 
 def parse(text: str | bytes, **options: object) -> tuple[FrameBlock, CandumpParser]:

@@ -117,7 +117,7 @@ def test_a_table_of_decoded_signals_stays_one(tmp_path):
         assert reader.kind == "table"
 
 
-def test_an_unknown_csv_says_that_and_which_are_known(tmp_path):
+def test_an_unknown_csv_is_refused_with_the_formats_that_are_known(tmp_path):
     path = tmp_path / "odd.csv"
     path.write_text("Recorder,ACME\nwhen,what,how much\n1,2,3\n")
     with pytest.raises(LogError) as caught:

@@ -209,7 +209,7 @@ def test_tls_trusts_the_given_authority_alone(tmp_path, stream):
 
 
 @pytest.mark.slow
-def test_home_assistant_is_told_of_the_sensors_only_if_asked(tmp_path, stream):
+def test_the_sensors_are_announced_to_home_assistant_only_if_asked(tmp_path, stream):
     jinja2 = pytest.importorskip("jinja2")
     with Broker(tmp_path) as broker, Listener(broker.port) as listener:
         with publisher(tmp_path, stream, broker.url):

@@ -155,7 +155,7 @@ def test_watchers_beyond_the_limit_are_refused_in_a_sentence(statuses):
     statuses.second()
     with Watcher(statuses.stream.path) as late:
         statuses.second()
-        assert late.messages() == [{"refused": "4 programs watch this daemon already"}]
+        assert late.messages() == [{"refused": "8 programs watch this daemon already"}]
         assert late.is_let_go
     for watcher in watchers:
         watcher.socket.close()

@@ -59,5 +59,5 @@ def test_the_monitor_keeps_the_last_mass_when_the_broadcast_has_none():
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(35.2, "35 s"), (720, "12 min"), (12600, "3.5 h")])
-def test_an_age_is_said_as_people_say_it(seconds, text):
+def test_an_age_is_shown_in_the_units_people_use(seconds, text):
     assert age(seconds) == text

@@ -12,6 +12,7 @@ from canest.diagnosis.report.figures import BEFORE
 from canest.diagnosis.report.format import change, entry_name, entry_value, interval, score_rows
 from canest.diagnosis.run import Diagnosis
 from canest.diagnosis.sentences import alternatives, capitalised, describe, describe_equivalents
+from canest.report.config_section import config_section
 from canest.report.figure import BLUE
 from canest.report.page import Bar, Card, Page, Section, Table
 from canest.vehicle.effects import effect_class
@@ -45,6 +46,7 @@ def report_page(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str
     page.sections.append(_signals(diagnosis))
     if diagnosis.problem.notes:
         page.sections.append(_notes(diagnosis))
+    page.sections.append(config_section(diagnosis.config))
     return page
 
 

@@ -146,9 +146,22 @@ export class Charts {
     return [times, values, low, high];
   }
 
+  /** Each minute of the day, the darker the more of it a gate was closed. */
+  shadeDay({ ctx, bbox, valToPos }) {
+    const times = this.store.dayColumn("t_s"), open = this.store.dayColumn("open");
+    ctx.save();
+    times.forEach((time, at) => {
+      const left = Math.max(valToPos(time, "x", true), bbox.left), right = valToPos(time + 60, "x", true);
+      if (right <= bbox.left || open[at] >= 1) return;
+      ctx.fillStyle = `rgba(128,128,128,${(0.45 * (1 - open[at])).toFixed(3)})`;
+      ctx.fillRect(left, bbox.top, Math.max(right - left, 1), bbox.height);
+    });
+    ctx.restore();
+  }
+
   /** Shade the spans of closed gates, with their names where there is room. */
   shade(plot) {
-    if (this.day) return;
+    if (this.day) return this.shadeDay(plot);
     const { ctx, bbox } = plot, ratio = devicePixelRatio || 1;
     const first = plot === this.panels[0].plot;
     ctx.save();
