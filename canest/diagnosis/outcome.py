@@ -144,13 +144,15 @@ def reference_of(references: Sequence[Reference]) -> dict[str, Any]:
     """Return what the residual was measured against (of several drives: the commonest kind)."""
     kinds = [r.kind for r in references]
     commonest = max(references, key=lambda r: kinds.count(r.kind))
+    limits = reference_limits(references)
     return {
         "kind": commonest.kind,
         "text": commonest.text,
         "mass_known": all(r.mass_kg is not None for r in references),
         "sin_beta_std": float(np.mean([r.sin_beta_std for r in references])),
         "correlation_m": round(float(np.mean([r.correlation_m for r in references])), 1),
-        "tells": reference_limits(references),
+        "limits": limits,
+        "tells": limits,  # deprecated
     }
 
 

@@ -58,8 +58,8 @@ def test_a_quiet_bus_is_noted_and_its_end():
 
 
 def test_a_status_that_flaps_for_a_day_keeps_the_last_hundred():
-    told = []
-    changes = Changes(told.append)
+    noted = []
+    changes = Changes(noted.append)
     for k in range(10_000):
         changes.of_rows(("valid", "converging")[k % 2], 0.0)
-    assert len(told) == 10_000 and len(changes.last) == MOST == 100
+    assert len(noted) == 10_000 and len(changes.last) == MOST == 100
