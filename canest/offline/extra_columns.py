@@ -10,7 +10,8 @@ import numpy as np
 
 from canest.core.errors import UsageError
 from canest.core.frames import FloatColumn
-from canest.core.samples import GRAVITY_MPS2, STEP_S, EstimateBlock, ModelBlock
+from canest.core.samples import STEP_S, EstimateBlock, ModelBlock
+from canest.vehicle.residual import residual_N
 from canest.vehicle.role_sources import is_at_wheels, torque_role
 
 if TYPE_CHECKING:
@@ -26,14 +27,6 @@ class Column:
     decimals: int
     meaning: str
     compute: Compute
-
-
-def residual_N(
-    mass_kg: FloatColumn, accel_mps2: FloatColumn, grade: FloatColumn, mu: FloatColumn, force_N: FloatColumn
-) -> FloatColumn:
-    """Return m (a + g sin(beta) + g mu cos(beta)) - F, all columns (n,)."""
-    cos = 1.0 / np.sqrt(1.0 + grade * grade)
-    return mass_kg * (accel_mps2 + GRAVITY_MPS2 * cos * (grade + mu)) - force_N
 
 
 def nearest_gear(per_torque_1pm: FloatColumn, config: Config) -> FloatColumn:

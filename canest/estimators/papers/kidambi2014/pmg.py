@@ -111,7 +111,7 @@ def learn_mass(
     mass: Container,
     variance: Container,
 ) -> None:
-    """2014, eq. 17: one-parameter RLS of force = m specific_mps2, its gain times the correlation of the two."""
+    """2014, eq. 17: one-parameter RLS of F = m f (specific force), its gain times the correlation of both."""
     m, p, mean_x, mean_f, var_x, var_f, cross, s = state
     forgetting, beta, low, high, top = settings
     for k in range(len(specific_mps2)):
