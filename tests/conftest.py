@@ -25,7 +25,8 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
             module = nodeid.partition("::")[0]
             if "vcan/" not in module or module.endswith("/test_debian_package.py"):
                 return str(module)  # that one has a guest of its own, and measures nothing against the clock
-            return "guest-2" if module.endswith("/test_service.py") else "guest-1"
+            other_half = module.endswith(("/test_minute.py", "/test_service.py"))
+            return "guest-2" if other_half else "guest-1"
 
     config.option.loadscopereorder = False  # the order below, not the number of tests
     return OneModuleOneWorker(config, log)

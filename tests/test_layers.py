@@ -35,7 +35,6 @@ LONG_FUNCTIONS = {
     "estimators/canest_0_1/kernel.py: run": VERSION_0_1,
     "estimators/default/kernel.py: run": DEFAULT,
     "estimators/papers/kidambi2014/ekf_filter.py: ekf_steps": RECURSION,
-    "estimators/papers/rhode2013/rsvd.py: append_rows": RECURSION,
     "estimators/papers/vahidi2005/rls.py: matrix_rls": RECURSION,
 }
 MANY_ARGUMENTS = {
