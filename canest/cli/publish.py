@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from canest.cli.options import F, config_option, grouped, load
+from canest.cli.live_source import Source, source_options, token_of
+from canest.cli.options import grouped
 from canest.cli.repeated_options import Group
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    from canest.cli.live_source import LiveSource
-    from canest.config import Config
 
 EPILOG = """\b
 Examples (pip install 'canest[mqtt,foxglove,kuksa]' first):
@@ -74,28 +71,6 @@ The latter are of the overlay canest.json: databroker --vss vss.json,canest.json
 """
 
 
-class Source(NamedTuple):
-    """What is followed: -c, --socket, --broadcast."""
-
-    config_name: str | None
-    socket_name: str | None
-    broadcast: bool
-
-    def load(self) -> tuple[Config | None, LiveSource]:
-        """Return the config (if there is one) and the source. Errors: a usage error, CanestError."""
-        if (self.config_name is None) == (self.socket_name is None) or (
-            self.broadcast and self.config_name is None
-        ):
-            raise click.UsageError(
-                "found no daemon to follow, expected -c CONFIG (or --socket PATH)",
-                click.get_current_context(),
-            )
-        from canest.cli.live_source import source_of
-
-        config = None if self.config_name is None else load(self.config_name, databases=False)
-        return config, source_of(config, self.socket_name, broadcast=self.broadcast)
-
-
 class Security(NamedTuple):
     """Files of TLS: --ca, --cert, --key."""
 
@@ -104,27 +79,13 @@ class Security(NamedTuple):
     key: str | None
 
 
-def _source_options(function: F) -> F:
-    for option in (
-        click.option(
-            "--broadcast", is_flag=True, help="Listen to the broadcast on the bus, not to the daemon."
-        ),
-        click.option(
-            "--socket", "socket_name", metavar="PATH", help="The daemon's status socket, without -c."
-        ),
-        config_option(required=False),
-    ):
-        function = option(function)
-    return function
-
-
 @click.group(cls=Group, epilog=EPILOG)
 def command() -> None:
     """Hand a running daemon's estimates on: to an MQTT broker, to Foxglove or Lichtblick, to KUKSA (VSS)."""
 
 
 @command.command(epilog=MQTT_EPILOG)
-@_source_options
+@source_options
 @click.option(
     "--broker", "url", required=True, metavar="URL", help="mqtt://HOST[:PORT], or mqtts:// for TLS."
 )
@@ -174,7 +135,7 @@ def mqtt(
 
 
 @command.command(epilog=FOXGLOVE_EPILOG)
-@_source_options
+@source_options
 @click.option("--port", type=click.IntRange(1, 65535), default=8765, show_default=True, help="TCP port.")
 @click.option("--address", default="127.0.0.1", show_default=True, help="Another one needs --token-file.")
 @click.option("--token-file", metavar="FILE", help="File whose first line whoever connects must know.")
@@ -195,9 +156,7 @@ def foxglove(
 
     _, live = source.load()
     place = Place(address, port)
-    server = FoxgloveServer(
-        live.name, place, None if token_file is None else _first_line(token_file), origins
-    )
+    server = FoxgloveServer(live.name, place, token_of(token_file), origins)
 
     def opened() -> None:
         click.echo(f"{live.name} for Foxglove: {place.url.replace('http', 'ws', 1)}")
@@ -206,7 +165,7 @@ def foxglove(
 
 
 @command.command(epilog=KUKSA_EPILOG)
-@_source_options
+@source_options
 @click.option(
     "--broker", "url", default="grpc://localhost:55555", show_default=True, metavar="URL",
     help="grpc://HOST[:PORT], or grpcs:// for TLS.",
@@ -239,8 +198,3 @@ def kuksa(source: Source, url: str, rate_hz: float, ca: str | None) -> None:
 
 def _counted(counters: Mapping[str, int]) -> str:
     return ", ".join(f"{name} {count}" for name, count in counters.items())
-
-
-def _first_line(name: str) -> str:
-    with Path(name).open() as file:
-        return file.readline(1000).strip()

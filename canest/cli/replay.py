@@ -133,7 +133,7 @@ def _list_columns(asked: str) -> int:
     """Print the columns that there are. Errors: a usage error where they were not asked for."""
     if asked != "list":
         raise click.UsageError("--columns needs a file: -o est.csv", click.get_current_context())
-    from canest.offline.model_columns import COLUMNS
+    from canest.offline.extra_columns import COLUMNS
 
     for name, column in COLUMNS.items():
         print(f"{name:<20} {column.meaning}")

@@ -77,7 +77,7 @@ def with_outputs(jobs: list[Job], outputs: Outputs, config: Config) -> list[Job]
     Errors: UsageError for a file's name where several logs need a directory, and for an unknown column.
     """
     if outputs.columns is not None:
-        from canest.offline.model_columns import checked  # wanted for this option alone
+        from canest.offline.extra_columns import checked  # wanted for this option alone
 
         columns = checked([name.strip() for name in outputs.columns.split(",") if name.strip()])
         jobs = [replace(job, columns=columns) for job in jobs]

@@ -63,7 +63,7 @@ class MqttPublisher(Follower):
         self._client.loop_start()
 
     async def stop(self) -> None:
-        """Say goodbye to a broker that listens; takes a second at most."""
+        """Sign off from a broker that is there; takes a second at most."""
         until_s = time.monotonic() + _FAREWELL_S
         if self._online:
             farewell = self._send("availability", b"offline")

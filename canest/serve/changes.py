@@ -21,12 +21,12 @@ class Change(NamedTuple):
 class Changes:
     """The last `MOST` changes. Each thing is compared with what it was, and noted where it differs.
 
-    told: called with every new one.
+    noted: called with every new one.
     """
 
-    def __init__(self, told: Callable[[Change], None]) -> None:
+    def __init__(self, noted: Callable[[Change], None]) -> None:
         self.last: deque[Change] = deque(maxlen=MOST)
-        self._told = told
+        self._noted = noted
         self._before: dict[str, Any] = {}
 
     def of_source(self, problem: str) -> None:
@@ -59,4 +59,4 @@ class Changes:
         self._before[what] = value
         change = Change(round(time.time(), 1), text)
         self.last.append(change)
-        self._told(change)
+        self._noted(change)

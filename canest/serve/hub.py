@@ -82,7 +82,7 @@ class Hub:
                 self.history = History(message["columns"])
 
     def lose(self, problem: str) -> None:
-        """Note that the source is gone, and why; repeated, it tells open pages that this server lives."""
+        """Note that the source is gone, and why; repeated, it shows open pages that this server runs."""
         self.problem = problem
         self._quiet_s = None
         self.changes.of_source(problem)

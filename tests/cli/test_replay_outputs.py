@@ -157,7 +157,7 @@ def test_the_schema_of_an_mcap_has_only_types_that_its_readers_know(log, tmp_pat
     assert types == {"number", "integer", "string"}
 
 
-def test_without_its_package_a_format_says_what_to_install(log, tmp_path, monkeypatch):
+def test_without_its_package_a_format_names_what_to_install(log, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mcap.writer", None)
     with pytest.raises(OutputError, match=r"cannot write MCAP.*mcap package: .*install.*mcap"):
         replay(log, "-o", tmp_path / "est.mcap")

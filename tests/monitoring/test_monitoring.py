@@ -117,7 +117,7 @@ tests:
           - exp_labels: {{job: canest, instance: dead, severity: critical}}
             exp_annotations:
               summary: canest on dead has stopped, and its metrics file stays as it was
-              description: journalctl -u 'canest@*' says why.
+              description: journalctl -u 'canest@*' shows why.
       - eval_time: 60m
         alertname: CanestMassDiffers
         exp_alerts:

@@ -236,6 +236,6 @@ def test_a_viewer_that_reads_nothing_holds_up_neither_the_others_nor_the_daemon(
                 data(viewer)
         finally:
             stream.pause_s = 0.1
-        assert stream._stream.watched
+        assert stream.live.watched
         assert resident_mb(server.process.pid) - before_mb < 5
         assert data(viewer)

@@ -103,7 +103,7 @@ def test_the_standard_weight_has_a_value_only_while_the_mass_is_valid(tmp_path, 
         assert wait_for(lambda: broker.newest(OVERALL), 5)
 
 
-def test_a_databroker_without_the_overlay_gets_the_weight_alone_and_that_is_said(tmp_path, stream):
+def test_a_databroker_without_the_overlay_gets_the_weight_alone_with_a_warning(tmp_path, stream):
     with Databroker(STANDARD, overlay=False) as broker, publisher(tmp_path, stream, broker.url) as process:
         assert wait_for(lambda: broker.newest(OVERALL), 20), process.output
         assert "signals-unknown" in process.output and "Vehicle.Canest.Grade" in process.output
@@ -134,7 +134,7 @@ def test_a_databroker_that_dies_costs_counted_values_and_is_found_again(tmp_path
         broker.__exit__()
         sent = stream.sent
         assert wait_for(lambda: "broker-lost" in process.output, 10)
-        assert wait_for(lambda: stream.sent > sent + 20, 10) and stream._stream.watched
+        assert wait_for(lambda: stream.sent > sent + 20, 10) and stream.live.watched
         with Databroker(STANDARD, port=broker.port) as again:
             assert wait_for(lambda: again.newest(OVERALL), 20), process.output
             done = counters(process)
@@ -147,7 +147,7 @@ def test_a_databroker_that_hangs_costs_counted_values_and_no_more(tmp_path, stre
         assert wait_for(lambda: broker.newest(OVERALL), 20), process.output
         broker.hang.set()
         sent = stream.sent
-        assert wait_for(lambda: stream.sent > sent + 40, 15) and stream._stream.watched
+        assert wait_for(lambda: stream.sent > sent + 40, 15) and stream.live.watched
         broker.hang.clear()
         count = len(broker.values[MASS])
         assert wait_for(lambda: len(broker.values[MASS]) > count + 3, 20), process.output

@@ -28,7 +28,7 @@ def test_a_status_is_noted_when_it_changes_and_only_then():
     assert abs(hub.changes.last[-1].t_s - time.time()) < 5
 
 
-def test_a_source_that_goes_and_comes_back_is_noted_once_each_whatever_it_says_meanwhile():
+def test_a_source_that_goes_and_comes_back_is_noted_once_each_whatever_it_sends_meanwhile():
     hub = Hub("the daemon")
     hub.take(NAMES)
     for seconds in (1, 2, 3):
@@ -58,8 +58,8 @@ def test_a_quiet_bus_is_noted_and_its_end():
 
 
 def test_a_status_that_flaps_for_a_day_keeps_the_last_hundred():
-    told = []
-    changes = Changes(told.append)
+    noted = []
+    changes = Changes(noted.append)
     for k in range(10_000):
         changes.of_rows(("valid", "converging")[k % 2], 0.0)
-    assert len(told) == 10_000 and len(changes.last) == MOST == 100
+    assert len(noted) == 10_000 and len(changes.last) == MOST == 100

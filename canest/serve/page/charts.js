@@ -14,7 +14,7 @@ const PANELS = [
   { name: "gear", title: "Gear", colour: "--gear", least: 2, show: same, stepped: true },
   { name: "residual_N", title: "Residual, N (0: the model explains all)", colour: "--residual", least: 500, show: same, trimmed: true },
 ];
-// kinds of gates: a colour and a direction of hatching each, so that colour is not all that tells them apart
+// kinds of gates: a colour and a direction of hatching each, so that they differ by more than colour
 const KINDS = [
   { gates: ["stale", "invalid", "implausible"], rgb: "213,94,0", slope: 1 },
   { gates: ["brake", "retarder"], rgb: "204,121,167", slope: -1 },
@@ -222,7 +222,7 @@ function trimmed(values) {
   return sorted.slice(cut, sorted.length - cut);
 }
 
-/** Lines across a span; the slope tells kinds of gates apart without colour. */
+/** Lines across a span; the slope separates kinds of gates without colour. */
 function hatch(ctx, { rgb, slope }, left, { top, height }, width, step) {
   if (slope === null) return;
   ctx.save();

@@ -17,7 +17,7 @@ const charts = new Charts(id("charts"), store, (time) => readAt(time));
 const state = {
   names: { gates: {}, statuses: [] }, newest: null, newestAt: -Infinity, quiet: null, quietAt: 0, status: null,
   statusAt: 0, problem: "connecting", eventAt: seconds(), source: "the daemon", dirty: false, paused: false,
-  roadPlot: null, said: "", connected: false, changes: [],
+  roadPlot: null, announced: "", connected: false, changes: [],
 };
 
 /** A row's values by name, of an array as it is sent. */
@@ -110,7 +110,7 @@ function connect() {
   };
 }
 
-/** Say what is wrong, and mark numbers that are not of now. */
+/** Show what is wrong, and mark numbers that are not of now. */
 function check() {
   const { bus = {}, estimate } = state.status || {};
   const quiet = state.quiet === null ? null : state.quiet + seconds() - state.quietAt;
@@ -141,7 +141,7 @@ function lastKnown() {
 
 /** For screen readers: changes only. */
 function announce(text) {
-  if (text !== state.said) id("announce").textContent = state.said = text;
+  if (text !== state.announced) id("announce").textContent = state.announced = text;
 }
 
 function draw() {
@@ -196,7 +196,7 @@ async function refreshDay() {
     const history = await (await fetch("history")).json();
     store.day = { names: history.day_columns, columns: history.day_columns.map((_, at) => history.day.map((row) => row[at])) };
   } catch {
-    return; // `check` says that the server is gone
+    return; // `check` shows that the server is gone
   }
 }
 
