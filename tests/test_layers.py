@@ -24,7 +24,7 @@ MOST_LINES_OF_A_FILE, MOST_LINES_OF_A_FUNCTION, MOST_ARGUMENTS = 300, 60, 8
 PUBLIC = {"__init__.py", "__init__.pyi", "__main__.py", "api.py", "py.typed"}
 
 VERSION_0_1 = "kernels of the default estimator, whose state is given one by one"
-DEFAULT = "the compiled loop of the default, and kernels that take vectors and matrices one by one"
+DEFAULT = "the one compiled loop of the default estimator: it calls named steps"
 RECURSION = "one loop over one documented recursion: a call per sample costs more than its work"
 
 LARGE_FILES = {
@@ -45,12 +45,6 @@ MANY_ARGUMENTS = {
     "estimators/canest_0_1/kernel.py: run": VERSION_0_1,
     "estimators/canest_0_1/senses.py: feel": VERSION_0_1,
     "estimators/canest_0_1/senses.py: retard": VERSION_0_1,
-    "estimators/default/hypotheses.py: exchange": DEFAULT,
-    "estimators/default/kernel.py: run": DEFAULT,
-    "estimators/default/load.py: new_density": DEFAULT,
-    "estimators/default/load.py: open_load": DEFAULT,
-    "estimators/default/sensors.py: accelerometer": DEFAULT,
-    "estimators/default/update.py: condition_all_but_mass": DEFAULT,
 }
 
 

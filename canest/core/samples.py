@@ -139,12 +139,12 @@ class VehicleFacts:
     speed_step_mps, torque_step_Nm, accelerometer_step_mps2: resolution of the signals in use.
     has_road_map: whether samples may have the slope of a road map.
     filter_delay_s: how much later than the vehicle the filtered columns are.
-    report_period_s: time between two reports of the slowest of speed and torque, 0 where they are fast. Between
-        two reports a signal is a line, so that what is measured is at its ends.
+    report_period_s: time between two reports of the slowest of speed and torque, 0 where they are fast.
+        Between two reports a signal is a line, so that what is measured is at its ends.
     torque_accuracy, wheel_radius_accuracy, rolling_resistance_accuracy, drag_area_accuracy: how well each is
         known, one standard deviation as a fraction of its value (2 % in the config is 0.01).
-    overrun_share: std of the force that the model lacks in overrun, as a share of the traction: the friction of
-        a combustion engine is known to a tenth, an electric motor as well as while it drives (None).
+    overrun_share: std of the force that the model lacks in overrun, as a share of the traction: the friction
+        of a combustion engine is known to a tenth, an electric motor as well as while it drives (None).
     valid_std: the mass may be valid while its standard deviation is below this fraction of it.
     """
 

@@ -195,7 +195,9 @@ def facts_of(config: Config) -> VehicleFacts:
     v, roles = config.vehicle, tuple(config.signals)
     resolution = resolution_of(config)
     torque = torque_role(roles, v)
-    slow = (config.signals[role].period_s for role in (torque, speed_in_use(roles, v)) if role in config.signals)
+    slow = (
+        config.signals[role].period_s for role in (torque, speed_in_use(roles, v)) if role in config.signals
+    )
     return VehicleFacts(
         mass_min_kg=v.mass_min_kg,
         mass_max_kg=v.mass_max_kg,

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from canest.estimators.default.lines import COLUMNS, EARLY, MOST_MPS2, SETTLES, CoastLines
 
 from canest.core import jit
 from canest.core.gates import Gate
@@ -23,7 +24,6 @@ from canest.estimators.canest_0_1.coast import (
 from canest.estimators.canest_0_1.estimator import Canest
 from canest.estimators.canest_0_1.filter import OUTLIER
 from canest.estimators.default import lines
-from canest.estimators.default.lines import COLUMNS, EARLY, MOST_MPS2, SETTLES, CoastLines
 
 from .momentum import flat, hills, pulses, trip
 from .synthetic import FACTS

@@ -22,7 +22,9 @@ REACH = SETTLES + LONGEST + EARLY
 MOST_N, MOST_MPS2 = 1e7, 4.0
 
 
-def run_lengths(ticks: NDArray[np.float64], coasting_N: NDArray[np.float64], before: float) -> NDArray[np.float64]:
+def run_lengths(
+    ticks: NDArray[np.float64], coasting_N: NDArray[np.float64], before: float
+) -> NDArray[np.float64]:
     """Return how many samples the vehicle has coasted for, without one missing, by each of them, (n,).
 
     ticks, coasting_N (NaN: no coasting): (n + 1,), the first that of the sample before, after `before` ticks.
@@ -61,8 +63,8 @@ def lines(
 ) -> NDArray[np.float64]:  # fmt: skip
     """Return the line that ended in each window: acceleration, variance, force, mass, time back, (5, w).
 
-    run: `run_lengths` of the samples (n,). ends: samples that end windows of `window` ticks, (w,). A line ends
-    with its coasting, or when it is `LONGEST`. NaN where none has ended.
+    run: `run_lengths` of the samples (n,). ends: samples that end windows of `window` ticks, (w,). A line
+    ends with its coasting, or when it is `LONGEST`. NaN where none has ended.
     """
     out = np.full((5, len(ends)), np.nan)
     usable = run - SETTLES - EARLY

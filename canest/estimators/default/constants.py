@@ -22,88 +22,122 @@ class Constants(NamedTuple):
     """All of them."""
 
     # -- before the first sample
-    grade: Annotated[float, Source("s_theta", "1", "chosen: country roads end at about 10 %")] = 0.03
-    delay_s: Annotated[float, Source("s_delta", "s", "chosen: two cycles of an engine message")] = 0.04
-    windup_s2: Annotated[
+    grade_std: Annotated[float, Source("s_theta", "1", "chosen: country roads end at about 10 %")] = 0.03
+    delay_std_s: Annotated[float, Source("s_delta", "s", "chosen: two cycles of an engine message")] = 0.04
+    windup_std_s2: Annotated[
         float, Source("s_gamma", "s2", "chosen: larger takes fast torque away from the mass")
     ] = 0.02
-    bias_mps2: Annotated[float, Source("s_b", "m/s2", "chosen: 1.8 degrees of tilt of the mounting")] = 0.3
+    bias_std_mps2: Annotated[float, Source("s_b", "m/s2", "chosen: 1.8 degrees of tilt of the mounting")] = (
+        0.3
+    )
     pitch_rad_per_mps2: Annotated[
         float, Source("p", "rad s2/m", "measured: trucks 0.01, cars and the gain of a sensor -0.003 to 0.003")
     ] = 0.003
-    pitch_std: Annotated[
+    pitch_std_rad_per_mps2: Annotated[
         float, Source("s_p", "rad s2/m", "chosen: where the config states none")
     ] = 0.007
-    pitch_share: Annotated[float, Source("s_p / p", "1", "chosen: a stated pitch depends on the load")] = 0.2
-    height_m: Annotated[float, Source("s_h", "m", "chosen: a satellite receiver")] = 2.5
-    wind_mps: Annotated[float, Source("s_w", "m/s", "chosen: a breeze of 4 m/s along half of the road")] = 2.0
-    wind_m: Annotated[float, Source("L_w", "m", "chosen: a main road turns; less makes a cruise wide")] = 20e3
-    unknown_share: Annotated[
+    pitch_std_share: Annotated[
+        float, Source("s_p / p", "1", "chosen: a stated pitch depends on the load")
+    ] = 0.2
+    altitude_std_m: Annotated[float, Source("s_h", "m", "chosen: a satellite receiver")] = 2.5
+    wind_std_mps: Annotated[
+        float, Source("s_w", "m/s", "chosen: a breeze of 4 m/s along half of the road")
+    ] = 2.0
+    wind_length_m: Annotated[
+        float, Source("L_w", "m", "chosen: a main road turns; less makes a cruise wide")
+    ] = 20e3
+    unknown_load_share: Annotated[
         float, Source("k_u", "1", "measured: std of an unknown load, in its range of ln u; 0.3 is too narrow")
     ] = 0.7
     # -- road
-    curvature_1pm: Annotated[float, Source("s_kappa", "1/m", "chosen: radius of 5 km, a country road")] = 2e-4
-    straight_m: Annotated[float, Source("L_s", "m", "chosen: shorter says less of the mass")] = 500.0
-    curved_m: Annotated[float, Source("L_c", "m", "chosen: length of a crest")] = 150.0
-    curve_m: Annotated[float, Source("L_kappa", "m", "chosen: a crest keeps its curvature")] = 300.0
-    smooth_1pm: Annotated[float, Source("r_s", "1/m", "chosen: 0.3 % of grade in a kilometre")] = 1e-8
-    rough_1pm: Annotated[float, Source("r_r", "1/m", "measured: 1.5 % RMS at waves of 50 m and more")] = 6e-6
-    roughens_m: Annotated[float, Source("L_r", "m", "chosen: rough roads are rare")] = 20e3
-    smoothens_m: Annotated[float, Source("L_rs", "m", "measured: at 2 km a rough road is forgotten")] = 10e3
-    exchange_m: Annotated[float, Source("d_x", "m", "chosen: cost against delay")] = 30.0
-    wander_m2ps: Annotated[float, Source("q_h", "m2/s", "chosen: 3.5 m in a minute, a receiver's error")] = 0.2
-    step_nis: Annotated[float, Source("k_step", "1", "chosen: five standard deviations")] = 25.0
+    curvature_std_1pm: Annotated[
+        float, Source("s_kappa", "1/m", "chosen: radius of 5 km, a country road")
+    ] = 2e-4
+    straight_length_m: Annotated[float, Source("L_s", "m", "chosen: shorter says less of the mass")] = 500.0
+    curved_length_m: Annotated[float, Source("L_c", "m", "chosen: length of a crest")] = 150.0
+    curvature_length_m: Annotated[float, Source("L_kappa", "m", "chosen: a crest keeps its curvature")] = (
+        300.0
+    )
+    smooth_wander_1pm: Annotated[float, Source("r_s", "1/m", "chosen: 0.3 % of grade in a kilometre")] = 1e-8
+    rough_wander_1pm: Annotated[
+        float, Source("r_r", "1/m", "measured: 1.5 % RMS at waves of 50 m and more")
+    ] = 6e-6
+    smooth_length_m: Annotated[float, Source("L_r", "m", "chosen: rough roads are rare")] = 20e3
+    rough_length_m: Annotated[float, Source("L_rs", "m", "measured: at 2 km a rough road is forgotten")] = (
+        10e3
+    )
+    exchange_every_m: Annotated[float, Source("d_x", "m", "chosen: cost against delay")] = 30.0
+    altitude_wander_m2ps: Annotated[
+        float, Source("q_h", "m2/s", "chosen: 3.5 m in a minute, a receiver's error")
+    ] = 0.2
+    road_step_nis: Annotated[float, Source("k_step", "1", "chosen: five standard deviations")] = 25.0
     # -- driver
-    answered: Annotated[float, Source("P_a", "1", "chosen: less makes a cruise less safe")] = 0.9
-    driver_m: Annotated[float, Source("L_d", "m", "chosen: a habit is kept for ten minutes")] = 10e3
-    response_share: Annotated[float, Source("s_xi", "1", "chosen: half or one and a half of it")] = 0.5
-    response_m: Annotated[float, Source("L_xi", "m", "chosen")] = 1000.0
-    usual_1pm: Annotated[float, Source("k_d", "1/m", "chosen: a little more than a crest")] = 3e-4
-    usual_mps2: Annotated[float, Source("a_d", "m/s2", "chosen: noise of torque at low speed")] = 0.02
+    answered_share: Annotated[float, Source("P_a", "1", "chosen: less makes a cruise less safe")] = 0.9
+    driver_length_m: Annotated[float, Source("L_d", "m", "chosen: a habit is kept for ten minutes")] = 10e3
+    response_std_share: Annotated[float, Source("s_xi", "1", "chosen: half or one and a half of it")] = 0.5
+    response_length_m: Annotated[float, Source("L_xi", "m", "chosen")] = 1000.0
+    answer_curvature_1pm: Annotated[float, Source("k_d", "1/m", "chosen: a little more than a crest")] = 3e-4
+    answer_noise_mps2: Annotated[float, Source("a_d", "m/s2", "chosen: noise of torque at low speed")] = 0.02
     # -- load
-    stop_s: Annotated[float, Source("T_l", "s", "chosen: shorter loses `valid` at every traffic light")] = 130.0
-    least_stop_s: Annotated[float, Source("T_0", "s", "chosen: nobody loads in less")] = 3.0
-    drift_1ps: Annotated[float, Source("s_r", "1/s", "chosen: 6 kg/s of 20 t")] = 3e-4
-    drift_begins_s: Annotated[
+    load_stop_s: Annotated[
+        float, Source("T_l", "s", "chosen: shorter loses `valid` at every traffic light")
+    ] = 130.0
+    shortest_stop_s: Annotated[float, Source("T_0", "s", "chosen: nobody loads in less")] = 3.0
+    drift_std_1ps: Annotated[float, Source("s_r", "1/s", "chosen: 6 kg/s of 20 t")] = 3e-4
+    steady_duration_s: Annotated[
         float, Source("T_rb", "s", "measured: rarer is found late, more often makes a cruise wide")
     ] = 2000.0
-    drift_ends_s: Annotated[float, Source("T_re", "s", "chosen: a spreader's round")] = 600.0
-    surprise: Annotated[float, Source("S_max", "1", "chosen: one window at five standard deviations")] = 25.0
-    usual_nis: Annotated[float, Source("k_S", "1", "measured: at 2, rough driving is a surprise")] = 3.0
-    surprised: Annotated[
+    drift_duration_s: Annotated[float, Source("T_re", "s", "chosen: a spreader's round")] = 600.0
+    surprise_limit: Annotated[
+        float, Source("S_max", "1", "chosen: one window at five standard deviations")
+    ] = 25.0
+    surprise_nis: Annotated[float, Source("k_S", "1", "measured: at 2, rough driving is a surprise")] = 3.0
+    surprise_share: Annotated[
         float, Source("P_S", "1", "chosen: above `left_out`, so that `valid` goes at once")
     ] = 0.1
     # -- noise
-    force_share: Annotated[float, Source("k_F", "1", "chosen: a controller's torque, from moment to moment")] = (
-        0.02
-    )
-    longest_s: Annotated[float, Source("t_q", "s", "chosen: how long a rounding error of the torque lasts")] = 2.0
+    force_std_share: Annotated[
+        float, Source("k_F", "1", "chosen: a controller's torque, from moment to moment")
+    ] = 0.02
+    longest_rounding_s: Annotated[
+        float, Source("t_q", "s", "chosen: how long a rounding error of the torque lasts")
+    ] = 2.0
     gust_m2ps: Annotated[float, Source("q_g", "m2/s", "chosen: gusts of 0.07 m/s for 5 s")] = 0.05
-    oscillation_mps: Annotated[float, Source("s_v", "m/s", "chosen: a driveline's swing in one window")] = 0.05
-    careful: Annotated[float, Source("k_v", "1", "chosen: start of the level, in rounding errors")] = 20.0
-    loudest: Annotated[float, Source("k_vm", "1", "chosen: more would hide faults of the model")] = 2.0
-    level_windows: Annotated[float, Source("N_v", "1", "chosen: a minute of open gates")] = 300.0
-    first_windows: Annotated[float, Source("N_0", "1", "chosen: weight of the start")] = 10.0
-    doubted: Annotated[float, Source("k_s", "1", "chosen: windows whose s is mostly the states' do not count")] = (
-        5.0
-    )
-    outlier: Annotated[float, Source("k_e", "1", "textbook: three standard deviations")] = 9.0
-    floor: Annotated[
+    driveline_swing_mps: Annotated[
+        float, Source("s_v", "m/s", "chosen: a driveline's swing in one window")
+    ] = 0.05
+    first_noise_steps: Annotated[
+        float, Source("k_v", "1", "chosen: start of the level, in rounding errors")
+    ] = 20.0
+    most_noise: Annotated[float, Source("k_vm", "1", "chosen: more would hide faults of the model")] = 2.0
+    noise_memory_windows: Annotated[float, Source("N_v", "1", "chosen: a minute of open gates")] = 300.0
+    first_noise_windows: Annotated[float, Source("N_0", "1", "chosen: weight of the start")] = 10.0
+    noise_dominates: Annotated[
+        float, Source("k_s", "1", "chosen: windows whose s is mostly the states' do not count")
+    ] = 5.0
+    outlier_nis: Annotated[float, Source("k_e", "1", "textbook: three standard deviations")] = 9.0
+    likelihood_floor: Annotated[
         float, Source("c_0", "1", "chosen: one window in a hundred is anything, within 30 times its noise")
     ] = 3e-4
-    power: Annotated[float, Source("p", "1", "measured: at 1 the masses of cruise drives are too sure")] = 0.5
-    bias_wander: Annotated[float, Source("q_b", "(m/s2)2/s", "chosen: 0.05 m/s2 in an hour")] = 6e-7
+    likelihood_power: Annotated[
+        float, Source("p", "1", "measured: at 1 the masses of cruise drives are too sure")
+    ] = 0.5
+    bias_wander_m2ps5: Annotated[float, Source("q_b", "(m/s2)2/s", "chosen: 0.05 m/s2 in an hour")] = 6e-7
     quiet_mps2: Annotated[float, Source("a_q", "m/s2", "measured: cost against accuracy")] = 0.02
-    most_joined: Annotated[float, Source("N_q", "1", "chosen: a second of windows is one")] = 5.0
+    most_joined_windows: Annotated[float, Source("N_q", "1", "chosen: a second of windows is one")] = 5.0
     # -- closed gates
-    hidden_share: Annotated[float, Source("k_c", "1", "chosen: a retarder's torque, a gearbox that closes")] = 0.1
+    hidden_force_share: Annotated[
+        float, Source("k_c", "1", "chosen: a retarder's torque, a gearbox that closes")
+    ] = 0.1
     hidden_windows: Annotated[float, Source("N_c", "1", "chosen: such an error lasts 5 s")] = 25.0
-    open_drag_mps2: Annotated[float, Source("s_c", "m/s2", "chosen: an open driveline, a rocking body")] = 0.03
+    coasting_std_mps2: Annotated[
+        float, Source("s_c", "m/s2", "chosen: an open driveline, a rocking body")
+    ] = 0.03
     # -- hypotheses and report
-    prune: Annotated[float, Source("P_min", "1", "measured: at 1e-3 modes are missing later")] = 3e-4
-    merge: Annotated[float, Source("L_min", "nats", "chosen: cost against shape")] = 0.02
-    left_out: Annotated[float, Source("P_0", "1", "95 % in two standard deviations leave 5 %")] = 0.04
-    wide: Annotated[float, Source("V_max", "1", "chosen: 1/u is nearly linear below")] = 0.1
+    least_weight: Annotated[float, Source("P_min", "1", "measured: at 1e-3 modes are missing later")] = 3e-4
+    merge_loss_nats: Annotated[float, Source("L_min", "nats", "chosen: cost against shape")] = 0.02
+    left_out_share: Annotated[float, Source("P_0", "1", "95 % in two standard deviations leave 5 %")] = 0.04
+    widest_normal: Annotated[float, Source("V_max", "1", "chosen: 1/u is nearly linear below")] = 0.1
 
 
 CONSTANTS = Constants()
@@ -146,17 +180,17 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         least_u=least,
         most_u=most,
         unknown_u=unknown,
-        unknown_var=(c.unknown_share * math.log(most / least) * unknown) ** 2,
+        unknown_var=(c.unknown_load_share * math.log(most / least) * unknown) ** 2,
         drag_share=facts.drag_area_accuracy,
         roll_share=facts.rolling_resistance_accuracy,
         speed_floor_mps=floor,
-        speed_loudest_mps=c.loudest * max(c.careful * floor, c.oscillation_mps),
+        speed_loudest_mps=c.most_noise * max(c.first_noise_steps * floor, c.driveline_swing_mps),
         sensed_floor_mps2=facts.accelerometer_step_mps2 / 2.0,
         torque_std_Nm=facts.torque_step_Nm / math.sqrt(12.0),
-        response=c.response_share * unknown,
-        overrun_share=c.force_share if facts.overrun_share is None else facts.overrun_share,
+        response=c.response_std_share * unknown,
+        overrun_share=c.force_std_share if facts.overrun_share is None else facts.overrun_share,
         period_windows=period,
-        power=c.power,
+        power=c.likelihood_power,
         late_s=late_s,
     )
 

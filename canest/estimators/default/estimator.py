@@ -84,10 +84,10 @@ class GaussianSum(Estimator):
             own[at.RATE] *= at.DRIFTS[mode]
             self._mixture.x[mode], self._mixture.P[mode] = mean, np.diag(own * own)
             self._mixture.weight[mode], self._mixture.mode[mode] = shares[mode], float(mode)
-        start = v.speed_loudest_mps / c.loudest
+        start = v.speed_loudest_mps / c.most_noise
         levels = Levels(start * start, 4.0 * v.sensed_floor_mps2 * v.sensed_floor_mps2)
         guess = facts.initial_mass_kg or 1.0 / u
-        report = Report(guess, guess * guess, facts.initial_grade or 0.0, c.grade * c.grade)
+        report = Report(guess, guess * guess, facts.initial_grade or 0.0, c.grade_std * c.grade_std)
         progress = kernel.Progress(float(MODES), u)
         self._carried = kernel.Carried(progress, levels, Comparison(), report, RoadUse(), Quiet())
         self._windows = Windows(self._late_s)
@@ -100,19 +100,21 @@ class GaussianSum(Estimator):
         """Return mean and std of every state but u, for an inverse mass."""
         facts, c, v = self.facts, self.constants, self._vehicle
         mean, std = np.zeros(at.STATES), np.zeros(at.STATES)
-        mean[at.GRADE], std[at.GRADE] = facts.initial_grade or 0.0, c.grade
+        mean[at.GRADE], std[at.GRADE] = facts.initial_grade or 0.0, c.grade_std
         mean[at.U] = u
         std[at.V], std[at.HEIGHT] = 10.0, 1.0
-        std[at.CURVATURE], std[at.RESPONSE] = c.curvature_1pm, v.response
-        std[at.WIND], std[at.RATE] = c.wind_mps * u, c.drift_1ps * u
-        std[at.DELAY], std[at.WINDUP] = c.delay_s * u, c.windup_s2 * u
+        std[at.CURVATURE], std[at.RESPONSE] = c.curvature_std_1pm, v.response
+        std[at.WIND], std[at.RATE] = c.wind_std_mps * u, c.drift_std_1ps * u
+        std[at.DELAY], std[at.WINDUP] = c.delay_std_s * u, c.windup_std_s2 * u
         std[at.ROLLING] = facts.rolling_resistance_accuracy * facts.rolling_resistance
         if facts.has_road_map:
             std[at.ROLLING] = math.hypot(std[at.ROLLING], LEVEL_STD)
-        std[at.BIAS] = c.bias_mps2
+        std[at.BIAS] = c.bias_std_mps2
         pitch = facts.pitch_rad_per_mps2
         mean[at.PITCH] = GRAVITY_MPS2 * (c.pitch_rad_per_mps2 if pitch is None else pitch)
-        std[at.PITCH] = GRAVITY_MPS2 * (c.pitch_std if pitch is None else max(c.pitch_share * pitch, 1e-4))
+        std[at.PITCH] = GRAVITY_MPS2 * (
+            c.pitch_std_rad_per_mps2 if pitch is None else max(c.pitch_std_share * pitch, 1e-4)
+        )
         n = at.STATES if facts.has_accelerometer else at.STATES_WITHOUT_ACCELEROMETER
         return mean[:n], std[:n]
 
@@ -137,9 +139,8 @@ class GaussianSum(Estimator):
         mix = Mixture(*self._mixture[:2], *(_give(column) for column in self._mixture[2:]))
         rows: Any = out if jit.enabled() else out.tolist()
         self._carried = kernel.run(
-            count, columns, mix, self._carried, self.constants, self._vehicle, _give(self._nodes), _scratch(n),
-            _given_room(n), rows,
-        )  # fmt: skip
+            count, columns, mix, self._carried, self.constants, self._vehicle, _scratch(n, self._nodes), rows
+        )
         self._mixture = Mixture(*mix[:2], *([float(x) for x in column] for column in mix[2:]))
         self._carried = _plain(self._carried)
         return np.asarray(rows)
@@ -199,8 +200,8 @@ class GaussianSum(Estimator):
         """Return the bound of the mass beyond which the driving leads, in a sentence."""
         if not self._last[kernel.OUT_LEARNED]:
             return ""
-        t = _scratch(0)
-        best = set_loads.interpreted(self._mixture, int(self._carried.progress.count), t)
+        t = _scratch(0, [])
+        best = set_loads.interpreted(self._mixture, int(self._carried.progress.alive), t)
         return beyond_bound(float(t.loads[3 * best + 1]), float(t.loads[3 * best + 2]), self.facts)
 
     def consistency(self) -> dict[str, float]:
@@ -222,11 +223,12 @@ class GaussianSum(Estimator):
 
 def _mode_shares(c: Constants) -> list[float]:
     """Return the prior probability of every mode: that of road, driver and load."""
-    rough = c.smoothens_m / (c.roughens_m + c.smoothens_m)
-    straight = c.straight_m / (c.straight_m + c.curved_m)
-    drifts = c.drift_ends_s / (c.drift_begins_s + c.drift_ends_s)
+    rough = c.rough_length_m / (c.smooth_length_m + c.rough_length_m)
+    straight = c.straight_length_m / (c.straight_length_m + c.curved_length_m)
+    drifts = c.drift_duration_s / (c.steady_duration_s + c.drift_duration_s)
     roads = ((1.0 - rough) * straight, (1.0 - rough) * (1.0 - straight), rough)
-    return [l * d * r for l in (1.0 - drifts, drifts) for d in (1.0 - c.answered, c.answered) for r in roads]
+    drivers = (1.0 - c.answered_share, c.answered_share)
+    return [load * driver * road for load in (1.0 - drifts, drifts) for driver in drivers for road in roads]
 
 
 def _give(column: list[float]) -> Any:
@@ -238,18 +240,15 @@ def _room(n: int) -> Mixture:
     return Mixture(np.zeros((MOST, n)), np.zeros((MOST, n, n)), *([0.0] * MOST for _ in range(4)))
 
 
-def _given_room(n: int) -> Mixture:
+def _scratch(n: int, nodes: list[float]) -> Scratch:
     room = _room(n)
-    return Mixture(*room[:2], *(_give(column) for column in room[2:]))
-
-
-def _scratch(n: int) -> Scratch:
+    room = Mixture(*room[:2], *(_give(column) for column in room[2:]))
     columns = tuple(_give([0.0] * MOST) for _ in range(4))
     h, f, K, e, s, nis, zeros, loads, share = (
         _give([0.0] * size)
         for size in (8, 3 * MOST, n, MOST, MOST, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST)
     )
-    return Scratch(h, f, K, columns, e, s, nis, zeros, loads, share)
+    return Scratch(h, f, K, columns, e, s, nis, zeros, loads, share, room, _give(nodes))
 
 
 def _plain(carried: kernel.Carried) -> kernel.Carried:

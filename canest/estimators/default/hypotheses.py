@@ -86,11 +86,20 @@ def prune(mix: Mixture, count: int, least: float) -> int:
 @jit.kernel
 def transitions(metres: float, driven_s: float, c: Constants) -> tuple[Any, Any, Any]:
     """Return the transition probabilities of road (3 x 3), driver and load (2 x 2), row by row."""
-    curves, straightens = 1.0 - math.exp(-metres / c.straight_m), 1.0 - math.exp(-metres / c.curved_m)
-    roughens, smoothens = 1.0 - math.exp(-metres / c.roughens_m), 1.0 - math.exp(-metres / c.smoothens_m)
-    drawn = 1.0 - math.exp(-metres / c.driver_m)
-    begins, ends = 1.0 - math.exp(-driven_s / c.drift_begins_s), 1.0 - math.exp(-driven_s / c.drift_ends_s)
-    smooth, frees, answers = 1.0 - roughens, drawn * (1.0 - c.answered), drawn * c.answered
+    curves, straightens = (
+        1.0 - math.exp(-metres / c.straight_length_m),
+        1.0 - math.exp(-metres / c.curved_length_m),
+    )
+    roughens, smoothens = (
+        1.0 - math.exp(-metres / c.smooth_length_m),
+        1.0 - math.exp(-metres / c.rough_length_m),
+    )
+    drawn = 1.0 - math.exp(-metres / c.driver_length_m)
+    begins, ends = (
+        1.0 - math.exp(-driven_s / c.steady_duration_s),
+        1.0 - math.exp(-driven_s / c.drift_duration_s),
+    )
+    smooth, frees, answers = 1.0 - roughens, drawn * (1.0 - c.answered_share), drawn * c.answered_share
     roads = (
         smooth * (1.0 - curves), smooth * curves, roughens,
         smooth * straightens, smooth * (1.0 - straightens), roughens,
@@ -99,9 +108,9 @@ def transitions(metres: float, driven_s: float, c: Constants) -> tuple[Any, Any,
     return roads, (1.0 - answers, answers, frees, 1.0 - frees), (1.0 - begins, begins, ends, 1.0 - ends)
 
 
-def _mix(mix: Mixture, count: int, made: int, room: Mixture, t: Scratch) -> None:
+def _mix(mix: Mixture, count: int, made: int, t: Scratch) -> None:
     shares = np.array(t.share[: made * MOST]).reshape(made, MOST)
-    y, R = room.x[:made], room.P[:made]
+    y, R = t.room.x[:made], t.room.P[:made]
     y[:], R[:] = 0.0, 0.0
     for d in range(count):
         y += shares[:, d, None] * mix.x[d]
@@ -111,9 +120,9 @@ def _mix(mix: Mixture, count: int, made: int, room: Mixture, t: Scratch) -> None
 
 
 @jit.kernel_beside(_mix)
-def mix_densities(mix: Mixture, count: int, made: int, room: Mixture, t: Scratch) -> None:
-    """Give density k of the room mean and covariance of those of the mixture, by shares [k * MOST + d]."""
-    x, P, y, R = mix.x, mix.P, room.x, room.P
+def mix_densities(mix: Mixture, count: int, made: int, t: Scratch) -> None:
+    """Give density k of the room mean and covariance of those of the mixture, by t.share[k * MOST + d]."""
+    x, P, y, R = mix.x, mix.P, t.room.x, t.room.P
     n = x.shape[1]
     for k in range(made):
         for i in range(n):
@@ -156,8 +165,9 @@ def keep(room: Mixture, made: int, i: int, modes: Any, fresh: Any) -> None:
 
 
 @jit.kernel
-def keep_states(mix: Mixture, count: int, room: Mixture, made: int, fresh: Any, t: Scratch) -> None:
+def keep_states(mix: Mixture, count: int, made: int, fresh: Any, t: Scratch) -> None:
     """Keep curvature, response and rate in the modes that have them. fresh: their prior variances."""
+    room = t.room
     bends, answers, drifts, _ = t.columns
     for k in range(made):
         bends[k] = answers[k] = drifts[k] = 0.0
@@ -173,14 +183,13 @@ def keep_states(mix: Mixture, count: int, room: Mixture, made: int, fresh: Any, 
 
 
 @jit.kernel
-def exchange(
-    mix: Mixture, count: int, chains: Any, fresh: Any, least: float, room: Mixture, t: Scratch
-) -> int:
+def exchange(mix: Mixture, count: int, chains: Any, fresh: Any, least: float, t: Scratch) -> int:
     """Let the modes of each load exchange probability; returns the number of densities.
 
-    chains: `transitions`. t.loads: see `set_loads`. fresh: prior variances of curvature, response and rate. room: scratch.
+    chains: `transitions`. t.loads: see `set_loads`. fresh: prior variances of curvature, response and rate.
     """
     roads, drivers, loads = chains
+    room = t.room
     made = 0
     for load in range(LOADS):
         for mode in range(MODES if t.loads[3 * load] > 0.0 else 0):
@@ -200,10 +209,11 @@ def exchange(
                     t.share[at + d] = part if part > _NEGLIGIBLE else 0.0
                 room.weight[made], room.load[made], room.mode[made] = total, float(load), float(mode)
                 made += 1
-    mix_densities(mix, count, made, room, t)
-    keep_states(mix, count, room, made, fresh, t)
+    mix_densities(mix, count, made, t)
+    keep_states(mix, count, made, fresh, t)
     take(room, made, mix)
-    return prune(mix, made, least)
+    left: int = prune(mix, made, least)
+    return left
 
 
 def _take(room: Mixture, count: int, mix: Mixture) -> None:
@@ -267,7 +277,9 @@ def merge_alike(mix: Mixture, count: int, least: float, t: Scratch) -> None:
                 total = loads[i] + loads[j]
                 share, apart = loads[i] / total, loads[i + 1] - loads[j + 1]
                 both = share * loads[i + 2] + (1.0 - share) * (loads[j + 2] + share * apart * apart)
-                loss = math.log(both) - share * math.log(loads[i + 2]) - (1.0 - share) * math.log(loads[j + 2])
+                loss = (
+                    math.log(both) - share * math.log(loads[i + 2]) - (1.0 - share) * math.log(loads[j + 2])
+                )
                 if 0.5 * total * loss < least:
                     relabel(mix, count, i // 3, j // 3)
                     loads[i] = 0.0

@@ -13,9 +13,6 @@ from canest.core import jit
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.model import WINDOW_S, Window
 
-#: windows that are joined at most: one second
-MOST_JOINED = 5.0
-
 
 class Quiet(NamedTuple):
     """What the next window is held against, and the windows that wait."""
@@ -35,6 +32,15 @@ class Quiet(NamedTuple):
     drag_N_per_mps: float = 0.0
     sensed_mps2: float = 0.0
     altitude_m: float = math.nan  #: the latest of them
+
+
+@jit.kernel
+def begin_sums(w: Window, accel_mps2: float) -> Quiet:
+    """Return empty sums after an update with a window. accel_mps2: by the model."""
+    return Quiet(
+        w.speed_mps, accel_mps2, w.traction_N, w.speed_mps, w.traction_Nps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 0.0, math.nan,
+    )  # fmt: skip
 
 
 @jit.kernel
@@ -68,10 +74,10 @@ def waits(q: Quiet, w: Window, was_open: bool, u: float, speed_var: float, c: Co
         off = abs(w.speed_mps - q.speed_mps - q.accel_mps2 * elapsed_s)
         steady = abs(w.traction_N - q.traction_N) * u < c.quiet_mps2
         expected = off < c.quiet_mps2 * elapsed_s + 3.0 * math.sqrt(2.0 * speed_var)
-        return q.joined < c.most_joined and steady and expected
+        return q.joined < c.most_joined_windows and steady and expected
     if was_open or w.retarding > 0.0 or w.coarse > 0.0:
         return False
-    return w.stopped > 0.0 or q.joined < c.most_joined
+    return w.stopped > 0.0 or q.joined < c.most_joined_windows
 
 
 @jit.kernel

@@ -7,20 +7,37 @@ from typing import Any, NamedTuple
 
 from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2
+from canest.estimators.default import model as m
 from canest.estimators.default.accelerometer import Comparison, compare
 from canest.estimators.default.constants import Constants, Vehicle
-from canest.estimators.default import model as m
-from canest.estimators.default.hypotheses import drop_impossible, exchange, merge_alike, prune, set_loads
-from canest.estimators.default.hypotheses import transitions, weigh
-from canest.estimators.default.joining import Quiet, add_window, join, waits
+from canest.estimators.default.hypotheses import (
+    drop_impossible,
+    exchange,
+    merge_alike,
+    prune,
+    set_loads,
+    transitions,
+    weigh,
+)
+from canest.estimators.default.joining import Quiet, add_window, begin_sums, join, waits
 from canest.estimators.default.load import changed_probability, open_load
-from canest.estimators.default.model import WINDOW_S, Mixture, Scratch, Window
+from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Window
 from canest.estimators.default.noise import Levels, follow, lacking_force
-from canest.estimators.default.predict import accelerate, add, climb, decay, drift, fill, travel
+from canest.estimators.default.predict import accelerate, add, climb, drift, fade, fill, travel
 from canest.estimators.default.report import Report, leave_out, report_grade, report_mass, unknown_load_var
 from canest.estimators.default.road_map import RoadUse, cell_var, follow_road
-from canest.estimators.default.sensors import accelerometer, altitude, begin_balance, closed_balance, coasting
-from canest.estimators.default.sensors import mapped_slope, mean_of, mean_surplus, speed
+from canest.estimators.default.sensors import (
+    accelerometer,
+    altitude,
+    begin_balance,
+    closed_balance,
+    coasting,
+    mapped_slope,
+    mean_of,
+    mean_surplus,
+    own_torque,
+    speed,
+)
 from canest.estimators.default.update import add_log_likelihood
 
 #: an accelerometer is used in every other window: its filter correlates neighbours
@@ -34,13 +51,12 @@ OUTPUTS = 9
 (
     OUT_MASS, OUT_VAR, OUT_GRADE, OUT_GRADE_VAR, OUT_SLOPE, OUT_WANDER, OUT_LEARNED, OUT_SPEED, OUT_LIVE,
 ) = range(OUTPUTS)  # fmt: skip
-_EVERYWHERE = (1.0,) * m.MODES
 
 
 class Progress(NamedTuple):
     """What is carried from window to window beside the densities."""
 
-    count: float  #: densities alive
+    alive: float  #: densities
     u: float  #: inverse mass, mean of all densities, each within the vehicle's bounds
     mixed_m: float = 0.0  #: metres, and seconds of motion, since modes exchanged probability
     mixed_s: float = 0.0
@@ -91,69 +107,39 @@ def mean_inverse_mass(mix: Mixture, count: int, v: Vehicle, t: Scratch) -> float
 
 
 @jit.kernel
-def own_torque(fast_N: float, u: float, speed_mps: float, c: Constants) -> float:
-    """Return how much less probable a change of torque is where it answers the road (log likelihood).
-
-    A road bends by about `usual_1pm`; what moves faster within a second is the driver's own. A free driver
-    may do anything, so slow changes speak for neither.
-    """
-    usual = GRAVITY_MPS2 * c.usual_1pm * max(speed_mps, 1.0)
-    ratio = u * u * fast_N * fast_N / (usual * usual + c.usual_mps2 * c.usual_mps2)
-    return -min(0.5 * max(ratio - 1.0, 0.0), 30.0)
-
-
-@jit.kernel
-def fade(mix: Mixture, count: int, metres: float, wind: float, c: Constants, v: Vehicle) -> None:
-    """Let wind, curvature and response fade over a distance. wind: std of the wind times u."""
-    left = math.exp(-metres / c.wind_m)
-    decay(mix, count, m.WIND, left, wind * wind * (1.0 - left * left), _EVERYWHERE)
-    left = math.exp(-metres / c.curve_m)
-    decay(mix, count, m.CURVATURE, left, c.curvature_1pm * c.curvature_1pm * (1.0 - left * left), m.BENDS)
-    left = math.exp(-metres / c.response_m)
-    decay(mix, count, m.RESPONSE, left, v.response * v.response * (1.0 - left * left), m.ANSWERS)
-
-
-@jit.kernel
 def change_modes(
-    mix: Mixture, count: int, metres: float, driven_s: float, rate: float, c: Constants, v: Vehicle, t: Scratch,
-    room: Mixture,
-) -> int:  # fmt: skip
-    """Drop impossible loads, merge alike ones, let modes exchange probability; returns the densities.
-
-    rate: std of a drift of u.
-    """
+    mix: Mixture, count: int, metres: float, driven_s: float, u: float, c: Constants, v: Vehicle, t: Scratch
+) -> int:
+    """Drop impossible loads, merge alike ones, let modes exchange probability; returns the densities."""
     count = drop_impossible(mix, count, v, t)
-    merge_alike(mix, count, c.merge, t)
-    fresh = (c.curvature_1pm * c.curvature_1pm, v.response * v.response, rate * rate)
-    return exchange(mix, count, transitions(metres, driven_s, c), fresh, c.prune, room, t)
+    merge_alike(mix, count, c.merge_loss_nats, t)
+    rate = c.drift_std_1ps * u
+    fresh = (c.curvature_std_1pm * c.curvature_std_1pm, v.response * v.response, rate * rate)
+    left: int = exchange(mix, count, transitions(metres, driven_s, c), fresh, c.least_weight, t)
+    return left
 
 
 @jit.kernel
-def predict(
-    mix: Mixture, count: int, w: Window, dt: float, p: Progress, metres: float, c: Constants, v: Vehicle, t: Scratch
-) -> float:
-    """Predict road and speed over a window; returns the mean acceleration by the model."""
-    answered_kg = 0.0
+def answered_force(w: Window, p: Progress) -> float:
+    """Return the change of force over a window that a driver may have answered the road with, N."""
     if w.open > 0.0:
-        answered_kg = (w.traction_N - w.begin_N) / GRAVITY_MPS2
-    elif w.retarding > 0.0 and p.follows > 0.0 and w.gap_s == 0.0:
-        answered_kg = (w.force_N - p.force_N) / GRAVITY_MPS2
-    if metres > 0.0 or answered_kg != 0.0:
-        travel(mix, count, metres, answered_kg, p.u, (c.smooth_1pm, c.rough_1pm), t)
-    motion = w.accel_mps2
-    if w.open > 0.0:
-        motion = accelerate(mix, count, w, dt, (v.least_u, v.most_u), lacking_force(w, c, v), t)
-    return motion
+        return w.traction_N - w.begin_N
+    if w.retarding > 0.0 and p.follows > 0.0 and w.gap_s == 0.0:
+        return w.force_N - p.force_N
+    return 0.0
 
 
 @jit.kernel
-def step_of_road(mix: Mixture, count: int, w: Window, dt: float, u: float, c: Constants, t: Scratch) -> None:
-    """Where no noise explains an innovation the road has a step, and the speed is what was measured."""
+def step_of_road(mix: Mixture, count: int, lever: float, c: Constants, t: Scratch) -> None:
+    """Where no noise explains an innovation the road has a step, and the speed is what was measured.
+
+    lever: grade per m/s of speed missing.
+    """
     for d in range(count):
         missing = t.e[d]
-        big = missing * missing > c.step_nis * t.s[d]
-        step = missing * (1.0 + u * w.rotating_kg) / (dt * GRAVITY_MPS2)
-        t.columns[0][d] = min(step * step, c.grade * c.grade) if big else 0.0
+        big = missing * missing > c.road_step_nis * t.s[d]
+        step = missing * lever
+        t.columns[0][d] = min(step * step, c.grade_std * c.grade_std) if big else 0.0
         t.columns[1][d] = missing * missing if big else 0.0
     add(mix, count, m.GRADE, t.zeros, t.columns[0])
     add(mix, count, m.V, t.zeros, t.columns[1])
@@ -161,45 +147,30 @@ def step_of_road(mix: Mixture, count: int, w: Window, dt: float, u: float, c: Co
 
 @jit.kernel
 def learn_open(
-    mix: Mixture, count: int, w: Window, dt: float, fast_N: float, u: float, r: float, c: Constants, t: Scratch
+    mix: Mixture, count: int, own: float, lever: float, r: float, c: Constants, t: Scratch
 ) -> tuple[float, float]:
-    """Weigh the hypotheses by an open window's speed and torque; returns NIS and surplus, in the mean."""
-    add_log_likelihood(mix, count, r, c.floor, t)
-    own, nis, largest = own_torque(fast_N, u, w.speed_mps, c), 0.0, 0.0
+    """Weigh the hypotheses by an open window's speed and torque; returns NIS and surplus, in the mean.
+
+    own: see `own_torque`. lever: see `step_of_road`.
+    """
+    add_log_likelihood(mix, count, r, c.likelihood_floor, t)
+    nis, largest = 0.0, 0.0
     for d in range(count):
         mix.found[d] += own * m.ANSWERS[int(mix.mode[d])]
         t.nis[d] = t.e[d] * t.e[d] / t.s[d]
         nis += mix.weight[d] * t.nis[d]
         largest = max(largest, t.nis[d])
     surplus = mean_surplus(mix, count, r, c, t)
-    if largest > c.step_nis:
-        step_of_road(mix, count, w, dt, u, c, t)
+    if largest > c.road_step_nis:
+        step_of_road(mix, count, lever, c, t)
     return nis, surplus
-
-
-@jit.kernel
-def change_load(
-    mix: Mixture, count: int, w: Window, begins: bool, failed: bool, p: Progress, unseen_s: float, surprise: float,
-    c: Constants, v: Vehicle, t: Scratch, room: Mixture,
-) -> tuple[int, float, float]:  # fmt: skip
-    """Open the load where it may have changed; returns the densities, time unseen and surprise that are left."""
-    if failed or (begins and unseen_s >= c.least_stop_s):
-        if p.learned > 0.0:
-            probability = 1.0 if failed else changed_probability(unseen_s, c.stop_s)
-            count = prune(mix, open_load(mix, count, probability, False, 0.0, v, t), 1e-300)
-        return count, 0.0, 0.0
-    if w.open > 0.0 and surprise > c.surprise:
-        net_kg = (w.force_N - w.rotating_kg * w.accel_mps2) / GRAVITY_MPS2
-        count = change_modes(mix, count, _CALLED_M, 0.0, c.drift_1ps * p.u, c, v, t, room)
-        return open_load(mix, count, c.surprised, True, net_kg, v, t), unseen_s, 0.0
-    return count, unseen_s, surprise
 
 
 @jit.kernel
 def waited(p: Progress, unseen_s: float) -> Progress:
     """Return the progress with another time in which the load was not seen."""
     return Progress(
-        p.count, p.u, p.mixed_m, p.mixed_s, p.follows, p.force_N, p.slow_N, p.was_open, p.learned, unseen_s,
+        p.alive, p.u, p.mixed_m, p.mixed_s, p.follows, p.force_N, p.slow_N, p.was_open, p.learned, unseen_s,
         p.unseen, p.height_known, p.climbed_m, p.climbed_s,
     )  # fmt: skip
 
@@ -214,20 +185,16 @@ def write(
     row[OUT_GRADE] = given.grade + given.slope_1pm * since_m
     row[OUT_GRADE_VAR] = given.grade_var + given.wander_1pm * since_m
     row[OUT_SLOPE], row[OUT_WANDER] = given.slope_1pm, given.wander_1pm
-    row[OUT_LEARNED], row[OUT_SPEED], row[OUT_LIVE] = p.learned, max(speed_mps, 0.0), p.count
+    row[OUT_LEARNED], row[OUT_SPEED], row[OUT_LIVE] = p.learned, max(speed_mps, 0.0), p.alive
 
 
 @jit.kernel
 def run(
-    n: int, columns: Any, mix: Mixture, carried: Carried, c: Constants, v: Vehicle, nodes: Any, t: Scratch,
-    room: Mixture, out: Any,
-) -> Carried:  # fmt: skip
-    """Take n windows; out[k] holds what is known after window k (OUT_*). Returns what is carried on.
-
-    nodes: inverse masses over which wide mixtures are summed. t, room: scratch.
-    """
+    n: int, columns: Any, mix: Mixture, carried: Carried, c: Constants, v: Vehicle, t: Scratch, out: Any
+) -> Carried:
+    """Take n windows; out[k] holds what is known after window k (OUT_*). Returns what is carried on."""
     p, levels, comparison, given, road, quiet = carried
-    count = int(p.count)
+    count = int(p.alive)
     for k in range(n):
         w = window_at(columns, k)
         was_faulty = comparison.faulty
@@ -249,35 +216,43 @@ def run(
         failed = failed or road.lost > 0.0
         height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S
         # -- other loads, other modes
-        count, unknown_s, surprise = change_load(
-            mix, count, w, begins, failed, p, unseen_s, levels.surprise, c, v, t, room
-        )
+        unknown_s, surprise = unseen_s, levels.surprise
+        if failed or (begins and unseen_s >= c.shortest_stop_s):
+            changed = 1.0 if failed else changed_probability(unseen_s, c.load_stop_s)
+            if p.learned > 0.0:
+                count = open_load(mix, count, changed, False, 0.0, v, t)
+            unknown_s = surprise = 0.0
+        elif is_open and surprise > c.surprise_limit:
+            net_kg = (w.force_N - w.rotating_kg * w.accel_mps2) / GRAVITY_MPS2
+            count = change_modes(mix, count, _CALLED_M, 0.0, p.u, c, v, t)
+            count = open_load(mix, count, c.surprise_share, True, net_kg, v, t)
+            surprise = 0.0
         mixed_m, mixed_s = p.mixed_m + metres, p.mixed_s + (0.0 if still else dt + min(w.gap_s, 10.0))
-        if mixed_m >= c.exchange_m:
-            wind = math.hypot(c.wind_mps, 0.5 * w.speed_mps * v.drag_share) * p.u
+        if mixed_m >= c.exchange_every_m:
+            wind = math.hypot(c.wind_std_mps, 0.5 * w.speed_mps * v.drag_share) * p.u
             fade(mix, count, mixed_m, wind, c, v)
             drift(mix, count, mixed_s, t)
-            count = change_modes(mix, count, mixed_m, mixed_s, c.drift_1ps * p.u, c, v, t, room)
+            count = change_modes(mix, count, mixed_m, mixed_s, p.u, c, v, t)
             mixed_m = mixed_s = 0.0
         # -- predict and update every density
         fill(count, mix.found, 0.0)
         climbed_m, climbed_s = p.climbed_m + metres, p.climbed_s + dt + w.gap_s
         measured = not math.isnan(w.altitude_m)
-        if height_known and (measured or climbed_m > c.exchange_m):
-            climb(mix, count, climbed_m, c.wander_m2ps * climbed_s, t)
+        if height_known and (measured or climbed_m > c.exchange_every_m):
+            climb(mix, count, climbed_m, c.altitude_wander_m2ps * climbed_s, t)
             climbed_m = climbed_s = 0.0
         if begins:
-            begin_balance(
-                mix, count, w, quiet.before_mps, quiet.before_Nps, p.u, levels.speed_var, c, t
-            )  # fmt: skip
-        motion = predict(mix, count, w, dt, p, metres, c, v, t)
-        slow_N = w.traction_N if begins else p.slow_N
+            before = Ends(quiet.before_mps, w.begin_N, quiet.before_Nps)
+            begin_balance(mix, count, before, w.gap_s == 0.0, p.u, levels.speed_var, c, t)
+        travel(mix, count, metres, answered_force(w, p) / GRAVITY_MPS2, p.u, c, t)
+        motion, slow_N = w.accel_mps2, w.traction_N if begins else p.slow_N
         nis = speed_surplus = sensed_surplus = 0.0
         if is_open:
-            speed(mix, count, w.speed_mps, w.traction_N, w.traction_Nps, p.u, levels.speed_var, c, t)
-            nis, speed_surplus = learn_open(
-                mix, count, w, dt, w.traction_N - slow_N, p.u, levels.speed_var, c, t
-            )
+            motion = accelerate(mix, count, w, dt, lacking_force(w, c, v), v, t)
+            speed(mix, count, Ends(w.speed_mps, w.traction_N, w.traction_Nps), p.u, levels.speed_var, c, t)
+            own = own_torque(w.traction_N - slow_N, p.u, w.speed_mps, c)
+            lever = (1.0 + p.u * w.rotating_kg) / (dt * GRAVITY_MPS2)
+            nis, speed_surplus = learn_open(mix, count, own, lever, levels.speed_var, c, t)
         elif w.retarding > 0.0 or w.coarse > 0.0:
             closed_balance(mix, count, w, levels.speed_var, p.u, c, t)
         if measured:
@@ -293,16 +268,16 @@ def run(
         # -- weigh, follow the noise, report
         weigh(mix, count, v.power, t)
         if is_open:  # what a hypothesis explains is no surprise
-            surprise = max(surprise + mean_of(mix.weight, count, t.nis) - c.usual_nis, 0.0)
-        count = prune(mix, count, c.prune)
+            surprise = max(surprise + mean_of(mix.weight, count, t.nis) - c.surprise_nis, 0.0)
+        count = prune(mix, count, c.least_weight)
         if is_open:
             levels = follow(levels, surprise, nis, speed_surplus, sensed_surplus, sees, c, v)
         best = set_loads(mix, count, t)
         u = mean_inverse_mass(mix, count, v, t)
-        leave_out(mix, count, c.left_out, t)
+        leave_out(mix, count, c.left_out_share, t)
         mass = (given.mass_kg, given.mass_var, 0.0 if begins else given.windows)
         if is_open:
-            mass = report_mass(count, best, mass, nodes, c, v, t)
+            mass = report_mass(count, best, mass, c, v, t)
         given = report_grade(mix, count, mass, ahead_m, c, v, t)
         p = Progress(
             float(count), u, mixed_m, mixed_s,
@@ -311,9 +286,6 @@ def run(
             unknown_s, 0.0 if sees else p.unseen + quiet.joined, 1.0 if measured or height_known else 0.0,
             0.0 if measured else climbed_m, 0.0 if measured else climbed_s,
         )  # fmt: skip
-        quiet = Quiet(
-            w.speed_mps, motion, w.traction_N, w.speed_mps, w.traction_Nps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-            math.nan,
-        )  # fmt: skip
+        quiet = begin_sums(w, motion)
         write(out[k], given, 0.0, p, w.speed_mps, c, v)
     return Carried(p, levels, comparison, given, road, quiet)

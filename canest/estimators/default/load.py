@@ -14,8 +14,11 @@ import numpy as np
 from canest.core import jit
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Vehicle
-from canest.estimators.default.hypotheses import move, relabel, set_loads
+from canest.estimators.default.hypotheses import move, prune, relabel, set_loads
 from canest.estimators.default.model import LOADS, Mixture, Scratch
+
+#: a weight that is none
+_NOTHING = 1e-300
 
 
 @jit.kernel
@@ -24,7 +27,9 @@ def changed_probability(seconds: float, stop_s: float) -> float:
     return 1.0 - math.exp(-seconds / stop_s)
 
 
-def _reopen(mix: Mixture, d: int, answers: float, known_u: float, net_kg: float, v: Vehicle, t: Scratch) -> None:
+def _reopen(
+    mix: Mixture, d: int, answers: float, known_u: float, net_kg: float, v: Vehicle, t: Scratch
+) -> None:
     x, P = mix.x[d], mix.P[d]
     P[m.U] = P[:, m.U] = 0.0
     x[m.RESPONSE] *= answers
@@ -42,7 +47,9 @@ def _reopen(mix: Mixture, d: int, answers: float, known_u: float, net_kg: float,
 
 
 @jit.kernel_beside(_reopen)
-def reopen(mix: Mixture, d: int, answers: float, known_u: float, net_kg: float, v: Vehicle, t: Scratch) -> None:
+def reopen(
+    mix: Mixture, d: int, answers: float, known_u: float, net_kg: float, v: Vehicle, t: Scratch
+) -> None:
     """Open the load of one density: x(u) = x + a (u - known_u), P = P without u + a Var(u) a'.
 
     a: 1 for u itself; x / known_u for what is times u; net_kg = (F - J dv/dt) / g for the grade, since
@@ -103,4 +110,5 @@ def open_load(
             made += 1
     for d in range(made if total > 0.0 else 0):
         mix.weight[d] *= 1.0 - probability if d < count else probability / total
-    return made
+    left: int = prune(mix, made, _NOTHING)
+    return left

@@ -65,6 +65,14 @@ class Mixture(NamedTuple):
     found: Any  #: (MOST,) log likelihood of the window; the last column
 
 
+class Ends(NamedTuple):
+    """What is measured at one moment."""
+
+    speed_mps: float
+    traction_N: float
+    traction_Nps: float  #: its rate
+
+
 class Scratch(NamedTuple):
     """Room to work in: columns have one number per density."""
 
@@ -77,7 +85,9 @@ class Scratch(NamedTuple):
     nis: Any  #: column: normalised innovation squared of the speed
     zeros: Any  #: column that stays zero
     loads: Any  #: (3 * LOADS,) weight, mean and variance of u of every load
-    share: Any  #: (MODES * LOADS * MOST,)
+    share: Any  #: (MODES * LOADS * MOST,) parts of every density in the densities of an exchange
+    room: Mixture  #: those densities
+    nodes: Any  #: inverse masses over which a wide mixture is summed
 
 
 class Window(NamedTuple):

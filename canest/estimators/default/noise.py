@@ -1,4 +1,4 @@
-"""Noise: the force that the model lacks, and levels that follow the innovations (docs/theory.md, section 6)."""
+"""Noise: the force that the model lacks, and levels that follow innovations (docs/theory.md, section 6)."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def lacking_force(w: Window, c: Constants, v: Vehicle) -> float:
     """
     step = v.torque_std_Nm * w.gear_1pm
     moved = abs(w.traction_N - w.begin_N)
-    lasts_s = min(max(_STEP_STD * step / max(moved, 1.0) * WINDOW_S, WINDOW_S), c.longest_s)
-    share = c.force_share if w.traction_N > 0.0 else v.overrun_share
+    lasts_s = min(max(_STEP_STD * step / max(moved, 1.0) * WINDOW_S, WINDOW_S), c.longest_rounding_s)
+    share = c.force_std_share if w.traction_N > 0.0 else v.overrun_share
     lacking = share * w.traction_N
     drag = w.drag_N_per_mps
     return lacking * lacking * WINDOW_S + step * step * lasts_s + drag * drag * c.gust_m2ps
@@ -39,11 +39,12 @@ def lacking_force(w: Window, c: Constants, v: Vehicle) -> float:
 
 @jit.kernel
 def follow(
-    levels: Levels, surprise: float, nis: float, speed: float, sensed: float, sees: bool, c: Constants, v: Vehicle,
+    levels: Levels, surprise: float, nis: float, speed: float, sensed: float, sees: bool, c: Constants,
+    v: Vehicle,
 ) -> Levels:  # fmt: skip
     """Return the levels after an open window. nis, speed, sensed: mean NIS and surpluses."""
     windows = levels.windows + 1.0
-    memory = min(c.level_windows, c.first_windows + windows)
+    memory = min(c.noise_memory_windows, c.first_noise_windows + windows)
     floor, loudest = v.speed_floor_mps, v.speed_loudest_mps
     speed_var = min(max(levels.speed_var + speed / memory, floor * floor), loudest * loudest)
     sensed_var = levels.sensed_var

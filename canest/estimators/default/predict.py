@@ -1,10 +1,11 @@
 """Prediction: what the states do between two windows, x <- F x, P <- F P F' + Q, one row of F at a time.
 
-All densities have the same states, and the first `count` are alive. Interpreted, numpy takes them all at once.
+All densities have the same states, and the first `count` are alive. Interpreted, numpy takes all at once.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,10 @@ import numpy as np
 from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2
 from canest.estimators.default import model as m
+from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.model import MOST, Mixture, Scratch, Window
 
+_EVERYWHERE = (1.0,) * m.MODES
 _DRIFT = (m.RATE,)
 _CLIMB = (m.GRADE, m.ROLLING)
 _TRAVEL = (m.CURVATURE, m.U, m.RESPONSE)
@@ -141,12 +144,14 @@ def climb(mix: Mixture, count: int, metres: float, wander: float, t: Scratch) ->
 
 @jit.kernel
 def travel(
-    mix: Mixture, count: int, metres: float, answered_kg: float, u: float, wander: Any, t: Scratch
+    mix: Mixture, count: int, metres: float, answered_kg: float, u: float, c: Constants, t: Scratch
 ) -> None:
     """Let the road go on: theta <- theta + ds kappa + (dF / g)(u + xi), Q = r ds + (u dF / g)^2.
 
-    answered_kg: dF / g, of the modes in which the road answers. wander: r on a smooth and a rough road.
+    answered_kg: dF / g, of the modes in which the road answers.
     """
+    if metres == 0.0 and answered_kg == 0.0:
+        return
     for d in range(count):
         change = answered_kg * m.ANSWERS[int(mix.mode[d])]
         t.f[d], t.f[MOST + d], t.f[2 * MOST + d] = metres, change, change
@@ -154,18 +159,19 @@ def travel(
     for d in range(count):
         mode = int(mix.mode[d])
         scatter = u * answered_kg * m.ANSWERS[mode]
-        t.f[d] = wander[int(m.IS_ROUGH[mode])] * metres + scatter * scatter
+        wander = c.rough_wander_1pm if m.IS_ROUGH[mode] > 0.0 else c.smooth_wander_1pm
+        t.f[d] = wander * metres + scatter * scatter
     add(mix, count, m.GRADE, t.zeros, t.f)
 
 
 @jit.kernel
 def accelerate(
-    mix: Mixture, count: int, w: Window, dt: float, bounds: Any, lacking: float, t: Scratch
+    mix: Mixture, count: int, w: Window, dt: float, lacking: float, v: Vehicle, t: Scratch
 ) -> float:
     """Let the force act: v <- v + dt a, a = (u F - g mu - g theta - c omega) / (1 + u J).
 
     F of this row: da/dtheta = -g / (1 + u J), da/domega = -c / (1 + u J), da/du = (F - J a) / (1 + u J).
-    bounds: of u. lacking: density of the force that the model lacks. Returns the mean acceleration.
+    lacking: density of the force that the model lacks. Returns the mean acceleration.
     """
     us, grades, winds, unused = t.columns
     moments(mix, count, m.U, us, unused)
@@ -173,7 +179,7 @@ def accelerate(
     moments(mix, count, m.WIND, winds, unused)
     gained, mean, mean_u = t.columns[3], 0.0, 0.0
     for d in range(count):
-        u = min(max(us[d], bounds[0]), bounds[1])
+        u = min(max(us[d], v.least_u), v.most_u)
         part = dt / (1.0 + u * w.rotating_kg)
         dv = part * (u * w.force_N - w.roll_mps2 - GRAVITY_MPS2 * grades[d] - w.drag_N_per_mps * winds[d])
         t.f[d], t.f[MOST + d] = -part * GRAVITY_MPS2, -part * w.drag_N_per_mps
@@ -187,3 +193,21 @@ def accelerate(
     fill(count, t.f, lever * lever * lacking * dt)
     add(mix, count, m.V, gained, t.f)
     return mean
+
+
+@jit.kernel
+def fade(mix: Mixture, count: int, metres: float, wind: float, c: Constants, v: Vehicle) -> None:
+    """Let wind, curvature and response fade over a distance. wind: std of the wind times u."""
+    left = math.exp(-metres / c.wind_length_m)
+    decay(mix, count, m.WIND, left, wind * wind * (1.0 - left * left), _EVERYWHERE)
+    left = math.exp(-metres / c.curvature_length_m)
+    decay(
+        mix,
+        count,
+        m.CURVATURE,
+        left,
+        c.curvature_std_1pm * c.curvature_std_1pm * (1.0 - left * left),
+        m.BENDS,
+    )
+    left = math.exp(-metres / c.response_length_m)
+    decay(mix, count, m.RESPONSE, left, v.response * v.response * (1.0 - left * left), m.ANSWERS)

@@ -7,14 +7,14 @@ less than `left_out` are no part of the standard deviation: two of them are to h
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from canest.core import jit
+from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.load import changed_probability
-from canest.estimators.default import model as m
 from canest.estimators.default.model import LOADS, Mixture, Scratch
 
 #: windows between two sums over the nodes
@@ -51,8 +51,9 @@ def leave_out(mix: Mixture, count: int, left_out: float, t: Scratch) -> None:
 
 
 @jit.kernel
-def sum_over_nodes(count: int, nodes: Any, power: float, t: Scratch) -> tuple[float, float]:
+def sum_over_nodes(count: int, power: float, t: Scratch) -> tuple[float, float]:
     """Return mean and variance of 1/u over nodes uniform in ln u; zeros where all is beyond them."""
+    nodes = t.nodes
     us, u_vars, share, _ = t.columns
     total = first = second = 0.0
     for i in range(len(nodes)):
@@ -75,9 +76,9 @@ def sum_over_nodes(count: int, nodes: Any, power: float, t: Scratch) -> tuple[fl
 
 @jit.kernel
 def report_mass(
-    count: int, best: int, before: tuple[float, float, float], nodes: Any, c: Constants, v: Vehicle, t: Scratch
+    count: int, best: int, before: tuple[float, float, float], c: Constants, v: Vehicle, t: Scratch
 ) -> tuple[float, float, float]:
-    """Return the mass of the likeliest load, the variance about it of all, and the windows until the next sum.
+    """Return the mass of the likeliest load, the variance about it, and the windows until the next sum.
 
     Where they are narrow by the moments of u: M = (1 + V) / u, Var(M) = V M^2; else summed over the nodes.
     before: these three of the window before.
@@ -94,13 +95,13 @@ def report_mass(
     spread = max(u2 - 2.0 * centre * u1 + centre * centre, 0.0) / (scale * scale)
     own = t.loads[best + 2] / (v.power * scale * scale) if likely else spread
     inside = v.least_u < centre < v.most_u
-    narrow = own < c.wide * c.wide and inside
-    if spread < c.wide * c.wide and inside:
+    narrow = own < c.widest_normal * c.widest_normal and inside
+    if spread < c.widest_normal * c.widest_normal and inside:
         mass = (1.0 + own) / centre
         return mass, spread * mass * mass, 0.0
     if before[2] > 1.0:
         return before[0], before[1], before[2] - 1.0
-    mass, var = sum_over_nodes(count, nodes, v.power, t)
+    mass, var = sum_over_nodes(count, v.power, t)
     if mass <= 0.0:
         mass = 1.0 / min(max(centre, v.least_u), v.most_u)
         var = spread * mass * mass
@@ -154,7 +155,7 @@ def report_grade(
     mean = square = slope = wander = 0.0
     for d in range(count):
         if share[d] > 0.0:
-            rough = c.rough_1pm if m.IS_ROUGH[int(mix.mode[d])] > 0.0 else c.smooth_1pm
+            rough = c.rough_wander_1pm if m.IS_ROUGH[int(mix.mode[d])] > 0.0 else c.smooth_wander_1pm
             mean += share[d] * means[d]
             square += share[d] * (variances[d] + rough * ahead_m + means[d] * means[d])
             slope += share[d] * bends[d]
@@ -165,8 +166,8 @@ def report_grade(
 @jit.kernel
 def unknown_load_var(mass: float, unknown_s: float, c: Constants, v: Vehicle) -> float:
     """Return what a stop adds to the variance of the mass: P(changed) E[(M' - M)^2], M' log-uniform."""
-    probability = changed_probability(unknown_s, c.stop_s)
-    if unknown_s <= c.least_stop_s or probability < c.left_out:
+    probability = changed_probability(unknown_s, c.load_stop_s)
+    if unknown_s <= c.shortest_stop_s or probability < c.left_out_share:
         return 0.0
     least, most = 1.0 / v.most_u, 1.0 / v.least_u
     width = math.log(most / least)

@@ -53,10 +53,10 @@ def follow_road(road: RoadUse, given: Report, w: Window, metres: float, ahead_m:
     e = w.road_sine - (given.grade - given.slope_1pm * ahead_m)
     s = given.grade_var + cell_var(w)
     wide = s + _OTHER_STD * _OTHER_STD
-    told = 0.5 * (e * e / wide - e * e / s + math.log(wide / s))
+    log_factor = 0.5 * (e * e / wide - e * e / s + math.log(wide / s))
     right = road.right + (1.0 - road.right) * since_m / _WRONG_M - road.right * since_m / _RIGHT_M
     right = min(max(right, 0.01), 0.99)
-    odds = right / (1.0 - right) * math.exp(min(max(told, -_MOST), _MOST))
+    odds = right / (1.0 - right) * math.exp(min(max(log_factor, -_MOST), _MOST))
     right = odds / (1.0 + odds)
     uses = right > (_USED if road.trusted > 0.0 else _FIRST)
     lost = road.trusted > 0.0 and not uses

@@ -8,7 +8,7 @@ from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants
-from canest.estimators.default.model import WINDOW_S, Mixture, Scratch, Window
+from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Window
 from canest.estimators.default.predict import add, fill, moments, restore
 from canest.estimators.default.update import add_log_likelihood, condition_on
 
@@ -43,36 +43,44 @@ def mean_surplus(mix: Mixture, count: int, r: float, c: Constants, t: Scratch) -
     mean = 0.0
     for d in range(count):
         e, s = t.e[d], t.s[d]
-        mean += mix.weight[d] * min(c.doubted * r / s, 1.0) * (min(e * e, c.outlier * s) - s)
+        mean += mix.weight[d] * min(c.noise_dominates * r / s, 1.0) * (min(e * e, c.outlier_nis * s) - s)
     return mean
 
 
 @jit.kernel
-def speed(
-    mix: Mixture, count: int, v_mps: float, T_N: float, rate_Nps: float, u: float, r: float, c: Constants,
-    t: Scratch,
-) -> None:  # fmt: skip
-    """Update with a speed: v measured = v + delta T + gamma dT/dt.
+def speed(mix: Mixture, count: int, end: Ends, u: float, r: float, c: Constants, t: Scratch) -> None:
+    """Update with a speed: v measured = v + delta T + gamma dT/dt, T that halfway through the delay.
 
-    T_N, rate_Nps: traction there. Its lever is that halfway through the delay. u: mean inverse mass.
+    u: mean inverse mass.
     """
     moments(mix, count, m.DELAY, t.columns[0], t.columns[1])
     delay_s = mean_of(mix.weight, count, t.columns[0]) / u
     half_s = 0.5 * min(max(delay_s, -_LONGEST_DELAY_S), _LONGEST_DELAY_S)
-    t.h[0], t.h[1], t.h[2] = 1.0, T_N + half_s * rate_Nps, rate_Nps
-    condition_on(mix, count, _SPEED, v_mps, r, c.outlier, t)
+    t.h[0], t.h[1], t.h[2] = 1.0, end.traction_N + half_s * end.traction_Nps, end.traction_Nps
+    condition_on(mix, count, _SPEED, end.speed_mps, r, c.outlier_nis, t)
+
+
+@jit.kernel
+def own_torque(fast_N: float, u: float, speed_mps: float, c: Constants) -> float:
+    """Return how much less probable a change of torque is where it answers the road (log likelihood).
+
+    A road bends by about `usual_1pm`; what moves faster within a second is the driver's own. A free driver
+    may do anything, so slow changes speak for neither.
+    """
+    usual = GRAVITY_MPS2 * c.answer_curvature_1pm * max(speed_mps, 1.0)
+    ratio = u * u * fast_N * fast_N / (usual * usual + c.answer_noise_mps2 * c.answer_noise_mps2)
+    return -min(0.5 * max(ratio - 1.0, 0.0), 30.0)
 
 
 @jit.kernel
 def begin_balance(
-    mix: Mixture, count: int, w: Window, before_mps: float, before_Nps: float, u: float, r: float, c: Constants,
-    t: Scratch,
-) -> None:  # fmt: skip
-    """Begin a balance of momentum: no force led to this speed, and the one before the window is measured."""
+    mix: Mixture, count: int, before: Ends, known: bool, u: float, r: float, c: Constants, t: Scratch
+) -> None:
+    """Begin a balance of momentum: no force led to the speed before it, which is measured where known."""
     fill(count, t.f, _UNKNOWN_V)
     add(mix, count, m.V, t.zeros, t.f)
-    if w.gap_s == 0.0:
-        speed(mix, count, before_mps, w.begin_N, before_Nps, u, r, c, t)
+    if known:
+        speed(mix, count, before, u, r, c, t)
 
 
 @jit.kernel
@@ -83,22 +91,23 @@ def accelerometer(
 
     motion: dv/dt by the model; while closed, that of the speed, whose error joins the noise.
     """
-    fill(count, t.f, c.bias_wander * max(dt, 2.0 * WINDOW_S))
+    fill(count, t.f, c.bias_wander_m2ps5 * max(dt, 2.0 * WINDOW_S))
     add(mix, count, m.BIAS, t.zeros, t.f)
     r *= 2.0 * WINDOW_S / max(dt, 2.0 * WINDOW_S)  # neighbouring windows are one measurement
     own = r
     if w.open == 0.0:
         own += _ROCKING * w.accel_mps2 * w.accel_mps2
     t.h[0], t.h[1], t.h[2] = GRAVITY_MPS2, 1.0, motion
-    condition_on(mix, count, _SENSED, w.sensed_mps2 - w.accel_mps2, own, c.outlier, t)
-    add_log_likelihood(mix, count, own, c.floor, t)
-    return mean_surplus(mix, count, r, c, t)
+    condition_on(mix, count, _SENSED, w.sensed_mps2 - w.accel_mps2, own, c.outlier_nis, t)
+    add_log_likelihood(mix, count, own, c.likelihood_floor, t)
+    surplus: float = mean_surplus(mix, count, r, c, t)
+    return surplus
 
 
 @jit.kernel
 def altitude(mix: Mixture, count: int, height_m: float, known: bool, c: Constants, t: Scratch) -> None:
     """Update with an altitude; what is known of the height is given up for the first, and for one far off."""
-    r = c.height_m * c.height_m
+    r = c.altitude_std_m * c.altitude_std_m
     moments(mix, count, m.HEIGHT, t.columns[0], t.columns[1])
     e = height_m - mean_of(mix.weight, count, t.columns[0])
     far = e * e > _FAR_OFF * (mean_of(mix.weight, count, t.columns[1]) + r)
@@ -107,9 +116,9 @@ def altitude(mix: Mixture, count: int, height_m: float, known: bool, c: Constant
         fill(count, t.columns[0], e)
         add(mix, count, m.HEIGHT, t.columns[0], t.f)
     t.h[0] = 1.0
-    condition_on(mix, count, _ALTITUDE, height_m, r, c.outlier, t)
+    condition_on(mix, count, _ALTITUDE, height_m, r, c.outlier_nis, t)
     if known and not far:
-        add_log_likelihood(mix, count, r, c.floor, t)
+        add_log_likelihood(mix, count, r, c.likelihood_floor, t)
 
 
 @jit.kernel
@@ -121,12 +130,12 @@ def closed_balance(
     The gate is a retarder of known force, a bend, or the dwell after another gate. A force known to a tenth
     must not teach a mass: u takes part with its uncertainty and keeps its density (Schmidt 1966).
     """
-    hidden = c.hidden_share * u * w.force_N
+    hidden = c.hidden_force_share * u * w.force_N
     r = c.hidden_windows * (hidden * hidden + w.bend_mps2 * w.bend_mps2)
     r += 2.0 * speed_var / (WINDOW_S * WINDOW_S)
     t.h[0], t.h[1], t.h[2] = GRAVITY_MPS2, w.drag_N_per_mps, w.rotating_kg * w.accel_mps2 - w.force_N
     moments(mix, count, m.U, t.columns[0], t.columns[1])
-    condition_on(mix, count, _BALANCE, -w.accel_mps2 - w.roll_mps2, r, c.outlier, t)
+    condition_on(mix, count, _BALANCE, -w.accel_mps2 - w.roll_mps2, r, c.outlier_nis, t)
     restore(mix, count, m.U, t.columns[0], t.columns[1])
 
 
@@ -137,16 +146,16 @@ def coasting(mix: Mixture, count: int, w: Window, c: Constants, t: Scratch) -> N
     g (theta - d kappa) + c omega + u (J_w a - F) = -a - g mu, F without traction, J_w the wheels alone.
     """
     back_m = w.coast_back_s * w.speed_mps
-    r = w.coast_var + c.open_drag_mps2 * c.open_drag_mps2
+    r = w.coast_var + c.coasting_std_mps2 * c.coasting_std_mps2
     t.h[0], t.h[1] = GRAVITY_MPS2, -GRAVITY_MPS2 * back_m
     t.h[2], t.h[3] = w.drag_N_per_mps, w.coast_kg * w.coast_mps2 - w.coast_N
-    condition_on(mix, count, _COASTED, -w.coast_mps2 - w.roll_mps2, r, c.outlier, t)
-    add_log_likelihood(mix, count, r, c.floor, t)
+    condition_on(mix, count, _COASTED, -w.coast_mps2 - w.roll_mps2, r, c.outlier_nis, t)
+    add_log_likelihood(mix, count, r, c.likelihood_floor, t)
 
 
 @jit.kernel
 def mapped_slope(mix: Mixture, count: int, sine: float, r: float, c: Constants, t: Scratch) -> None:
     """Update with the slope of a road map: z = theta - rho."""
     t.h[0], t.h[1] = 1.0, -1.0
-    condition_on(mix, count, _MAP, sine, r, c.outlier, t)
-    add_log_likelihood(mix, count, r, c.floor, t)
+    condition_on(mix, count, _MAP, sine, r, c.outlier_nis, t)
+    add_log_likelihood(mix, count, r, c.likelihood_floor, t)

@@ -74,7 +74,7 @@ def condition_on(
 
 @jit.kernel
 def add_log_likelihood(mix: Mixture, count: int, r: float, floor: float, t: Scratch) -> None:
-    """Add ln (N(e; 0, s) + floor / sqrt(r)) but for a constant: a gross error says nothing of a hypothesis."""
+    """Add ln (N(e; 0, s) + floor / sqrt(r)) but for a constant: a gross error speaks for none."""
     least = floor / math.sqrt(r)
     for d in range(count):
         likelihood = math.exp(-0.5 * t.e[d] * t.e[d] / t.s[d]) / math.sqrt(t.s[d])
