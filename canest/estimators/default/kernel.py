@@ -29,7 +29,7 @@ from canest.estimators.default.road_map import RoadUse, cell_var, follow_road
 from canest.estimators.default.sensors import (
     accelerometer,
     altitude,
-    begin_balance,
+    forget_speed,
     closed_balance,
     coasting,
     mapped_slope,
@@ -44,8 +44,6 @@ from canest.estimators.default.update import add_log_likelihood
 _SEE_EVERY = 2.0
 #: after a gap this long the height is unknown, s; of a coasting further back the road is another, m
 _LOST_S, _FAR_M = 60.0, 100.0
-#: where innovations surprise, a road may have become another one as if it were so long, m
-_CALLED_M = 500.0
 #: columns of the output, one row per window
 OUTPUTS = 9
 (
@@ -224,7 +222,7 @@ def run(
             unknown_s = surprise = 0.0
         elif is_open and surprise > c.surprise_limit:
             net_kg = (w.force_N - w.rotating_kg * w.accel_mps2) / GRAVITY_MPS2
-            count = change_modes(mix, count, _CALLED_M, 0.0, p.u, c, v, t)
+            count = change_modes(mix, count, c.exchange_every_m, 0.0, p.u, c, v, t)
             count = open_load(mix, count, c.surprise_share, True, net_kg, v, t)
             surprise = 0.0
         mixed_m, mixed_s = p.mixed_m + metres, p.mixed_s + (0.0 if still else dt + min(w.gap_s, 10.0))
@@ -242,14 +240,17 @@ def run(
             climb(mix, count, climbed_m, c.altitude_wander_m2ps * climbed_s, t)
             climbed_m = climbed_s = 0.0
         if begins:
-            before = Ends(quiet.before_mps, w.begin_N, quiet.before_Nps)
-            begin_balance(mix, count, before, w.gap_s == 0.0, p.u, levels.speed_var, c, t)
+            forget_speed(mix, count, t)
+            if w.gap_s == 0.0:
+                before = Ends(quiet.before_mps, w.begin_N, quiet.before_Nps)
+                speed(mix, count, before, p.u, levels.speed_var, c, v, t)
         travel(mix, count, metres, answered_force(w, p) / GRAVITY_MPS2, p.u, c, t)
         motion, slow_N = w.accel_mps2, w.traction_N if begins else p.slow_N
         nis = speed_surplus = sensed_surplus = 0.0
         if is_open:
             motion = accelerate(mix, count, w, dt, lacking_force(w, c, v), v, t)
-            speed(mix, count, Ends(w.speed_mps, w.traction_N, w.traction_Nps), p.u, levels.speed_var, c, t)
+            end = Ends(w.speed_mps, w.traction_N, w.traction_Nps)
+            speed(mix, count, end, p.u, levels.speed_var, c, v, t)
             own = own_torque(w.traction_N - slow_N, p.u, w.speed_mps, c)
             lever = (1.0 + p.u * w.rotating_kg) / (dt * GRAVITY_MPS2)
             nis, speed_surplus = learn_open(mix, count, own, lever, levels.speed_var, c, t)
