@@ -29,9 +29,9 @@ from canest.estimators.default.road_map import RoadUse, cell_var, follow_road
 from canest.estimators.default.sensors import (
     accelerometer,
     altitude,
-    forget_speed,
     closed_balance,
     coasting,
+    forget_speed,
     mapped_slope,
     mean_of,
     mean_surplus,
