@@ -93,7 +93,7 @@ class Constants(NamedTuple):
     ] = 25.0
     surprise_nis: Annotated[float, Source("k_S", "1", "measured: at 2, rough driving is a surprise")] = 3.0
     surprise_share: Annotated[
-        float, Source("P_S", "1", "chosen: above `left_out`, so that `valid` goes at once")
+        float, Source("P_S", "1", "chosen: above `left_out_share`, so that `valid` goes at once")
     ] = 0.1
     # -- noise
     force_std_share: Annotated[
