@@ -243,7 +243,8 @@ def run(
             climbed_m = climbed_s = 0.0
         if begins:
             before = Ends(quiet.before_mps, w.begin_N, quiet.before_Nps)
-            begin_balance(mix, count, before, w.gap_s == 0.0, p.u, levels.speed_var, c, t)
+            known = w.gap_s == 0.0 and not math.isnan(before.speed_mps)
+            begin_balance(mix, count, before, known, p.u, levels.speed_var, c, t)
         travel(mix, count, metres, answered_force(w, p) / GRAVITY_MPS2, p.u, c, t)
         motion, slow_N = w.accel_mps2, w.traction_N if begins else p.slow_N
         nis = speed_surplus = sensed_surplus = 0.0
