@@ -94,7 +94,7 @@ class Constants(NamedTuple):
     surprise_nis: Annotated[float, Source("k_S", "1", "measured: at 2, rough driving is a surprise")] = 3.0
     surprise_share: Annotated[
         float, Source("P_S", "1", "chosen: above `left_out_share`, so that `valid` goes at once")
-    ] = 0.1
+    ] = 0.05
     # -- noise
     force_std_share: Annotated[
         float, Source("k_F", "1", "chosen: a controller's torque, from moment to moment")

@@ -20,7 +20,7 @@ from canest.estimators.default.hypotheses import (
     weigh,
 )
 from canest.estimators.default.joining import Quiet, add_window, begin_sums, join, waits
-from canest.estimators.default.load import changed_probability, open_load
+from canest.estimators.default.load import changed_probability, open_load, rough_probability
 from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Window
 from canest.estimators.default.noise import Levels, follow, lacking_force
 from canest.estimators.default.predict import accelerate, add, climb, drift, fade, fill, travel
@@ -33,7 +33,6 @@ from canest.estimators.default.sensors import (
     coasting,
     forget_speed,
     mapped_slope,
-    mean_of,
     mean_surplus,
     own_torque,
     speed,
@@ -68,6 +67,7 @@ class Progress(NamedTuple):
     height_known: float = 0.0
     climbed_m: float = 0.0  #: metres and seconds since the height followed the slope
     climbed_s: float = 0.0
+    rough: float = 0.0  #: probability of a rough road
 
 
 class Carried(NamedTuple):
@@ -155,9 +155,9 @@ def learn_open(
     nis, largest = 0.0, 0.0
     for d in range(count):
         mix.found[d] += own * m.ANSWERS[int(mix.mode[d])]
-        t.nis[d] = t.e[d] * t.e[d] / t.s[d]
-        nis += mix.weight[d] * t.nis[d]
-        largest = max(largest, t.nis[d])
+        ratio = t.e[d] * t.e[d] / t.s[d]
+        nis += mix.weight[d] * ratio
+        largest = max(largest, ratio)
     surplus = mean_surplus(mix, count, r, c, t)
     if largest > c.road_step_nis:
         step_of_road(mix, count, lever, c, t)
@@ -169,7 +169,7 @@ def waited(p: Progress, unseen_s: float) -> Progress:
     """Return the progress with another time in which the load was not seen."""
     return Progress(
         p.alive, p.u, p.mixed_m, p.mixed_s, p.follows, p.force_N, p.slow_N, p.was_open, p.learned, unseen_s,
-        p.unseen, p.height_known, p.climbed_m, p.climbed_s,
+        p.unseen, p.height_known, p.climbed_m, p.climbed_s, p.rough,
     )  # fmt: skip
 
 
@@ -241,7 +241,7 @@ def run(
             climbed_m = climbed_s = 0.0
         if begins:
             forget_speed(mix, count, t)
-            if w.gap_s == 0.0:
+            if w.gap_s == 0.0 and not math.isnan(quiet.before_mps):
                 before = Ends(quiet.before_mps, w.begin_N, quiet.before_Nps)
                 speed(mix, count, before, p.u, levels.speed_var, c, v, t)
         travel(mix, count, metres, answered_force(w, p) / GRAVITY_MPS2, p.u, c, t)
@@ -268,8 +268,10 @@ def run(
             coasting(mix, count, w, c, t)
         # -- weigh, follow the noise, report
         weigh(mix, count, v.power, t)
-        if is_open:  # what a hypothesis explains is no surprise
-            surprise = max(surprise + mean_of(mix.weight, count, t.nis) - c.surprise_nis, 0.0)
+        rough = rough_probability(mix, count)
+        if is_open:  # what a road that has become rough explains, another load may explain as well
+            surprise = max(surprise + nis - c.surprise_nis, 0.0)
+            surprise = math.inf if rough > 0.5 and p.rough <= 0.5 else surprise
         count = prune(mix, count, c.least_weight)
         if is_open:
             levels = follow(levels, surprise, nis, speed_surplus, sensed_surplus, sees, c, v)
@@ -285,7 +287,7 @@ def run(
             1.0 if is_open or w.retarding > 0.0 else 0.0, w.force_N,
             slow_N + dt * (w.traction_N - slow_N), w.open, 1.0 if is_open or p.learned > 0.0 else 0.0,
             unknown_s, 0.0 if sees else p.unseen + quiet.joined, 1.0 if measured or height_known else 0.0,
-            0.0 if measured else climbed_m, 0.0 if measured else climbed_s,
+            0.0 if measured else climbed_m, 0.0 if measured else climbed_s, rough,
         )  # fmt: skip
         quiet = begin_sums(w, motion)
         write(out[k], given, 0.0, p, w.speed_mps, c, v)
