@@ -156,4 +156,8 @@ def test_a_restored_mass_is_kept_until_the_driving_contradicts_it():
     estimator.restore(29_500.0, 600.0)
     e = estimator.update(drive.block)
     assert abs(e.mass_kg[100] / 29_500.0 - 1.0) < 0.05
-    assert np.abs(drive.error(e))[-1000:].max() < 0.03
+    assert (np.abs(drive.error(e)) < 2 * e.mass_std_kg / drive.mass_kg).all()
+    assert np.abs(drive.error(e))[-1000:].max() < 0.04
+    estimator.restore(20_000.0, 400.0)
+    e = estimator.update(drive.block)
+    assert np.abs(drive.error(e))[-1000:].max() < 0.04

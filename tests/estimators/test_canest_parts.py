@@ -1,4 +1,4 @@
-"""The parts of `canest` against dense linear algebra and moments by hand."""
+"""The steps of `canest` against dense linear algebra and moments by hand, compiled and interpreted."""
 
 from __future__ import annotations
 
@@ -6,26 +6,45 @@ import numpy as np
 import pytest
 
 from canest.core import jit
-from canest.estimators.default import hypotheses, noise, predict, update
+from canest.estimators.default import hypotheses, load, predict, report, sensors, update
+from canest.estimators.default import model as m
 from canest.estimators.default.constants import CONSTANTS, Vehicle
-from canest.estimators.default.load import Standing, changed_probability, stand
-from canest.estimators.default.model import GRADE, RATE, RESPONSE, U, Window
-from canest.estimators.default.report import summed_mixture
+from canest.estimators.default.estimator import _room, _scratch
+from canest.estimators.default.model import MODES, MOST, Mixture, Window
 
-N = 11
+N = m.STATES
 FAR = 1e9  #: no innovation is cut
+TRUCK = Vehicle(**{**dict.fromkeys(Vehicle._fields, 0.0), "least_u": 1 / 40_000, "most_u": 1 / 8_000,
+                   "unknown_u": 1 / 18_000, "unknown_var": (0.4 / 18_000) ** 2, "power": 0.5})  # fmt: skip
 
 
-@pytest.fixture(autouse=True)
-def interpreted():
-    """Lists go to interpreted kernels, whatever a replay before has switched on."""
-    jit.enable(False)
+@pytest.fixture(autouse=True, params=["interpreted", "compiled"])
+def form(request):
+    """Every step in both forms."""
+    if request.param == "compiled" and not jit.available():
+        pytest.skip("numba is not installed")
+    was = jit.enabled()
+    jit.enable(request.param == "compiled")
+    yield
+    jit.enable(was)
 
 
-def density(seed):
+def columns(mix):
+    return Mixture(*mix[:2], *(np.array(c) if jit.enabled() else list(c) for c in mix[2:]))
+
+
+def mixture(count, seed=0, modes=None, loads=None):
+    """A mixture of random densities, and the room to work in."""
     rng = np.random.default_rng(seed)
-    A = rng.normal(size=(N, N))
-    return rng.normal(size=N), A @ A.T + np.eye(N)
+    mix = _room(N)
+    for d in range(count):
+        A = rng.normal(size=(N, N))
+        mix.x[d], mix.P[d] = rng.normal(size=N), A @ A.T + np.eye(N)
+        mix.weight[d] = 1.0 / count
+        mix.mode[d] = float(modes[d] if modes else 0)
+        mix.load[d] = float(loads[d] if loads else 0)
+    nodes = np.exp(np.linspace(np.log(TRUCK.least_u), np.log(TRUCK.most_u), 2001)).tolist()
+    return columns(mix), _scratch(_room(N), nodes)
 
 
 def dense(states, values):
@@ -34,167 +53,226 @@ def dense(states, values):
     return h
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_propagate_is_one_row_of_F(seed):
-    x, P = density(seed)
-    states, f = (1, 4, 10), [0.3, -1.2, 0.7]
-    F = np.eye(N)
-    F[2] += dense(states, f)
-    xs, Ps = x.tolist(), P.tolist()
-    predict.propagate(xs, Ps, 2, states, f, [0.0] * N)
-    np.testing.assert_allclose(xs, F @ x, rtol=1e-12)
-    np.testing.assert_allclose(Ps, F @ P @ F.T, rtol=1e-12, atol=1e-12)
+def test_propagate_is_one_row_of_F():
+    mix, t = mixture(3)
+    before, states = (mix.x[:3].copy(), mix.P[:3].copy()), (1, 4, 10)
+    f = np.array([[0.3, -1.2, 0.7], [1.0, 0.0, 2.0], [-0.1, 0.2, 0.3]])
+    for j in range(3):
+        for d in range(3):
+            t.f[j * MOST + d] = f[d, j]
+    predict.propagate(mix, 3, 2, states, t)
+    for d in range(3):
+        F = np.eye(N)
+        F[2] += dense(states, f[d])
+        np.testing.assert_allclose(mix.x[d], F @ before[0][d], rtol=1e-12)
+        np.testing.assert_allclose(mix.P[d], F @ before[1][d] @ F.T, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_condition_on_is_the_kalman_update(seed):
-    x, P = density(seed)
-    states, values, z, r = (0, 3, 5, 10), [1.0, 0.5, -2.0, 0.1], 1.7, 0.4
-    h = dense(states, values)
-    s = h @ P @ h + r
-    K = P @ h / s
-    xs, Ps = x.tolist(), P.tolist()
-    e, var = update.condition_on(xs, Ps, states, values, z, r, FAR, [0.0] * N)
-    assert e == pytest.approx(z - h @ x)
-    assert var == pytest.approx(s)
-    np.testing.assert_allclose(xs, x + K * (z - h @ x), rtol=1e-10)
-    np.testing.assert_allclose(Ps, P - np.outer(K, K) * s, rtol=1e-9, atol=1e-10)
+def test_decay_keeps_the_stationary_variance():
+    """x <- a x + noise of (1 - a^2) std^2: the variance of an Ornstein-Uhlenbeck process stays std^2."""
+    mix, _ = mixture(2, modes=[1, 0])
+    without, (left, std) = mix.P[1].copy(), (0.9, 1.7)
+    mix.P[0, :, m.CURVATURE] = mix.P[0, m.CURVATURE] = 0.0
+    mix.P[0, m.CURVATURE, m.CURVATURE] = std**2
+    predict.decay(mix, 2, m.CURVATURE, left, std**2 * (1 - left**2), m.BENDS)
+    assert mix.P[0, m.CURVATURE, m.CURVATURE] == pytest.approx(std**2)
+    np.testing.assert_array_equal(mix.P[1], without)  # a straight has no curvature
 
 
-def test_beyond_three_stds_an_outlier_moves_the_states_the_less_the_larger_it_is():
-    x, P = density(1)
-    states, values, r = (0, 3), [1.0, 0.5], 0.4
-    h = dense(states, values)
-    s = h @ P @ h + r
-    moved = []
-    for size in (3.0, 30.0):
-        xs, Ps = x.tolist(), P.tolist()
-        update.condition_on(xs, Ps, states, values, h @ x + size * np.sqrt(s), r, 9.0, [0.0] * N)
-        moved.append(np.array(xs) - x)
-    np.testing.assert_allclose(moved[1], moved[0] * 3.0 / 30.0, rtol=1e-9)
+def test_the_speed_follows_newtons_law():
+    """Row F of the speed against differences of dv = dt (u F - g mu - g theta - c omega) / (1 + u J)."""
+    mix, t = mixture(1)
+    w = Window(**{**dict.fromkeys(Window._fields, 0.0), "force_N": 9_000.0, "roll_mps2": 0.06,
+                  "rotating_kg": 900.0, "drag_N_per_mps": 110.0})  # fmt: skip
+    x0 = dense((m.V, m.GRADE, m.U, m.WIND), (20.0, 0.01, 1 / 20_000, 2.0 / 20_000))
 
+    def moved(x):
+        net = x[m.U] * 9_000.0 - 0.06 - 9.80665 * x[m.GRADE] - 110.0 * x[m.WIND]
+        return x[m.V] + 0.2 * net / (1 + 900.0 * x[m.U])
 
-@pytest.mark.parametrize("seed", range(5))
-def test_conditioning_all_but_the_mass_leaves_its_density(seed):
-    x, P = density(seed)
-    states, values, lever, z, r = (GRADE, 4), [9.8, 2.0], 3.0, 0.3, 0.5
-    xs, Ps = x.tolist(), P.tolist()
-    update.condition_all_but_mass(xs, Ps, states, values, lever, z, r, FAR, [0.0] * N, [0.0] * N)
-    assert xs[U] == pytest.approx(x[U], rel=1e-9)
-    assert Ps[U][U] == pytest.approx(P[U, U], rel=1e-9)
-    # given u, the density is that of a Kalman update of the others given u
-    others = [i for i in range(N) if i != U]
-    slope = P[others, U] / P[U, U]
-    C = P[np.ix_(others, others)] - np.outer(slope, slope) * P[U, U]
-    h = dense(states, values)[others]
-    s = h @ C @ h + r
-    K = C @ h / s
-    new = np.array(Ps)
-    given = new[np.ix_(others, others)] - np.outer(new[others, U], new[others, U]) / new[U, U]
-    np.testing.assert_allclose(given, C - np.outer(K, K) * s, rtol=1e-8, atol=1e-8)
+    for state in (None, m.GRADE, m.U, m.WIND):
+        P = np.zeros((N, N))
+        step = 1e-7 if state == m.U else 1e-3
+        if state is not None:
+            P[state, state] = step**2
+        mix.x[0], mix.P[0] = x0, P
+        predict.accelerate(mix, 1, w, 0.2, 0.0, TRUCK, t)
+        assert mix.x[0, m.V] == pytest.approx(moved(x0))
+        if state is not None:
+            ahead = x0 + dense((state,), (step,))
+            slope = (moved(ahead) - moved(x0)) / step
+            assert mix.P[0, m.V, state] == pytest.approx(slope * step**2, rel=1e-3)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_joining_keeps_mean_and_covariance_of_both(seed):
-    (x, P), (y, R) = density(seed), density(seed + 50)
-    weight, other = 0.7, 0.2
-    p, q = weight / 0.9, other / 0.9
-    mean = p * x + q * y
-    covariance = p * (P + np.outer(x - mean, x - mean)) + q * (R + np.outer(y - mean, y - mean))
-    xs, Ps = x.tolist(), P.tolist()
-    hypotheses.join(xs, Ps, weight, y.tolist(), R.tolist(), other, [0.0] * N)
-    np.testing.assert_allclose(xs, mean, rtol=1e-12)
-    np.testing.assert_allclose(Ps, covariance, rtol=1e-11)
+def test_condition_on_is_the_kalman_update(seed):
+    mix, t = mixture(2, seed)
+    before = mix.x[:2].copy(), mix.P[:2].copy()
+    states, values, z, r = (0, 3, 5, 10), [1.0, 0.5, -2.0, 0.1], 1.7, 0.4
+    t.h[:4] = np.array(values) if jit.enabled() else values
+    update.condition_on(mix, 2, states, z, r, FAR, t)
+    h = dense(states, values)
+    for d in range(2):
+        x, P = before[0][d], before[1][d]
+        s = h @ P @ h + r
+        K = P @ h / s
+        assert t.e[d] == pytest.approx(z - h @ x)
+        assert t.s[d] == pytest.approx(s)
+        np.testing.assert_allclose(mix.x[d], x + K * (z - h @ x), rtol=1e-10)
+        np.testing.assert_allclose(mix.P[d], P - np.outer(K, K) * s, rtol=1e-9, atol=1e-10)
 
 
-def merged_loads(drifting):
-    x, P = density(7)
-    x = np.append(x, 3e-9)
-    P = np.pad(P, (0, 1)) + 0.1 * np.eye(N + 1)
-    P[RATE, U] = P[U, RATE] = 0.01
-    filters = hypotheses.Filters(
-        *(np.array(a).tolist() for a in ([[x] * 4] * 2, [[P] * 4] * 2, [[0.4, 0.3, 0.2, 0.1]] * 2)),
-        [0.7, 0.3],
-        [0.0, 0.0],
-        drifting,
-    )
-    hypotheses.merge_loads(filters, 1, 0, [0.0] * (N + 1))
-    return filters
+def test_beyond_three_stds_an_outlier_moves_the_states_the_less_the_larger_it_is():
+    moved = []
+    for size in (3.0, 30.0):
+        mix, t = mixture(1)
+        x, P = mix.x[0].copy(), mix.P[0].copy()
+        t.h[0] = 1.0
+        s = P[2, 2] + 0.4
+        update.condition_on(mix, 1, (2,), x[2] + size * np.sqrt(s), 0.4, 9.0, t)
+        moved.append(mix.x[0] - x)
+    np.testing.assert_allclose(moved[1], moved[0] * 3.0 / 30.0, rtol=1e-9)
+
+
+def test_a_gross_error_speaks_for_no_hypothesis():
+    """ln (N(e; 0, s) + floor): two densities that both miss by far differ by next to nothing."""
+    mix, t = mixture(2)
+    t.e[0], t.e[1], t.s[0], t.s[1] = 50.0, 60.0, 1.0, 1.0
+    update.add_log_likelihood(mix, 2, 1.0, CONSTANTS.likelihood_floor, t)
+    assert mix.found[0] == pytest.approx(mix.found[1], abs=1e-6)
+
+
+def test_a_hidden_force_leaves_the_density_of_the_mass():
+    mix, t = mixture(1)
+    w = Window(**{**dict.fromkeys(Window._fields, 0.0), "force_N": -4_000.0, "accel_mps2": -0.4})
+    u, P = mix.x[0, m.U], mix.P[0].copy()
+    sensors.closed_balance(mix, 1, w, 1e-4, 1 / 20_000, CONSTANTS, t)
+    assert mix.x[0, m.U] == u
+    assert mix.P[0, m.U, m.U] == P[m.U, m.U]
+    assert mix.P[0, m.GRADE, m.GRADE] < P[m.GRADE, m.GRADE]
+
+
+def test_densities_are_weighed_by_bayes_rule():
+    """Modes of one load by their likelihoods, loads by a power of theirs."""
+    mix, t = mixture(3, loads=[0, 0, 1])
+    found = np.array([-1.0, -2.0, -0.5])
+    for d in range(3):
+        mix.found[d] = found[d]
+    hypotheses.weigh(mix, 3, 0.5, t)
+    likelihood = np.exp(found)
+    load_0 = likelihood[:2].sum() / 2  # given the load
+    loads = np.array([2 / 3 * np.sqrt(load_0), 1 / 3 * np.sqrt(likelihood[2])])
+    loads /= loads.sum()
+    expected = [*(loads[0] * likelihood[:2] / likelihood[:2].sum()), loads[1]]
+    np.testing.assert_allclose(mix.weight[:3], expected)
+
+
+def test_transitions_are_probabilities():
+    roads, drivers, loads = hypotheses.transitions(120.0, 9.0, CONSTANTS)
+    np.testing.assert_allclose(np.reshape(roads, (3, 3)).sum(axis=1), 1.0)
+    for chain in (drivers, loads):
+        np.testing.assert_allclose(np.reshape(chain, (2, 2)).sum(axis=1), 1.0)
+
+
+def test_modes_exchange_probability_and_moments():
+    """Two modes of one load: weights by the Markov chain, moments of what comes to each."""
+    mix, t = mixture(2, modes=[0, m.ROUGH])
+    x, P = mix.x[:2].copy(), mix.P[:2].copy()
+    for states in (m.CURVATURE, m.RESPONSE, m.RATE):
+        x[:, states] = P[:, states] = P[:, :, states] = 0.0
+    mix.x[:2], mix.P[:2] = x, P
+    roads = (0.9, 0.0, 0.1, 0.0, 1.0, 0.0, 0.0, 0.3, 0.7)
+    hypotheses.set_loads(mix, 2, t)
+    count = hypotheses.exchange(mix, 2, (roads, (1, 0, 0, 1), (1, 0, 0, 1)), (0.0, 0.0, 0.0), 1e-9, t)
+    weights = {int(mix.mode[d]): mix.weight[d] for d in range(count)}
+    assert weights == pytest.approx({0: 0.45, m.CURVED: 0.15, m.ROUGH: 0.05 + 0.35})
+    rough = [d for d in range(count) if mix.mode[d] == m.ROUGH][0]
+    p = np.array([0.05, 0.35]) / 0.4
+    mean = p @ x
+    spread = sum(p[d] * (P[d] + np.outer(x[d] - mean, x[d] - mean)) for d in range(2))
+    np.testing.assert_allclose(mix.x[rough], mean, atol=1e-12)
+    np.testing.assert_allclose(mix.P[rough], spread, atol=1e-10)
 
 
 def test_a_steady_load_has_no_rate_even_where_a_drifting_one_became_part_of_it():
-    filters = merged_loads([0.0, 1.0])
-    for m in range(4):
-        assert filters.x[0][m][RATE] == 0.0
-        assert not np.array(filters.P[0][m])[RATE].any()
-    assert merged_loads([1.0, 1.0]).x[0][0][RATE] == pytest.approx(3e-9)
+    mix, t = mixture(2, modes=[0, m.STEADY_MODES])
+    hypotheses.set_loads(mix, 2, t)
+    chains = ((1, 0, 0, 0, 1, 0, 0, 0, 1), (1, 0, 0, 1), (0.5, 0.5, 0.5, 0.5))
+    count = hypotheses.exchange(mix, 2, chains, (0.0, 0.0, 0.0), 1e-9, t)
+    assert count == 2
+    for d in range(count):
+        drifts = mix.mode[d] >= m.STEADY_MODES
+        assert (mix.x[d, m.RATE] != 0.0) == drifts
+        assert mix.P[d, m.RATE].any() == drifts
 
 
-def roughness_after(innovations, *, is_open=True):
-    """The roughness, 1e-7 at first, after speeds with these innovations."""
-    road, vehicle = CONSTANTS.road, Vehicle(1 / 40_000, 1 / 8_000, 1.0, 1e-3, 0.1, 1e-3, 1.0, 1e-5)
-    levels = noise.Levels(1e-4, 1e-3, 0.0, 0.0, 0.0, 1e-7, 0.0, 0.0, 0.0)
-    for innovation in innovations:
-        found = noise.Innovations(1.0, 0.0, 0.0, innovation)
-        levels = noise.follow(levels, found, 0.0, is_open, False, CONSTANTS.noise, road, vehicle)
-    return levels.roughness_1pm
+def test_pruning_keeps_what_is_probable():
+    mix, _ = mixture(4)
+    x = mix.x[:4].copy()
+    for d, weight in enumerate((0.5, 1e-9, 0.3, 0.2)):
+        mix.weight[d] = weight
+    assert hypotheses.prune(mix, 4, 1e-6) == 3
+    np.testing.assert_allclose(mix.weight[:3], [0.5, 0.2, 0.3])
+    np.testing.assert_array_equal(mix.x[:3], x[[0, 3, 2]])
 
 
-def test_the_roughness_follows_the_product_of_an_innovation_and_the_three_before():
-    """d ln r = whiteness (product - alike smooth^2), smooth = 1 at the floor, 0 at the roughest."""
-    road = CONSTANTS.road
-    roughness = 1e-7
-    for product in (0.0, 1 / 3, 2 / 3, 1.0, 1.0):
-        smooth = np.log(road.roughest_1pm / roughness) / np.log(road.roughest_1pm / road.roughness_1pm)
-        roughness *= np.exp(road.whiteness * (product - road.alike * smooth**2))
-    assert roughness_after([1.0] * 5) == pytest.approx(roughness)
-    assert roughness_after([1.0] * 500) == CONSTANTS.road.roughest_1pm
-    assert roughness_after([1.0, -1.0] * 500) == CONSTANTS.road.roughness_1pm
-    assert roughness_after([1.0] * 12, is_open=False) == 1e-7
-
-
-def test_a_speed_that_is_held_for_a_second_makes_no_road_rough():
-    """Five windows per report: what the first gains too little the others gain too much."""
-    assert roughness_after([2.0, 0.5, -0.5, -1.0, -1.0] * 200) < 2.0 * CONSTANTS.road.roughness_1pm
-
-
-def test_modes_exchange_probability_like_a_markov_chain():
-    x, P = density(3)
-    x[RESPONSE] = 0.0
-    mode = [0.6, 0.0, 0.4, 0.0]
-    filters = hypotheses.Filters(
-        [[x.tolist() for _ in range(4)]], [[P.tolist() for _ in range(4)]], [mode], [1.0], [0.0], [0.0]
-    )
-    room = hypotheses.Room(
-        [0.0] * N, np.zeros((N, N)).tolist(), [0.0] * N, np.zeros((N, N)).tolist(), [0.0] * N
-    )
-    hypotheses.exchange(filters, 0, 0, 2, 0.1, 0.3, RESPONSE, 5.0, room)
-    assert mode == pytest.approx([0.6 * 0.9 + 0.4 * 0.3, 0.0, 0.6 * 0.1 + 0.4 * 0.7, 0.0])
+@pytest.mark.parametrize(("apart", "alike"), [(1e-7, True), (3e-5, False)])
+def test_loads_become_one_where_they_are_alike(apart, alike):
+    mix, t = mixture(2, loads=[0, 1])
+    for d in range(2):
+        mix.x[d, m.U] = 1 / 20_000 + d * apart
+        mix.P[d, m.U, m.U] = (0.01 / 20_000) ** 2
+    hypotheses.merge_alike(mix, 2, CONSTANTS.merge_loss_nats, t)
+    assert (mix.load[0] == mix.load[1]) == alike
 
 
 def test_a_stop_changes_the_load_with_the_time_it_lasts():
-    load = CONSTANTS.load
-    assert changed_probability(0.0, load) == 0.0
-    assert changed_probability(load.stop_s, load) == pytest.approx(1.0 - np.exp(-1.0))
+    assert load.changed_probability(0.0, 60.0) == 0.0
+    assert load.changed_probability(60.0, 60.0) == pytest.approx(1.0 - np.exp(-1.0))
 
 
-def test_gaps_and_stops_count_as_time_in_which_the_load_is_not_seen():
-    standing, blank = Standing(), dict.fromkeys(Window._fields, 0.0)
-    still, gap = Window(**{**blank, "stopped": 1.0}), Window(**{**blank, "gap_s": 7.0})
-    for window in [still] * 10 + [Window(**blank)] * 4 + [gap]:
-        standing = stand(standing, window)
-    assert standing.unknown_s == pytest.approx(9.0)
+@pytest.mark.parametrize("moving", [False, True])
+def test_another_load_keeps_the_force_balance(moving):
+    """u F - g theta has been right, whatever the load: it stays, and u is open."""
+    mix, t = mixture(1)
+    mix.x[0, m.U], mix.x[0, m.GRADE] = 1 / 25_000, 0.02
+    mix.P[0] *= 1e-12
+    net_kg = 12_000.0 / 9.80665
+    count = load.open_load(mix, 1, 0.2, moving, net_kg, TRUCK, t)
+    assert count == 2
+    np.testing.assert_allclose(mix.weight[:2], [0.8, 0.2])
+    assert mix.load[0] != mix.load[1]
+    assert mix.x[1, m.U] == pytest.approx(TRUCK.unknown_u)
+    assert mix.P[1, m.U, m.U] == pytest.approx(TRUCK.unknown_var)
+    balance = mix.x[:2, m.U] * net_kg - mix.x[:2, m.GRADE]
+    assert balance[1] == pytest.approx(balance[0])
+    h = dense((m.U, m.GRADE), (net_kg, -1.0))
+    assert h @ mix.P[1] @ h < 1e-3 * net_kg**2 * TRUCK.unknown_var
 
 
 def test_a_wide_mixture_is_summed_over_the_masses():
     """One normal density of u, against a fine sum by numpy (uniform in log u, weight u)."""
-    nodes = np.exp(np.linspace(np.log(1 / 40_000), np.log(1 / 8_000), 2001))
+    mix, t = mixture(1)
     mean, std = 1 / 20_000, 0.2 / 20_000
-    x, P = np.zeros((1, 4, N)), np.zeros((1, 4, N, N))
-    x[:, :, U], P[:, :, U, U] = mean, std * std
-    filters = hypotheses.Filters(x.tolist(), P.tolist(), [[1.0, 0.0, 0.0, 0.0]], [1.0], [0.0], [0.0])
-    found, var = summed_mixture(filters, nodes.tolist(), 0.0, 1.0)
+    mix.x[0, m.U], mix.P[0, m.U, m.U] = mean, std * std
+    hypotheses.set_loads(mix, 1, t)
+    report.leave_out(mix, 1, 0.0, t)
+    found, var = report.sum_over_nodes(1, 1.0, t)
+    nodes = np.array(t.nodes)
     weight = nodes * np.exp(-0.5 * ((nodes - mean) / std) ** 2)
     expected = np.sum(weight / nodes) / weight.sum()
     assert found == pytest.approx(expected, rel=1e-6)
     assert var == pytest.approx(np.sum(weight / nodes**2) / weight.sum() - expected**2, rel=1e-5)
+
+
+def test_an_improbable_load_is_no_part_of_the_report():
+    mix, t = mixture(2, loads=[0, 1])
+    mix.weight[0], mix.weight[1] = 0.99, 0.01
+    hypotheses.set_loads(mix, 2, t)
+    report.leave_out(mix, 2, CONSTANTS.left_out_share, t)
+    np.testing.assert_allclose(t.columns[2][:2], [1.0, 0.0])
+
+
+def test_there_is_room_for_every_mode_of_every_load():
+    assert len(m.BENDS) == len(m.IS_ROUGH) == len(m.ANSWERS) == len(m.DRIFTS) == MODES
+    assert MOST >= m.LOADS * MODES

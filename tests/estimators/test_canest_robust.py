@@ -147,9 +147,7 @@ def test_constant_regressors_never_get_out(own, force, accel, speed):
 def covariances(estimator):
     if estimator.name == "canest-0.1":
         return np.array(estimator._PP)
-    filters = estimator._filters
-    alive = np.array(filters.weight)[:, None] * np.array(filters.mode) > 0.0
-    return np.array(filters.P)[alive]
+    return estimator._mixture.P[: int(estimator._carried.progress.alive)]
 
 
 @OWN
@@ -206,14 +204,13 @@ def test_a_window_is_the_sum_of_its_samples():
     rotating = b.rotating_mass_kg[0] * b.accel_mps2[back].mean()
     assert w["force_N"] == pytest.approx(rest + b.traction_N[now].mean() + rotating)
     assert w["speed_mps"] == b.speed_mps[end - SHIFT]
-    assert w["before_mps"] == b.speed_mps[end - SHIFT - TICKS]
+    assert w["begin_N"] == b.traction_N[end - TICKS]
     assert w["traction_N"] == b.traction_N[end]
     assert w["traction_Nps"] == pytest.approx((b.traction_N[end] - b.traction_N[end - 1]) / 0.02)
     assert w["distance_m"] == pytest.approx(b.speed_mps[back].mean() * 0.2)
     assert w["roll_mps2"] == pytest.approx(9.80665 * 0.006)
     assert w["drag_N_per_mps"] == pytest.approx(2 * b.aero_N[back].mean() / b.speed_mps[back].mean())
     assert w["sensed_mps2"] == pytest.approx(b.accelerometer_mps2[back].mean())
-    assert w["undriven_mps"] == b.undriven_mps[end - SHIFT]
     assert (w["open"], w["retarding"], w["stopped"], w["gap_s"]) == (1.0, 0.0, 0.0, 0.0)
     assert w["coarse"] == 0.0
 

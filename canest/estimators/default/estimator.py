@@ -67,23 +67,13 @@ class GaussianSum(Estimator):
         width = math.log(v.most_u / v.least_u)
         self._nodes = (v.least_u * np.exp((np.arange(_NODES) + 0.5) * width / _NODES)).tolist()
         self._gain = gain_std(facts)
+        self._unknown = self._densities(v.unknown_u, v.unknown_var)
         self._begin(v.unknown_u, v.unknown_var)
 
     def _begin(self, u: float, u_var: float) -> None:
         """Set every density to its prior, for an inverse mass."""
         facts, c, v = self.facts, self.constants, self._vehicle
-        mean, std = self._prior(u)
-        n = len(mean)
-        shares = _mode_shares(c)
-        self._mixture = _room(n)
-        for mode in range(MODES):
-            own = std.copy()
-            own[at.U] = math.sqrt(u_var)
-            own[at.CURVATURE] *= at.BENDS[mode]
-            own[at.RESPONSE] *= at.ANSWERS[mode]
-            own[at.RATE] *= at.DRIFTS[mode]
-            self._mixture.x[mode], self._mixture.P[mode] = mean, np.diag(own * own)
-            self._mixture.weight[mode], self._mixture.mode[mode] = shares[mode], float(mode)
+        self._mixture = self._densities(u, u_var)
         start = v.speed_loudest_mps / c.most_noise
         levels = Levels(start * start, 4.0 * v.sensed_floor_mps2 * v.sensed_floor_mps2)
         guess = facts.initial_mass_kg or 1.0 / u
@@ -95,6 +85,20 @@ class GaussianSum(Estimator):
         self._last = np.zeros(kernel.OUTPUTS)
         self._last[: kernel.OUT_SLOPE] = report[: kernel.OUT_SLOPE]
         self._last_tick: int | None = None
+
+    def _densities(self, u: float, u_var: float) -> Mixture:
+        """Return the prior of every mode, for an inverse mass."""
+        mean, std = self._prior(u)
+        mix, shares = _room(len(mean)), _mode_shares(self.constants)
+        for mode in range(MODES):
+            own = std.copy()
+            own[at.U] = math.sqrt(u_var)
+            own[at.CURVATURE] *= at.BENDS[mode]
+            own[at.RESPONSE] *= at.ANSWERS[mode]
+            own[at.RATE] *= at.DRIFTS[mode]
+            mix.x[mode], mix.P[mode] = mean, np.diag(own * own)
+            mix.weight[mode], mix.mode[mode] = shares[mode], float(mode)
+        return mix
 
     def _prior(self, u: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return mean and std of every state but u, for an inverse mass."""
@@ -133,13 +137,19 @@ class GaussianSum(Estimator):
             return np.zeros((0, kernel.OUTPUTS))
         if not self.facts.has_accelerometer:
             windows[_SENSED] = np.nan
-        n = self._mixture.x.shape[1]
         out: Any = np.zeros((count, kernel.OUTPUTS))
         columns: Any = np.ascontiguousarray(windows) if jit.enabled() else windows.T.tolist()
-        mix = Mixture(*self._mixture[:2], *(_give(column) for column in self._mixture[2:]))
+        mix = _given(self._mixture)
         rows: Any = out if jit.enabled() else out.tolist()
         self._carried = kernel.run(
-            count, columns, mix, self._carried, self.constants, self._vehicle, _scratch(n, self._nodes), rows
+            count,
+            columns,
+            mix,
+            self._carried,
+            self.constants,
+            self._vehicle,
+            _scratch(self._unknown, self._nodes),
+            rows,
         )
         self._mixture = Mixture(*mix[:2], *([float(x) for x in column] for column in mix[2:]))
         self._carried = _plain(self._carried)
@@ -200,7 +210,7 @@ class GaussianSum(Estimator):
         """Return the bound of the mass beyond which the driving leads, in a sentence."""
         if not self._last[kernel.OUT_LEARNED]:
             return ""
-        t = _scratch(0, [])
+        t = _scratch(self._unknown, [])
         best = set_loads.interpreted(self._mixture, int(self._carried.progress.alive), t)
         return beyond_bound(float(t.loads[3 * best + 1]), float(t.loads[3 * best + 2]), self.facts)
 
@@ -240,14 +250,18 @@ def _room(n: int) -> Mixture:
     return Mixture(np.zeros((MOST, n)), np.zeros((MOST, n, n)), *([0.0] * MOST for _ in range(4)))
 
 
-def _scratch(n: int, nodes: list[float]) -> Scratch:
-    room = _room(n)
-    room = Mixture(*room[:2], *(_give(column) for column in room[2:]))
+def _given(mix: Mixture) -> Mixture:
+    """Return a mixture with columns as the kernels take them."""
+    return Mixture(*mix[:2], *(_give(column) for column in mix[2:]))
+
+
+def _scratch(prior: Mixture, nodes: list[float]) -> Scratch:
+    n = prior.x.shape[1]
     columns = tuple(_give([0.0] * MOST) for _ in range(4))
     h, f, K, e, s, zeros, loads, share = (
         _give([0.0] * size) for size in (8, 3 * MOST, n, MOST, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST)
     )
-    return Scratch(h, f, K, columns, e, s, zeros, loads, share, room, _give(nodes))
+    return Scratch(h, f, K, columns, e, s, zeros, loads, share, _given(_room(n)), _given(prior), _give(nodes))
 
 
 def _plain(carried: kernel.Carried) -> kernel.Carried:

@@ -16,6 +16,7 @@ from canest.estimators.default.hypotheses import (
     merge_alike,
     prune,
     set_loads,
+    take,
     transitions,
     weigh,
 )
@@ -212,12 +213,16 @@ def run(
         ahead_m = max(w.speed_mps, 0.0) * v.late_s
         road = follow_road(road, given, w, metres, ahead_m)
         failed = failed or road.lost > 0.0
-        height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S
+        height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S and not failed
         # -- other loads, other modes
         unknown_s, surprise = unseen_s, levels.surprise
-        if failed or (begins and unseen_s >= c.shortest_stop_s):
-            changed = 1.0 if failed else changed_probability(unseen_s, c.load_stop_s)
+        if failed:  # what a faulty sensor or map has taught is worth nothing
+            take(t.prior, m.MODES, mix)
+            count, begins = m.MODES, is_open
+            unknown_s = surprise = 0.0
+        elif begins and unseen_s >= c.shortest_stop_s:
             if p.learned > 0.0:
+                changed = changed_probability(unseen_s, c.load_stop_s)
                 count = open_load(mix, count, changed, False, 0.0, v, t)
             unknown_s = surprise = 0.0
         elif is_open and surprise > c.surprise_limit:

@@ -86,6 +86,7 @@ class Scratch(NamedTuple):
     loads: Any  #: (3 * LOADS,) weight, mean and variance of u of every load
     share: Any  #: (MODES * LOADS * MOST,) parts of every density in the densities of an exchange
     room: Mixture  #: those densities
+    prior: Mixture  #: the MODES densities of an unknown load, with which all begins
     nodes: Any  #: inverse masses over which a wide mixture is summed
 
 
