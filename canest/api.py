@@ -110,10 +110,11 @@ def estimate(
 ) -> Replay:
     """Estimate mass and grade from a table of decoded signals.
 
-    Rows may come at 1 to 1000 Hz, evenly or not; between rows a value holds, and 50 Hz samples are made of
-    them. Where the config maps a column, the result is bit by bit that of `canest replay` of the same table
-    in a .csv or .parquet file. Else columns are known by the names of roles, in the roles' units. The columns
-    in use are copied once, as float64.
+    Rows may come at 1 to 1000 Hz, evenly or not, and 50 Hz samples are made of them: between rows a value
+    holds; in tables of less than 8 Hz, columns named by roles go along lines. Where the config maps a
+    column, the result is bit by bit that of `canest replay` of the same table in a .csv or .parquet file.
+    Else columns are known by the names of roles, in the roles' units. The columns in use are copied once,
+    as float64.
 
     Args:
         table: pandas, polars or pyarrow table, or {name: (n,)}. Time is the column t_s (or as the config's

@@ -9,11 +9,14 @@ from typing import Any
 from canest.config.load import validated
 from canest.config.origins import Origins
 from canest.config.schema import Config
+from canest.config.sections import SLOWEST_PERIOD_S
 from canest.core.errors import ConfigError
 from canest.core.nearest_name import expected_name
 from canest.core.roles import ROLES
 from canest.vehicle.facts import Vehicle
 
+#: rows further apart than this make steps that the filters let pass, s: they are joined
+SLOW_S = 0.125
 #: a sample of a slow table must outlast the time to the next row, which may come late
 STALE_ROWS = 2.0
 HOLD_ROWS = 3.0
@@ -29,7 +32,8 @@ def config_of_table(
     A config that maps any of the columns is that config, as it is. Else every column that is named by a
     role (or by a signal that an effect of the config needs) becomes its source, and no DBC is read.
 
-    columns: names. step_s: time from row to row, in s; roles of slow tables count for two rows at least.
+    columns: names. step_s: time from row to row, in s; rows of slow tables are joined by lines, and count for
+    two rows at least.
     units: role -> unit of its column, where that is not the role's own.
     Errors: ConfigError where no column has a name that means anything, or units name another.
     """
@@ -68,6 +72,8 @@ def _source(role: str, step_s: float, unit: str | None) -> dict[str, Any]:
     source: dict[str, Any] = {"column": role}
     if unit is not None:
         source["unit"] = unit
+    if step_s > SLOW_S and role in ROLES:
+        source["period_s"] = min(step_s, SLOWEST_PERIOD_S)
     stale_s = ROLES[role].stale_s if role in ROLES else math.inf
     if stale_s < STALE_ROWS * step_s:
         source["stale_s"] = STALE_ROWS * step_s

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from canest.config.of_table import SLOW_S
 from canest.config.sections import SLOWEST_PERIOD_S
 from canest.core.roles import LASTING
 from canest.pipeline.build import behind_s
@@ -14,8 +15,6 @@ if TYPE_CHECKING:
     from canest.config.schema import Config
     from canest.doctor.signal_report import RoleReport
 
-#: reports that come more seldom than this, Hz, make steps that the 2 Hz filter lets pass
-SLOW_HZ = 8.0
 #: a rate and a stated period that differ by this share contradict each other
 _DIFFERS = 1.4
 
@@ -35,7 +34,7 @@ def slow_signal_hints(config: Config, reports: Iterable[RoleReport]) -> list[str
                 f"{key} comes once in {apart_s:.2g} s: too seldom, since nobody knows what the vehicle does "
                 f"in between; expected every {SLOWEST_PERIOD_S:g} s or oftener"
             )
-        elif stated_s is None and apart_s > 1.0 / SLOW_HZ:
+        elif stated_s is None and apart_s > SLOW_S:
             hints.append(
                 f"{key} comes once in {apart_s:.2g} s and is held in between, so its steps count as forces: "
                 f"with period_s: {apart_s:.2g} its reports are joined, and estimates are that much later"

@@ -26,7 +26,9 @@ class Levels(NamedTuple):
 def lacking_force(w: Window, c: Constants, v: Vehicle) -> float:
     """Return the density of the force that the model lacks, N2 s.
 
-    A share of the traction; the rounding error of the torque, which lasts while it stands still; and gusts.
+    A share of the traction; the rounding error of the torque, which lasts while it stands still; gusts; and
+    what a slow torque does between two reports T apart, of which only the ends are known: that of a Wiener
+    process, dF^2 T / 12 for a change dF (the variance of the integral of a Brownian bridge, by T).
     """
     step = v.torque_std_Nm * w.gear_1pm
     moved = abs(w.traction_N - w.begin_N)
@@ -34,7 +36,8 @@ def lacking_force(w: Window, c: Constants, v: Vehicle) -> float:
     share = c.force_std_share if w.traction_N > 0.0 else v.overrun_share
     lacking = share * w.traction_N
     drag = w.drag_N_per_mps
-    return lacking * lacking * WINDOW_S + step * step * lasts_s + drag * drag * c.gust_m2ps
+    between = moved * moved * v.period_windows * WINDOW_S / 12.0
+    return between + lacking * lacking * WINDOW_S + step * step * lasts_s + drag * drag * c.gust_m2ps
 
 
 @jit.kernel
