@@ -25,7 +25,14 @@ from canest.pipeline.assumed_constants import AssumedConstants
 from canest.pipeline.signal_map import resolution_of, step_of, wants_of
 from canest.vehicle.butterworth import butterworth, delay_s
 from canest.vehicle.range_rate_check import JUMP, JUMP_HOLD_S, MOTION_JUMP, Limit, limits_of
-from canest.vehicle.role_sources import motion_roles, ratio_ways, speed_in_use, speed_roles, torque_role
+from canest.vehicle.role_sources import (
+    DRIVEN_SPEEDS,
+    motion_roles,
+    ratio_ways,
+    speed_in_use,
+    speed_roles,
+    torque_role,
+)
 from canest.vehicle.spec import AccelerometerSource, FilterSpec, ModelSpec
 from canest.vehicle.torque_dropout import TorqueLimit, torque_limits
 
@@ -195,9 +202,8 @@ def facts_of(config: Config) -> VehicleFacts:
     v, roles = config.vehicle, tuple(config.signals)
     resolution = resolution_of(config)
     torque = torque_role(roles, v)
-    slow = (
-        config.signals[role].period_s for role in (torque, speed_in_use(roles, v)) if role in config.signals
-    )
+    speed = speed_in_use(roles, v)
+    slow = (config.signals[role].period_s for role in (torque, speed) if role in config.signals)
     return VehicleFacts(
         mass_min_kg=v.mass_min_kg,
         mass_max_kg=v.mass_max_kg,
@@ -216,6 +222,7 @@ def facts_of(config: Config) -> VehicleFacts:
         wheel_radius_accuracy=v.wheel_radius_accuracy_pct / TWO_STD_PCT,
         rolling_resistance_accuracy=v.rolling_resistance_accuracy_pct / TWO_STD_PCT,
         drag_area_accuracy=v.drag_area_accuracy_pct / TWO_STD_PCT,
+        slips=speed in DRIVEN_SPEEDS and all(entry.get("effect") != "wheel_slip" for entry in config.effects),
         overrun_share=_OVERRUN_SHARE if torque == "engine_torque_pct" else None,
         valid_std=config.estimator.valid_std_pct / 100.0,
     )

@@ -26,7 +26,7 @@ from canest.vehicle.driveline_state import ClutchReports, road_speed_of_engine
 from canest.vehicle.friction import EngineFriction
 from canest.vehicle.gear_ratio import GearRatio
 from canest.vehicle.range_rate_check import MAX_SPEED_MPS
-from canest.vehicle.role_sources import is_at_wheels, ratio_ways, speed_roles, torque_role
+from canest.vehicle.role_sources import DRIVEN_SPEEDS, is_at_wheels, ratio_ways, speed_roles, torque_role
 from canest.vehicle.spec import ModelSpec
 from canest.vehicle.speed_choice import SpeedChoice
 from canest.vehicle.torque_fraction import with_fraction
@@ -38,8 +38,6 @@ AIR_R = 287.05
 MAX_FORCE_N = 1e7
 #: slower than this a power shows no torque; the gate low_speed is closed there
 _LEAST_MPS, _LEAST_RADPS = 1.0, 10.0
-#: speeds that turn with the driven wheels
-_DRIVEN = ("output_shaft_speed", "engine_speed", "vehicle_speed")
 _FRICTION = "engine_friction_pct"
 
 
@@ -98,7 +96,7 @@ class LongitudinalModel:
         self._shaft = places.get("output_shaft_speed", -1)
         self._engine = places.get("engine_speed", len(places) + 1)
         self._clutch_reports = ClutchReports(self.vehicle)
-        self._is_driven = np.array([float(role in _DRIVEN) for role in self.speed_roles])
+        self._is_driven = np.array([float(role in DRIVEN_SPEEDS) for role in self.speed_roles])
         self._last_speed_mps = np.nan
         self._monotonic = MonotonicClock()
         self._first_us: int | None = None

@@ -11,6 +11,8 @@ from canest.vehicle.range_rate_check import SPEED_ORDER
 
 #: torque roles that are measured where neither crank nor gear matters
 AT_WHEELS = ("wheel_force", "wheel_torque", "half_shaft_torque_left")
+#: speeds that turn with the driven wheels
+DRIVEN_SPEEDS = ("output_shaft_speed", "engine_speed", "vehicle_speed")
 
 
 def is_at_wheels(torque: str, roles: Collection[str]) -> bool:

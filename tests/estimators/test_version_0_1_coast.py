@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from canest.estimators.default.lines import COLUMNS, EARLY, MOST_MPS2, SETTLES, CoastLines
 
 from canest.core import jit
 from canest.core.gates import Gate
 from canest.core.samples import GRAVITY_MPS2, Status
+from canest.estimators.canest_0_1 import lines
 from canest.estimators.canest_0_1 import states as at
 from canest.estimators.canest_0_1.coast import (
     DRAGS_MPS2,
@@ -23,7 +23,7 @@ from canest.estimators.canest_0_1.coast import (
 )
 from canest.estimators.canest_0_1.estimator import Canest
 from canest.estimators.canest_0_1.filter import OUTLIER
-from canest.estimators.default import lines
+from canest.estimators.canest_0_1.lines import COLUMNS, EARLY, MOST_MPS2, SETTLES, CoastLines
 
 from .momentum import flat, hills, pulses, trip
 from .synthetic import FACTS

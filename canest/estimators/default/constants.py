@@ -83,7 +83,7 @@ class Constants(NamedTuple):
         float, Source("T_l", "s", "chosen: shorter loses `valid` at every traffic light")
     ] = 130.0
     shortest_stop_s: Annotated[float, Source("T_0", "s", "chosen: nobody loads in less")] = 3.0
-    drift_std_1ps: Annotated[float, Source("s_r", "1/s", "chosen: 6 kg/s of 20 t")] = 3e-4
+    drift_std_1ps: Annotated[float, Source("s_r", "1/s", "chosen: 9 kg/s of 20 t")] = 4.5e-4
     steady_duration_s: Annotated[
         float, Source("T_rb", "s", "measured: rarer is found late, more often makes a cruise wide")
     ] = 2000.0
@@ -93,8 +93,8 @@ class Constants(NamedTuple):
     ] = 25.0
     surprise_nis: Annotated[float, Source("k_S", "1", "measured: at 2, rough driving is a surprise")] = 3.0
     surprise_share: Annotated[
-        float, Source("P_S", "1", "chosen: above `left_out`, so that `valid` goes at once")
-    ] = 0.1
+        float, Source("P_S", "1", "chosen: above `left_out_share`, so that `valid` goes at once")
+    ] = 0.05
     # -- noise
     force_std_share: Annotated[
         float, Source("k_F", "1", "chosen: a controller's torque, from moment to moment")
@@ -103,6 +103,9 @@ class Constants(NamedTuple):
         float, Source("t_q", "s", "chosen: how long a rounding error of the torque lasts")
     ] = 2.0
     gust_m2ps: Annotated[float, Source("q_g", "m2/s", "chosen: gusts of 0.07 m/s for 5 s")] = 0.05
+    slip_per_mps2: Annotated[
+        float, Source("k_lambda", "s2/m", "literature: tyre stiffness 40 per unit slip (Gustafsson 1997)")
+    ] = 0.0025
     driveline_swing_mps: Annotated[
         float, Source("s_v", "m/s", "chosen: a driveline's swing in one window")
     ] = 0.05
@@ -163,6 +166,7 @@ class Vehicle(NamedTuple):
     speed_loudest_mps: float
     sensed_floor_mps2: float
     torque_std_Nm: float
+    slip_per_mps2: float  #: of the driven wheels per m/s2 of traction
     response: float  #: std of the driver's response, 1/kg
     overrun_share: float  #: force that the model lacks in overrun, as a share of the traction
     period_windows: float  #: windows between two reports of a slow signal
@@ -187,6 +191,7 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         speed_loudest_mps=c.most_noise * max(c.first_noise_steps * floor, c.driveline_swing_mps),
         sensed_floor_mps2=facts.accelerometer_step_mps2 / 2.0,
         torque_std_Nm=facts.torque_step_Nm / math.sqrt(12.0),
+        slip_per_mps2=c.slip_per_mps2 if facts.slips else 0.0,
         response=c.response_std_share * unknown,
         overrun_share=c.force_std_share if facts.overrun_share is None else facts.overrun_share,
         period_windows=period,

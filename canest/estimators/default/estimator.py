@@ -244,11 +244,10 @@ def _scratch(n: int, nodes: list[float]) -> Scratch:
     room = _room(n)
     room = Mixture(*room[:2], *(_give(column) for column in room[2:]))
     columns = tuple(_give([0.0] * MOST) for _ in range(4))
-    h, f, K, e, s, nis, zeros, loads, share = (
-        _give([0.0] * size)
-        for size in (8, 3 * MOST, n, MOST, MOST, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST)
+    h, f, K, e, s, zeros, loads, share = (
+        _give([0.0] * size) for size in (8, 3 * MOST, n, MOST, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST)
     )
-    return Scratch(h, f, K, columns, e, s, nis, zeros, loads, share, room, _give(nodes))
+    return Scratch(h, f, K, columns, e, s, zeros, loads, share, room, _give(nodes))
 
 
 def _plain(carried: kernel.Carried) -> kernel.Carried:

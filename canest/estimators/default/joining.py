@@ -20,7 +20,7 @@ class Quiet(NamedTuple):
     speed_mps: float = 0.0  #: at the end of the last update
     accel_mps2: float = 0.0  #: by the model there
     traction_N: float = 0.0  #: there
-    last_mps: float = 0.0  #: speed and rate of the traction at the end of the last window
+    last_mps: float = math.nan  #: speed and rate of the traction at the end of the last window, if any
     last_Nps: float = 0.0
     before_mps: float = 0.0  #: and of the one before it
     before_Nps: float = 0.0

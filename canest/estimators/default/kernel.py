@@ -20,7 +20,7 @@ from canest.estimators.default.hypotheses import (
     weigh,
 )
 from canest.estimators.default.joining import Quiet, add_window, begin_sums, join, waits
-from canest.estimators.default.load import changed_probability, open_load
+from canest.estimators.default.load import changed_probability, open_load, rough_probability
 from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Window
 from canest.estimators.default.noise import Levels, follow, lacking_force
 from canest.estimators.default.predict import accelerate, add, climb, drift, fade, fill, travel
@@ -29,11 +29,10 @@ from canest.estimators.default.road_map import RoadUse, cell_var, follow_road
 from canest.estimators.default.sensors import (
     accelerometer,
     altitude,
-    begin_balance,
     closed_balance,
     coasting,
+    forget_speed,
     mapped_slope,
-    mean_of,
     mean_surplus,
     own_torque,
     speed,
@@ -44,8 +43,6 @@ from canest.estimators.default.update import add_log_likelihood
 _SEE_EVERY = 2.0
 #: after a gap this long the height is unknown, s; of a coasting further back the road is another, m
 _LOST_S, _FAR_M = 60.0, 100.0
-#: where innovations surprise, a road may have become another one as if it were so long, m
-_CALLED_M = 500.0
 #: columns of the output, one row per window
 OUTPUTS = 9
 (
@@ -70,6 +67,7 @@ class Progress(NamedTuple):
     height_known: float = 0.0
     climbed_m: float = 0.0  #: metres and seconds since the height followed the slope
     climbed_s: float = 0.0
+    rough: float = 0.0  #: probability of a rough road
 
 
 class Carried(NamedTuple):
@@ -157,9 +155,9 @@ def learn_open(
     nis, largest = 0.0, 0.0
     for d in range(count):
         mix.found[d] += own * m.ANSWERS[int(mix.mode[d])]
-        t.nis[d] = t.e[d] * t.e[d] / t.s[d]
-        nis += mix.weight[d] * t.nis[d]
-        largest = max(largest, t.nis[d])
+        ratio = t.e[d] * t.e[d] / t.s[d]
+        nis += mix.weight[d] * ratio
+        largest = max(largest, ratio)
     surplus = mean_surplus(mix, count, r, c, t)
     if largest > c.road_step_nis:
         step_of_road(mix, count, lever, c, t)
@@ -171,7 +169,7 @@ def waited(p: Progress, unseen_s: float) -> Progress:
     """Return the progress with another time in which the load was not seen."""
     return Progress(
         p.alive, p.u, p.mixed_m, p.mixed_s, p.follows, p.force_N, p.slow_N, p.was_open, p.learned, unseen_s,
-        p.unseen, p.height_known, p.climbed_m, p.climbed_s,
+        p.unseen, p.height_known, p.climbed_m, p.climbed_s, p.rough,
     )  # fmt: skip
 
 
@@ -224,7 +222,7 @@ def run(
             unknown_s = surprise = 0.0
         elif is_open and surprise > c.surprise_limit:
             net_kg = (w.force_N - w.rotating_kg * w.accel_mps2) / GRAVITY_MPS2
-            count = change_modes(mix, count, _CALLED_M, 0.0, p.u, c, v, t)
+            count = change_modes(mix, count, c.exchange_every_m, 0.0, p.u, c, v, t)
             count = open_load(mix, count, c.surprise_share, True, net_kg, v, t)
             surprise = 0.0
         mixed_m, mixed_s = p.mixed_m + metres, p.mixed_s + (0.0 if still else dt + min(w.gap_s, 10.0))
@@ -242,14 +240,17 @@ def run(
             climb(mix, count, climbed_m, c.altitude_wander_m2ps * climbed_s, t)
             climbed_m = climbed_s = 0.0
         if begins:
-            before = Ends(quiet.before_mps, w.begin_N, quiet.before_Nps)
-            begin_balance(mix, count, before, w.gap_s == 0.0, p.u, levels.speed_var, c, t)
+            forget_speed(mix, count, t)
+            if w.gap_s == 0.0 and not math.isnan(quiet.before_mps):
+                before = Ends(quiet.before_mps, w.begin_N, quiet.before_Nps)
+                speed(mix, count, before, p.u, levels.speed_var, c, v, t)
         travel(mix, count, metres, answered_force(w, p) / GRAVITY_MPS2, p.u, c, t)
         motion, slow_N = w.accel_mps2, w.traction_N if begins else p.slow_N
         nis = speed_surplus = sensed_surplus = 0.0
         if is_open:
             motion = accelerate(mix, count, w, dt, lacking_force(w, c, v), v, t)
-            speed(mix, count, Ends(w.speed_mps, w.traction_N, w.traction_Nps), p.u, levels.speed_var, c, t)
+            end = Ends(w.speed_mps, w.traction_N, w.traction_Nps)
+            speed(mix, count, end, p.u, levels.speed_var, c, v, t)
             own = own_torque(w.traction_N - slow_N, p.u, w.speed_mps, c)
             lever = (1.0 + p.u * w.rotating_kg) / (dt * GRAVITY_MPS2)
             nis, speed_surplus = learn_open(mix, count, own, lever, levels.speed_var, c, t)
@@ -267,8 +268,10 @@ def run(
             coasting(mix, count, w, c, t)
         # -- weigh, follow the noise, report
         weigh(mix, count, v.power, t)
-        if is_open:  # what a hypothesis explains is no surprise
-            surprise = max(surprise + mean_of(mix.weight, count, t.nis) - c.surprise_nis, 0.0)
+        rough = rough_probability(mix, count)
+        if is_open:  # what a road that has become rough explains, another load may explain as well
+            surprise = max(surprise + nis - c.surprise_nis, 0.0)
+            surprise = math.inf if rough > 0.5 and p.rough <= 0.5 else surprise
         count = prune(mix, count, c.least_weight)
         if is_open:
             levels = follow(levels, surprise, nis, speed_surplus, sensed_surplus, sees, c, v)
@@ -284,7 +287,7 @@ def run(
             1.0 if is_open or w.retarding > 0.0 else 0.0, w.force_N,
             slow_N + dt * (w.traction_N - slow_N), w.open, 1.0 if is_open or p.learned > 0.0 else 0.0,
             unknown_s, 0.0 if sees else p.unseen + quiet.joined, 1.0 if measured or height_known else 0.0,
-            0.0 if measured else climbed_m, 0.0 if measured else climbed_s,
+            0.0 if measured else climbed_m, 0.0 if measured else climbed_s, rough,
         )  # fmt: skip
         quiet = begin_sums(w, motion)
         write(out[k], given, 0.0, p, w.speed_mps, c, v)

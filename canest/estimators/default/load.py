@@ -27,6 +27,15 @@ def changed_probability(seconds: float, stop_s: float) -> float:
     return 1.0 - math.exp(-seconds / stop_s)
 
 
+@jit.kernel
+def rough_probability(mix: Mixture, count: int) -> float:
+    """Return the probability that the road is rough."""
+    rough = 0.0
+    for d in range(count):
+        rough += mix.weight[d] * m.IS_ROUGH[int(mix.mode[d])]
+    return rough
+
+
 def _reopen(
     mix: Mixture, d: int, answers: float, known_u: float, net_kg: float, v: Vehicle, t: Scratch
 ) -> None:

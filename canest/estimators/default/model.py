@@ -82,7 +82,6 @@ class Scratch(NamedTuple):
     columns: Any  #: four columns
     e: Any  #: column: innovations of the last measurement
     s: Any  #: column: their variances
-    nis: Any  #: column: normalised innovation squared of the speed
     zeros: Any  #: column that stays zero
     loads: Any  #: (3 * LOADS,) weight, mean and variance of u of every load
     share: Any  #: (MODES * LOADS * MOST,) parts of every density in the densities of an exchange

@@ -19,7 +19,7 @@ class Levels(NamedTuple):
     sensed_var: float  #: of the accelerometer, (m/s2)2
     windows: float = 0.0  #: open windows so far
     nis_sum: float = 0.0  #: sum of their normalised innovations squared
-    surprise: float = 0.0  #: cumulative sum of what those of the likely hypotheses are more than usual
+    surprise: float = 0.0  #: cumulative sum of what these are more than usual
 
 
 @jit.kernel

@@ -185,7 +185,7 @@ def accelerate(
         t.f[d], t.f[MOST + d] = -part * GRAVITY_MPS2, -part * w.drag_N_per_mps
         t.f[2 * MOST + d] = part * (w.force_N - w.rotating_kg * dv / dt)
         # what the row adds by its states, and must not
-        gained[d] = dv - (t.f[d] * grades[d] + t.f[MOST + d] * winds[d] + t.f[2 * MOST + d] * us[d])
+        gained[d] = dv - (t.f[d] * grades[d] + t.f[MOST + d] * winds[d] + t.f[2 * MOST + d] * u)
         mean += mix.weight[d] * dv / dt
         mean_u += mix.weight[d] * u
     propagate(mix, count, m.V, _ACCELERATE, t)

@@ -7,7 +7,7 @@ from typing import Any
 from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2
 from canest.estimators.default import model as m
-from canest.estimators.default.constants import Constants
+from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Window
 from canest.estimators.default.predict import add, fill, moments, restore
 from canest.estimators.default.update import add_log_likelihood, condition_on
@@ -48,16 +48,19 @@ def mean_surplus(mix: Mixture, count: int, r: float, c: Constants, t: Scratch) -
 
 
 @jit.kernel
-def speed(mix: Mixture, count: int, end: Ends, u: float, r: float, c: Constants, t: Scratch) -> None:
-    """Update with a speed: v measured = v + delta T + gamma dT/dt, T that halfway through the delay.
+def speed(
+    mix: Mixture, count: int, end: Ends, u: float, r: float, c: Constants, v: Vehicle, t: Scratch
+) -> None:
+    """Update with a speed: v measured (1 - lambda u T) = v + delta T + gamma dT/dt.
 
-    u: mean inverse mass.
+    lambda: slip of the driven wheels. T of the delay: that halfway through it. u: mean inverse mass.
     """
     moments(mix, count, m.DELAY, t.columns[0], t.columns[1])
     delay_s = mean_of(mix.weight, count, t.columns[0]) / u
     half_s = 0.5 * min(max(delay_s, -_LONGEST_DELAY_S), _LONGEST_DELAY_S)
     t.h[0], t.h[1], t.h[2] = 1.0, end.traction_N + half_s * end.traction_Nps, end.traction_Nps
-    condition_on(mix, count, _SPEED, end.speed_mps, r, c.outlier_nis, t)
+    slip = v.slip_per_mps2 * u * end.traction_N
+    condition_on(mix, count, _SPEED, end.speed_mps * (1.0 - slip), r, c.outlier_nis, t)
 
 
 @jit.kernel
@@ -73,14 +76,10 @@ def own_torque(fast_N: float, u: float, speed_mps: float, c: Constants) -> float
 
 
 @jit.kernel
-def begin_balance(
-    mix: Mixture, count: int, before: Ends, known: bool, u: float, r: float, c: Constants, t: Scratch
-) -> None:
-    """Begin a balance of momentum: no force led to the speed before it, which is measured where known."""
+def forget_speed(mix: Mixture, count: int, t: Scratch) -> None:
+    """Begin a balance of momentum: no known force has led to the speed before it."""
     fill(count, t.f, _UNKNOWN_V)
     add(mix, count, m.V, t.zeros, t.f)
-    if known:
-        speed(mix, count, before, u, r, c, t)
 
 
 @jit.kernel
