@@ -19,6 +19,16 @@ def keep_nothing(mix: Any, count: int, i: int, mean: Any, variance: Any) -> None
     """Take the place of `predict.restore`."""
 
 
+def never_rough(mix: Any, count: int) -> float:
+    """Take the place of `load.rough_probability`."""
+    return 0.0
+
+
+def all_there(mix: Any, count: int, v: Any, t: Any) -> Any:
+    """Take the place of `hypotheses.drop_impossible`."""
+    return count
+
+
 def without_late(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
     """Take the place of `constants.vehicle_of`, for filtered states that are not late."""
     return vehicle_of(facts, late_s, c)._replace(late_s=0.0)
@@ -29,9 +39,9 @@ MECHANISMS = (
     Variant("another load after a stop", {"load_stop_s": NEVER}),
     Variant("stops too short for another load", {"shortest_stop_s": 0.0}),
     Variant("a load that drifts", {"steady_duration_s": NEVER}),
-    Variant("surprise", {"surprise_limit": NEVER}),
-    Variant("another load where innovations surprise", {"surprise_share": 0.0}),
-    Variant("another road where innovations surprise", patch={"kernel._CALLED_M": 0.0}),
+    Variant("another load where innovations surprise", {"surprise_limit": NEVER}),
+    Variant("another load where a road becomes rough", patch={"kernel.rough_probability": never_rough}),
+    Variant("another load in motion, for either reason", {"surprise_share": 0.0}),
     # -- the driver
     Variant("roads that answer the torque", {"answered_share": 0.0}),
     Variant("drivers whom the road does not answer", {"answered_share": 1.0}),
@@ -51,6 +61,8 @@ MECHANISMS = (
     Variant("state: compliance of the driveline", {"windup_std_s2": 0.0}),
     Variant("state: bias of the accelerometer", {"bias_std_mps2": 0.0, "bias_wander_m2ps5": 0.0}),
     Variant("wander of that bias", {"bias_wander_m2ps5": 0.0}),
+    Variant("slip of the driven wheels", {"slip_per_mps2": 0.0}),
+    Variant("torque that acts 0.08 s before its report", patch={"windows.SHIFT": 0, "estimator.SHIFT": 0}),
     Variant("state: pitch", {"pitch_std_share": 0.0, "pitch_std_rad_per_mps2": 0.0}),
     Variant("pitch", facts={"pitch_rad_per_mps2": 0.0}),
     # -- noise
@@ -77,6 +89,7 @@ MECHANISMS = (
     Variant("faults of the accelerometer", patch={"accelerometer._FEWEST": NEVER}),
     # -- hypotheses and report
     Variant("merging of alike loads", {"merge_loss_nats": 0.0}),
+    Variant("impossible loads dropped", patch={"kernel.drop_impossible": all_there}),
     Variant("improbable loads left out", {"left_out_share": 0.0}),
     Variant("sums over nodes", {"widest_normal": NEVER}),
     Variant("grade where the vehicle is by now", patch={"estimator.vehicle_of": without_late}),
