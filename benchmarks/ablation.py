@@ -38,6 +38,11 @@ from variants import (
 SETS = {"calibration": list(FAMILIES), "stress": [name for name in NAMES if name not in FAMILIES]}
 #: figures that are better where they are larger
 LARGER = ("in2", "grade_in2", "valid")
+#: what they are called in a list
+SHORT = {
+    "rms_120": "mass RMS", "in2": "mass in 2 std", "grade_rms": "grade RMS", "grade_in2": "grade in 2 std",
+    "valid": "valid", "valid_wrong": "valid but wrong",
+}  # fmt: skip
 #: standard errors of a mean difference that count as found, among so many
 FOUND = 3.0
 #: drives of a mechanism shown one by one, each way
@@ -45,6 +50,7 @@ SHOWN = 2
 #: smaller changes of one drive are not shown, points
 SMALL = 0.1
 
+RARE = "What acts on one kind of drive only hardly shows in a mean: the last table has it."
 ABOUT = """\
 Each mechanism of `canest` switched off, one at a time, on {drives} simulated drives of the
 calibration and stress benchmarks: without accelerometer / with it. The first row is the whole
@@ -87,22 +93,30 @@ def table(runs: list[Run], found: list[tuple[str, Effect]], drives: Sequence[str
 
 
 def what_pays(runs: list[Run], found: list[tuple[str, Effect]]) -> list[str]:
-    """Return the lines of a table: the figures that are worse without a mechanism, and those better."""
-    lines = ["| without | worse | better |", "|---|---|---|"]
+    """Return the lines of a table: the figures that are worse without a mechanism, and those better.
+
+    After it those mechanisms without which no figure is certainly another.
+    """
+    lines = ["| without | drives | worse | better |", "|---|---|---|---|"]
+    idle = []
     for name, _ in found:
-        worse, better = [], []
+        before = len(lines)
         for title, drives in SETS.items():
             variants = by_variant(of_drives(runs, drives))
             if not variants:
                 continue
             one = effect(variants[DEFAULT], variants[name])
+            cells: tuple[list[str], list[str]] = ([], [])
             for figure in FIGURES:
                 if one.is_certain(figure, FOUND):
-                    text = f"{title}: {HEADINGS[figure].removesuffix(', %')} {difference(one, figure)}"
                     is_better = (one.differences[figure] > 0.0) == (figure in LARGER)
-                    (better if is_better else worse).append(text.replace("**", ""))
-        lines.append(f"| {name} | {'; '.join(worse)} | {'; '.join(better)} |")
-    return lines
+                    text = difference(one, figure).replace("**", "")
+                    cells[is_better].append(f"{SHORT[figure]} {text}")
+            if any(cells):
+                lines.append(f"| {name} | {title} | {', '.join(cells[0])} | {', '.join(cells[1])} |")
+        if len(lines) == before:
+            idle.append(f"- {name}")
+    return [*lines, "", "Without these no figure changes so much:", "", *(idle or ["- none"])]
 
 
 def single_drives(runs: list[Run], found: list[tuple[str, Effect]]) -> list[str]:
@@ -128,7 +142,7 @@ def page(runs: list[Run], found: list[tuple[str, Effect]], command: str) -> str:
     """Return the tables as a page of the docs."""
     about = ABOUT.format(drives=drive_count(runs))
     lines = page_head("Ablation", about, f"{command} -o docs/measured/ablation.md")
-    lines += ["## What pays", "", f"Mean differences beyond {FOUND:g} standard errors, of all runs.", ""]
+    lines += ["## What pays", "", f"Mean differences beyond {FOUND:g} standard errors. {RARE}", ""]
     lines += [*what_pays(runs, found), ""]
     for title, names in SETS.items():
         if of_drives(runs, names):

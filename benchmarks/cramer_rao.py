@@ -53,11 +53,11 @@ exact.
 
 The bound is that of van Trees for a random state, by the recursion of Tichavsky, Muravchik and Nehorai
 (1998), along the true states of each drive, sample by sample. It has the unknowns above and the rounding of
-the torque. It knows the pitch, the stiffness of the driveline, and that the load and the driver are steady,
-which the estimator has to find out. `bound` is also told where the road is curved, so nothing can be
-better. `linear` is not told: it is what the best linear estimator reaches, to whom the curvature is noise
-of the same variance and correlation. Both are root mean squares over the same samples as the errors. Asked:
-at most twice the bound."""
+torque and friction. It knows the pitch, the stiffness of the driveline, and that the load and the driver
+are steady, which the estimator has to find out. `bound` is also told where the road is curved, so nothing
+can be better. `linear` is not told: it is what the best linear estimator reaches, to whom the curvature is
+noise of the same variance and correlation. All are root mean squares over the samples at which the force
+is known. Asked: at most twice the bound."""
 
 
 class Compared(NamedTuple):
@@ -124,7 +124,7 @@ def one_drive(job: tuple[str, int]) -> list[Run]:
             mass, grade = bounds(truth, accelerometer, told)
             squares |= {f"mass {name}": (PERCENT * mass) ** 2, f"grade {name}": np.degrees(grade) ** 2}
         for part, (first_s, last_s) in enumerate(PARTS_S):
-            kept = (t_s >= first_s) & (t_s < last_s)
+            kept = (t_s >= first_s) & (t_s < last_s) & truth.known
             about = {"driver": driver, "seed": seed, "accelerometer": accelerometer, "part": part}
             runs.append(about | {name: _mean(column[kept]) for name, column in squares.items()})
     return runs

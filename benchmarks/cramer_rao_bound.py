@@ -27,16 +27,20 @@ SHAFT_NOISE_RPM, SHAFT_STEP_RPM, MPS_PER_RPM = 0.4, 0.125, 2.0 * math.pi / 60.0 
 TORQUE_STEP_NM = 21.0
 SENSED_NOISE_MPS2, SENSED_STEP_MPS2 = 0.06, 0.1
 SPEED_VAR = MPS_PER_RPM**2 * (SHAFT_NOISE_RPM**2 + SHAFT_STEP_RPM**2 / 12.0)
+#: how the friction grows with the speed of the engine: 1.8 % of the reference torque per 1000 rpm
+FRICTION_NM_PER_RADPS = 0.018 * 2100.0 / 1000.0 * 30.0 / math.pi
 TORQUE_VAR = TORQUE_STEP_NM**2 / 12.0
 SENSED_VAR = SENSED_NOISE_MPS2**2 + SENSED_STEP_MPS2**2 / 12.0
 #: variance of a speed that an unknown force has led to, (m/s)2, and before the first sample
 UNKNOWN_V, START_V = 100.0, 100.0
-#: states: speed, grade, its change per metre, inverse mass, rounding error and delay of the torque, headwind,
-#: bias of the accelerometer
-STATES = 8
-V, GRADE, CURVATURE, U, TORQUE, DELAY, WIND, BIAS = range(STATES)
+#: states: speed, grade, its change per metre, inverse mass, rounding errors of indicated torque and of
+#: friction, delay of the torque, headwind, bias of the accelerometer
+STATES = 9
+V, GRADE, CURVATURE, U, TORQUE, FRICTION, DELAY, WIND, BIAS = range(STATES)
 #: which state acts on the speed by which column of `Truth`
-_ACTS = ((U, "by_u"), (TORQUE, "by_torque"), (DELAY, "by_delay"), (WIND, "by_wind"))
+_ACTS = (
+    (U, "by_u"), (TORQUE, "by_torque"), (FRICTION, "by_friction"), (DELAY, "by_delay"), (WIND, "by_wind"),
+)  # fmt: skip
 #: when a simulated drive begins
 START_S = 1_700_000_000
 
@@ -55,19 +59,22 @@ class Road:
 class Truth:
     """What the equations need of a drive, sample by sample (n,).
 
-    by_u, by_torque, by_delay, by_wind: acceleration by a unit of the inverse mass, (F - J a) / (1 + u J), of
-    crank torque, of delay and of headwind. rotating: 1 + u J. keeps: correlation of the torque's rounding
-    error with that of the sample before. known: where the force is known. curved: where the road is.
+    by_u, by_torque, by_friction, by_delay, by_wind: acceleration by a unit of the inverse mass, which is
+    (F - J a) / (1 + u J), of indicated torque, of friction, of delay and of headwind. rotating: 1 + u J.
+    keeps, keeps_friction: correlation of a torque's rounding error with that of the sample before.
+    known: where the force is known. curved: where the road is.
     """
 
     mass_kg: float
     metres: FloatColumn
     by_u: FloatColumn
     by_torque: FloatColumn
+    by_friction: FloatColumn
     by_delay: FloatColumn
     by_wind: FloatColumn
     rotating: FloatColumn
     keeps: FloatColumn
+    keeps_friction: FloatColumn
     known: BoolColumn
     curved: BoolColumn
 
@@ -105,24 +112,28 @@ def truth_of(drive: Drive, history: dict[str, FloatColumn], road: Road) -> Truth
     """Return what is true on a drive's samples. history: the simulation's records, with `t_s`."""
     samples = drive.samples
     t = samples.t_us * 1e-6 - START_S
-    speed, accel, distance, torque = (
+    speed, accel, distance, torque, engine = (
         np.interp(t, history["t_s"], history[name])
-        for name in ("speed_mps", "accel_mps2", "distance_m", "indicated_Nm")
+        for name in ("speed_mps", "accel_mps2", "distance_m", "indicated_Nm", "engine_radps")
     )
+    friction = FRICTION_NM_PER_RADPS * engine
     at = np.clip(distance.astype(int), 0, ROAD_M - 1)
     mass = float(drive.mass_kg[0])
     rotating = 1.0 + samples.rotating_mass_kg / mass
     drives = np.isin(samples.gate, (Gate.OPEN, Gate.RECOVERY, Gate.RETARDER))
     per_force = 1.0 / (mass * rotating)
+    by_torque = np.where(drives, samples.force_per_torque_1pm, 0.0) * per_force
     return Truth(
         mass_kg=mass,
         metres=speed * STEP_S,
         by_u=mass * (accel + GRAVITY_MPS2 * (road.sine[at] + samples.mu)) / rotating,
-        by_torque=np.where(drives, samples.force_per_torque_1pm, 0.0) * per_force,
+        by_torque=by_torque,
+        by_friction=-by_torque,
         by_delay=np.where(drives, np.gradient(samples.traction_N, STEP_S), 0.0) * per_force,
         by_wind=-2.0 * samples.aero_N / np.maximum(speed, 1.0) * per_force,
         rotating=rotating,
         keeps=np.exp(-np.abs(np.diff(torque, prepend=0.0)) / TORQUE_STEP_NM),
+        keeps_friction=np.exp(-np.abs(np.diff(friction, prepend=0.0)) / TORQUE_STEP_NM),
         known=drives | np.isfinite(samples.coasting_N),
         curved=road.curved[at],
     )
@@ -152,6 +163,7 @@ def bounds(truth: Truth, accelerometer: bool, told: bool) -> tuple[FloatColumn, 
         if bends or not told:
             fade(P, CURVATURE, *curvature(truth.metres[k], told))
         fade(P, TORQUE, truth.keeps[k], TORQUE_VAR)
+        fade(P, FRICTION, truth.keeps_friction[k], TORQUE_VAR)
         fade(P, WIND, math.exp(-truth.metres[k] / CONSTANTS.wind_length_m), CONSTANTS.wind_std_mps**2)
         P = measured(P, of_speed, SPEED_VAR)
         if accelerometer and truth.known[k]:
@@ -168,7 +180,8 @@ def prior() -> Matrix:
     mean, square = (most - least) / width, 0.5 * (most * most - least * least) / width
     c, P = CONSTANTS, np.zeros((STATES, STATES))
     P[V, V], P[GRADE, GRADE], P[U, U] = START_V, START_GRADE_STD**2, square - mean * mean
-    P[TORQUE, TORQUE], P[DELAY, DELAY] = TORQUE_VAR, c.delay_std_s**2
+    P[TORQUE, TORQUE] = P[FRICTION, FRICTION] = TORQUE_VAR
+    P[DELAY, DELAY] = c.delay_std_s**2
     P[WIND, WIND], P[BIAS, BIAS] = c.wind_std_mps**2, c.bias_std_mps2**2
     return P
 
