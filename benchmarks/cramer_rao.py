@@ -62,14 +62,17 @@ Asked: RMS at most twice the bound."""
 
 
 class Compared(NamedTuple):
-    """One row: roots of the mean squares over drives, and the ratio of the median drive."""
+    """One row: roots of the mean squares over drives, and the ratio of the median drive.
+
+    rms: "mass" (percent) and "grade" (degrees), with "mass bound", "mass linear" and so on.
+    median: "mass" and "grade", RMS / bound, each drive by its own.
+    """
 
     driver: str
     accelerometer: bool
     part: int
-    rms: dict[
-        str, float
-    ]  #: "mass" (percent) and "grade" (degrees): error, bound and linear, "mass bound" ...
+    rms: dict[str, float]
+    median: dict[str, float]
 
 
 def scenario(driver: str, seed: int) -> tuple[dict[str, Any], Road]:
