@@ -132,11 +132,20 @@ def truth_of(drive: Drive, history: dict[str, FloatColumn], road: Road) -> Truth
         by_delay=np.where(drives, np.gradient(samples.traction_N, STEP_S), 0.0) * per_force,
         by_wind=-2.0 * samples.aero_N / np.maximum(speed, 1.0) * per_force,
         rotating=rotating,
-        keeps=np.exp(-np.abs(np.diff(torque, prepend=0.0)) / TORQUE_STEP_NM),
-        keeps_friction=np.exp(-np.abs(np.diff(friction, prepend=0.0)) / TORQUE_STEP_NM),
+        keeps=rounding_kept(torque),
+        keeps_friction=rounding_kept(friction),
         known=drives | np.isfinite(samples.coasting_N),
         curved=road.curved[at],
     )
+
+
+def rounding_kept(torque_Nm: FloatColumn) -> FloatColumn:
+    """Return the correlation of a torque's rounding error with that of the sample before, (n,).
+
+    A rounding error is a sawtooth, whose autocorrelation is 1 - 6 d (1 - d) after d steps.
+    """
+    steps: FloatColumn = np.abs(np.diff(torque_Nm, prepend=torque_Nm[0])) / TORQUE_STEP_NM
+    return np.exp(-6.0 * steps)
 
 
 def bounds(truth: Truth, accelerometer: bool, told: bool) -> tuple[FloatColumn, FloatColumn]:
