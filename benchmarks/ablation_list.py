@@ -3,52 +3,94 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 from judging import without_accelerometer
 from variants import Variant, without
 
-#: a variance, limit or time that is never reached
-NEVER = 1e12
+from canest.core.samples import VehicleFacts
+from canest.estimators.default.constants import Constants, Vehicle, vehicle_of
+
+#: a variance, limit, length or time that is never reached; and a likelihood that is none, but has a logarithm
+NEVER, NOTHING = 1e12, 1e-300
+
+
+def keep_nothing(mix: Any, count: int, i: int, mean: Any, variance: Any) -> None:
+    """Take the place of `predict.restore`."""
+
+
+def never_rough(mix: Any, count: int) -> float:
+    """Take the place of `load.rough_probability`."""
+    return 0.0
+
+
+def all_there(mix: Any, count: int, v: Any, t: Any) -> Any:
+    """Take the place of `hypotheses.drop_impossible`."""
+    return count
+
+
+def without_late(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
+    """Take the place of `constants.vehicle_of`, for filtered states that are not late."""
+    return vehicle_of(facts, late_s, c)._replace(late_s=0.0)
+
 
 MECHANISMS = (
     # -- the load
-    Variant("another load in motion", {"load.moving_probability": 0.0}),
-    Variant("a load that drifts", {"load.drift_probability": 0.0}),
-    Variant("another load after a stop", {"load.stop_s": NEVER}),
-    Variant("several normal densities for an unknown load", {"load.banks": 1}),
+    Variant("another load after a stop", {"load_stop_s": NEVER}),
+    Variant("stops too short for another load", {"shortest_stop_s": 0.0}),
+    Variant("a load that drifts", {"steady_duration_s": NEVER}),
+    Variant("another load where innovations surprise", {"surprise_limit": NEVER}),
+    Variant("another load where a road becomes rough", patch={"kernel.rough_probability": never_rough}),
+    Variant("another load in motion, for either reason", {"surprise_share": 0.0}),
     # -- the driver
-    Variant("torque that answers the road", {"driver.answered_share": 0.0}),
-    Variant("limit of the road's answer", {"driver.most_1pm": 1.0}),
-    Variant("evidence of fast torque", {"driver.weight": 0.0}),
-    Variant("response other than u", {"driver.response_share": 0.0}),
-    Variant("scatter of an answer", {"driver.scatter_share": 0.0}),
+    Variant("roads that answer the torque", {"answered_share": 0.0}),
+    Variant("drivers whom the road does not answer", {"answered_share": 1.0}),
+    Variant("evidence of fast torque", {"answer_curvature_1pm": NEVER}),
+    Variant("state: response other than u", {"response_std_share": 0.0}),
     # -- the road and the wind
-    Variant("curved roads", {"road.straight_m": NEVER}),
-    Variant("steps of the road", {"road.step_nis": NEVER}),
-    Variant("roughness of a straight", {"road.roughness_1pm": 1e-12}),
-    Variant("roughness that follows the innovations", {"road.whiteness": 0.0}),
-    Variant("wind", {"wind.wind_mps": 1e-3}),
-    Variant("wind and errors of the drag area", {"wind.wind_mps": 1e-3, "wind.usual_mps": 0.0}),
-    # -- states of the signals
-    Variant("remaining delay of the torque", {"prior.delay_s": 0.0}),
-    Variant("slip of the wheels", {"prior.slip_per_mps2": 0.0}),
-    Variant("windup of the driveline", {"prior.windup_s2": 0.0}),
-    Variant("lag of the accelerometer", {"prior.lag_s": 0.0}),
+    Variant("curved roads", {"straight_length_m": NEVER}),
+    Variant("rough roads", {"smooth_length_m": NEVER}),
+    Variant("curved and rough roads", {"straight_length_m": NEVER, "smooth_length_m": NEVER}),
+    Variant("steps of the road", {"road_step_nis": NEVER}),
+    Variant("wander of a smooth road", {"smooth_wander_1pm": 0.0}),
+    Variant("state: wind", {"wind_std_mps": 0.0}),
+    Variant("state: wind, errors of the drag area", {"wind_std_mps": 0.0}, facts={"drag_area_accuracy": 0.0}),
+    # -- states of the vehicle and of its signals
+    Variant("state: error of the rolling resistance", facts={"rolling_resistance_accuracy": 0.0}),
+    Variant("state: delay of the torque", {"delay_std_s": 0.0}),
+    Variant("state: compliance of the driveline", {"windup_std_s2": 0.0}),
+    Variant("state: bias of the accelerometer", {"bias_std_mps2": 0.0, "bias_wander_m2ps5": 0.0}),
+    Variant("wander of that bias", {"bias_wander_m2ps5": 0.0}),
+    Variant("slip of the driven wheels", {"slip_per_mps2": 0.0}),
+    Variant("torque that acts 0.08 s before its report", patch={"windows.SHIFT": 0, "estimator.SHIFT": 0}),
+    Variant("state: pitch", {"pitch_std_share": 0.0, "pitch_std_rad_per_mps2": 0.0}),
+    Variant("pitch", facts={"pitch_rad_per_mps2": 0.0}),
     # -- noise
-    Variant("the driveline's swing", {"noise.swing_mpN": 0.0}),
-    Variant("jitter of the torque's delay", {"noise.jitter_s": 0.0}),
-    Variant("gusts", {"noise.gust_mps": 0.0}),
-    Variant("force that the model lacks", {"noise.force_share": 0.0, "noise.overrun_share": 0.0}),
-    Variant("force lacking in overrun as in drive", {"noise.overrun_share": 0.02}),
-    Variant("rounding errors that last", {"noise.longest_windows": 1.0}),
-    Variant("rounding errors of the torque", {"noise.longest_windows": 0.0}),
-    Variant("noise levels that follow", {"noise.windows": NEVER, "noise.first_windows": NEVER}),
-    Variant("doubted innovations", {"noise.doubted": NEVER}),
-    Variant("outliers cut", {"noise.outlier": NEVER}),
-    Variant("dependent windows (power 1)", {"noise.power": 1.0}),
-    # -- signals and gated samples
-    Variant("retarders, bends and dwells while gated", {"closed.force_share": 1e6}),
+    Variant("force that the model lacks", {"force_std_share": 0.0}, facts={"overrun_share": 0.0}),
+    Variant("force lacking in overrun, more than in drive", facts={"overrun_share": None}),
+    Variant("rounding errors of the torque", {"longest_rounding_s": 0.0}),
+    Variant("rounding errors that last", {"longest_rounding_s": 0.2}),
+    Variant("gusts", {"gust_m2ps": 0.0}),
+    Variant("noise levels that follow", {"noise_memory_windows": NEVER, "first_noise_windows": NEVER}),
+    Variant("innovations of states left out of levels", {"noise_dominates": NEVER}),
+    Variant("start of the level at a driveline's swing", {"driveline_swing_mps": 0.0}),
+    Variant("outliers cut", {"outlier_nis": NEVER}),
+    Variant("heavy tails of the likelihood", {"likelihood_floor": NOTHING}),
+    Variant("dependent windows (power 1)", {"likelihood_power": 1.0}),
+    # -- windows and gated samples
+    Variant("joining of quiet windows", {"most_joined_windows": 1.0}),
+    Variant("retarders, bends and dwells while gated", {"hidden_force_share": 1e6}),
+    Variant("mass kept while gated", patch={"sensors.restore": keep_nothing}),
     Variant("coasting", edit=partial(without, "coasting_N")),
     Variant("altitude", edit=partial(without, "altitude_m")),
+    Variant("wander of the altitude", {"altitude_wander_m2ps": 0.0}),
     Variant("accelerometer", edit=without_accelerometer),
+    Variant("accelerometer only every other window", patch={"kernel._SEE_EVERY": 1.0}),
+    Variant("faults of the accelerometer", patch={"accelerometer._FEWEST": NEVER}),
+    # -- hypotheses and report
+    Variant("merging of alike loads", {"merge_loss_nats": 0.0}),
+    Variant("impossible loads dropped", patch={"kernel.drop_impossible": all_there}),
+    Variant("improbable loads left out", {"left_out_share": 0.0}),
+    Variant("sums over nodes", {"widest_normal": NEVER}),
+    Variant("grade where the vehicle is by now", patch={"estimator.vehicle_of": without_late}),
 )

@@ -9,8 +9,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import yaml
 
-from canest.config.load import load_config
+from canest.config.database_files import read_databases
+from canest.config.load import load_config, parse_config
 from canest.core.errors import ConfigError
 from canest.core.frames import BoolColumn, FloatColumn, FrameBlock
 from canest.core.samples import EstimateBlock, ModelBlock, Status, VehicleFacts
@@ -55,17 +57,22 @@ def prepare(
     *scenarios: dict[str, Any],
     edit: Callable[[FrameBlock], FrameBlock] | None = None,
     excitation_gate: bool = False,
-    config: str = "class8",
+    own_config: bool = False,
 ) -> Drive:
     """Simulate scenarios one after the other and pass their frames through the pipeline.
 
     edit: what happens to the frames on the bus. excitation_gate: for methods that wind up without excitation.
+    own_config: by the data sheet of the simulated vehicle, else by the config of the truck of class 8.
     """
     drives = [simulate(scenario) for scenario in scenarios]
     frames = FrameBlock.concatenate([drive.frames for drive in drives])
     truth = {key: np.concatenate([drive.truth[key] for drive in drives]) for key in drives[0].truth}
     gate = f"gates.low_excitation.enabled={str(excitation_gate).lower()}"
-    cfg = load_config(config, ["estimator.name=canest", gate])
+    overrides = ["estimator.name=canest", gate]
+    if own_config:
+        cfg = read_databases(parse_config(yaml.safe_dump(drives[0].config), overrides=overrides))
+    else:
+        cfg = load_config("class8", overrides)
     parts: list[ModelBlock] = []
     pipeline = Pipeline(cfg, listener=lambda samples, _: parts.append(samples))
     pipeline.push(edit(frames) if edit else frames)

@@ -1,6 +1,6 @@
 """What does every constant of the default estimator change, halved and doubled?
 
-    python benchmarks/sensitivity.py [--drives 1] [--seed 900] [--drive NAME]... [--only GROUP.NAME]...
+    python benchmarks/sensitivity.py [--drives 4] [--seed 7500] [--drive NAME]... [--only NAME]...
     python benchmarks/sensitivity.py -o docs/measured/sensitivity.md
 
 One constant is changed at a time, on the same simulated drives. What cannot be more than 1 stays below.
@@ -13,41 +13,38 @@ import argparse
 from tables import HEADINGS, Run, drive_count, page_head
 from variants import (
     DEFAULT,
-    FAMILIES,
-    SHARES,
+    FIGURES,
+    NAMES,
     Effect,
     Variant,
     by_variant,
     command_line,
     common_options,
-    constant_names,
     default_line,
+    difference,
     effect,
     jobs_of,
     run_all,
-    value_of,
     write_results,
 )
 
+from canest.estimators.default.constants import CONSTANTS
+
+VALUES = CONSTANTS._asdict()
 ABOUT = """\
-Every constant of `canest` halved / doubled, one at a time, on {drives} simulated drives,
-without and with accelerometer, {runs} runs:
+Every constant of `canest` halved / doubled, one at a time, on {drives} simulated drives of every kind
+of the calibration and stress benchmarks, without and with accelerometer, {runs} runs. What cannot be
+more than 1 is set to 1 at most, a probability to {most:g}.
 
-- of the calibration benchmark: {calibration}
-- of the stress benchmark: {stress}
-
-Shown are the mean differences from the default, in points. Effect: the largest of them. A run
-notices where an RMS changes by 2 % of it, or a share by a point. Mass RMS is the mean over the
-runs, stops with a changed load included."""
+Shown are the mean differences from the default, in points (grade RMS: degrees). Bold: beyond two
+standard errors of the mean. Effect: the largest of those in percent. A run notices where an RMS
+changes by 2 % of it, or a share by a point. Mass RMS is the mean over the runs, stops with a changed
+load included. `canest estimators show canest` prints what each constant is, and its source."""
 #: what must stay below 1, and the most it is set to
-PROBABILITIES = ("driver.answered_share", "load.moving_probability", "load.drift_probability")
-PROBABILITIES += ("load.surprised_probability", "noise.ringing")
+PROBABILITIES = ("answered_share", "surprise_share", "left_out_share")
 MOST_PROBABLE = 0.99
 #: these too count their share of a whole
-WHOLE = ("noise.power",)
-#: rows of the stress benchmark that are driven beside the calibration families
-ROWS = ("spreader 10 kg/s, mixed", "loaded in motion", "other load after 12 to 22 s", "torque zeros 5 %")
-ROWS += ("retarder unreported", "road in steps", "sine road, mixed", "motorway", "rough road", "wind 8 m/s")
+WHOLE = ("likelihood_power",)
 HALVED, DOUBLED = "halved", "doubled"
 #: below both of these a constant changes nothing that matters
 SMALL_POINTS, SMALL_RUNS = 0.1, 10.0
@@ -55,7 +52,7 @@ SMALL_POINTS, SMALL_RUNS = 0.1, 10.0
 
 def values_of(name: str) -> dict[str, float]:
     """Return the values that a constant is set to."""
-    value = value_of(name)
+    value = VALUES[name]
     doubled = 2.0 * value
     if name in PROBABILITIES:
         doubled = min(doubled, MOST_PROBABLE)
@@ -98,12 +95,12 @@ def without_effect(found: list[tuple[str, Effect, Effect]]) -> list[str]:
 
 def table(found: list[tuple[str, Effect, Effect]]) -> list[str]:
     """Return the lines of the table in Markdown."""
-    titles = ["constant", "value", "effect, points", "runs that notice, %", *(HEADINGS[f] for f in SHARES)]
+    titles = ["constant", "value", "effect, points", "runs that notice, %", *(HEADINGS[f] for f in FIGURES)]
     lines = ["| " + " | ".join(titles) + " |", "|" + "---|" * len(titles)]
     for name, halved, doubled in found:
-        cells = [f"`{name}`", f"{value_of(name):g}", f"{size(halved, doubled):.2f}"]
+        cells = [f"`{name}`", f"{VALUES[name]:g}", f"{size(halved, doubled):.2f}"]
         cells.append(f"{halved.noticed:.0f} / {doubled.noticed:.0f}")
-        cells += [f"{halved.differences[f]:+.2f} / {doubled.differences[f]:+.2f}" for f in SHARES]
+        cells += [f"{difference(halved, f)} / {difference(doubled, f)}" for f in FIGURES]
         lines.append("| " + " | ".join(cells) + " |")
     return lines
 
@@ -111,22 +108,17 @@ def table(found: list[tuple[str, Effect, Effect]]) -> list[str]:
 def page(runs: list[Run], found: list[tuple[str, Effect, Effect]], command: str) -> str:
     """Return the table as a page of the docs."""
     default = by_variant(runs)[DEFAULT]
-    small = ", ".join(f"`{name}`" for name in without_effect(found)) or "none"
-    driven = dict.fromkeys(run["drive"] for run in default)
-    about = ABOUT.format(
-        drives=drive_count(runs),
-        runs=len(default),
-        calibration=", ".join(name for name in driven if name in FAMILIES) or "none",
-        stress=", ".join(name for name in driven if name not in FAMILIES) or "none",
-    )
+    small = without_effect(found)
+    about = ABOUT.format(drives=drive_count(runs), runs=len(default), most=MOST_PROBABLE)
     lines = [
         *page_head("Sensitivity", about, f"{command} -o docs/measured/sensitivity.md"),
         default_line(default),
         "",
         *table(found),
         "",
-        f"Effect below {SMALL_POINTS:g} points, noticed by less than {SMALL_RUNS:g} % of the runs:",
-        f"{small}.",
+        f"Effect below {SMALL_POINTS:g} points and noticed by less than {SMALL_RUNS:g} % of the runs, "
+        f"{len(small)} of {len(found)}:",
+        (", ".join(f"`{name}`" for name in small) or "none") + ".",
         "",
     ]
     return "\n".join(lines)
@@ -135,8 +127,8 @@ def page(runs: list[Run], found: list[tuple[str, Effect, Effect]], command: str)
 def main() -> None:
     """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    names = constant_names()
-    common_options(parser, [*FAMILIES, *ROWS], names, seed=900)
+    names = list(VALUES)
+    common_options(parser, NAMES, names, seed=7500)
     options = parser.parse_args()
     chosen = [name for name in names if not options.only or name in options.only]
     runs = run_all(jobs_of(options, variants_of(chosen)), options.jobs)

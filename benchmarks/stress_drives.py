@@ -142,3 +142,18 @@ def after_a_night(seed: int) -> tuple[Scenario, Scenario]:
     evening = truck(seed, duration_s=300, driver=PULSES, mass_kg=drawn(seed, LIGHT_KG))
     start = {"start_s": 1_700_000_000 + 300 + NIGHT_S}
     return evening, truck(seed + 1, duration_s=100, driver=PULSES, mass_kg=drawn(seed, HEAVY_KG), bus=start)
+
+
+#: what the other vehicles weigh, kg
+OTHER_LOADS_KG = {"light-truck": (4000.0, 7500.0), "car": (1600.0, 2500.0), "electric-car": (1500.0, 2200.0)}
+
+
+def other_vehicle(vehicle: str, seed: int) -> Scenario:
+    """Drive another vehicle in country and town."""
+    mass_kg = drawn(seed, OTHER_LOADS_KG[vehicle])
+    return truck(seed, vehicle=vehicle, mass_kg=mass_kg, driver={"kind": "mixed"})
+
+
+def behind_a_gateway(seed: int) -> Scenario:
+    """Drive an older truck, whose speeds and gear come ten times a second through a gateway."""
+    return truck(seed, bus={"j1587_gateway": True})

@@ -18,12 +18,14 @@ from stress_drives import (
     PULSES,
     Scenario,
     after_a_night,
+    behind_a_gateway,
     changed_in_motion,
     changed_in_short_stop,
     cruise,
     looking_ahead,
     motorway,
     one_manoeuvre,
+    other_vehicle,
     rough_road,
     sine_road,
     spreader,
@@ -36,11 +38,12 @@ from stress_drives import (
 from canest.core.frames import FrameBlock
 from canest.core.samples import ModelBlock
 
-LOADS, FAULTS, ROADS, PRIORS = (
+LOADS, FAULTS, ROADS, PRIORS, VEHICLES = (
     "Loads that change",
     "Signals that are wrong",
     "Roads and drivers",
     "Vehicles outside the priors",
+    "Other vehicles and signals",
 )
 #: EEC1 of the engine, whose third byte is its torque in percent with an offset of 125
 EEC1_ID, EEC1_ID_BITS = 0x0CF00400, 0x1FFFFFFF
@@ -55,7 +58,8 @@ class Row:
 
     drive: a seed -> one scenario, or several one after the other. edit_frames, edit_samples: what is wrong
     with the signals. facts: what the vehicle's facts say otherwise. judged_s: the part of the drive that
-    counts, seconds from its first sample on. phases: so many drives per seed.
+    counts, seconds from its first sample on. phases: so many drives per seed. start_kg: the mass that the
+    estimators are told. own_config: see `prepare`.
     """
 
     name: str
@@ -67,6 +71,8 @@ class Row:
     judged_s: tuple[float, float] | None = None
     accelerometer: tuple[bool, ...] = (False, True)
     phases: int = 1
+    start_kg: float = 21000.0
+    own_config: bool = False
 
     def scenarios(self, seed: int) -> tuple[Scenario, ...]:
         """Return what is driven one after the other."""
@@ -144,5 +150,10 @@ ROWS = (
     Row("rolling resistance +40 %", PRIORS, lambda seed: with_effects(seed, _MORE_ROLLING)),
     Row("torque 6 % off, stated", PRIORS, _torque_off, facts={"torque_accuracy": 0.03}),
     Row("several large errors", PRIORS, lambda seed: with_effects(seed, *_LARGE)),
+    Row("light truck", VEHICLES, partial(other_vehicle, "light-truck"), start_kg=6000.0, own_config=True),
+    Row("car", VEHICLES, partial(other_vehicle, "car"), start_kg=2000.0, own_config=True),
+    Row("electric car", VEHICLES, partial(other_vehicle, "electric-car"), start_kg=2000.0, own_config=True),
+    Row("signals by a J1587 gateway", VEHICLES, behind_a_gateway, own_config=True),
+    Row("pitch not stated", VEHICLES, truck, facts={"pitch_rad_per_mps2": None}),
 )
 BY_NAME = {row.name: row for row in ROWS}

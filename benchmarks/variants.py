@@ -1,4 +1,4 @@
-"""The default estimator with other constants, or without a signal, on the drives of two benchmarks.
+"""The default estimator with something changed, on the drives of two benchmarks.
 
 Shared by `sensitivity.py` and `ablation.py`. A drive is simulated once, then every variant estimates it.
 """
@@ -19,6 +19,7 @@ import calibration
 import numpy as np
 import stress
 from judging import Drive, estimate_with, judge
+from patched import patched
 from stress_rows import BY_NAME
 from tables import HEADINGS, Run
 
@@ -41,17 +42,23 @@ NOTICED_RMS, NOTICED_POINTS = 0.02, 1.0
 
 @dataclass(frozen=True)
 class Variant:
-    """The estimator with some constants changed ("group.name" -> value), or with its samples edited."""
+    """The estimator with something changed.
+
+    values: constants. patch: other names of its modules ("module.NAME"), see `patched`. facts: what it knows
+    of the vehicle. edit: what happens to the samples.
+    """
 
     name: str
     values: Mapping[str, float] = field(default_factory=dict)
+    patch: Mapping[str, Any] = field(default_factory=dict)
+    facts: Mapping[str, Any] = field(default_factory=dict)
     edit: Callable[[ModelBlock], ModelBlock] | None = None
 
     def make(self, facts: VehicleFacts) -> GaussianSum:
         """Return an estimator of this kind."""
-        namespace = {"constants": changed(CONSTANTS, self.values)}
-        kind: type[GaussianSum] = type("Variant", (GaussianSum,), namespace)
-        return kind(GaussianSum.descriptions[0].name, facts)
+        constants = changed(CONSTANTS, self.values)
+        kind: type[GaussianSum] = type("Variant", (GaussianSum,), {"constants": constants})
+        return kind(GaussianSum.descriptions[0].name, replace(facts, **self.facts))
 
 
 Job = tuple[str, int, Sequence[Variant]]
@@ -61,6 +68,7 @@ class Effect(NamedTuple):
     """What a variant changes: mean differences from the default, and in how many runs that is noticeable."""
 
     differences: dict[str, float]
+    errors: dict[str, float]  #: standard errors of these means
     noticed: float  #: percent of the runs
 
     @property
@@ -69,27 +77,14 @@ class Effect(NamedTuple):
         sizes = [abs(self.differences[figure]) for figure in SHARES]
         return max((size for size in sizes if not np.isnan(size)), default=0.0)
 
-
-def constant_names() -> list[str]:
-    """Return "group.name" of every constant."""
-    return [f"{group}.{name}" for group, part in CONSTANTS._asdict().items() for name in part._fields]
-
-
-def value_of(name: str) -> float:
-    """Return the value of a constant."""
-    group, _, own = name.partition(".")
-    value: float = getattr(getattr(CONSTANTS, group), own)
-    return value
+    def is_certain(self, figure: str, errors: float = 2.0) -> bool:
+        """Return whether a difference is larger than so many of its standard errors."""
+        return abs(self.differences[figure]) > errors * self.errors[figure]
 
 
 def changed(constants: Constants, values: Mapping[str, float]) -> Constants:
-    """Return constants with some values changed, each of the type that it had."""
-    for name, value in values.items():
-        group, _, own = name.partition(".")
-        part = getattr(constants, group)
-        part = part._replace(**{own: type(getattr(part, own))(value)})
-        constants = constants._replace(**{group: part})
-    return constants
+    """Return constants with some values changed."""
+    return constants._replace(**{name: float(value) for name, value in values.items()})
 
 
 def without(column: str, samples: ModelBlock) -> ModelBlock:
@@ -111,11 +106,13 @@ def one_drive(job: Job) -> list[Run]:
     name, seed, variants = job
     drive = draw(name, seed)
     row = BY_NAME.get(name)
+    start_kg = row.start_kg if row else START_KG
     runs: list[Run] = []
     for variant in variants:
         edited = replace(drive, samples=variant.edit(drive.samples)) if variant.edit else drive
         for accelerometer in row.accelerometer if row else (False, True):
-            estimates, _ = estimate_with(variant.make, edited, START_KG, accelerometer=accelerometer)
+            with patched(variant.patch):
+                estimates, _ = estimate_with(variant.make, edited, start_kg, accelerometer=accelerometer)
             figures = stress.judged(row, drive, estimates) if row else judge(drive, estimates)
             about = {"drive": name, "seed": seed, "variant": variant.name, "accelerometer": accelerometer}
             runs.append(about | {figure: figures[figure] for figure in FIGURES})
@@ -139,19 +136,26 @@ def means(runs: list[Run]) -> dict[str, float]:
 
     The mean, also of an RMS: in a pooled square the stops in which a load changes would drown the rest.
     """
-    columns = {figure: _column(runs, figure) for figure in FIGURES}
-    return {figure: _mean(column) for figure, column in columns.items()}
+    return {figure: _mean(_column(runs, figure)) for figure in FIGURES}
 
 
 def effect(default: list[Run], variant: list[Run]) -> Effect:
-    """Compare the runs of a variant with those of the default on the same drives in the same order."""
-    differences, noticed = {}, np.zeros(len(default), np.bool_)
+    """Compare the runs of a variant with those of the default on the same drives in the same order.
+
+    The standard error takes the runs of one drive, without and with accelerometer, as one.
+    """
+    differences, errors, noticed = {}, {}, np.zeros(len(default), np.bool_)
+    drives: dict[tuple[str, int], list[int]] = {}
+    for number, run in enumerate(default):
+        drives.setdefault((run["drive"], run["seed"]), []).append(number)
     for figure in FIGURES:
         before, after = _column(default, figure), _column(variant, figure)
         differences[figure] = _mean(after - before)
+        of_drives = np.array([_mean((after - before)[rows]) for rows in drives.values()])
+        errors[figure] = _standard_error(of_drives)
         least = NOTICED_POINTS if "rms" not in figure else NOTICED_RMS * before
         noticed |= (np.abs(after - before) > least) | (np.isnan(after) != np.isnan(before))
-    return Effect(differences, 100.0 * float(np.mean(noticed)))
+    return Effect(differences, errors, 100.0 * float(np.mean(noticed)))
 
 
 def by_variant(runs: list[Run]) -> dict[str, list[Run]]:
@@ -171,10 +175,22 @@ def _mean(column: FloatColumn) -> float:
     return float(np.mean(known)) if len(known) else float("nan")
 
 
+def _standard_error(column: FloatColumn) -> float:
+    known = column[~np.isnan(column)]
+    return float(np.std(known, ddof=1) / np.sqrt(len(known))) if len(known) > 1 else float("inf")
+
+
 def default_line(runs: list[Run]) -> str:
     """Return the figures of the default in a sentence."""
     figures = means(runs)
     return "Default: " + "; ".join(f"{HEADINGS[f]}: {figures[f]:.2f}" for f in FIGURES) + "."
+
+
+def difference(found: Effect, figure: str) -> str:
+    """Return the mean difference of a figure, bold where it is certain."""
+    digits = 3 if figure == "grade_rms" else 2
+    text = f"{found.differences[figure]:+.{digits}f}"
+    return f"**{text}**" if found.is_certain(figure) else text
 
 
 def common_options(

@@ -58,17 +58,19 @@ def list_(as_json: bool) -> None:
 @click.argument("name")
 @_as_json
 def show(name: str, as_json: bool) -> None:
-    """Print what the estimator NAME is and every option of it."""
+    """Print what the estimator NAME is, every option of it, and the constants of its method."""
     from canest.estimators import registry
-    from canest.estimators.description import PAPERS, option_rows, shown
+    from canest.estimators.description import PAPERS, constant_rows, option_rows, shown
 
     registry.require_known(name, where="canest estimators show")
     found = registry.describe(name)
     rows = list(option_rows(found.options))
+    constants = list(constant_rows(registry.estimator_class(name).constants))
     if as_json:
         presets = {key: dict(values) for key, values in found.options.presets.items()}
         options = [row._asdict() for row in rows]
-        _print_json({**_described(found), "presets": presets, "options": options})
+        of_method = [row._asdict() for row in constants]
+        _print_json({**_described(found), "presets": presets, "options": options, "constants": of_method})
         return
     console = _console()
     for line in (
@@ -79,13 +81,18 @@ def show(name: str, as_json: bool) -> None:
         f"presets: {', '.join(found.presets) or 'none'}",
     ):
         console.print(line, soft_wrap=True, markup=False)
-    if not rows:
+    if rows:
+        table = _table("option", "default", "unit", "allowed", "meaning")
+        for row in rows:
+            table.add_row(row.name, shown(row.default), row.unit, row.allowed, row.text)
+        console.print(table)
+    else:
         console.print("options: none")
-        return
-    table = _table("option", "default", "unit", "allowed", "meaning")
-    for row in rows:
-        table.add_row(row.name, shown(row.default), row.unit, row.allowed, row.text)
-    console.print(table)
+    if constants:
+        table = _table("symbol", "constant", "value", "unit", "source")
+        for c in constants:
+            table.add_row(c.symbol, c.name, f"{c.value:g}", c.unit, c.source)
+        console.print(table)
 
 
 def _described(d: Description) -> dict[str, Any]:

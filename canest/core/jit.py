@@ -63,8 +63,12 @@ class Kernel:
         self._source: Any = function
         self.__doc__ = function.__doc__
         self.__name__ = function.__name__
-        self._interpreted = interpreted
+        self._beside = self._interpreted = interpreted
         self._compiled: Callable[..., Any] | None = None
+
+    def forget(self) -> None:
+        """Bind and compile anew at the next call, since what the kernel reads of its module has changed."""
+        self._interpreted, self._compiled = self._beside, None
 
     @property
     def interpreted(self) -> Callable[..., Any]:

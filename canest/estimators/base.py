@@ -21,6 +21,8 @@ class Estimator(ABC):
 
     #: the estimators that this class serves, one description per name
     descriptions: ClassVar[tuple[Description, ...]] = ()
+    #: what the method's author has set: a named tuple of `Annotated` numbers (see `constant_rows`)
+    constants: tuple[Any, ...] = ()
     #: True when the method winds up without excitation and so wants the low_excitation gate
     wants_excitation_gate: ClassVar[bool] = False
     #: True when the method gives no mass of its own (a grade observer)

@@ -4,7 +4,17 @@ from __future__ import annotations
 
 import types
 from collections.abc import Iterator
-from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
+from typing import (
+    Any,
+    Literal,
+    NamedTuple,
+    Protocol,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+    runtime_checkable,
+)
 
 from pydantic import BaseModel, Field
 from pydantic.config import JsonDict
@@ -53,6 +63,33 @@ class OptionRow(NamedTuple):
     text: str
 
 
+class ConstantRow(NamedTuple):
+    """One constant of a method for people: name, symbol, value, unit, and where the value comes from."""
+
+    name: str
+    symbol: str
+    value: float
+    unit: str
+    source: str
+
+
+@runtime_checkable
+class AboutConstant(Protocol):
+    """What the annotation of a constant tells of it, `Annotated[float, ...]`."""
+
+    @property
+    def symbol(self) -> str:
+        """In the method's equations."""
+
+    @property
+    def unit(self) -> str:
+        """ "1" for a number without one."""
+
+    @property
+    def text(self) -> str:
+        """A paper, a measurement, or what was weighed against what."""
+
+
 def option(
     default: Any,
     text: str,
@@ -85,6 +122,15 @@ def option_rows(model: type[BaseModel], prefix: str = "") -> Iterator[OptionRow]
         section = _section(field.annotation)
         if section is not None:
             yield from option_rows(section, f"{prefix}{key}.")
+
+
+def constant_rows(constants: tuple[Any, ...]) -> Iterator[ConstantRow]:
+    """Yield every constant that is annotated with an `AboutConstant`. constants: a named tuple, or ()."""
+    hints = get_type_hints(type(constants), include_extras=True)
+    for name, value in zip(getattr(constants, "_fields", ()), constants, strict=True):
+        for about in getattr(hints.get(name), "__metadata__", ()):
+            if isinstance(about, AboutConstant):
+                yield ConstantRow(name, about.symbol, value, about.unit, about.text)
 
 
 def _allowed(field: FieldInfo) -> str:

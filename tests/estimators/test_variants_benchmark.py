@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import pkgutil
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
 from canest.core import jit
+from canest.core.samples import VehicleFacts
 from canest.estimators.default.constants import CONSTANTS
 
 from .benchmark_modules import benchmark
@@ -13,6 +17,7 @@ from .benchmark_modules import benchmark
 variants = benchmark("variants")
 sensitivity = benchmark("sensitivity")
 ablation = benchmark("ablation")
+patching = benchmark("patched")
 
 
 @pytest.fixture
@@ -25,33 +30,25 @@ def short(variants, benchmark_module, monkeypatch):
 
 
 def test_every_constant_is_halved_and_doubled(variants, sensitivity):
-    names = variants.constant_names()
-    assert len(names) == sum(len(group) for group in CONSTANTS)
-    for name in names:
-        for value in sensitivity.values_of(name).values():
-            found = variants.changed(CONSTANTS, {name: value})
-            differ = [
-                (group, own)
-                for group in CONSTANTS._fields
-                for own, a, b in zip(
-                    getattr(CONSTANTS, group)._fields,
-                    getattr(CONSTANTS, group),
-                    getattr(found, group),
-                    strict=True,
-                )
-                if a != b or type(a) is not type(b)
-            ]
-            assert differ == [tuple(name.split("."))]
+    assert len(sensitivity.VALUES) == len(CONSTANTS)
+    for name, value in sensitivity.VALUES.items():
+        halved, doubled = sensitivity.values_of(name).values()
+        assert halved == value / 2.0
+        assert value < doubled <= 2.0 * value
+        found = variants.changed(CONSTANTS, {name: doubled})
+        differ = [a for a, b, c in zip(CONSTANTS._fields, CONSTANTS, found, strict=True) if b != c]
+        assert differ == [name]
 
 
-def test_a_probability_stays_below_1(sensitivity):
+def test_what_cannot_be_more_than_1_stays_below(sensitivity):
     for name in sensitivity.PROBABILITIES:
         assert 0.0 < max(sensitivity.values_of(name).values()) < 1.0
-    assert sensitivity.values_of("load.banks") == {"halved": 2, "doubled": 8}
+    for name in sensitivity.WHOLE:
+        assert max(sensitivity.values_of(name).values()) <= 1.0
 
 
 def test_one_constant_on_one_drive(variants, sensitivity, short):
-    name = "noise.outlier"
+    name = "outlier_nis"
     every = (variants.Variant(variants.DEFAULT), *sensitivity.variants_of([name]))
     runs = variants.one_drive((short, 1, every))
     assert len(runs) == 3 * 2
@@ -60,6 +57,32 @@ def test_one_constant_on_one_drive(variants, sensitivity, short):
     page = sensitivity.page(runs, found, "command")
     assert f"| `{name}` | 9 |" in page
     assert "    command -o docs/measured/sensitivity.md" in page
+
+
+def test_every_mechanism_changes_names_that_there_are(ablation, patching):
+    names = [mechanism.name for mechanism in ablation.MECHANISMS]
+    assert len(set(names)) == len(names)
+    for mechanism in ablation.MECHANISMS:
+        assert set(mechanism.values) <= set(CONSTANTS._fields), mechanism.name
+        assert set(mechanism.facts) <= {field.name for field in fields(VehicleFacts)}, mechanism.name
+        assert mechanism.values or mechanism.facts or mechanism.patch or mechanism.edit, mechanism.name
+        with patching.patched(mechanism.patch):
+            for name, value in mechanism.patch.items():
+                found = pkgutil.resolve_name(f"{patching.PACKAGE}.{name}")
+                assert found == value or found.interpreted.__name__ == value.__name__, mechanism.name
+
+
+def test_a_patch_holds_within_and_not_after(variants, patching, short):
+    drive = variants.draw(short, 3)
+    whole, blind = variants.Variant("whole"), variants.Variant("patched", patch={"kernel._SEE_EVERY": 1e9})
+    ends = []
+    for one in (whole, blind, whole):
+        with patching.patched(one.patch):
+            estimates, _ = variants.estimate_with(one.make, drive, 21000.0, accelerometer=True)
+        ends.append(float(estimates.grade[-1]))
+    assert ends[0] == ends[2] != ends[1]
+    with pytest.raises(AttributeError), patching.patched({"kernel._NO_SUCH_NAME": 0}):
+        pass
 
 
 def test_a_signal_that_is_removed_counts_only_where_it_was(variants, ablation, short, monkeypatch):
@@ -74,7 +97,7 @@ def test_a_signal_that_is_removed_counts_only_where_it_was(variants, ablation, s
     assert "| **nothing** | | " in page
 
 
-def test_without_any_mechanism_there_are_numbers_on_a_drive_with_stops(ablation, benchmark_module):
+def test_without_any_mechanism_there_are_numbers_on_a_drive_with_stops(ablation, patching, benchmark_module):
     judging = benchmark_module("judging")
     scenario = {
         "seed": 4,
@@ -86,23 +109,26 @@ def test_without_any_mechanism_there_are_numbers_on_a_drive_with_stops(ablation,
     }
     drive = judging.prepare(scenario)
     assert np.any(np.diff(drive.samples.stopped.astype(int)) < 0)
-    names = {mechanism.name for mechanism in ablation.MECHANISMS}
-    assert len(names) == len(ablation.MECHANISMS)
     for mechanism in ablation.MECHANISMS:
         samples = mechanism.edit(drive.samples) if mechanism.edit else drive.samples
         edited = judging.Drive(samples, drive.facts, drive.mass_kg, drive.grade, drive.speed_mps)
-        estimates, _ = judging.estimate_with(mechanism.make, edited, 21000.0, accelerometer=True)
+        with patching.patched(mechanism.patch):
+            estimates, _ = judging.estimate_with(mechanism.make, edited, 21000.0, accelerometer=True)
         for column in (estimates.mass_kg, estimates.mass_std_kg, estimates.grade, estimates.grade_std):
             assert np.isfinite(column).all(), mechanism.name
 
 
 def test_an_effect_is_the_mean_difference_and_the_share_of_runs_that_notice(variants):
-    def run(rms, valid):
-        return dict.fromkeys(variants.FIGURES, 0.0) | {"rms_120": rms, "valid": valid}
+    def run(seed, rms, valid):
+        about = {"drive": "any", "seed": seed}
+        return about | dict.fromkeys(variants.FIGURES, 0.0) | {"rms_120": rms, "valid": valid}
 
-    found = variants.effect([run(1.0, 90.0), run(10.0, 90.0)], [run(1.01, 90.0), run(11.0, 86.0)])
+    before = [run(1, 1.0, 90.0), run(2, 10.0, 90.0)]
+    found = variants.effect(before, [run(1, 1.01, 90.0), run(2, 11.0, 86.0)])
     assert found.differences["rms_120"] == pytest.approx(0.505)
     assert found.differences["valid"] == pytest.approx(-2.0)
     assert (found.size, found.noticed) == (pytest.approx(2.0), 50.0)
-    lost = variants.effect([run(1.0, 90.0)], [run(float("nan"), 90.0)])
+    assert found.errors["valid"] == pytest.approx(2.0)  # of two drives
+    assert not found.is_certain("valid")
+    lost = variants.effect(before[:1], [run(1, float("nan"), 90.0)])
     assert lost.noticed == 100.0

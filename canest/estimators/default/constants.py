@@ -31,7 +31,8 @@ class Constants(NamedTuple):
         0.3
     )
     pitch_rad_per_mps2: Annotated[
-        float, Source("p", "rad s2/m", "measured: trucks 0.01, cars and the gain of a sensor -0.003 to 0.003")
+        float,
+        Source("p_0", "rad s2/m", "measured: trucks 0.01, cars and the gain of a sensor -0.003 to 0.003"),
     ] = 0.003
     pitch_std_rad_per_mps2: Annotated[
         float, Source("s_p", "rad s2/m", "chosen: where the config states none")
