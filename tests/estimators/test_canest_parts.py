@@ -186,7 +186,7 @@ def test_modes_exchange_probability_and_moments():
     count = hypotheses.exchange(mix, 2, (roads, (1, 0, 0, 1), (1, 0, 0, 1)), (0.0, 0.0, 0.0), 1e-9, t)
     weights = {int(mix.mode[d]): mix.weight[d] for d in range(count)}
     assert weights == pytest.approx({0: 0.45, m.CURVED: 0.15, m.ROUGH: 0.05 + 0.35})
-    rough = [d for d in range(count) if mix.mode[d] == m.ROUGH][0]
+    rough = next(d for d in range(count) if mix.mode[d] == m.ROUGH)
     p = np.array([0.05, 0.35]) / 0.4
     mean = p @ x
     spread = sum(p[d] * (P[d] + np.outer(x[d] - mean, x[d] - mean)) for d in range(2))
