@@ -59,9 +59,14 @@ def estimated(config, frames: FrameBlock):
 
 
 def deviation_pct(clean, attacked) -> float:
-    """Return the largest change of a valid mass in per cent; both must have the same ticks."""
+    """Return the largest change of a valid mass in per cent; both must have the same ticks.
+
+    What is not valid under attack, as after a stop, must agree within three of its standard deviations.
+    """
     assert np.array_equal(clean.t_us, attacked.t_us)
-    valid = clean.status == Status.VALID
+    known = clean.status == Status.VALID
+    assert (np.abs(attacked.mass_kg - clean.mass_kg) < 3.0 * attacked.mass_std_kg)[known].all()
+    valid = known & (attacked.status == Status.VALID)
     assert valid.any()
     return float(np.abs(attacked.mass_kg[valid] / clean.mass_kg[valid] - 1.0).max() * 100.0)
 
