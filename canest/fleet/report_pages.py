@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from datetime import UTC
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from canest.report.page import Bar, Card, Column, Page, Section, Table, cells, t
 #: points of a figure at most; of more trips every second, third ... is drawn
 POINTS_MAX = 2000
 TRIPS_SHOWN = 50
-_DAY_S = 86_400.0
+_DAY_US = 86_400e6
 
 _FLEET_COLUMNS: tuple[Column, ...] = (
     Column("logs", "logs", ",.0f"),
@@ -96,8 +95,9 @@ def vehicle_page(vehicle: Mapping[str, Any], trips: Any) -> Page:
             Card("Trend", value_text(vehicle["trend_pct"], "+.2f", " %"), "of the traction per 100 days"),
         ],
     )
-    shown = trips.take(np.arange(0, len(trips), -(-len(trips) // POINTS_MAX)))
-    dropped = f" Every {-(-len(trips) // POINTS_MAX)}th trip is shown." if len(shown) < len(trips) else ""
+    every = max(1, -(-len(trips) // POINTS_MAX))
+    shown = trips if every == 1 else trips.take(np.arange(0, len(trips), every))
+    dropped = f" Every {every}th trip is shown." if every > 1 else ""
     page.sections.append(
         Section(
             "Masses and residuals",
@@ -115,16 +115,20 @@ def vehicle_page(vehicle: Mapping[str, Any], trips: Any) -> Page:
 
 def _figure(trips: Any) -> Rows:
     """Draw masses and residuals over time; over the number of the trip where no trip has a date."""
-    start = trips["start"].to_pylist()
-    dated = any(start)
-    x: list[Any] = (
-        [t.isoformat(" ", "seconds") if t else None for t in start] if dated else [*range(len(start))]
-    )
+    import pyarrow.compute as pc  # only a lake has such tables
+
+    start = trips["start"].to_numpy()
+    known = ~np.isnat(start)
+    dated = bool(known.any())
+    x: list[Any] = [*range(len(start))]
+    if dated:
+        x = np.datetime_as_string(start, "s").tolist()
+        for at in np.flatnonzero(~known).tolist():
+            x[at] = None
     rows = Rows(["mass, t", "residual, % of traction"], [1.3, 1.0], "UTC" if dated else "trip")
-    status = np.array(trips["status"].to_pylist())
+    valid = pc.equal(trips["status"], "valid").to_numpy()
     mass, std = _floats(trips, "mass_kg") / 1e3, _floats(trips, "mass_std_kg") / 1e3
     reported = _floats(trips, "reported_mass_kg") / 1e3
-    valid = status == "valid"
     for chosen, name, symbol in ((valid, "valid", "circle"), (~valid, "not valid", "circle-open")):
         rows.traces.append({
             "type": "scatter", "mode": "markers", "name": name, "x": x, "yaxis": "y", "xaxis": "x",
@@ -144,12 +148,8 @@ def _figure(trips: Any) -> Rows:
         "type": "scatter", "mode": "markers", "name": "residual", "x": x, "yaxis": "y2", "xaxis": "x2",
         "y": numbers(residual, 3), "marker": {"color": look.RED, "size": 5}, "hovertemplate": "%{y:.2f} %",
     })  # fmt: skip
-    days = (
-        np.array([t.replace(tzinfo=UTC).timestamp() / _DAY_S if t else np.nan for t in start])
-        if dated
-        else np.arange(len(x))
-    )
-    line = _trend(np.asarray(days, np.float64), residual)
+    days = np.where(known, start.astype(np.int64) / _DAY_US, np.nan) if dated else np.arange(float(len(x)))
+    line = _trend(days, residual)
     if line is not None:
         rows.line(2, x, numbers(line, 3), "trend", look.Stroke(look.INK, dash="dash"), hover="%{y:.2f} %")
     return rows
