@@ -20,6 +20,7 @@ from canest.fleet.bundle import Bundle
 from canest.fleet.job import Bundles, FleetJob, Outcome, Settings
 from canest.fleet.manifest import Rule
 from canest.fleet.recording import CALENDAR_END_US, EPOCH_US, Recording
+from canest.fleet.result_names import SUFFIX, result_of
 from canest.fleet.storage import Storage, download
 from canest.fleet.tables import SCHEMA_VERSION, trips_file
 from canest.fleet.trips import trip_rows
@@ -46,11 +47,6 @@ def process_log(job: FleetJob, bundles: Bundles, settings: Settings) -> Outcome:
             return Outcome(job.log.name, error=text)
         except Exception as error:
             return Outcome(job.log.name, error=f"unexpected {type(error).__name__}: {error}")
-
-
-def log_id(name: str) -> str:
-    """Return what stands for a log's path in names of files."""
-    return hashlib.blake2b(name.encode("utf-8", "surrogateescape"), digest_size=6).hexdigest()
 
 
 def result_key(job: FleetJob, path: Path, bundle: Bundle, vehicle: str, settings: Settings) -> str:
@@ -129,7 +125,7 @@ def _replayed(
             legs.add(estimates, recording.taken_speeds())
     rows = list(trip_rows(legs, recording, _of_log(run, job.log.name, bundle, key)))
     partition = f"{vehicle_names.folder_of(vehicle)}/date={_date(recording.first_us)}"
-    file = f"{log_id(job.log.name)}-{key}.parquet"
+    file = result_of(job.log.name, key) + SUFFIX
     outcome = Outcome(job.log.name, key=key, trips=len(rows), written=f"trips/{partition}/{file}")
     if recording.samples is not None:
         outcome.samples = recording.samples.rows

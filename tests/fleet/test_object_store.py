@@ -48,10 +48,52 @@ def test_from_a_store_into_a_store_with_resume_query_and_forget(s3, logs, manife
     assert there.out == here.out
     python(FETCH, s3, tmp_path / "copy")
     assert len(files_of(tmp_path / "copy")) == len(files_of(lake))
+    done = command("compact", "s3://fleet-lake/lake", environment=s3)
+    assert (done.code, done.out) == (0, "nothing to join\n"), done.err
     gone = command("forget", "s3://fleet-lake/lake", "truck-1", environment=s3)
     assert gone.out == "8 files removed\n", gone.err
     left = command("query", "s3://fleet-lake/lake", "select distinct vehicle from trips", environment=s3)
     assert left.out == "vehicle\ntruck-2\n"
+
+
+JOIN = """
+import sys
+from threading import Thread
+import s3fs
+from canest.fleet import vehicle_lock
+from canest.fleet.compact import compact
+from canest.fleet.lake import Lake
+from tests.fleet.test_compact import content, outcome
+s3fs.S3FileSystem().mkdir("fleet-lake")
+url = "s3://fleet-lake/lake"
+lake = Lake.create(url)
+for number in range(4):
+    lake.commit(outcome(f"{number}.log"))
+before = content(url)
+with vehicle_lock.vehicle_lock(lake.storage, "vehicle=t1"):
+    joining = Thread(target=compact, args=(url,))
+    joining.start()
+    joining.join(2)
+    assert joining.is_alive()  # it waits for the lock
+joining.join()
+assert len(lake.storage.names("")) == 3, lake.storage.names("")
+assert content(url) == before
+lake = Lake.create(url)
+assert lake.keys("3.log") == {"0000000000000001"}
+lake.commit(outcome("3.log", "0000000000000002"))
+lake.commit(outcome("4.log"))
+vehicle_lock.LEASE_S = 0.0  # of a process that was killed
+with vehicle_lock.vehicle_lock(lake.storage, "vehicle=t1"):
+    compact(url)
+trips, samples = content(url)
+assert {row[3] for row in trips if row[1] == "3.log"} == {"0000000000000002"}
+assert (len(trips), len(samples)) == (10, 15)
+"""
+
+
+@pytest.mark.slow
+def test_in_a_store_files_are_joined_under_a_lock_that_a_killed_process_does_not_keep(s3):
+    python(JOIN, s3)
 
 
 @pytest.mark.slow
