@@ -44,7 +44,7 @@ def test_the_lake_has_a_row_per_leg_and_two_logs_of_equal_content_are_two(lake):
 
 def test_every_file_names_the_version_of_its_schema(lake):
     for path in [*lake.glob("trips/*/*/*.parquet"), *lake.glob("samples/*/*/*.parquet")]:
-        assert pq.read_metadata(path).metadata[b"canest.schema"] == b"2"
+        assert pq.read_metadata(path).metadata[b"canest.schema"] == b"3"
 
 
 def test_what_is_there_is_not_done_again_and_what_changed_is(lake, logs, manifest, tmp_path):
