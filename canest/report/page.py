@@ -21,7 +21,7 @@ from canest.system.result_files import write_result
 
 #: the file that the reports of one directory share: plotly, and our own scripts after it
 SCRIPT = "plotly.min.js"
-_SCRIPTS = ("theme.js", "detail.js", "figure.js", "cursor.js", "start.js")
+_SCRIPTS = ("theme.js", "detail.js", "figure.js", "cursor.js", "table.js", "start.js")
 
 
 @dataclass(slots=True)
@@ -39,6 +39,7 @@ class Table:
     """Rows of text. left: columns of words (the others are figures). marked: index of a row to stress.
 
     links: a page for the first cell of each row, '' for none. tones: of its last cell, as of `Card`.
+    sortable: by a click on a title; a table of many rows can be searched too.
     """
 
     header: list[str]
@@ -47,6 +48,7 @@ class Table:
     left: tuple[int, ...] = (0,)
     links: list[str] = field(default_factory=list)
     tones: list[str] = field(default_factory=list)
+    sortable: bool = False
 
 
 class Column(NamedTuple):
@@ -104,7 +106,7 @@ class Section:
 class Page:
     """A whole report: one sentence first, then cards, then sections.
 
-    home: page that the title leads to.
+    home, home_text: page above this one, and what leads to it is called.
     """
 
     title: str
@@ -113,6 +115,7 @@ class Page:
     cards: list[Card] = field(default_factory=list)
     sections: list[Section] = field(default_factory=list)
     home: str = ""
+    home_text: str = ""
 
     def write(self, path: str | Path, script_file: str = "") -> None:
         """Write the file. Errors: OutputError (cannot write, extra `report` not installed)."""
