@@ -273,7 +273,7 @@ def _tally_lines(tally: Tally, lake: str) -> list[str]:
     ]
     if tally.passed_over:
         shown = ", ".join(tally.passed_over[:3]) + (", ..." if len(tally.passed_over) > 3 else "")
-        lines.append(f"{len(tally.passed_over):,} other files passed over: {shown}")
+        lines.append(f"{len(tally.passed_over):,} files passed over that are no logs: {shown}")
     return [*lines, f"written {lake}"]
 
 

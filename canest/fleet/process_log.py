@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import tempfile
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -21,10 +20,11 @@ from canest.fleet.job import Bundles, FleetJob, Outcome, Settings
 from canest.fleet.manifest import Rule
 from canest.fleet.recording import CALENDAR_END_US, EPOCH_US, Recording
 from canest.fleet.result_names import SUFFIX, result_of
-from canest.fleet.storage import Storage, download
+from canest.fleet.storage import Storage, StoreError, download
 from canest.fleet.tables import SCHEMA_VERSION, trips_file
 from canest.fleet.trips import trip_rows
 from canest.fleet.vin import vin_of
+from canest.fleet.work_folder import work_folder
 from canest.logs.budget import log_budget
 from canest.offline.legs import Legs
 from canest.offline.replay import LogRun
@@ -36,24 +36,44 @@ _PIECE_BYTES = 1 << 20
 
 def process_log(job: FleetJob, bundles: Bundles, settings: Settings) -> Outcome:
     """Return the result of a log, or why there is none. Whatever goes wrong with this log stays with it."""
-    with tempfile.TemporaryDirectory(prefix="canest-fleet-") as folder:
-        try:
-            with log_budget(settings.budget):
-                return _process(job, bundles, settings, Path(folder))
-        except CanestError as error:
-            # by its name below SOURCE it is known, wherever its copy lies
-            copy = Path(folder) / Path(job.log.url).name
-            text = str(error).replace(f"{job.log.url}: ", "").replace(f"{copy}: ", "")
-            return Outcome(job.log.name, error=text)
-        except Exception as error:
-            return Outcome(job.log.name, error=f"unexpected {type(error).__name__}: {error}")
+    log = _Log(job.log.url)
+    try:
+        with log, log_budget(settings.budget):
+            return _process(job, bundles, settings, log)
+    except CanestError as error:
+        # by its name below SOURCE it is known, wherever its copy lies
+        text = str(error).replace(f"{job.log.url}: ", "").replace(f"{log.copy}: ", "")
+        return Outcome(job.log.name, error=text, unreachable=isinstance(error, StoreError))
+    except Exception as error:
+        return Outcome(job.log.name, error=f"unexpected {type(error).__name__}: {error}")
 
 
-def result_key(job: FleetJob, path: Path, bundle: Bundle, vehicle: str, settings: Settings) -> str:
+class _Log:
+    """A log on this machine: itself, or a copy that is fetched when it is wanted and removed in the end."""
+
+    def __init__(self, url: str) -> None:
+        self._url, self._stack = url, ExitStack()
+        self.copy: Path | None = None
+
+    def path(self) -> Path:
+        """Return the file. Errors: LogError where it cannot be fetched."""
+        if "://" not in self._url:
+            return Path(self._url)
+        if self.copy is None:
+            self.copy = download(self._url, self._stack.enter_context(work_folder()))
+        return self.copy
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+
+def result_key(revision: str, bundle: Bundle, vehicle: str, settings: Settings) -> str:
     """Return the digest of all that a result depends on: content, config, version, settings."""
-    content = job.log.revision or content_digest(path)
     parts = (
-        content, bundle.digest, bundle.name, __version__, SCHEMA_VERSION, vehicle, settings.samples_hz,
+        revision, bundle.digest, bundle.name, __version__, SCHEMA_VERSION, vehicle, settings.samples_hz,
         settings.positions,
     )  # fmt: skip
     return hashlib.blake2b("\n".join(map(str, parts)).encode(), digest_size=8).hexdigest()
@@ -71,23 +91,19 @@ def content_digest(path: Path) -> str:
     return digest.hexdigest()
 
 
-def _process(job: FleetJob, bundles: Bundles, settings: Settings, folder: Path) -> Outcome:
+def _process(job: FleetJob, bundles: Bundles, settings: Settings, log: _Log) -> Outcome:
     name = job.log.name
-    path: Path | None = None
     vehicle, rule, digest = job.rules[0][0].vehicle, *job.rules[0]
     if rule.asks_for_vin:
-        path = _local(job, folder)
-        chosen = choose_by_vin(job.rules, path)
+        chosen = choose_by_vin(job.rules, log.path())
         if isinstance(chosen, str):
             return Outcome(name, unmatched=chosen)
         vehicle, digest = chosen
     vehicle, bundle = vehicle_names.vehicle_name(vehicle, settings.vin_key), bundles[digest]
-    if path is None and not (job.log.revision and job.known):
-        path = _local(job, folder)
-    key = result_key(job, path or Path(), bundle, vehicle, settings)
+    key = result_key(job.log.revision or content_digest(log.path()), bundle, vehicle, settings)
     if key in job.known:
         return Outcome(name, key=key, present=True)
-    return _replayed(job, path or _local(job, folder), bundle, vehicle, (key, settings))
+    return _replayed(job, log.path(), bundle, vehicle, (key, settings))
 
 
 def choose_by_vin(rules: Sequence[tuple[Rule, str]], path: Path) -> tuple[str, str] | str:
@@ -105,10 +121,6 @@ def choose_by_vin(rules: Sequence[tuple[Rule, str]], path: Path) -> tuple[str, s
     if reader.found:
         return f"the log carries {len(set(reader.found.values()))} different VINs, and none of the engine"
     return "no rule of the manifest fits, and the log carries no VIN"
-
-
-def _local(job: FleetJob, folder: Path) -> Path:
-    return download(job.log.url, folder) if "://" in job.log.url else Path(job.log.url)
 
 
 def _replayed(

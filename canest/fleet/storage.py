@@ -23,6 +23,14 @@ RETRY_PAUSES_S = (0.5, 2.0, 5.0)
 #: errors that stay as they are however often one asks
 _FINAL = (FileNotFoundError, FileExistsError, PermissionError, IsADirectoryError, NotADirectoryError)
 _LOCAL = ("", "file", "local")
+#: of the packages below: without these, a store that is gone is asked a hundred times for each log
+_S3 = {"config_kwargs": {"retries": {"total_max_attempts": 1, "mode": "standard"}, "connect_timeout": 10}}
+_OPTIONS: dict[str, dict[str, Any]] = {"s3": _S3, "s3a": _S3}
+_S3_ATTEMPTS = 2
+
+
+class StoreError(LogError):
+    """A store did not answer, however often it was asked."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +60,7 @@ class Storage:
         """Return the fsspec file system. Errors: UsageError."""
         (fsspec,) = require("fsspec", why=f"{self.protocol or 'a file'}://")
         try:
-            return fsspec.filesystem(self.protocol or "file")
+            files = fsspec.filesystem(self.protocol or "file", **_OPTIONS.get(self.protocol, {}))
         except (ImportError, ValueError) as error:
             raise UsageError(
                 f"cannot reach {self.protocol}://",
@@ -60,6 +68,9 @@ class Storage:
                 found=str(error),
                 expected="a path, s3://, or a protocol whose fsspec package is installed",
             ) from None
+        if self.protocol in _OPTIONS:
+            files.retries = _S3_ATTEMPTS
+        return files
 
     def url(self, name: str = "") -> str:
         """Return the path or URL of a file below it."""
@@ -171,8 +182,10 @@ def download(url: str, folder: Path) -> Path:
     path = folder / (posixpath.basename(url) or "log")
     try:
         retried(lambda: storage.files.get_file(f"{storage.root}/{posixpath.basename(url)}", str(path)))
-    except Exception as error:
+    except _FINAL as error:
         raise LogError(f"cannot be fetched: {plain(error)}", where=url) from None
+    except Exception as error:
+        raise StoreError(f"cannot be fetched: {plain(error)}", where=url) from None
     return path
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
+import signal
 import subprocess
 import sys
 
 import pytest
 
-from .conftest import ROOT, command, files_of, run
+from .conftest import ROOT, command, files_of, run, wait_for
 
 UPLOAD = """
 import sys
@@ -125,4 +127,63 @@ def find_logs(source):
 fleet_run.find_logs = find_logs
 source, lake, manifest = sys.argv[1:]
 sys.exit(run(["fleet", "run", source, "-o", lake, "--manifest", manifest]))
+"""
+
+
+@pytest.mark.slow
+def test_a_store_that_goes_away_in_the_middle_costs_the_logs_that_are_left(s3, s3_server, logs, tmp_path):
+    python(UPLOAD, s3, logs)
+    rules = tmp_path / "fleet.csv"
+    rules.write_text("pattern,vehicle,config\n*,truck-1,kenworth\n")
+    python(MAKE, s3)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "canest", "fleet", "run", "s3://fleet/t1/*", "-o", "s3://fleet-lake/lake",
+         "--manifest", rules, "--workers", "1", "--json", "-"],
+        cwd=ROOT, env=os.environ | s3, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    requests = s3_server.with_name("moto.txt")
+    wait_for(lambda: requests.read_text().count("GET /fleet/t") >= 2)
+    os.killpg(int(s3_server.read_text()), signal.SIGKILL)
+    out, err = process.communicate(timeout=500)
+    assert process.returncode == 1, err
+    tally = json.loads(out)
+    assert tally["done"] >= 1
+    assert tally["done"] + len(tally["failed"]) == 4
+    assert len(tally["failed"]) >= 1
+    assert all(line.startswith(("error: ", f"{line[0]} of 4 logs: ")) for line in err.splitlines())
+    assert all(
+        "cannot be fetched: " in log["error"] or "cannot write: " in log["error"] for log in tally["failed"]
+    )
+
+
+@pytest.mark.slow
+def test_a_store_that_is_gone_ends_the_run_with_what_is_done_kept(s3, s3_server, logs, tmp_path):
+    source = tmp_path / "logs"
+    source.mkdir()
+    for number in range(9):
+        (source / f"{number}.log").write_bytes((logs / "t1/day0.log").read_bytes())
+    python(UPLOAD, s3, source)
+    script = GONE.replace("PID", s3_server.read_text())
+    done = subprocess.run(
+        [sys.executable, "-c", script, "s3://fleet", tmp_path / "lake"], cwd=ROOT, timeout=200,
+        env=os.environ | s3, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert "error: s3://fleet: does not answer for 4 logs in a row, found 'cannot be fetched: " in done.stderr
+    assert "expected --resume when it does: 0 logs are done and kept" in done.stderr
+
+
+#: the store goes after it was listed
+GONE = """
+import os, signal, sys
+from canest.cli.main import run
+from canest.fleet import run as fleet_run
+list_logs = fleet_run.find_logs
+def find_logs(source):
+    listing = list_logs(source)
+    os.killpg(PID, signal.SIGKILL)
+    return listing
+fleet_run.find_logs, fleet_run.UNREACHABLE_MOST = find_logs, 4
+source, lake = sys.argv[1:]
+sys.exit(run(["fleet", "run", source, "-o", lake, "-c", "kenworth"]))
 """
