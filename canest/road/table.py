@@ -18,7 +18,7 @@ from canest.core.frames import FloatColumn, IntColumn
 from canest.system.installation import how_to_add
 
 VERSION = 1
-#: column -> what it holds; docs/road-map.md has the same
+#: column -> what it holds; docs/road_map.md has the same
 COLUMNS: dict[str, str] = {
     "latitude_deg": "middle of the cell, north positive",
     "longitude_deg": "middle of the cell, east positive",

@@ -28,7 +28,7 @@ ROUGHNESS_1PM = 1e-6  #: variance that a road's slope gains per metre: 1 % in 10
 _WORST_STD = 0.03  #: a grade that is not better known than that of any road
 
 #: what is counted of drives and positions
-NO_POSITIONS, JUMPS, LOST, SHORT = "passes without positions", "satellite jumps", "gaps", "pieces too short"
+NO_POSITIONS, JUMPS, LOST, SHORT = "drives without positions", "satellite jumps", "gaps", "pieces too short"
 
 
 @dataclass(frozen=True, slots=True)

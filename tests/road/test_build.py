@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from canest.road.build import CELLS, PASSES, SELDOM, STACKED, build_map
+from canest.road.build import CELLS, DRIVES, SELDOM, STACKED, build_map
 from canest.road.geojson import geojson
 from canest.road.sphere import EARTH_RADIUS_M
 from canest.road.tracks import JUMPS, LOST, NO_POSITIONS, Drive
@@ -45,7 +45,7 @@ def test_cells_lie_25_m_apart_and_lead_to_the_next():
     road = build_map([drive(k) for k in range(3)])
     assert 230 <= len(road) <= 245
     assert (road.next == np.append(np.arange(1, len(road)), -1)).mean() > 0.97
-    assert road.counts[PASSES] == 3 and road.counts[CELLS] == len(road)
+    assert road.counts[DRIVES] == 3 and road.counts[CELLS] == len(road)
 
 
 def test_the_two_directions_of_a_road_are_two_roads():
