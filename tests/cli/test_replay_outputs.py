@@ -158,8 +158,9 @@ def test_a_log_of_frames_is_what_a_daemon_would_have_sent(log, tmp_path):
     [
         (
             ("-o", "est.csv", "--columns", "sped_mps"),
-            "no such column, found 'sped_mps', expected some of speed_mps",
+            "no such column, found 'sped_mps', expected a column, perhaps speed_mps$",
         ),
+        (("-o", "est.csv", "--columns", "qqq"), r"one of speed_mps, .* \(14 in all: --columns list\)$"),
         (("--columns", "speed_mps"), "--columns needs a file"),
         (("-o", "est.log", "--columns", "speed_mps"), "a log of frames has no further columns"),
     ],
