@@ -47,7 +47,7 @@ class FleetProgress:
             self._present += 1
         else:
             self._done += 1
-        if not (outcome.present or outcome.unmatched):  # they say nothing of how long others take
+        if not (outcome.present or outcome.unmatched):  # their time is no measure of what others take
             self._worked += work
         if self._count is not None:
             self._count.step(self._counts(), work)

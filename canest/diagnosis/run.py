@@ -92,11 +92,11 @@ def diagnose(
     hints = [r.name for r in ranked[:1] if r.explained > TRY_SIGNAL_SHARE]
     hidden_N = search.hidden_N() if search.all_hidden(tried) else None
     sizes_N = before.score.residual_rms_N, after.score.residual_rms_N
-    said = statement_of(
+    statement = statement_of(
         verdict, search.chosen, *sizes_N, rivals=search.rivals, hints=hints, hidden_N=hidden_N
     )
     progress("done", 1.0)
-    return _diagnosis(config, search, tried, ranked, (before, after), (verdict, said))
+    return _diagnosis(config, search, tried, ranked, (before, after), (verdict, statement))
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def _diagnosis(
     sides: tuple[_Side, _Side],
     outcome: tuple[str, Statement],
 ) -> Diagnosis:
-    """Return the whole. sides: before and after; outcome: verdict and what is said."""
+    """Return the whole. sides: before and after; outcome: verdict and statement."""
     before, after = sides
     return Diagnosis(
         config=config,
@@ -172,8 +172,8 @@ def _too_short(config: Config, problem: Problem) -> Diagnosis:
     """Return the residual of a log that is too short for more."""
     search = Search(problem, effects_of(config), [])
     now = _Side(*score(problem, two_folds(problem, search)))
-    said = too_short_statement(problem.rows, MIN_CHUNKS * CHUNK_S, now.score.residual_rms_N)
-    return _diagnosis(config, search, [], [], (now, now), ("nothing-to-explain", said))
+    statement = too_short_statement(problem.rows, MIN_CHUNKS * CHUNK_S, now.score.residual_rms_N)
+    return _diagnosis(config, search, [], [], (now, now), ("nothing-to-explain", statement))
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ _NAMED, _SETS_NAMED = 4, 5
 
 @dataclass(frozen=True)
 class Statement:
-    """What a diagnosis says: one sentence without numbers, and the lines with numbers that go under it."""
+    """What a diagnosis states: one sentence without numbers, and the lines with numbers that go under it."""
 
     finding: str
     details: tuple[str, ...] = ()
@@ -45,7 +45,9 @@ def describe_equivalents(chosen: Chosen) -> str:
         return ""
     listed = ", ".join(effect_class(n).in_words() for n in names)
     way = effect_class(names[0]).separated_by
-    return f"this data cannot tell it from {listed}, alone or together" + (f"; {way} would" if way else "")
+    return f"this data cannot separate it from {listed}, alone or together" + (
+        f"; {way} would" if way else ""
+    )
 
 
 def statement_of(
@@ -58,7 +60,7 @@ def statement_of(
     hints: Sequence[str] = (),
     hidden_N: float | None = None,
 ) -> Statement:
-    """Return what the report says.
+    """Return what the report states.
 
     rivals: sets of effects that are as likely. hints: signals that the remainder goes with. hidden_N: what no
     effect alone removes more of, where so.
@@ -127,7 +129,7 @@ def _others(chosen: Sequence[Chosen], rivals: Sequence[FittedSet]) -> list[str]:
 
 
 def _as_likely(rivals: Sequence[FittedSet]) -> tuple[str, ...]:
-    """Return the line that names the sets which the data does not tell apart; none where there is one."""
+    """Return the line that names the sets which the data does not separate; none where there is one."""
     if len(rivals) < 2:
         return ()
     sets = [" with ".join(effect_class(n).in_words() for n in by_urgency(r.names)) or "none" for r in rivals]
@@ -151,7 +153,7 @@ def capitalised(text: str) -> str:
 
 
 def too_short_statement(seconds: float, needed_s: float, residual_N: float) -> Statement:
-    """Return what is said of a log that is too short to separate effects."""
+    """Return the statement about a log that is too short to separate effects."""
     return Statement(
         f"{seconds:.0f} s with open gates show how large the residual is, not where it comes from.",
         (

@@ -47,6 +47,6 @@ def make_plan(listing: Listing, manifest: Manifest, configs: Mapping[str, Bundle
         if not rules:
             plan.unmatched.append(Outcome(log.name, unmatched="no rule of the manifest fits its path"))
             continue
-        known = lake.keys(log.name) if lake is not None else frozenset()
-        plan.jobs.append(FleetJob(log, tuple((rule, configs[rule.config].digest) for rule in rules), known))
+        keys = lake.keys(log.name) if lake is not None else frozenset()
+        plan.jobs.append(FleetJob(log, tuple((rule, configs[rule.config].digest) for rule in rules), keys))
     return plan

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from canest import __version__
 from canest.core import jit
 from canest.core.errors import CanestError
 from canest.doctor.reasons import why_unestimated
@@ -19,9 +17,10 @@ from canest.fleet.bundle import Bundle
 from canest.fleet.job import Bundles, FleetJob, Outcome, Settings
 from canest.fleet.manifest import Rule
 from canest.fleet.recording import CALENDAR_END_US, EPOCH_US, Recording
+from canest.fleet.result_key import content_digest, result_key
 from canest.fleet.result_names import SUFFIX, result_of
 from canest.fleet.storage import Storage, StoreError, download
-from canest.fleet.tables import SCHEMA_VERSION, trips_file
+from canest.fleet.tables import trips_file
 from canest.fleet.trips import trip_rows
 from canest.fleet.vin import vin_of
 from canest.fleet.work_folder import work_folder
@@ -31,7 +30,6 @@ from canest.offline.replay import LogRun
 
 #: hive's name for "no value": the folder of logs whose clock is no calendar
 NO_DATE = "__HIVE_DEFAULT_PARTITION__"
-_PIECE_BYTES = 1 << 20
 
 
 def process_log(job: FleetJob, bundles: Bundles, settings: Settings) -> Outcome:
@@ -70,27 +68,6 @@ class _Log:
         self._stack.close()
 
 
-def result_key(revision: str, bundle: Bundle, vehicle: str, settings: Settings) -> str:
-    """Return the digest of all that a result depends on: content, config, version, settings."""
-    parts = (
-        revision, bundle.digest, bundle.name, __version__, SCHEMA_VERSION, vehicle, settings.samples_hz,
-        settings.positions,
-    )  # fmt: skip
-    return hashlib.blake2b("\n".join(map(str, parts)).encode(), digest_size=8).hexdigest()
-
-
-def content_digest(path: Path) -> str:
-    """Return a digest of a file's content. Errors: LogError."""
-    digest = hashlib.blake2b(digest_size=16)
-    try:
-        with path.open("rb") as file:
-            while piece := file.read(_PIECE_BYTES):
-                digest.update(piece)
-    except OSError as error:
-        raise CanestError(f"cannot read: {error.strerror}") from None
-    return digest.hexdigest()
-
-
 def _process(job: FleetJob, bundles: Bundles, settings: Settings, log: _Log) -> Outcome:
     name = job.log.name
     vehicle, rule, digest = job.rules[0][0].vehicle, *job.rules[0]
@@ -101,7 +78,7 @@ def _process(job: FleetJob, bundles: Bundles, settings: Settings, log: _Log) -> 
         vehicle, digest = chosen
     vehicle, bundle = vehicle_names.vehicle_name(vehicle, settings.vin_key), bundles[digest]
     key = result_key(job.log.revision or content_digest(log.path()), bundle, vehicle, settings)
-    if key in job.known:
+    if key in job.keys_in_lake:  # done before
         return Outcome(name, key=key, present=True)
     return _replayed(job, log.path(), bundle, vehicle, (key, settings))
 

@@ -14,10 +14,11 @@ import numpy as np
 from canest.core.columns import shifted
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.gates import LABELS
-from canest.core.samples import GRAVITY_MPS2, STATUS_LABELS, STEP_S, STEP_US, EstimateBlock, ModelBlock
+from canest.core.samples import STATUS_LABELS, STEP_S, STEP_US, EstimateBlock, ModelBlock
 from canest.fleet.job import Settings
 from canest.fleet.tables import POSITIONS, SAMPLES, TableWriter
 from canest.grid.grid import GridBlock
+from canest.vehicle.residual import needed_mps2
 
 SECOND_US = 1_000_000
 #: stamps between these are taken for time since 1970: from 1985 to the year 3000
@@ -151,9 +152,7 @@ class _OpenSeconds:
 
     def add(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
         """Take the next samples with their estimates."""
-        grade = estimates.grade
-        cos = 1.0 / np.sqrt(1.0 + grade * grade)
-        needed = samples.accel_mps2 + GRAVITY_MPS2 * cos * (grade + samples.mu)
+        needed = needed_mps2(samples.accel_mps2, estimates.grade, samples.mu)
         used = samples.gate == 0
         columns = np.stack(
             [

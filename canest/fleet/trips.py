@@ -15,7 +15,7 @@ from canest.fleet.recording import Recording, calendar
 from canest.offline.leg import Leg
 from canest.offline.legs import Legs
 
-#: a residual of fewer seconds says nothing
+#: a residual of fewer seconds is no figure
 _FEWEST_SECONDS = 20
 _GATES_NAMED = 3
 

@@ -27,7 +27,7 @@ _ALONG_M = 25.0
 #: cells of two roads are level within this: more than half a cell, less than to the next of one road
 _LEVEL_M = 15.0
 _TURNED = math.cos(math.radians(45.0))
-_APART_M = 8.0  #: two roads beside each other whose distances differ less cannot be told apart
+_APART_M = 8.0  #: two roads beside each other whose distances differ less cannot be separated
 _LEAST_MOVED_M = 5.0  #: for a direction
 _AHEAD_M = 300.0  #: the way that is known without a new position
 #: what a position may be wrong along the road, m, and by share of the way since
@@ -45,7 +45,7 @@ class _Way(NamedTuple):
 
 
 class RoadMatcher:
-    """Carries the last position; ticks in, what the map says of each out."""
+    """Carries the last position; ticks in, what the map has for each out."""
 
     def __init__(self, road: RoadMap) -> None:
         self._points = points_of(road.latitude_deg, road.longitude_deg)
@@ -101,7 +101,7 @@ class RoadMatcher:
         return np.round(at_m[shown], 1).tolist(), np.round(grade[shown], 5).tolist()
 
     def _go_on(self, steps: FloatColumn, sine: FloatColumn, std: FloatColumn) -> None:
-        """Fill in what the map says along the way; steps: metres per tick (n,)."""
+        """Fill in what the map has along the way; steps: metres per tick (n,)."""
         # one sum in order of time, whatever the cut
         driven = np.concatenate(([self._driven_m], steps)).cumsum()[1:]
         ticks = self._since_ticks + np.arange(1, len(steps) + 1)

@@ -1,4 +1,4 @@
-"""What is said of a diagnosis: one short sentence, dangers first, and never more than the data shows."""
+"""What a diagnosis reports: one short sentence, dangers first, and never more than the data shows."""
 
 from types import SimpleNamespace
 
@@ -32,28 +32,30 @@ TYRES = chosen("rolling_resistance", 0.004, "headwind", "brake_drag")
 
 
 def test_a_brake_that_may_drag_is_named_before_the_tyres_that_were_taken():
-    said = statement_of("explained", [TYRES], 1609.0, 57.0)
-    assert said.finding.startswith("A dragging brake, rolling resistance or wind explains the residual")
-    assert any("a dragging brake" in line and "with another load" in line for line in said.details)
+    statement = statement_of("explained", [TYRES], 1609.0, 57.0)
+    assert statement.finding.startswith("A dragging brake, rolling resistance or wind explains the residual")
+    assert any("a dragging brake" in line and "with another load" in line for line in statement.details)
     assert by_urgency(["headwind", "rolling_resistance", "brake_drag"])[0] == "brake_drag"
 
 
 def test_a_pair_that_is_as_likely_is_named_beside_the_single_effect():
     wind = chosen("headwind", 9.0)
     pair = FittedSet([chosen("headwind", 5.0), chosen("brake_drag", 800.0)], 0.0, 0.0)
-    said = statement_of("explained", [wind], 1500.0, 300.0, rivals=[pair, FittedSet([wind], 3.0, 3.0)])
-    assert said.finding.startswith("A dragging brake or wind explains")
-    assert "About as likely: a dragging brake with wind; wind." in said.details
+    statement = statement_of("explained", [wind], 1500.0, 300.0, rivals=[pair, FittedSet([wind], 3.0, 3.0)])
+    assert statement.finding.startswith("A dragging brake or wind explains")
+    assert "About as likely: a dragging brake with wind; wind." in statement.details
 
 
 def test_a_cause_that_may_be_a_danger_is_named_first_wherever_it_was_found():
-    said = statement_of("explained", [chosen("headwind", 4.9), TYRES], 1637.0, 76.0)
-    assert said.finding.startswith("A dragging brake")
+    statement = statement_of("explained", [chosen("headwind", 4.9), TYRES], 1637.0, 76.0)
+    assert statement.finding.startswith("A dragging brake")
 
 
 def test_each_choice_has_its_own_equivalents():
-    said = statement_of("explained", [TYRES, chosen("torque_gain", -0.1, "driveline_loss")], 1500.0, 60.0)
-    lines = [line for line in said.details if "cannot tell it" in line]
+    statement = statement_of(
+        "explained", [TYRES, chosen("torque_gain", -0.1, "driveline_loss")], 1500.0, 60.0
+    )
+    lines = [line for line in statement.details if "cannot separate it" in line]
     assert len(lines) == 2 and "driveline loss" in lines[1] and "driveline loss" not in lines[0]
 
 
@@ -68,8 +70,8 @@ def test_the_headline_has_one_sentence_of_few_words_and_no_numbers(verdict):
 
 def test_a_late_torque_alone_names_no_other_cause():
     other = FittedSet([chosen("headwind", 1.0)], 0.0, 0.0)
-    said = statement_of("explained", [chosen("torque_delay", 0.06)], 110.0, 60.0, rivals=[other])
-    assert said.finding == "Late torque explains the residual."
+    statement = statement_of("explained", [chosen("torque_delay", 0.06)], 110.0, 60.0, rivals=[other])
+    assert statement.finding == "Late torque explains the residual."
 
 
 def verdict(before_N, after_N, wanders_N=0.0):

@@ -81,7 +81,7 @@ def test_config_page_is_made_from_the_schema():
 
 def test_every_column_of_the_model_is_on_its_page_and_in_the_help():
     from canest.cli.replay import command
-    from canest.offline.model_columns import COLUMNS
+    from canest.offline.extra_columns import COLUMNS
 
     text = (ROOT / "docs" / "outputs.md").read_text()
     rows = "\n".join(f"| `{name}` | {column.meaning} |" for name, column in COLUMNS.items())

@@ -19,7 +19,7 @@ from canest.fleet.result_names import is_part, result_of
 from canest.fleet.storage import Storage
 from canest.fleet.tables import POSITIONS, SAMPLES, TableWriter, trips_file
 
-from .conftest import candump, command, files_of, run
+from tests.fleet.conftest import candump, command, files_of, run
 
 DAY = "vehicle=t1/date=2026-03-01"
 

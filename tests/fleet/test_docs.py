@@ -10,7 +10,7 @@ import sys
 import duckdb
 import pytest
 
-from .conftest import ROOT, command
+from tests.fleet.conftest import ROOT, command
 
 PAGE = (ROOT / "docs/fleet.md").read_text()
 QUERIES = re.findall(r"^    canest fleet query lake/ (.+)$", PAGE, re.MULTILINE)

@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from .conftest import ROOT, command, files_of, run, wait_for
+from tests.fleet.conftest import ROOT, command, files_of, run, wait_for
 
 UPLOAD = """
 import sys

@@ -18,7 +18,7 @@ import zstandard
 
 from canest.fleet.child_main import write_message
 
-from .conftest import ROOT, candump, command, files_of, run, wait_for
+from tests.fleet.conftest import ROOT, candump, command, files_of, run, wait_for
 
 
 def rows(lake: Path, sql: str) -> list[str]:

@@ -14,7 +14,7 @@ import pytest
 
 from canest.fleet.work_folder import PREFIX, work_folder
 
-from .conftest import ROOT, wait_for
+from tests.fleet.conftest import ROOT, wait_for
 
 HOLDS = """
 import time

@@ -11,7 +11,7 @@ import pytest
 from canest.road.build import build_map
 from canest.road.matching import RoadMatcher
 
-from .conftest import drive, grade_at, place_at
+from tests.road.conftest import drive, grade_at, place_at
 
 SPEED_MPS = 20.0
 

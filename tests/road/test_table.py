@@ -15,7 +15,7 @@ from canest.core.errors import ConfigError
 from canest.road.build import build_map
 from canest.road.table import COLUMNS, RoadMap, read_map, write_map
 
-from .conftest import drive
+from tests.road.conftest import drive
 
 
 @pytest.fixture(scope="module")

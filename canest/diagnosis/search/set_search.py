@@ -35,7 +35,7 @@ from canest.diagnosis.search.value_fit import Prior, refine, regressors
 MIN_SHARE = 0.03
 #: and be so many standard deviations from neutral, all that small errors may do included
 MIN_SIGMAS = 1.0
-#: a small error that is beyond doubt larger than so many of its standard deviations is none
+#: a small error that is larger than so many of its standard deviations is none
 LARGEST_SMALL = 2.0
 #: a delay is far from linear: its fit starts from the best of these
 DELAY_STARTS_S = (0.0, 0.06, 0.12, 0.2, 0.3, 0.4)
@@ -74,7 +74,7 @@ class _Offers:
 class Search(JointFit):
     """A joint fit that chooses by itself what is in it.
 
-    rivals: sets of effects that the data does not tell from the best one, best first.
+    rivals: sets of effects that the data does not separate from the best one, best first.
     """
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
@@ -239,7 +239,7 @@ class Search(JointFit):
     def _best_start(self, c: Candidate) -> float:
         """Return the deviation, of those that a fit may start from, that leaves the smallest residual.
 
-        Small errors may take their part of it, as may a constant: neither says anything about a delay.
+        Small errors may take their part of it, as may a constant: neither is evidence of a delay.
         """
         assert self.prior is not None
         everything = np.ones(self.problem.rows, np.bool_)
