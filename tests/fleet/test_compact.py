@@ -18,7 +18,6 @@ from canest.fleet.query import ask
 from canest.fleet.result_names import is_part, result_of
 from canest.fleet.storage import Storage
 from canest.fleet.tables import POSITIONS, SAMPLES, TableWriter, trips_file
-
 from tests.fleet.conftest import candump, command, files_of, run
 
 DAY = "vehicle=t1/date=2026-03-01"

@@ -9,9 +9,8 @@ import pytest
 
 from canest.fleet.lake import Lake
 from canest.fleet.report import write_report
-from tests.serve.browser import BROWSER, Browser
-
 from tests.fleet.test_report import START, put
+from tests.serve.browser import BROWSER, Browser
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no Chromium here")]
 AXE = Path(__file__).parents[1] / "serve" / "axe.min.js"

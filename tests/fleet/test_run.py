@@ -17,7 +17,6 @@ import pytest
 import zstandard
 
 from canest.fleet.child_main import write_message
-
 from tests.fleet.conftest import ROOT, candump, command, files_of, run, wait_for
 
 

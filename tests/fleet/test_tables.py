@@ -15,7 +15,6 @@ from canest.fleet.manifest import Rule
 from canest.fleet.process_log import process_log
 from canest.fleet.source import FoundLog
 from canest.system.shipped_files import shipped
-
 from tests.fleet.conftest import candump
 
 

@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 
 from canest.fleet.work_folder import PREFIX, work_folder
-
 from tests.fleet.conftest import ROOT, wait_for
 
 HOLDS = """

@@ -11,7 +11,6 @@ from canest.road.build import CELLS, DRIVES, SELDOM, STACKED, build_map
 from canest.road.geojson import geojson
 from canest.road.sphere import EARTH_RADIUS_M
 from canest.road.tracks import JUMPS, LOST, NO_POSITIONS, Drive
-
 from tests.road.conftest import drive, true_grade
 
 

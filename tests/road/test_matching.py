@@ -10,7 +10,6 @@ import pytest
 
 from canest.road.build import build_map
 from canest.road.matching import RoadMatcher
-
 from tests.road.conftest import drive, grade_at, place_at
 
 SPEED_MPS = 20.0

@@ -14,7 +14,6 @@ from canest.config import load_config
 from canest.core.errors import ConfigError
 from canest.road.build import build_map
 from canest.road.table import COLUMNS, RoadMap, read_map, write_map
-
 from tests.road.conftest import drive
 
 
