@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from canest.core import jit
@@ -23,7 +24,6 @@ from canest.fleet.storage import Storage, StoreError, download
 from canest.fleet.tables import trips_file
 from canest.fleet.trips import trip_rows
 from canest.fleet.vin import vin_of
-from canest.fleet.work_folder import work_folder
 from canest.logs.budget import log_budget
 from canest.offline.legs import Legs
 from canest.offline.replay import LogRun
@@ -58,7 +58,7 @@ class _Log:
         if "://" not in self._url:
             return Path(self._url)
         if self.copy is None:
-            self.copy = download(self._url, self._stack.enter_context(work_folder()))
+            self.copy = download(self._url, Path(self._stack.enter_context(TemporaryDirectory())))
         return self.copy
 
     def __enter__(self) -> None:

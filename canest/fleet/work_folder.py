@@ -1,4 +1,4 @@
-"""Folders for copies of logs that lie elsewhere; what killed processes left is removed by the next."""
+"""Folders for temporary files of processes; what killed ones left is removed by the next."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ import sys
 
 import pytest
 
+from canest.fleet.work_folder import PREFIX
 from tests.fleet.conftest import ROOT, command, files_of, run, wait_for
 
 UPLOAD = """
@@ -164,11 +165,14 @@ def test_a_store_that_is_gone_ends_the_run_with_what_is_done_kept(s3, s3_server,
         (source / f"{number}.log").write_bytes((logs / "t1/day0.log").read_bytes())
     python(UPLOAD, s3, source)
     script = GONE.replace("PID", s3_server.read_text())
+    copies = tmp_path / "copies"
+    copies.mkdir()
     done = subprocess.run(
         [sys.executable, "-c", script, "s3://fleet", tmp_path / "lake"], cwd=ROOT, timeout=200,
-        env=os.environ | s3, capture_output=True, text=True, check=False,
+        env=os.environ | s3 | {"TMPDIR": str(copies)}, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 1
+    assert list(copies.glob(f"{PREFIX}*")) == []
     assert "error: s3://fleet: does not answer for 4 logs in a row, found 'cannot be fetched: " in done.stderr
     assert "expected --resume when it does: 0 logs are done and kept" in done.stderr
 

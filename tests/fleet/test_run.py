@@ -7,7 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ import pytest
 import zstandard
 
 from canest.fleet.child_main import write_message
+from canest.fleet.work_folder import PREFIX
 from tests.fleet.conftest import ROOT, candump, command, files_of, run, wait_for
 
 
@@ -188,18 +188,21 @@ def test_two_runs_at_once_give_the_lake_of_one(lake, logs, manifest, tmp_path):
     assert files_of(folder) == files_of(lake)
 
 
-def test_workers_end_with_the_run(logs, manifest, tmp_path):
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_workers_and_their_folders_end_with_the_run(logs, manifest, tmp_path, how):
+    folders = tmp_path / "temporary"
+    folders.mkdir()
     process = subprocess.Popen(
         [sys.executable, "-m", "canest", "fleet", "run", logs, "-o", tmp_path / "lake", "--manifest",
          manifest],
-        cwd=ROOT, stdout=subprocess.DEVNULL,
+        cwd=ROOT, stdout=subprocess.DEVNULL, env=os.environ | {"TMPDIR": str(folders)},
     )  # fmt: skip
-    wait_for(lambda: children_of(process.pid))
+    wait_for(lambda: children_of(process.pid) and list(folders.glob(f"{PREFIX}*")))
     children = children_of(process.pid)
-    process.kill()
-    process.wait(10)
-    time.sleep(0.1)
+    process.send_signal(how)
+    process.wait(30)
     wait_for(lambda: not any(Path(f"/proc/{child}").exists() for child in children), 20)
+    assert list(folders.glob(f"{PREFIX}*")) == []
 
 
 def children_of(pid: int) -> list[int]:
@@ -216,10 +219,10 @@ class Unpickled:
         return eval, ("__import__('os').write(2, __import__('threading').current_thread().name.encode())",)
 
 
-def test_a_child_imports_in_one_thread_alone():
+def test_a_child_imports_in_one_thread_alone(tmp_path):
     """Two threads that import a package and a module of it at a time may each get the other's half."""
     with subprocess.Popen(
-        [sys.executable, "-m", "canest.fleet.child_main"],
+        [sys.executable, "-m", "canest.fleet.child_main", tmp_path / "temporary"],
         cwd=ROOT, stdin=subprocess.PIPE, stderr=subprocess.PIPE,
     ) as process:  # fmt: skip
         write_message(process.stdin, Unpickled())
