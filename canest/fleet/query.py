@@ -62,7 +62,8 @@ def connect(lake: str, tables: Iterable[str] = TABLES) -> Any:
     """
     duckdb, _ = require("duckdb", "fsspec", why="a lake")
     opened = Lake.open(lake)
-    connection = duckdb.connect()
+    # a cache of files that are read once takes gigabytes of a lake of many small ones
+    connection = duckdb.connect(config={"enable_external_file_cache": False})
     if not opened.storage.is_local:
         connection.register_filesystem(opened.storage.files)
     try:

@@ -59,7 +59,7 @@ def write_report(lake: str, folder: str, progress: Callable[[float], None]) -> t
         pages.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot make the directory: {error.strerror}", where=str(pages)) from None
-    connection.execute("SET preserve_insertion_order = false")  # of many small files, it takes gigabytes
+    connection.execute("SET preserve_insertion_order = false")  # slower of many small files
     connection.execute(_READ)
     vehicles = [vehicle | trend_std(vehicle) for vehicle in _records(connection.execute(_VEHICLES))]
     masses = connection.execute(_MASSES).fetchall()
