@@ -41,6 +41,11 @@ Example:
   canest fleet report lake/ -o report/      then open report/index.html
 """
 
+COMPACT_EPILOG = """\b
+Example, after the run of each night:
+  canest fleet compact lake/
+"""
+
 QUERY_EPILOG = """\b
 Examples:
   canest fleet query lake/ "select vehicle, count(*) from trips where status = 'valid' group by vehicle"
@@ -202,6 +207,22 @@ def query(lake: str, sql: str) -> None:
     terminal.console(highlight=False, markup=False).print(table)
 
 
+@command.command(epilog=COMPACT_EPILOG)
+@click.argument("lake", metavar="LAKE")
+def compact(lake: str) -> None:
+    """Join the small files of each vehicle and day. Runs may go on meanwhile; --resume knows what is done."""
+    from canest.cli.progress import Share
+    from canest.fleet.compact import compact as compact_lake
+
+    with Share("fleet compact") as shown:
+        done = compact_lake(lake, shown.update)
+    joined = f"{done.before:,} files of {done.folders:,} vehicles and days became {done.after:,}"
+    print(joined if done.folders else "nothing to join")
+    if done.logs_left:
+        left = f"{done.logs_left:,} logs have an old and a new result: left until the next run with --resume"
+        print(f"note: {left}", file=sys.stderr)
+
+
 @command.command()
 @click.argument("lake", metavar="LAKE")
 @click.argument("vehicle", metavar="VEHICLE")
@@ -252,7 +273,7 @@ def _tally_lines(tally: Tally, lake: str) -> list[str]:
     ]
     if tally.passed_over:
         shown = ", ".join(tally.passed_over[:3]) + (", ..." if len(tally.passed_over) > 3 else "")
-        lines.append(f"{len(tally.passed_over):,} other files passed over: {shown}")
+        lines.append(f"{len(tally.passed_over):,} files passed over that are no logs: {shown}")
     return [*lines, f"written {lake}"]
 
 

@@ -92,14 +92,14 @@ class Share(_Shown):
 
 
 class Count(_Shown):
-    """Progress through many logs."""
+    """Progress through many logs. total: work of all of them."""
 
-    def __init__(self, text: str, total: int) -> None:
+    def __init__(self, text: str, total: float) -> None:
         super().__init__(text, total)
-        self._done = 0
+        self._done = 0.0
 
-    def step(self, name: str) -> None:
+    def step(self, text: str, work: float = 1.0) -> None:
         """Take note of one more that is done."""
-        self._done += 1
-        self._text = name
+        self._done += work
+        self._text = text
         self._show(self._done, self._total)

@@ -71,8 +71,9 @@ class Playback(NamedTuple):
 @click.option(
     "--columns",
     metavar="NAME,...",
-    help="More columns in the file of -o: speed_mps,distance_m,torque_Nm,gear,residual_N, ... "
-    "('list': all of them).",
+    help="More columns in the file of -o: speed_mps, distance_m, accel_mps2, torque_Nm, gear, traction_N, "
+    "force_N, aero_N, residual_N, altitude_m, slope, accelerometer_mps2, yaw_rate_radps, stopped "
+    "('list': what each is).",
 )
 @click.option("--json", "json_path", metavar="PATH", help="Write the summary as JSON ('-': to stdout).")
 @click.option("--report", metavar="HTML", help="Write an HTML report; a directory for several logs.")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import pairwise
 from typing import TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.core.frames import BoolColumn, FloatColumn
+from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 
 T = TypeVar("T", bound=np.generic)
 
@@ -30,6 +31,18 @@ def _made(value: float, n: int) -> BoolColumn | FloatColumn:
 
 
 _kept = lru_cache(maxsize=4096, typed=True)(_made)
+
+
+def stretches(t_us: IntColumn, most_us: int) -> list[slice]:
+    """Return the parts of a column of stamps (n,), in order, that span this long at most.
+
+    A stamp before the first one of all begins no part: clocks that were set back are for others.
+    """
+    if len(t_us) < 2:
+        return [slice(None)]
+    begun = np.maximum.accumulate((t_us - t_us[0]) // most_us)
+    edges = [0, *(np.flatnonzero(np.diff(begun)) + 1).tolist(), len(t_us)]
+    return [slice(first, end) for first, end in pairwise(edges)]
 
 
 def shifted(column: NDArray[T], first: float) -> NDArray[T]:

@@ -13,11 +13,12 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from canest.fleet.child_main import read_message, write_message
 from canest.fleet.job import Bundles, FleetJob, Outcome, Settings
+from canest.fleet.work_folder import work_folder
 
 #: a log that takes its process along, or its time, gets so many tries
 ATTEMPTS = 2
@@ -28,11 +29,13 @@ _PAGE_BYTES = resource.getpagesize()
 class Child:
     """A process that runs one job after another; it is started with the first, and anew where it had to end.
 
+    Its temporary files are in a folder that ends with it, also where it is killed over them.
     peak_mb: the most memory that it was seen to take.
     """
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
+        self._folder = ExitStack()
         self._sent: set[str] = set()
         self._stopped = False
         self.peak_mb = 0.0
@@ -41,6 +44,8 @@ class Child:
         """Run a job, twice if its process had to be ended over it."""
         outcome = Outcome(job.log.name)
         for _ in range(ATTEMPTS):
+            if self._stopped:
+                return outcome
             outcome = self._attempt(job, bundles, settings)
             if outcome.final or self._stopped:
                 return outcome
@@ -55,9 +60,14 @@ class Child:
     def close(self) -> None:
         """End the process; the next job starts another."""
         process, self._process = self._process, None
+        folder, self._folder = self._folder, ExitStack()
         self._sent.clear()
-        if process is None:
-            return
+        with folder:
+            if process is not None:
+                self._end(process)
+
+    @staticmethod
+    def _end(process: subprocess.Popen[bytes]) -> None:
         process.kill()
         for pipe in (process.stdin, process.stdout):
             if pipe is not None:
@@ -66,7 +76,9 @@ class Child:
         process.wait()
 
     def _attempt(self, job: FleetJob, bundles: Bundles, settings: Settings) -> Outcome:
-        process = self._process = self._process or _start()
+        if self._process is None:
+            self._process = _start(self._folder.enter_context(work_folder()))
+        process = self._process
         assert process.stdin is not None
         assert process.stdout is not None
         wanted = {digest for _, digest in job.rules}
@@ -127,10 +139,10 @@ class Children:
         return max((child.peak_mb for child in self._all), default=0.0)
 
 
-def _start() -> subprocess.Popen[bytes]:
+def _start(folder: Path) -> subprocess.Popen[bytes]:
     single = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONWARNINGS": "ignore"}
     return subprocess.Popen(
-        [sys.executable, "-m", "canest.fleet.child_main"],
+        [sys.executable, "-m", "canest.fleet.child_main", str(folder)],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, env={**os.environ, **single}, start_new_session=True,
     )  # fmt: skip
 

@@ -1,5 +1,6 @@
 """The process in which logs are read: takes jobs on stdin, gives outcomes on stdout, ends with its parent.
 
+Its temporary files go into the folder that is its argument, which it removes if its parent is gone.
 Each message is its length (8 bytes, little-endian) and a pickle. The parent is the only one who sends.
 """
 
@@ -8,9 +9,11 @@ from __future__ import annotations
 import os
 import pickle
 import queue
+import shutil
 import signal
 import struct
 import sys
+import tempfile
 import threading
 from contextlib import suppress
 from pathlib import Path
@@ -49,21 +52,24 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(OSError):  # where memory runs out all the same, the kernel shall end this process first
         Path("/proc/self/oom_score_adj").write_text("900")
+    folder = tempfile.tempdir = os.environ["TMPDIR"] = sys.argv[1]
     results = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no outcome
     jobs: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    threading.Thread(target=_receive, args=(sys.stdin.buffer, jobs), daemon=True).start()
+    threading.Thread(target=_receive, args=(sys.stdin.buffer, jobs, folder), daemon=True).start()
     from canest.fleet.process_log import process_log
 
     bundles: dict[str, Any] = {}
     while True:
         job, more, settings = pickle.loads(jobs.get())
         bundles.update(more)
-        write_message(results, process_log(job, bundles, settings))
+        outcome = process_log(job, bundles, settings)
+        with suppress(OSError):  # the parent is gone: the other thread ends this process
+            write_message(results, outcome)
 
 
-def _receive(file: IO[bytes], jobs: queue.SimpleQueue[bytes]) -> None:
-    """Pass on jobs as they came; end the process when the parent is gone, whatever it is doing.
+def _receive(file: IO[bytes], jobs: queue.SimpleQueue[bytes], folder: str) -> None:
+    """Pass on jobs as they came; end process and folder when the parent is gone, whatever it is doing.
 
     The main thread unpickles: a pickle imports modules, and two threads that import a package and a module of
     it at a time may each get the other's half.
@@ -71,6 +77,7 @@ def _receive(file: IO[bytes], jobs: queue.SimpleQueue[bytes]) -> None:
     with suppress(EOFError, OSError):
         while True:
             jobs.put(_read_pickle(file))
+    shutil.rmtree(folder, ignore_errors=True)  # a parent that was killed has not done it
     os._exit(0)
 
 

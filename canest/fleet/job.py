@@ -73,6 +73,7 @@ class Outcome:
     trips: int = 0
     samples: int = 0
     final: bool = True
+    unreachable: bool = False  #: the store did not answer
 
     @property
     def is_done(self) -> bool:

@@ -17,7 +17,9 @@ def run_local(
     """Yield what became of every job, as each one ends. workers: processes, None for one per core."""
     count = min(workers or len(os.sched_getaffinity(0)), len(jobs))
     waiting: queue.SimpleQueue[FleetJob] = queue.SimpleQueue()
-    for job in sorted(jobs, key=lambda job: -job.log.size):  # the longest first: none is left over at the end
+    for job in sorted(
+        jobs, key=lambda job: -job.log.text_bytes
+    ):  # the longest first: none is left over at the end
         waiting.put(job)
     # bounded: results wait in the workers while the disk is slow, and not in memory
     done: queue.Queue[Outcome] = queue.Queue(2 * count)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from canest.core.errors import CanestError
@@ -21,25 +22,31 @@ class Plan:
     unmatched: list[Outcome] = field(default_factory=list)
 
 
-def make_plan(listing: Listing, manifest: Manifest, lake: Lake, resume: bool) -> Plan:
-    """Return the jobs of all logs. Errors: ConfigError for a config of the manifest, with its line."""
-    plan = Plan()
-    digests: dict[str, str] = {}
+def bundles_of_rules(manifest: Manifest) -> dict[str, Bundle]:
+    """Return the configs of a manifest, by the names that its rules have for them.
+
+    Errors: ConfigError for a config that is wrong, with its line in the manifest.
+    """
+    found: dict[str, Bundle] = {}
     for rule in manifest.rules:
-        if rule.config not in digests:
+        if rule.config not in found:
             try:
-                bundle = bundle_of(rule.config)
+                found[rule.config] = bundle_of(rule.config)
             except CanestError as error:
                 if not rule.where:
                     raise
                 raise type(error)(f"{rule.where}: {error}") from error
-            plan.bundles[bundle.digest] = bundle
-            digests[rule.config] = bundle.digest
+    return found
+
+
+def make_plan(listing: Listing, manifest: Manifest, configs: Mapping[str, Bundle], lake: Lake | None) -> Plan:
+    """Return the jobs of all logs. configs: of the rules. lake: whose results need not be made again."""
+    plan = Plan(bundles={bundle.digest: bundle for bundle in configs.values()})
     for log in listing.logs:
         rules = manifest.rules_for(log.name)
         if not rules:
             plan.unmatched.append(Outcome(log.name, unmatched="no rule of the manifest fits its path"))
             continue
-        keys = lake.keys(log.name) if resume else frozenset()
-        plan.jobs.append(FleetJob(log, tuple((rule, digests[rule.config]) for rule in rules), keys))
+        keys = lake.keys(log.name) if lake is not None else frozenset()
+        plan.jobs.append(FleetJob(log, tuple((rule, configs[rule.config].digest) for rule in rules), keys))
     return plan

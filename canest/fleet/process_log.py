@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
 from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from canest.core import jit
@@ -18,8 +18,9 @@ from canest.fleet.bundle import Bundle
 from canest.fleet.job import Bundles, FleetJob, Outcome, Settings
 from canest.fleet.manifest import Rule
 from canest.fleet.recording import CALENDAR_END_US, EPOCH_US, Recording
-from canest.fleet.result_key import log_id, result_key
-from canest.fleet.storage import Storage, download
+from canest.fleet.result_key import content_digest, result_key
+from canest.fleet.result_names import SUFFIX, result_of
+from canest.fleet.storage import Storage, StoreError, download
 from canest.fleet.tables import trips_file
 from canest.fleet.trips import trip_rows
 from canest.fleet.vin import vin_of
@@ -33,36 +34,53 @@ NO_DATE = "__HIVE_DEFAULT_PARTITION__"
 
 def process_log(job: FleetJob, bundles: Bundles, settings: Settings) -> Outcome:
     """Return the result of a log, or why there is none. Whatever goes wrong with this log stays with it."""
-    with tempfile.TemporaryDirectory(prefix="canest-fleet-") as folder:
-        try:
-            with log_budget(settings.budget):
-                return _process(job, bundles, settings, Path(folder))
-        except CanestError as error:
-            # by its name below SOURCE it is known, wherever its copy lies
-            copy = Path(folder) / Path(job.log.url).name
-            text = str(error).replace(f"{job.log.url}: ", "").replace(f"{copy}: ", "")
-            return Outcome(job.log.name, error=text)
-        except Exception as error:
-            return Outcome(job.log.name, error=f"unexpected {type(error).__name__}: {error}")
+    log = _Log(job.log.url)
+    try:
+        with log, log_budget(settings.budget):
+            return _process(job, bundles, settings, log)
+    except CanestError as error:
+        # by its name below SOURCE it is known, wherever its copy lies
+        text = str(error).replace(f"{job.log.url}: ", "").replace(f"{log.copy}: ", "")
+        return Outcome(job.log.name, error=text, unreachable=isinstance(error, StoreError))
+    except Exception as error:
+        return Outcome(job.log.name, error=f"unexpected {type(error).__name__}: {error}")
 
 
-def _process(job: FleetJob, bundles: Bundles, settings: Settings, folder: Path) -> Outcome:
+class _Log:
+    """A log on this machine: itself, or a copy that is fetched when it is wanted and removed in the end."""
+
+    def __init__(self, url: str) -> None:
+        self._url, self._stack = url, ExitStack()
+        self.copy: Path | None = None
+
+    def path(self) -> Path:
+        """Return the file. Errors: LogError where it cannot be fetched."""
+        if "://" not in self._url:
+            return Path(self._url)
+        if self.copy is None:
+            self.copy = download(self._url, Path(self._stack.enter_context(TemporaryDirectory())))
+        return self.copy
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+
+def _process(job: FleetJob, bundles: Bundles, settings: Settings, log: _Log) -> Outcome:
     name = job.log.name
-    path: Path | None = None
     vehicle, rule, digest = job.rules[0][0].vehicle, *job.rules[0]
     if rule.asks_for_vin:
-        path = _local(job, folder)
-        chosen = choose_by_vin(job.rules, path)
+        chosen = choose_by_vin(job.rules, log.path())
         if isinstance(chosen, str):
             return Outcome(name, unmatched=chosen)
         vehicle, digest = chosen
     vehicle, bundle = vehicle_names.vehicle_name(vehicle, settings.vin_key), bundles[digest]
-    if path is None and not (job.log.revision and job.keys_in_lake):
-        path = _local(job, folder)
-    key = result_key(job, path or Path(), bundle, vehicle, settings)
+    key = result_key(job.log.revision or content_digest(log.path()), bundle, vehicle, settings)
     if key in job.keys_in_lake:  # done before
         return Outcome(name, key=key, present=True)
-    return _replayed(job, path or _local(job, folder), bundle, vehicle, (key, settings))
+    return _replayed(job, log.path(), bundle, vehicle, (key, settings))
 
 
 def choose_by_vin(rules: Sequence[tuple[Rule, str]], path: Path) -> tuple[str, str] | str:
@@ -82,10 +100,6 @@ def choose_by_vin(rules: Sequence[tuple[Rule, str]], path: Path) -> tuple[str, s
     return "no rule of the manifest fits, and the log carries no VIN"
 
 
-def _local(job: FleetJob, folder: Path) -> Path:
-    return download(job.log.url, folder) if "://" in job.log.url else Path(job.log.url)
-
-
 def _replayed(
     job: FleetJob, path: Path, bundle: Bundle, vehicle: str, made_with: tuple[str, Settings]
 ) -> Outcome:
@@ -100,7 +114,7 @@ def _replayed(
             legs.add(estimates, recording.taken_speeds())
     rows = list(trip_rows(legs, recording, _of_log(run, job.log.name, bundle, key)))
     partition = f"{vehicle_names.folder_of(vehicle)}/date={_date(recording.first_us)}"
-    file = f"{log_id(job.log.name)}-{key}.parquet"
+    file = result_of(job.log.name, key) + SUFFIX
     outcome = Outcome(job.log.name, key=key, trips=len(rows), written=f"trips/{partition}/{file}")
     if recording.samples is not None:
         outcome.samples = recording.samples.rows

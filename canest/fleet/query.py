@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, TextIO
@@ -11,8 +11,13 @@ from typing import Any, TextIO
 from canest.core.errors import CanestError, UsageError
 from canest.fleet.lake import Lake
 from canest.fleet.packages import require
+from canest.fleet.result_names import SUFFIX
 from canest.fleet.tables import POSITIONS, SAMPLES, TRIPS, schema
 
+#: tables -> their columns
+TABLES: Mapping[str, Mapping[str, tuple[str, str]]] = {
+    "trips": TRIPS, "samples": {**SAMPLES, **POSITIONS}
+}  # fmt: skip
 #: folders of a partition -> type
 _PARTITION = {"vehicle": "VARCHAR", "date": "DATE"}
 
@@ -40,7 +45,7 @@ class Answer:
 def ask(lake: str, sql: str) -> Answer:
     """Return the answer to a query. Errors: UsageError for no lake, or a query that is wrong."""
     (duckdb,) = require("duckdb", why="canest fleet query")
-    connection = connect(lake)
+    connection = connect(lake, [table for table in TABLES if table in sql.lower()] or TABLES)
     try:
         result = connection.execute(sql)
     except duckdb.Error as error:
@@ -49,19 +54,21 @@ def ask(lake: str, sql: str) -> Answer:
     return Answer([column[0] for column in result.description or ()], result)
 
 
-def connect(lake: str) -> Any:
-    """Return a DuckDB connection with the views of a lake.
+def connect(lake: str, tables: Iterable[str] = TABLES) -> Any:
+    """Return a DuckDB connection with views of a lake.
 
+    tables: that are wanted, of `TABLES`; a view of samples looks into every file of theirs.
     Errors: UsageError for no lake, CanestError where it cannot be read.
     """
     duckdb, _ = require("duckdb", "fsspec", why="a lake")
     opened = Lake.open(lake)
-    connection = duckdb.connect()
+    # a cache of files that are read once takes gigabytes of a lake of many small ones
+    connection = duckdb.connect(config={"enable_external_file_cache": False})
     if not opened.storage.is_local:
         connection.register_filesystem(opened.storage.files)
     try:
-        for table, columns in (("trips", TRIPS), ("samples", {**SAMPLES, **POSITIONS})):
-            _create_view(connection, opened, table, schema(columns))
+        for table in tables:
+            _create_view(connection, opened, table, schema(TABLES[table]))
     except duckdb.Error as error:
         raise CanestError(f"cannot be read: {str(error).splitlines()[0]}", where=lake) from None
     return connection
@@ -69,13 +76,16 @@ def connect(lake: str) -> Any:
 
 def _create_view(connection: Any, lake: Lake, table: str, columns: Any) -> None:
     """Make the view of a table; of one without files, an empty one."""
-    places = lake.storage.files.glob(f"{lake.storage.root}/{table}/vehicle=*/date=*")
-    if places:
-        pattern = lake.storage.url(f"{table}/*/*/*.parquet").replace("'", "''")
+    files = [name for name in lake.storage.names(table) if name.endswith(SUFFIX)]
+    replaced = lake.superseded(files)
+    if files:
+        every = [f"{table}/*/*/*{SUFFIX}"]  # shorter for DuckDB than all their names
+        wanted = [name for name in files if name not in replaced] if replaced else every
+        places = ", ".join("'" + lake.storage.url(name).replace("'", "''") + "'" for name in wanted)
         types = ", ".join(f"{name}: {kind}" for name, kind in _PARTITION.items())
         by_name = "true" if table == "samples" else "false"  # with and without positions
         connection.execute(
-            f"CREATE VIEW {table} AS SELECT * FROM read_parquet('{pattern}', hive_partitioning = true, "
+            f"CREATE VIEW {table} AS SELECT * FROM read_parquet([{places}], hive_partitioning = true, "
             f"hive_types = {{{types}}}, union_by_name = {by_name})"
         )
         return

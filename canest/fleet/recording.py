@@ -1,4 +1,4 @@
-"""What the lake keeps of a drive, taken while its estimates stream by: the samples, and a row per second.
+"""What the lake keeps of a drive, taken while its estimates stream by: the samples, and two rows per second.
 
 Memory grows by some bytes per second of driving, not per frame.
 """
@@ -18,14 +18,17 @@ from canest.core.samples import STATUS_LABELS, STEP_S, STEP_US, EstimateBlock, M
 from canest.fleet.job import Settings
 from canest.fleet.tables import POSITIONS, SAMPLES, TableWriter
 from canest.grid.grid import GridBlock
+from canest.vehicle.residual import needed_mps2
 
 SECOND_US = 1_000_000
 #: stamps between these are taken for time since 1970: from 1985 to the year 3000
 EPOCH_US, CALENDAR_END_US = 10**15 // 2, 32_503_680_000 * 10**6
-#: columns of the rows per second; `speed_mps` is 0 while standing and NaN where it is not known
-PER_SECOND = (
-    "t_us", "accel_mps2", "force_N", "traction_N", "mu", "grade", "gate", "reported_mass_kg",
-)  # fmt: skip
+#: columns of the rows on whole seconds
+ON_SECONDS = ("t_us", "gate", "reported_mass_kg")
+#: columns of the means over seconds without a closed gate: t_us at their end, what a mass of 1 kg takes
+#: (a + g sin b + g mu cos b), and what pushes it
+OPEN_SECONDS = ("t_us", "needed_mps2", "force_N", "traction_N")
+_TICKS_PER_SECOND = SECOND_US // STEP_US
 _REPORTED, _LATITUDE, _LONGITUDE = "reported_mass", "latitude", "longitude"
 
 
@@ -42,7 +45,8 @@ class Recording:
         self.samples = TableWriter({**SAMPLES, **positions}, metadata) if self._step_us else None
         self._positions = bool(positions)
         self._ticks: list[GridBlock] = []
-        self._seconds: dict[str, list[FloatColumn]] = {name: [] for name in PER_SECOND}
+        self._seconds: dict[str, list[FloatColumn]] = {name: [] for name in ON_SECONDS}
+        self._means = _OpenSeconds()
         self._speeds: list[FloatColumn] = []
         self._distance_m = 0.0
         self._position = _Position()
@@ -62,12 +66,9 @@ class Recording:
         self._speeds.append(speed)
         roles = self._roles(len(samples))
         whole = np.flatnonzero(samples.t_us % SECOND_US == 0)
-        values: dict[str, Any] = {
-            "t_us": samples.t_us, "accel_mps2": samples.accel_mps2, "force_N": samples.force_N,
-            "traction_N": samples.traction_N, "mu": samples.mu, "grade": estimates.grade,
-            "gate": samples.gate, "reported_mass_kg": roles[_REPORTED],
-        }  # fmt: skip
-        for name, column in values.items():
+        self._means.add(samples, estimates)
+        on_seconds: tuple[Any, ...] = (samples.t_us, samples.gate, roles[_REPORTED])
+        for name, column in zip(ON_SECONDS, on_seconds, strict=True):
             self._seconds[name].append(np.asarray(column[whole], np.float64))
         way_m = self._distance_m + np.cumsum(np.nan_to_num(speed)) * STEP_S
         self._distance_m = float(way_m[-1])
@@ -81,10 +82,12 @@ class Recording:
         return speed
 
     def seconds(self) -> dict[str, FloatColumn]:
-        """Return the rows on whole seconds, columns of `PER_SECOND` (n,)."""
-        return {
-            name: np.concatenate(parts) if parts else np.empty(0) for name, parts in self._seconds.items()
-        }
+        """Return the rows on whole seconds, columns of `ON_SECONDS` (n,)."""
+        return _joined(self._seconds)
+
+    def open_seconds(self) -> dict[str, FloatColumn]:
+        """Return the means over seconds without a closed gate, columns of `OPEN_SECONDS` (n,)."""
+        return _joined(self._means.rows)
 
     def _roles(self, count: int) -> dict[str, FloatColumn]:
         """Return the values of the roles that the tables want, of the next ``count`` ticks."""
@@ -134,6 +137,42 @@ class Recording:
                 "position_m": position_m[at],
             }
         self.samples.write(columns)
+
+
+class _OpenSeconds:
+    """Takes means over whole seconds in which every gate is open, whatever the cut of the blocks.
+
+    Single samples would not do: between a force and the acceleration that it causes lie some samples, and
+    the error of either looks like a force that is missing.
+    """
+
+    def __init__(self) -> None:
+        self.rows: dict[str, list[FloatColumn]] = {name: [] for name in OPEN_SECONDS}
+        self._rest = np.empty((len(OPEN_SECONDS), 0))
+
+    def add(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
+        """Take the next samples with their estimates."""
+        needed = needed_mps2(samples.accel_mps2, estimates.grade, samples.mu)
+        used = samples.gate == 0
+        columns = np.stack(
+            [
+                samples.t_us,
+                *(np.where(used, c, np.nan) for c in (needed, samples.force_N, samples.traction_N)),
+            ]
+        )
+        columns = np.concatenate([self._rest, columns], axis=1)
+        second = (columns[0] // SECOND_US).astype(np.int64)
+        begins = np.flatnonzero(np.diff(second, prepend=second[0] - 1))
+        # the last second may go on in the next block
+        self._rest = columns[:, begins[-1] :]
+        whole = begins[:-1][np.diff(begins) == _TICKS_PER_SECOND]
+        seconds = columns[:, whole[:, None] + np.arange(_TICKS_PER_SECOND)]
+        for name, values in zip(OPEN_SECONDS, seconds, strict=True):
+            self.rows[name].append(values[:, -1] if name == "t_us" else values.mean(axis=1))
+
+
+def _joined(columns: Mapping[str, list[FloatColumn]]) -> dict[str, FloatColumn]:
+    return {name: np.concatenate(parts) if parts else np.empty(0) for name, parts in columns.items()}
 
 
 class _Position:

@@ -10,13 +10,13 @@ from typing import Any
 
 from canest.core.errors import OutputError
 from canest.fleet.query import connect
-from canest.fleet.report_pages import fleet_page, vehicle_page
+from canest.fleet.report_pages import fleet_page, trend_std, vehicle_page
 from canest.report.page import require_packages, write_scripts
 
 _FOLDER, _PREFIX = "vehicles", "vehicle-"
 _BATCH_ROWS = 100_000
 
-#: one row per vehicle; the trend is the slope of a straight line over time
+#: one row per vehicle; the trend is the slope of a straight line over time, per 100 days
 _VEHICLES = """
 SELECT vehicle, count(DISTINCT log) AS logs, count(*) FILTER (leg > 0) AS trips,
     coalesce(sum(distance_m), 0) / 1e3 AS km, coalesce(sum(driving_s), 0) / 3600 AS hours,
@@ -25,18 +25,25 @@ SELECT vehicle, count(DISTINCT log) AS logs, count(*) FILTER (leg > 0) AS trips,
     median(mass_kg) FILTER (status = 'valid') AS mass_kg,
     quantile_cont(mass_kg, 0.95) FILTER (status = 'valid') AS heavy_kg,
     median(torque_residual_pct) FILTER (status = 'valid') AS residual_pct,
-    100 * regr_slope(torque_residual_pct, epoch(start) / 86400) FILTER (status = 'valid') AS trend_pct,
-    max(start) AS last
-FROM trips GROUP BY vehicle ORDER BY vehicle
+    regr_count(torque_residual_pct, hundred_days) FILTER (status = 'valid') AS n,
+    regr_slope(torque_residual_pct, hundred_days) FILTER (status = 'valid') AS trend_pct,
+    regr_sxx(torque_residual_pct, hundred_days) FILTER (status = 'valid') AS sxx,
+    regr_syy(torque_residual_pct, hundred_days) FILTER (status = 'valid') AS syy,
+    min(start) AS first, max(start) AS last,
+    mode(reason) FILTER (status <> 'valid' AND reason <> '') AS reason
+FROM (SELECT *, epoch(start) / 8640000 AS hundred_days FROM trips) GROUP BY vehicle ORDER BY vehicle
 """
 _MASSES = """
 SELECT 5 * floor(mass_kg / 5000)::INT AS from_t, count(*) AS trips
 FROM trips WHERE status = 'valid' GROUP BY from_t ORDER BY from_t
 """
-_TRIPS = """
-SELECT vehicle, log, leg, start, distance_m, climb_m, duration_s, stops, mass_kg, mass_std_kg, valid_share,
-    status, reason, torque_residual_pct, residual_rms_N, reported_mass_kg
-FROM trips WHERE leg > 0 ORDER BY vehicle, start NULLS LAST, log, leg
+_TRIPS = "SELECT * FROM trips WHERE leg > 0 ORDER BY vehicle, start NULLS LAST, log, leg"
+#: what the queries above take of the lake, read once: opening its files costs more than all of them
+_READ = """
+CREATE TEMP TABLE trips AS
+SELECT vehicle, log, leg, start, distance_m, climb_m, duration_s, driving_s, stops, mass_kg, mass_std_kg,
+    valid_share, status, reason, torque_residual_pct, reported_mass_kg
+FROM memory.main.trips
 """
 
 
@@ -46,20 +53,22 @@ def write_report(lake: str, folder: str, progress: Callable[[float], None]) -> t
     Pages of vehicles that the lake has no more are removed. Errors: UsageError, OutputError.
     """
     require_packages(folder)
-    connection, out = connect(lake), Path(folder)
+    connection, out = connect(lake, ["trips"]), Path(folder)
     pages = out / _FOLDER
     try:
         pages.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot make the directory: {error.strerror}", where=str(pages)) from None
-    vehicles = _records(connection.execute(_VEHICLES))
+    connection.execute("SET preserve_insertion_order = false")  # slower of many small files
+    connection.execute(_READ)
+    vehicles = [vehicle | trend_std(vehicle) for vehicle in _records(connection.execute(_VEHICLES))]
     masses = connection.execute(_MASSES).fetchall()
     files = {str(row["vehicle"]): f"{_PREFIX}{_slug(str(row['vehicle']))}.html" for row in vehicles}
     script = write_scripts(out)
     of_vehicle = {str(row["vehicle"]): row for row in vehicles}
     for done, (vehicle, trips) in enumerate(_trips(connection), 1):
         page = vehicle_page(of_vehicle[vehicle], trips)
-        page.home = "../index.html"
+        page.home, page.home_text = "../index.html", "All vehicles"
         page.write(pages / files.pop(vehicle), f"../{script}")
         progress(done / len(vehicles))
     # what is left in `files` has no driving at all: a row of the index alone

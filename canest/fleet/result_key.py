@@ -11,22 +11,16 @@ from pathlib import Path
 from canest import __version__
 from canest.core.errors import CanestError
 from canest.fleet.bundle import Bundle
-from canest.fleet.job import FleetJob, Settings
+from canest.fleet.job import Settings
 from canest.fleet.tables import SCHEMA_VERSION
 
 _PIECE_BYTES = 1 << 20
 
 
-def log_id(name: str) -> str:
-    """Return what stands for a log's path in names of files."""
-    return hashlib.blake2b(name.encode("utf-8", "surrogateescape"), digest_size=6).hexdigest()
-
-
-def result_key(job: FleetJob, path: Path, bundle: Bundle, vehicle: str, settings: Settings) -> str:
-    """Return the digest of all that a result depends on: content, config, version, settings."""
-    content = job.log.revision or content_digest(path)
+def result_key(revision: str, bundle: Bundle, vehicle: str, settings: Settings) -> str:
+    """Return the digest of all that a result depends on. revision: of the log's content."""
     parts = (
-        content, bundle.digest, bundle.name, __version__, SCHEMA_VERSION, vehicle, settings.samples_hz,
+        revision, bundle.digest, bundle.name, __version__, SCHEMA_VERSION, vehicle, settings.samples_hz,
         settings.positions,
     )  # fmt: skip
     return hashlib.blake2b("\n".join(map(str, parts)).encode(), digest_size=8).hexdigest()

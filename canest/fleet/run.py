@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -15,15 +15,15 @@ from canest.fleet.lake import Lake
 from canest.fleet.local_engine import run_local
 from canest.fleet.manifest import Manifest
 from canest.fleet.packages import require
-from canest.fleet.plan import Plan, make_plan
+from canest.fleet.plan import Plan, bundles_of_rules, make_plan
 from canest.fleet.source import find_logs
-from canest.logs.compression import ARCHIVE_SUFFIXES
-from canest.offline.replay import ARCHIVE_RATIO, TEXT_BYTES_PER_S
+from canest.fleet.storage import StoreError
+from canest.offline.replay import TEXT_BYTES_PER_S
 
 #: loading compiled kernels costs a process about 3.5 s, and saves it 0.2 s for each 300 s of log
 COMPILED_FROM_S = 5000.0
-#: logs that are much shorter than the same as text
-PACKED_SUFFIXES = (*ARCHIVE_SUFFIXES, ".blf", ".mf4")
+#: logs in a row that cannot be fetched, after which the rest is not tried: the store is gone
+UNREACHABLE_MOST = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,37 +86,45 @@ class Tally:
         }
 
 
-def run_fleet(request: Request, begun: Callable[[int], None], step: Callable[[Outcome], None]) -> Tally:
+def run_fleet(
+    request: Request, begun: Callable[[Mapping[str, float]], None], step: Callable[[Outcome], None]
+) -> Tally:
     """Run all logs and return what came of them; whatever is done stays done, however the run ends.
 
-    begun: called with the number of logs once it is known. step: called as each log ends.
+    begun: called with the logs and how much work each is. step: called as each log ends.
     Errors: CanestError, where the run as a whole cannot go on (a full disk, a config that is wrong).
     """
     require("pyarrow", "fsspec", why="canest fleet run")
     listing = find_logs(request.source)
-    lake = Lake.create(request.lake)
-    plan = make_plan(listing, request.manifest, lake, request.resume)
+    bundles = bundles_of_rules(request.manifest)
+    lake = Lake.create(request.lake)  # last: a config that is wrong leaves nothing behind
+    plan = make_plan(listing, request.manifest, bundles, lake if request.resume else None)
     tally = Tally(passed_over=listing.passed_over)
-    begun(len(listing.logs))
+    begun({log.name: log.text_bytes for log in listing.logs})
     for outcome in plan.unmatched:
         tally.add(outcome)
         step(outcome)
     with closing(_outcomes(request, plan, lake)) as outcomes:
+        unreachable = 0
         for outcome in outcomes:
             if outcome.is_done:
                 lake.commit(outcome)
             tally.add(outcome)
             step(outcome)
+            unreachable = unreachable + 1 if outcome.unreachable else 0
+            if unreachable == UNREACHABLE_MOST:
+                kept = tally.done + tally.present
+                raise StoreError(
+                    f"does not answer for {unreachable} logs in a row", where=request.source,
+                    found=outcome.error, expected=f"--resume when it does: {kept:,} logs are done and kept",
+                )  # fmt: skip
     return tally
 
 
 def _compiling_pays(plan: Plan) -> bool:
     """Return whether the kernels win back in each process of this machine what loading them costs it."""
-    sizes = (
-        job.log.size * (ARCHIVE_RATIO if job.log.name.lower().endswith(PACKED_SUFFIXES) else 1.0)
-        for job in plan.jobs
-    )
-    return sum(sizes) / TEXT_BYTES_PER_S > COMPILED_FROM_S * (os.cpu_count() or 1)
+    text_bytes = sum(job.log.text_bytes for job in plan.jobs)
+    return text_bytes / TEXT_BYTES_PER_S > COMPILED_FROM_S * (os.cpu_count() or 1)
 
 
 def _outcomes(request: Request, plan: Plan, lake: Lake) -> Generator[Outcome, None, None]:

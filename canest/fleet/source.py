@@ -11,11 +11,14 @@ from canest.core.errors import LogError, UsageError
 from canest.fleet.storage import Storage, plain, retried
 from canest.logs.compression import ARCHIVE_SUFFIXES
 from canest.logs.log_names import TRUTH_SUFFIX
+from canest.offline.replay import ARCHIVE_RATIO
 
 #: what a file in a folder must end with to be taken for a log; a pattern takes whatever it fits
 LOG_SUFFIXES = (
     ".log", ".candump", ".dump", ".asc", ".blf", ".trc", ".mf4", ".csv", ".db", ".parquet",
 )  # fmt: skip
+#: those of logs that are much shorter than the same as text
+_PACKED_SUFFIXES = (*ARCHIVE_SUFFIXES, ".blf", ".mf4", ".parquet")
 _WILD = "*?["
 
 
@@ -27,6 +30,11 @@ class FoundLog:
     url: str
     size: int
     revision: str = ""
+
+    @property
+    def text_bytes(self) -> float:
+        """Return about how large it would be as text: how much work it is."""
+        return self.size * (ARCHIVE_RATIO if self.name.lower().endswith(_PACKED_SUFFIXES) else 1.0)
 
 
 @dataclass(slots=True)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import posixpath
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,8 +21,16 @@ T = TypeVar("T")
 #: pauses between the attempts at a store that does not answer
 RETRY_PAUSES_S = (0.5, 2.0, 5.0)
 #: errors that stay as they are however often one asks
-_FINAL = (FileNotFoundError, PermissionError, IsADirectoryError, NotADirectoryError)
+_FINAL = (FileNotFoundError, FileExistsError, PermissionError, IsADirectoryError, NotADirectoryError)
 _LOCAL = ("", "file", "local")
+#: of the packages below: without these, a store that is gone is asked a hundred times for each log
+_S3 = {"config_kwargs": {"retries": {"total_max_attempts": 1, "mode": "standard"}, "connect_timeout": 10}}
+_OPTIONS: dict[str, dict[str, Any]] = {"s3": _S3, "s3a": _S3}
+_S3_ATTEMPTS = 2
+
+
+class StoreError(LogError):
+    """A store did not answer, however often it was asked."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +60,7 @@ class Storage:
         """Return the fsspec file system. Errors: UsageError."""
         (fsspec,) = require("fsspec", why=f"{self.protocol or 'a file'}://")
         try:
-            return fsspec.filesystem(self.protocol or "file")
+            files = fsspec.filesystem(self.protocol or "file", **_OPTIONS.get(self.protocol, {}))
         except (ImportError, ValueError) as error:
             raise UsageError(
                 f"cannot reach {self.protocol}://",
@@ -59,6 +68,9 @@ class Storage:
                 found=str(error),
                 expected="a path, s3://, or a protocol whose fsspec package is installed",
             ) from None
+        if self.protocol in _OPTIONS:
+            files.retries = _S3_ATTEMPTS
+        return files
 
     def url(self, name: str = "") -> str:
         """Return the path or URL of a file below it."""
@@ -95,6 +107,15 @@ class Storage:
             raise CanestError(f"cannot read: {plain(error)}", where=self.url(name)) from None
         return content
 
+    def read_if_there(self, name: str) -> bytes | None:
+        """Return the content of a file below it, None where somebody has removed it. Errors: CanestError."""
+        try:
+            return self.read(name)
+        except CanestError:
+            if self.exists(name):
+                raise
+            return None
+
     def remove(self, name: str) -> None:
         """Remove a file below it, if it is there. Errors: OutputError."""
         try:
@@ -109,16 +130,50 @@ class Storage:
 
         Errors: CanestError.
         """
-        prefix = f"{self.root}/{folder}"
+        return sorted(_names_here(Path(self.root), folder) if self.is_local else self._found(folder))
+
+    def sizes(self, folder: str) -> dict[str, int]:
+        """Return the files in a folder below it, as `names` does, with their sizes in bytes."""
+        if not self.is_local:
+            found = self._found(folder)
+            return {name: int(found[name].get("size") or 0) for name in sorted(found)}
+        sizes = {}
+        for name in self.names(folder):
+            with suppress(FileNotFoundError):
+                sizes[name] = Path(self.root, name).stat().st_size
+        return sizes
+
+    def exists(self, name: str) -> bool:
+        """Return whether a file below it is there. Errors: CanestError."""
         try:
             self.files.invalidate_cache()
-            found = retried(lambda: self.files.find(prefix))
+            return bool(retried(lambda: self.files.exists(f"{self.root}/{name}")))
+        except Exception as error:
+            raise CanestError(f"cannot be reached: {plain(error)}", where=self.url(name)) from None
+
+    def _found(self, folder: str) -> dict[str, Any]:
+        try:
+            self.files.invalidate_cache()
+            found = retried(lambda: self.files.find(f"{self.root}/{folder}", detail=True))
         except FileNotFoundError:
-            return []
+            return {}
         except Exception as error:
             raise CanestError(f"cannot list: {plain(error)}", where=self.url(folder)) from None
         below = posixpath.normpath(self.root) + "/"
-        return sorted(path[path.index(below) + len(below) :] for path in found)
+        return {path[path.index(below) + len(below) :]: info for path, info in found.items()}
+
+
+def _names_here(root: Path, folder: str) -> Iterator[str]:
+    """Yield the files in a folder of this machine, below a root. Errors: CanestError."""
+
+    def refuse(error: OSError) -> None:
+        if not isinstance(error, FileNotFoundError):  # a folder may go while it is looked for
+            raise CanestError(f"cannot list: {plain(error)}", where=str(root / folder)) from None
+
+    # fsspec asks for the size and times of every file: some hundred times the cost
+    for place, _, files in os.walk(root / folder, onerror=refuse):
+        below = Path(place).relative_to(root).as_posix()
+        yield from (f"{below}/{name}" if below != "." else name for name in files)
 
 
 def download(url: str, folder: Path) -> Path:
@@ -127,8 +182,10 @@ def download(url: str, folder: Path) -> Path:
     path = folder / (posixpath.basename(url) or "log")
     try:
         retried(lambda: storage.files.get_file(f"{storage.root}/{posixpath.basename(url)}", str(path)))
-    except Exception as error:
+    except _FINAL as error:
         raise LogError(f"cannot be fetched: {plain(error)}", where=url) from None
+    except Exception as error:
+        raise StoreError(f"cannot be fetched: {plain(error)}", where=url) from None
     return path
 
 

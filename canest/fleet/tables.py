@@ -12,7 +12,7 @@ from typing import Any
 from canest import __version__
 from canest.fleet.packages import require
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 _FLOAT, _SHORT, _INT, _TEXT, _WORD, _TIME = "float64", "float32", "int64", "string", "word", "time"
 
 #: one row per load leg: column -> (type, meaning)
@@ -33,9 +33,9 @@ TRIPS: dict[str, tuple[str, str]] = {
     "valid_share": (_FLOAT, "share of the driving time with a valid mass, 0 to 1"),
     "status": (_WORD, "valid, converging or unestimated: the best of the leg"),
     "reason": (_TEXT, "why the mass is not valid, else empty"),
-    "residual_mean_N": (_FLOAT, "force residual m (a + g sin b + g mu cos b) - F: its mean while learning"),
-    "residual_rms_N": (_FLOAT, "its root mean square"),
-    "torque_residual_pct": (_FLOAT, "share of the traction, in percent, that acceleration does not explain"),
+    "residual_mean_N": (_FLOAT, "mean of m (a + g sin b + g mu cos b) - F over seconds without closed gates"),
+    "residual_rms_N": (_FLOAT, "its root mean square, of means over one second"),
+    "torque_residual_pct": (_FLOAT, "percent by which the motion shows more traction than reported, or less"),
     "reported_mass_kg": (_FLOAT, "median of the mass that another controller sent (role reported_mass)"),
     "frames": (_INT, "frames or rows in the log"),
     "skipped_lines": (_INT, "lines of the log that could not be read"),

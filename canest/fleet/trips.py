@@ -14,7 +14,6 @@ from canest.core.gates import LABELS
 from canest.fleet.recording import Recording, calendar
 from canest.offline.leg import Leg
 from canest.offline.legs import Legs
-from canest.vehicle.residual import residual_N
 
 #: a residual of fewer seconds is no figure
 _FEWEST_SECONDS = 20
@@ -26,7 +25,7 @@ def trip_rows(legs: Legs, recording: Recording, of_log: Mapping[str, Any]) -> It
 
     of_log: columns that all its rows share; its `reason` is that of a log without an estimate.
     """
-    seconds = recording.seconds()
+    seconds, means = recording.seconds(), recording.open_seconds()
     found = legs.legs()
     if not found:
         yield {
@@ -38,8 +37,7 @@ def trip_rows(legs: Legs, recording: Recording, of_log: Mapping[str, Any]) -> It
             **_start(recording),
         }
     for number, leg in enumerate(found, 1):
-        within = (seconds["t_us"] >= leg.from_s * 1e6) & (seconds["t_us"] <= leg.to_s * 1e6)
-        rows = {name: column[within] for name, column in seconds.items()}
+        rows = _within(leg, seconds)
         yield {
             **of_log,
             "leg": number,
@@ -55,8 +53,13 @@ def trip_rows(legs: Legs, recording: Recording, of_log: Mapping[str, Any]) -> It
             },
             "reason": _reason(leg, rows["gate"], str(of_log["reason"])),
             "reported_mass_kg": _reported(rows["reported_mass_kg"]),
-            **_residual(leg, rows),
+            **_residual(leg, _within(leg, means)),
         }  # fmt: skip
+
+
+def _within(leg: Leg, rows: Mapping[str, FloatColumn]) -> dict[str, FloatColumn]:
+    within = (rows["t_us"] >= leg.from_s * 1e6) & (rows["t_us"] <= leg.to_s * 1e6)
+    return {name: column[within] for name, column in rows.items()}
 
 
 def _start(recording: Recording) -> dict[str, Any]:
@@ -87,13 +90,13 @@ def _reported(values: FloatColumn) -> float | None:
     return float(np.median(sent)) if len(sent) else None
 
 
-def _residual(leg: Leg, rows: Mapping[str, FloatColumn]) -> dict[str, float]:
-    """Return the leg's force residual over the seconds with open gates, by the mass of the leg."""
+def _residual(leg: Leg, means: Mapping[str, FloatColumn]) -> dict[str, float]:
+    """Return the force residual m (a + g sin b + g mu cos b) - F, m the leg's mass, of means over seconds."""
     if leg.mass_kg is None:
         return {}
-    residual = residual_N(leg.mass_kg, rows["accel_mps2"], rows["grade"], rows["mu"], rows["force_N"])
-    open_ = (rows["gate"] == 0) & np.isfinite(residual) & np.isfinite(rows["traction_N"])
-    r, traction = residual[open_], rows["traction_N"][open_]
+    residual = leg.mass_kg * means["needed_mps2"] - means["force_N"]
+    known = np.isfinite(residual) & np.isfinite(means["traction_N"])
+    r, traction = residual[known], means["traction_N"][known]
     if len(r) < _FEWEST_SECONDS:
         return {}
     found = {"residual_mean_N": float(r.mean()), "residual_rms_N": math.sqrt(float(r @ r) / len(r))}

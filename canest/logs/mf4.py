@@ -28,7 +28,7 @@ _FINISHED, _UNFINISHED = b"MDF     ", b"UnFinMF "
 #: how far mixed records may be from the order of their stamps
 _DISORDER_S = 60.0
 #: of one block of records
-_BLOCK_BYTES = 1 << 24
+_BLOCK_BYTES = 1 << 22
 
 
 class Mf4Reader(PythonCanReader):

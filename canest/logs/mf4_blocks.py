@@ -209,7 +209,7 @@ class DataStream:
 
     def _unpacked(self, index: int) -> bytes:
         if self._held[0] != index:
-            segment = self._segments[index]
+            segment, self._held = self._segments[index], (-1, b"")  # let go first: they are large
             data = self._file.unpack(self._file.read(segment.address, segment.stored), segment.size)
             if segment.packing == _TRANSPOSED:
                 whole = segment.size - segment.size % segment.columns

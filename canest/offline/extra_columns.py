@@ -10,6 +10,7 @@ import numpy as np
 
 from canest.core.errors import UsageError
 from canest.core.frames import FloatColumn
+from canest.core.nearest_name import expected_name
 from canest.core.samples import STEP_S, EstimateBlock, ModelBlock
 from canest.vehicle.residual import residual_N
 from canest.vehicle.role_sources import is_at_wheels, torque_role
@@ -83,9 +84,8 @@ def checked(names: Sequence[str]) -> tuple[str, ...]:
     """Return the names without repetitions. Errors: UsageError for a name that there is not."""
     for name in names:
         if name not in COLUMNS:
-            raise UsageError(
-                "no such column", where="--columns", found=name, expected=f"some of {', '.join(COLUMNS)}"
-            )
+            expected = expected_name(name, COLUMNS, "a column", "--columns list")
+            raise UsageError("no such column", where="--columns", found=name, expected=expected)
     return tuple(dict.fromkeys(names))
 
 

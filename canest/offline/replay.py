@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from canest.core import jit
+from canest.core.columns import stretches
 from canest.core.frames import FrameBlock
 from canest.core.samples import STATUS_LABELS, EstimateBlock, ModelBlock
+from canest.core.table_block import TableBlock
 from canest.decode.database import overlap_warnings
 from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.reasons import why_unestimated
@@ -182,6 +184,10 @@ def _all_of(listeners: list[Listener]) -> Listener | None:
     return each
 
 
+#: of a log in one go: what is taken of memory grows with the ticks, however few frames or rows they have
+STRETCH_US = 600_000_000
+
+
 class LogRun:
     """One pass of one log through one pipeline.
 
@@ -207,22 +213,27 @@ class LogRun:
     def estimates(self, progress: Progress | None = None) -> Iterator[Estimates]:
         """Yield the estimates, in blocks (none of them empty)."""
         for block in self.reader:
-            if isinstance(block, FrameBlock):
-                if self._reported is not None:
-                    self._reported.push(block)
-                estimates = self.pipeline.push(block)
-            else:
-                samples = self.table_map.samples(block)
-                if self._reported is not None:
-                    self._reported.push_samples(samples)
-                estimates = self.pipeline.push_samples(samples, block.t_us)
+            yield from filter(len, self._taken(block))
             if progress is not None:
                 progress(self.reader.bytes_done, self.reader.bytes_total)
-            if len(estimates):
-                yield estimates
         estimates = self.pipeline.finish()
         if len(estimates):
             yield estimates
+
+    def _taken(self, block: FrameBlock | TableBlock) -> Iterator[Estimates]:
+        """Yield the estimates of a block's stretches: a block of slow signals may be hours of ticks."""
+        if isinstance(block, FrameBlock):
+            if self._reported is not None:
+                self._reported.push(block)
+            for part in stretches(block.t_us, STRETCH_US):
+                yield self.pipeline.push(block[part])
+            return
+        samples = self.table_map.samples(block)
+        if self._reported is not None:
+            self._reported.push_samples(samples)
+        for part in stretches(block.t_us, STRETCH_US):
+            parts = {role: (t_us[part], values[part]) for role, (t_us, values) in samples.items()}
+            yield self.pipeline.push_samples(parts, block.t_us[part])
 
 
 def compiling_pays(logs: Sequence[str | Path | MemoryLog], passes: int = 1) -> bool:

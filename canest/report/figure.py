@@ -30,7 +30,10 @@ Column = NDArray[Any]
 def numbers(values: Column, digits: int) -> list[float | None]:
     """Return JSON numbers rounded to ``digits`` decimals, null for what is no number."""
     rounded = np.round(np.asarray(values, np.float64), digits)
-    return [v if math.isfinite(v) else None for v in rounded.tolist()]
+    listed: list[float | None] = rounded.tolist()
+    for at in np.flatnonzero(~np.isfinite(rounded)).tolist():
+        listed[at] = None
+    return listed
 
 
 def with_gaps(stamps: Column, columns: Mapping[str, Column]) -> tuple[Column, dict[str, Column]]:

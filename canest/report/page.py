@@ -6,10 +6,12 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from html import escape
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 from canest import __version__
 from canest.core.errors import OutputError
@@ -19,7 +21,7 @@ from canest.system.result_files import write_result
 
 #: the file that the reports of one directory share: plotly, and our own scripts after it
 SCRIPT = "plotly.min.js"
-_SCRIPTS = ("theme.js", "detail.js", "figure.js", "cursor.js", "start.js")
+_SCRIPTS = ("theme.js", "detail.js", "figure.js", "cursor.js", "table.js", "start.js")
 
 
 @dataclass(slots=True)
@@ -37,6 +39,7 @@ class Table:
     """Rows of text. left: columns of words (the others are figures). marked: index of a row to stress.
 
     links: a page for the first cell of each row, '' for none. tones: of its last cell, as of `Card`.
+    sortable: by a click on a title; a table of many rows can be searched too.
     """
 
     header: list[str]
@@ -45,6 +48,7 @@ class Table:
     left: tuple[int, ...] = (0,)
     links: list[str] = field(default_factory=list)
     tones: list[str] = field(default_factory=list)
+    sortable: bool = False
 
 
 class Column(NamedTuple):
@@ -102,7 +106,7 @@ class Section:
 class Page:
     """A whole report: one sentence first, then cards, then sections.
 
-    home: page that the title leads to.
+    home, home_text: page above this one, and what leads to it is called.
     """
 
     title: str
@@ -111,6 +115,7 @@ class Page:
     cards: list[Card] = field(default_factory=list)
     sections: list[Section] = field(default_factory=list)
     home: str = ""
+    home_text: str = ""
 
     def write(self, path: str | Path, script_file: str = "") -> None:
         """Write the file. Errors: OutputError (cannot write, extra `report` not installed)."""
@@ -126,10 +131,31 @@ class Page:
         script = "" if drawn and script_file else scripts() if drawn else own_script()
         html: str = _template().render({
             "page": self, "version": __version__, "drawn": drawn, "both": both, "palette": json.dumps(DARK),
-            "style": _asset("page.css"),
+            "style": _asset("page.css"), "rows_html": rows_html,
             "script_file": "" if script else script_file, "script": script,
         })  # fmt: skip
         return html
+
+
+def rows_html(table: Table) -> str:
+    """Return the rows of a table as HTML. A page may have thousands: a template takes ten times as long."""
+    lines = []
+    for number, row in enumerate(table.rows):
+        tone = table.tones[number] if table.tones else ""
+        link = table.links[number] if table.links else ""
+        cells_ = [escape(cell) for cell in row]
+        if link and cells_:
+            cells_[0] = f'<a href="{quote(link)}">{cells_[0]}</a>'
+        kinds = ["left" if column in table.left else "" for column in range(len(row))]
+        if tone and kinds:
+            kinds[-1] = f"{kinds[-1]} {tone}".strip()
+        html = "".join(
+            f'<td class="{kind}">{cell}</td>' if kind else f"<td>{cell}</td>"
+            for kind, cell in zip(kinds, cells_, strict=True)
+        )
+        mark = ' class="marked"' if number == table.marked else ""
+        lines.append(f"<tr{mark}>{html}</tr>")
+    return "\n".join(lines)
 
 
 def write_scripts(directory: Path) -> str:

@@ -31,14 +31,17 @@ def road_page(road: RoadMap, name: str) -> Page:
         headline=f"{len(road):,} cells, {len(road) * 0.025:,.1f} km by direction",
         cards=[
             Card("Grade", f"± {std:.3f}°", "one standard deviation, median"),
-            Card("Drives per cell", f"{passes:,.0f}", "median"),
+            Card("Passes per cell", f"{passes:,.0f}", "median"),
             Card("Vehicles", f"{road.vehicles.max() if len(road) else 0:,}", "at most per cell"),
             Card("Newest drive", _day(np.nanmax(road.last_day)) if np.isfinite(road.last_day).any() else "-"),
         ],
     )
     if len(road):
-        text = "Colour is the grade in the direction of travel: red climbs, blue falls." + thinned
-        page.sections.append(Section("Cells", text=text, figure=_figure(road, every).to_json()))
+        text = (
+            "Each dot is 25 m of road in one direction, red where it climbs and blue where it falls."
+            + thinned
+        )
+        page.sections.append(Section("Grade", text=text, figure=_figure(road, every).to_json()))
     rows = [[what, f"{count:,}"] for what, count in road.counts.items()]
     page.sections.append(Section("What it was built from", table=Table(["what", "count"], rows)))
     return page
@@ -74,7 +77,7 @@ def _texts(road: RoadMap, part: slice, grade_pct: FloatColumn) -> list[str]:
         road.heading_deg[part], road.last_day[part], strict=True,
     )  # fmt: skip
     return [
-        f"{grade:+.2f} ± {std:.2f} %<br>{passes} drives, {vehicles} vehicles<br>heading {heading:.0f}°, "
+        f"{grade:+.2f} ± {std:.2f} %<br>{passes} passes, {vehicles} vehicles<br>heading {heading:.0f}°, "
         f"newest {_day(day)}"
         for grade, std, passes, vehicles, heading, day in columns
     ]

@@ -17,7 +17,7 @@ from canest.road.table import RoadMap
 from canest.road.tracks import Drive, tracks_of
 from canest.system.installation import how_to_add
 
-PASSES, PIECES, CELLS = "passes", "pieces of them", "cells of 25 m"
+DRIVES, PIECES, CELLS = "drives", "pieces of them", "cells of 25 m"
 STACKED, UNKNOWN, SELDOM = (
     "cells of stacked roads left out",
     "cells without a grade",
@@ -37,7 +37,7 @@ def build_map(drives: Iterable[Drive], *, least_passes: int = 1) -> RoadMap:
     of_track: list[int] = []
     days: list[float] = []
     for drive in drives:
-        counts[PASSES] += 1
+        counts[DRIVES] += 1
         for track in tracks_of(drive, counts):
             network.add(track)
             of_track.append(vehicles.setdefault(drive.vehicle, len(vehicles)))

@@ -24,6 +24,8 @@ _LATITUDE, _LONGITUDE = "latitude", "longitude"
 _CUBE_M = 50.0  #: cells are looked for in cubes of this size
 _SIDE_M = 20.0  #: a cell further beside is another road
 _ALONG_M = 25.0
+#: cells of two roads are level within this: more than half a cell, less than to the next of one road
+_LEVEL_M = 15.0
 _TURNED = math.cos(math.radians(45.0))
 _APART_M = 8.0  #: two roads beside each other whose distances differ less cannot be separated
 _LEAST_MOVED_M = 5.0  #: for a direction
@@ -156,7 +158,7 @@ class RoadMatcher:
             return None
         cells, along, side = cells[same], along[same], side[same]
         best = int(np.argmin(side + np.abs(along)))
-        beside = np.abs(along - along[best]) < 0.4 * _ALONG_M
+        beside = np.abs(along - along[best]) < _LEVEL_M
         beside[best] = False
         if (side[beside] < side[best] + _APART_M).any():
             return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,8 @@ CELL_M = 25.0
 _SIDE_M = 15.0  #: a track this far beside a cell is on another road
 _NEAR_M = 30.0  #: how far cells are looked for
 _TURNED = float(np.cos(np.radians(45.0)))  #: another direction is another road
+#: cells of two roads are level within this: more than half a cell, less than to the next of one road
+_LEVEL_M = 15.0
 _COVERED_M = 17.0  #: a cell stands for the road before and after it
 _AGAIN_M = 100.0  #: driven between two visits of one cell
 _LINKED_M = 60.0  #: cells that follow each other lie nearer
@@ -50,17 +53,10 @@ class Network:
 
     def add(self, track: Track) -> None:
         """Find a track's cells, make those that are missing, and note when it passed each."""
-        cells, ways, covered = self._matched(track)
-        new = self._new_ways(track, ways, covered)
-        at = np.round((new - track.way_m[0]) / STEP_M).astype(np.int64)
-        made = len(self.points) + np.arange(len(new))
-        if len(new):
-            self.points = np.concatenate([self.points, track.points[at]])
-            self.directions = np.concatenate([self.directions, track.directions[at]])
-            self._tree = None
-        cells, ways = np.concatenate([cells, made]), np.concatenate([ways, track.way_m[at]])
-        order = np.argsort(ways, kind="stable")
-        cells, ways = cells[order], ways[order]
+        cells, ways = np.empty(0, np.int64), np.empty(0)
+        for part in _stretches(track):
+            more, at = self._passed(Track(*(column[part] for column in track)), cells, ways)
+            cells, ways = np.concatenate([cells, more]), np.concatenate([ways, at])
         near = np.diff(ways) < _LINKED_M
         self.links.update(zip(cells[:-1][near].tolist(), cells[1:][near].tolist(), strict=True))
         self._visits.append(
@@ -72,6 +68,28 @@ class Network:
             )
         )  # fmt: skip
         self.tracks += 1
+
+    def _passed(
+        self, track: Track, before: IntColumn, before_ways: FloatColumn
+    ) -> tuple[IntColumn, FloatColumn]:
+        """Return the cells of a stretch, made where they are missing, and where on its way they are.
+
+        before, before_ways: those of the stretches before.
+        """
+        cells, ways, covered = self._matched(track)
+        recent = before[before_ways > track.way_m[0] - _AGAIN_M]
+        first = ~np.isin(cells, recent)  # where a stretch ends and the next begins, a cell is passed once
+        cells, ways = cells[first], ways[first]
+        new = self._new_ways(track, np.concatenate([before_ways[-1:], ways]), covered)
+        at = np.round((new - track.way_m[0]) / STEP_M).astype(np.int64)
+        made = len(self.points) + np.arange(len(new))
+        if len(new):
+            self.points = np.concatenate([self.points, track.points[at]])
+            self.directions = np.concatenate([self.directions, track.directions[at]])
+            self._tree = None
+        cells, ways = np.concatenate([cells, made]), np.concatenate([ways, track.way_m[at]])
+        order = np.argsort(ways, kind="stable")
+        return cells[order], ways[order]
 
     def visits(self) -> Visits:
         """Return all visits in order of their tracks."""
@@ -138,12 +156,32 @@ class Network:
         return np.array(new)
 
 
+def _stretches(track: Track) -> Iterator[slice]:
+    """Yield a track in stretches, none of which passes the same road twice: cells of one serve the next."""
+    from scipy.spatial import cKDTree  # only a map is built with it
+
+    tree = cKDTree(track.points)
+    pairs = tree.query_pairs(_SIDE_M, output_type="ndarray")
+    earlier, later = np.sort(pairs, axis=1).T
+    again = (later - earlier) * STEP_M > _AGAIN_M
+    earlier, later = earlier[again], later[again]
+    same = (track.directions[earlier] * track.directions[later]).sum(axis=1) > _TURNED
+    before = np.full(len(track.points), -1)
+    np.maximum.at(before, later[same], earlier[same])
+    begin = 0
+    for point in np.flatnonzero(before >= 0).tolist():
+        if before[point] >= begin:
+            yield slice(begin, point)
+            begin = point
+    yield slice(begin, len(track.points))
+
+
 def _nearest_road(ways: FloatColumn, side: FloatColumn) -> IntColumn:
     """Return which visits to keep: of cells beside each other, the nearest."""
     order = np.argsort(ways, kind="stable")
     kept: list[int] = []
     for now in order.tolist():
-        if kept and ways[now] - ways[kept[-1]] < 0.4 * CELL_M:
+        if kept and ways[now] - ways[kept[-1]] < _LEVEL_M:
             if side[now] < side[kept[-1]]:
                 kept[-1] = now
             continue

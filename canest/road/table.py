@@ -18,7 +18,7 @@ from canest.core.frames import FloatColumn, IntColumn
 from canest.system.installation import how_to_add
 
 VERSION = 1
-#: column -> what it holds; docs/road-map.md has the same
+#: column -> what it holds; docs/road_map.md has the same
 COLUMNS: dict[str, str] = {
     "latitude_deg": "middle of the cell, north positive",
     "longitude_deg": "middle of the cell, east positive",
@@ -27,7 +27,7 @@ COLUMNS: dict[str, str] = {
     "next": "row of the cell that most drives went on to, -1 for none",
     "grade": "in the direction of travel, a ratio: 0.03 is 3 % uphill",
     "grade_std": "its standard deviation",
-    "passes": "drives over the cell that count",
+    "passes": "passes over the cell that count",
     "vehicles": "vehicles they were made by",
     "first_day": "day (UTC) of the oldest, in days since 1970-01-01; NaN where no clock is a calendar",
     "last_day": "day of the newest, likewise: the age of the cell",

@@ -272,8 +272,9 @@ def test_a_frame_of_can_fd_fits_no_blf_of_frames(tmp_path):
         (("--with-frames",), "--with-frames needs a log of frames"),
         (
             ("-o", "est.csv", "--columns", "sped_mps"),
-            "no such column, found 'sped_mps', expected some of speed_mps",
+            "no such column, found 'sped_mps', expected a column, perhaps speed_mps$",
         ),
+        (("-o", "est.csv", "--columns", "qqq"), r"one of speed_mps, .* \(14 in all: --columns list\)$"),
         (("--columns", "speed_mps"), "--columns needs a file"),
         (("-o", "est.log", "--columns", "speed_mps"), "a log of frames has no further columns"),
     ],

@@ -79,6 +79,25 @@ def test_config_page_is_made_from_the_schema():
     assert tool["PAGE"].read_text() == tool["page"](), "python tools/config_page.py --write"
 
 
+def test_every_column_of_the_model_is_on_its_page_and_in_the_help():
+    from canest.cli.replay import command
+    from canest.offline.extra_columns import COLUMNS
+
+    text = (ROOT / "docs" / "outputs.md").read_text()
+    rows = "\n".join(f"| `{name}` | {column.meaning} |" for name, column in COLUMNS.items())
+    assert f"|---|---|\n{rows}\n<!-- end of the columns -->" in text
+    (option,) = (option for option in command.params if option.name == "columns")
+    assert ", ".join(COLUMNS) in option.help
+
+
+def test_road_map_page_has_the_columns_of_the_map():
+    from canest.road.table import COLUMNS
+
+    text = (ROOT / "docs" / "road_map.md").read_text()
+    rows = "\n".join(f"| `{name}` | {meaning} |" for name, meaning in COLUMNS.items())
+    assert f"|---|---|\n{rows}\n<!-- end of the map -->" in text
+
+
 def test_fleet_page_has_the_columns_of_the_tables():
     tool = runpy.run_path(str(ROOT / "tools" / "fleet_page.py"))
     assert tool["PAGE"].read_text() == tool["page"](), "python tools/fleet_page.py --write"

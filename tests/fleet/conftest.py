@@ -152,6 +152,12 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 
 
 @pytest.fixture
+def s3_server(tmp_path: Path) -> Path:
+    """The file with the process group of the store of `s3`."""
+    return tmp_path / "moto.pid"
+
+
+@pytest.fixture
 def s3(tmp_path: Path) -> Iterator[dict[str, str]]:
     """A store with the real S3 API (moto in a process), as the environment of whoever uses it."""
     log = tmp_path / "moto.txt"
@@ -162,6 +168,7 @@ def s3(tmp_path: Path) -> Iterator[dict[str, str]]:
         )  # fmt: skip
     try:
         wait_for(lambda: re.search(r"http://127\.0\.0\.1:\d+", log.read_text()))
+        (tmp_path / "moto.pid").write_text(str(process.pid))
         address = re.search(r"http://127\.0\.0\.1:\d+", log.read_text())
         assert address is not None
         yield {

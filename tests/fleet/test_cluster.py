@@ -9,8 +9,8 @@ import sys
 
 import pytest
 
-from .conftest import ROOT, candump, end, files_of, run, start_worker, wait_for
-from .test_run import hungry_log
+from tests.fleet.conftest import ROOT, candump, end, files_of, run, start_worker, wait_for
+from tests.fleet.test_run import hungry_log
 
 pytestmark = pytest.mark.slow
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+from pathlib import Path
 
 import pytest
 
@@ -49,8 +50,54 @@ def test_an_index_and_a_page_per_vehicle_share_one_script(lake, tmp_path):
         assert page.stat().st_size < 20_000
     assert "truck &lt;7&gt;" in text
     assert "<7>" not in text
-    assert any("trend" in page.read_text() for page in pages)
     assert (tmp_path / "report/plotly.min.js").stat().st_size > 1e6
+
+
+def report(folder: Path, lake: Path) -> tuple[str, str]:
+    """Write the report of a lake with one vehicle; return both pages."""
+    index, _ = write_report(str(lake), str(folder), lambda share: None)
+    (page,) = (folder / "vehicles").iterdir()
+    return index.read_text(), page.read_text()
+
+
+def test_a_vehicle_whose_residual_changes_is_named_first_and_one_that_may_be_chance_is_not(tmp_path):
+    drifting, steady = Lake.create(str(tmp_path / "a")), Lake.create(str(tmp_path / "b"))
+    for number in range(12):
+        noise = 0.1 * (-1) ** number
+        put(drifting, "t", number, torque_residual_pct=0.1 * number + noise, start=later(5 * number))
+        put(steady, "t", number, torque_residual_pct=noise, start=later(5 * number))
+    index, page = report(tmp_path / "ra", tmp_path / "a")
+    assert "Look at these first" in index
+    assert "the residual changes by +1.9 ± 0.2 % in 100 days" in index
+    assert '"name":"trend"' in page
+    assert 'class="card warn"' in page
+    index, page = report(tmp_path / "rb", tmp_path / "b")
+    assert "Look at these first" not in index
+    assert "± 0.2 %</div>" in page
+
+
+def test_of_few_trips_or_days_there_is_no_trend(tmp_path):
+    few, short = Lake.create(str(tmp_path / "a")), Lake.create(str(tmp_path / "b"))
+    for number in range(9):
+        put(few, "t", number, start=later(5 * number))
+    for number in range(12):
+        put(short, "t", number, start=later(number))
+    for lake in ("a", "b"):
+        index, page = report(tmp_path / f"r{lake}", tmp_path / lake)
+        assert "Look at these first" not in index
+        assert '"name":"trend"' not in page
+
+
+def test_a_vehicle_without_a_valid_mass_is_named_with_the_commonest_reason(tmp_path):
+    lake = Lake.create(str(tmp_path / "lake"))
+    for number, reason in enumerate(["no torque", "no torque", "too short"]):
+        put(lake, "t", number, status="unestimated", mass_kg=None, mass_std_kg=None, reason=reason)
+    index, _ = report(tmp_path / "report", tmp_path / "lake")
+    assert "no valid mass: no torque" in index
+
+
+def later(days: int) -> datetime.datetime:
+    return START + datetime.timedelta(days=days)
 
 
 def test_a_vehicle_that_is_forgotten_leaves_the_report_too(lake, tmp_path):

@@ -7,17 +7,17 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import zstandard
 
 from canest.fleet.child_main import write_message
-
-from .conftest import ROOT, candump, command, files_of, run, wait_for
+from canest.fleet.work_folder import PREFIX
+from tests.fleet.conftest import ROOT, candump, command, files_of, run, wait_for
 
 
 def rows(lake: Path, sql: str) -> list[str]:
@@ -44,7 +44,7 @@ def test_the_lake_has_a_row_per_leg_and_two_logs_of_equal_content_are_two(lake):
 
 def test_every_file_names_the_version_of_its_schema(lake):
     for path in [*lake.glob("trips/*/*/*.parquet"), *lake.glob("samples/*/*/*.parquet")]:
-        assert pq.read_metadata(path).metadata[b"canest.schema"] == b"2"
+        assert pq.read_metadata(path).metadata[b"canest.schema"] == b"3"
 
 
 def test_what_is_there_is_not_done_again_and_what_changed_is(lake, logs, manifest, tmp_path):
@@ -66,22 +66,69 @@ def test_what_fits_no_rule_or_cannot_be_read_is_named_and_the_rest_is_done(logs,
     shutil.copytree(logs / "t1", source / "t1")
     (source / "t1/empty.log").write_bytes(b"")
     (source / "t1/bad.log").write_bytes(b"nonsense\n")
+    (source / "t1/bomb.log.zst").write_bytes(zstandard.compress(b"0" * 300_000_000))
     (source / "stray.log").write_bytes(candump(5))
     (source / "read me.md").write_text("no log")
     rules = tmp_path / "fleet.csv"
     rules.write_text("pattern,vehicle,config\nt1/*,truck-1,kenworth\n")
     done = run(source, tmp_path / "lake", rules)
     assert done.code == 1
-    assert [log["log"] for log in done.tally["failed"]] == ["t1/bad.log"]
+    assert [log["log"] for log in done.tally["failed"]] == ["t1/bad.log", "t1/bomb.log.zst"]
     assert done.tally["unmatched"] == [
         {"log": "stray.log", "reason": "no rule of the manifest fits its path"}
     ]
     assert done.tally["passed_over"] == ["read me.md"]
     assert done.tally["done"] == 5
     assert "error: t1/bad.log: nothing to read" in done.err
+    assert "error: t1/bomb.log.zst: unpacks to more than 200 times its size" in done.err
     assert rows(tmp_path / "lake", "select status, reason from trips where log = 't1/empty.log'")[1] == (
         "unestimated,the log is empty: it holds no frames"
     )
+
+
+def test_a_mistake_in_the_manifest_leaves_no_lake_behind(logs, tmp_path):
+    rules = tmp_path / "fleet.csv"
+    rules.write_text("pattern,vehicle,config\nt1/*,truck-1,nowhere.yaml\n")
+    done = run(logs, tmp_path / "lake", rules)
+    assert done.code == 2
+    assert done.err.startswith(f"error: {rules}:2: nowhere.yaml: no such config file")
+    assert len(done.err.splitlines()) == 1
+    assert not (tmp_path / "lake").exists()
+
+
+VIN = "1FUJGLDR0CSBM1234"
+
+
+def vin_lines(t_s: float) -> bytes:
+    """Return the engine's VIN as it sends it: a broadcast of three packets."""
+    payload = (VIN + "*").encode().ljust(21, b"\xff")
+    frames = [(0x1CECFF00, bytes([32, 18, 0, 3, 0xFF, 0xEC, 0xFE, 0]))]
+    frames += [(0x1CEBFF00, bytes([n + 1]) + payload[7 * n : 7 * n + 7]) for n in range(3)]
+    text = "".join(
+        f"({t_s + 0.06 * n:.6f}) can0 {can_id:08X}#{data.hex().upper()}\n"
+        for n, (can_id, data) in enumerate(frames)
+    )
+    return text.encode()
+
+
+@pytest.mark.slow
+def test_vehicles_are_told_by_their_vin_which_no_file_of_the_lake_has_unless_asked(tmp_path):
+    source, home = tmp_path / "logs", {"HOME": str(tmp_path)}
+    source.mkdir()
+    (source / "a.log").write_bytes(vin_lines(1_699_999_999) + candump(10, 1_700_000_000))
+    (source / "b.log").write_bytes(candump(10, 1_700_000_000))
+    asked = ("-c", "kenworth", "--json", "-")
+    done = command("run", source, "-o", tmp_path / "hashed", *asked, environment=home)
+    assert (done.tally["done"], done.code) == (1, 1), done.err
+    assert "no rule: b.log: no rule of the manifest fits, and the log carries no VIN" in done.err
+    files = files_of(tmp_path / "hashed")
+    assert not any(VIN.encode() in content or VIN in name for name, content in files.items())
+    assert rows(tmp_path / "hashed", "select vehicle from trips")[1].startswith("vin-")
+    done = command("run", source, "-o", tmp_path / "kept", *asked, "--keep-vin", environment=home)
+    assert rows(tmp_path / "kept", "select distinct vehicle from trips")[1:] == [VIN]
+    for lake in ("hashed", "kept"):
+        done = command("forget", tmp_path / lake, VIN, environment=home)
+        assert done.out == "2 files removed\n", done.err
 
 
 @pytest.mark.slow
@@ -141,18 +188,21 @@ def test_two_runs_at_once_give_the_lake_of_one(lake, logs, manifest, tmp_path):
     assert files_of(folder) == files_of(lake)
 
 
-def test_workers_end_with_the_run(logs, manifest, tmp_path):
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_workers_and_their_folders_end_with_the_run(logs, manifest, tmp_path, how):
+    folders = tmp_path / "temporary"
+    folders.mkdir()
     process = subprocess.Popen(
         [sys.executable, "-m", "canest", "fleet", "run", logs, "-o", tmp_path / "lake", "--manifest",
          manifest],
-        cwd=ROOT, stdout=subprocess.DEVNULL,
+        cwd=ROOT, stdout=subprocess.DEVNULL, env=os.environ | {"TMPDIR": str(folders)},
     )  # fmt: skip
-    wait_for(lambda: children_of(process.pid))
+    wait_for(lambda: children_of(process.pid) and list(folders.glob(f"{PREFIX}*")))
     children = children_of(process.pid)
-    process.kill()
-    process.wait(10)
-    time.sleep(0.1)
+    process.send_signal(how)
+    process.wait(30)
     wait_for(lambda: not any(Path(f"/proc/{child}").exists() for child in children), 20)
+    assert list(folders.glob(f"{PREFIX}*")) == []
 
 
 def children_of(pid: int) -> list[int]:
@@ -169,10 +219,10 @@ class Unpickled:
         return eval, ("__import__('os').write(2, __import__('threading').current_thread().name.encode())",)
 
 
-def test_a_child_imports_in_one_thread_alone():
+def test_a_child_imports_in_one_thread_alone(tmp_path):
     """Two threads that import a package and a module of it at a time may each get the other's half."""
     with subprocess.Popen(
-        [sys.executable, "-m", "canest.fleet.child_main"],
+        [sys.executable, "-m", "canest.fleet.child_main", tmp_path / "temporary"],
         cwd=ROOT, stdin=subprocess.PIPE, stderr=subprocess.PIPE,
     ) as process:  # fmt: skip
         write_message(process.stdin, Unpickled())

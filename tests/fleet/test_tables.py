@@ -15,8 +15,7 @@ from canest.fleet.manifest import Rule
 from canest.fleet.process_log import process_log
 from canest.fleet.source import FoundLog
 from canest.system.shipped_files import shipped
-
-from .conftest import candump
+from tests.fleet.conftest import candump
 
 
 @pytest.fixture(scope="module")

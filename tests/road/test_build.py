@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from canest.road.build import CELLS, PASSES, SELDOM, STACKED, build_map
+from canest.road.build import CELLS, DRIVES, SELDOM, STACKED, build_map
 from canest.road.geojson import geojson
+from canest.road.sphere import EARTH_RADIUS_M
 from canest.road.tracks import JUMPS, LOST, NO_POSITIONS, Drive
-
-from .conftest import drive, true_grade
+from tests.road.conftest import drive, true_grade
 
 
 def rms_deg(road) -> float:
@@ -44,7 +44,7 @@ def test_cells_lie_25_m_apart_and_lead_to_the_next():
     road = build_map([drive(k) for k in range(3)])
     assert 230 <= len(road) <= 245
     assert (road.next == np.append(np.arange(1, len(road)), -1)).mean() > 0.97
-    assert road.counts[PASSES] == 3 and road.counts[CELLS] == len(road)
+    assert road.counts[DRIVES] == 3 and road.counts[CELLS] == len(road)
 
 
 def test_the_two_directions_of_a_road_are_two_roads():
@@ -131,3 +131,29 @@ def test_geojson_has_a_line_per_cell():
     longitude, latitude, altitude = features[10]["geometry"]["coordinates"][0]
     assert (round(longitude, 1), round(latitude, 1)) == (8.0, 47.0) and 350 < altitude < 450
     assert features[10]["properties"]["grade_pct"] == pytest.approx(100 * road.grade[10], abs=1e-3)
+
+
+def loop(rounds: int, seed: int = 0) -> Drive:
+    """Return one drive round and round a circle of 300 m, on which one side climbs and the other falls."""
+    rng = np.random.default_rng(seed)
+    n = int(rounds * 2 * np.pi * 300 / 10.0)
+    way = 10.0 * np.arange(n)
+    angle = way / 300.0
+    north, east = 300 * np.sin(angle), 300 * (1 - np.cos(angle))
+    parallel_m = EARTH_RADIUS_M * np.cos(np.radians(47.0))
+    nothing = np.full(n, np.nan)
+    return Drive(
+        log="loop.log", vehicle="a", day=20_000.0, distance_m=way, speed_mps=np.full(n, 10.0),
+        grade=0.02 * np.sin(angle) + rng.normal(0, 0.002, n), grade_std=np.full(n, 0.002), altitude_m=nothing,
+        latitude_deg=47.0 + np.degrees((north + rng.normal(0, 1, n)) / EARTH_RADIUS_M),
+        longitude_deg=8.0 + np.degrees((east + rng.normal(0, 1, n)) / parallel_m), position_m=way,
+    )  # fmt: skip
+
+
+def test_a_drive_that_passes_a_road_again_and_again_counts_each_time():
+    road = build_map([loop(4)])
+    assert 72 <= len(road) <= 80  # 1,885 m
+    assert np.median(road.passes) == 4
+    assert (road.next >= 0).mean() > 0.98
+    step = np.hypot(*(np.diff(np.radians(a)) for a in (road.latitude_deg, 0.682 * road.longitude_deg)))
+    assert np.median(step) * EARTH_RADIUS_M == pytest.approx(25.0, abs=3.0)

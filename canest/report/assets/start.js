@@ -51,6 +51,7 @@ canest.Track = class {
 
 canest.start = async () => {
   canest.theme.start();
+  canest.tables = [...document.querySelectorAll("table.sortable")].map((table) => new canest.Table(table));
   canest.figures = [];
   for (const box of document.querySelectorAll(".drawn")) {
     const figure = new canest.Figure(box);
