@@ -63,7 +63,9 @@ def judge(case: Case, told: dict[str, Any]) -> Row:
         chosen.pop(DELAY, None)
         stated = [model - {DELAY} for model in stated]
     planted = set(case.planted)
-    named = set(chosen).union(*chosen.values(), *(stated if chosen else ()))
+    said = told["verdict"] != "nothing-to-explain"
+    named = set(chosen).union(*chosen.values(), *(stated if said else ()))
+    open_to = named | set(told["not_excluded"])
     first = next(iter(chosen), None)
     values = {n: _value(entry, n) for n in planted & set(entry)}
     true = {n: v + (USUAL_DELAY_S if n == DELAY else 0.0) for n, v in case.planted.items()}
@@ -75,6 +77,8 @@ def judge(case: Case, told: dict[str, Any]) -> Row:
         "stated": planted <= named,
         "one of": planted in stated,
         "named": len(named),
+        "open": planted <= open_to,
+        "open names": len(open_to),
         "traced": bool(planted) and first is not None and bool(planted & ({first} | chosen[first])),
         "right": bool(off) and max(off.values()) < RIGHT and len(off) == len(planted),
         "confident wrong": single and not planted <= named,
@@ -149,6 +153,7 @@ def figures(rows: list[Row]) -> list[tuple[str, str]]:
         ("pairs: a confident wrong single effect", share("pair", "confident wrong")),
         ("pairs: one effect, its value more than 3 std off", share("pair", "beyond")),
         ("pairs: effects named, mean", f"{np.mean(pairs):.1f}" if pairs else "-"),
+        ("pairs: both named, or stated as not ruled out", share("pair", "open")),
         ("brake and wind: a brake in the first sentence", share("brake and wind", "brake first")),
     ]
 
