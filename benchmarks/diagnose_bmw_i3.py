@@ -162,7 +162,7 @@ def page(d: Diagnosis, found: list[Entry], trips: list[Trip], figure: str, used:
         "",
         reference_limits(d.references),
         "",
-        "| effect | value ± std | removes | cannot be told from |",
+        "| effect | value ± std | removes | inseparable from |",
         "|---|---|---|---|",
     ]
     for e in found[:10]:
@@ -200,9 +200,9 @@ def page(d: Diagnosis, found: list[Entry], trips: list[Trip], figure: str, used:
 
 
 def spread_formatted(std_b: float, std_a: float, iqr_b: float, iqr_a: float, n: int) -> str:
-    """Say in words what the spread of the mass does, and what it can be."""
+    """Describe what the spread of the mass does, and what it can be."""
     # the standard deviation of a standard deviation from n normal values
-    doubt = std_b / np.sqrt(2 * (n - 1))
+    std_std = std_b / np.sqrt(2 * (n - 1))
     if (std_a, iqr_a) == (std_b, iqr_b):
         text = "Nothing was added, so the spread of the estimated mass is what it was"
     elif std_a < std_b and iqr_a <= iqr_b:
@@ -212,14 +212,14 @@ def spread_formatted(std_b: float, std_a: float, iqr_b: float, iqr_a: float, n: 
     else:
         text = "Standard deviation and interquartile range of the estimated mass do not agree on a change"
     return (
-        f"{text}. From {n} trips a standard deviation is known to ± {doubt:.2f} points. Part of the spread\n"
-        "is real: passengers and luggage are mass, one person is 5 % of this car, and nothing in the\n"
-        "tables says who was on board."
+        f"{text}. From {n} trips a standard deviation is known to ± {std_std:.2f} points. Part of the\n"
+        "spread is real: passengers and luggage are mass, one person is 5 % of this car, and nothing in the\n"
+        "tables has who was on board."
     )
 
 
 def steady_formatted(d: Diagnosis) -> list[str]:
-    """Say why the mass may not move."""
+    """Describe why the mass may not move."""
     added = {c.candidate.effect for c in d.search.chosen}
     if not added or not added <= STEADY:
         return []

@@ -1,4 +1,4 @@
-"""What half a minute of a real truck's bus can tell about its model, and what it cannot.
+"""What half a minute of a real truck's bus shows of its model, and what it cannot show.
 
     python benchmarks/diagnose_kenworth.py [LOG] -o docs/measured/kenworth.md
 
@@ -55,7 +55,7 @@ def page(d: Diagnosis, result: ReplayResult) -> str:
         "tried, nothing added. With enough effects to choose from something always fits so little driving,",
         "and nothing is left to test it on.",
         "",
-        "## What it can tell",
+        "## What it shows",
         "",
         "| | |",
         "|---|---|",

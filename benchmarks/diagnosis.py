@@ -36,7 +36,7 @@ Row = dict[str, Any]
 
 
 def run(case: Case) -> Row:
-    """Simulate and diagnose one drive; return what was planted, what was said and how it is judged."""
+    """Simulate and diagnose one drive; return what was planted, what was reported and how it is judged."""
     jit.enable(True)
     with tempfile.TemporaryDirectory() as folder:
         files = simulate(case.scenario, case.scenario["seed"]).write(Path(folder))
@@ -46,45 +46,46 @@ def run(case: Case) -> Row:
         if case.reference == "truth":
             known = {"truths": [log.with_suffix(".truth.csv")]}
         found = diagnose([log], config, **known)
-        told = document(found, entries(found), [log.name])
+        result = document(found, entries(found), [log.name])
     return {"family": case.family, "seed": case.seed, "reference": case.reference, "planted": case.planted,
             "mass_kg": case.scenario["mass_kg"], "errors": case.scenario["small_errors"],
-            "driver": case.scenario["driver"]["kind"], "finding": told["finding"], "verdict": told["verdict"],
-            "selected": told["selected"], "before_N": told["baseline"]["residual_rms_N"],
-            "after_N": told["after"]["residual_rms_N"], **judge(case, told)}  # fmt: skip
+            "driver": case.scenario["driver"]["kind"], "finding": result["finding"],
+            "verdict": result["verdict"], "selected": result["selected"],
+            "before_N": result["baseline"]["residual_rms_N"],
+            "after_N": result["after"]["residual_rms_N"], **judge(case, result)}  # fmt: skip
 
 
-def judge(case: Case, told: dict[str, Any]) -> Row:
-    """Compare what diagnosis.json says with what was planted."""
-    entry = {c["effect"]: c for c in reversed(told["candidates"])}
-    chosen = {c["effect"]: set(c["equivalent"]) for c in told["candidates"] if c["selected"]}
-    stated = [set(model["effects"]) for model in told["models"]]
+def judge(case: Case, result: dict[str, Any]) -> Row:
+    """Compare diagnosis.json with what was planted."""
+    entry = {c["effect"]: c for c in reversed(result["candidates"])}
+    chosen = {c["effect"]: set(c["equivalent"]) for c in result["candidates"] if c["selected"]}
+    stated = [set(model["effects"]) for model in result["models"]]
     if DELAY not in case.planted:  # every engine has one: right to find, and never what is asked for
         chosen.pop(DELAY, None)
         stated = [model - {DELAY} for model in stated]
     planted = set(case.planted)
-    said = told["verdict"] != "nothing-to-explain"
-    named = set(chosen).union(*chosen.values(), *(stated if said else ()))
-    open_to = named | set(told["not_excluded"])
+    reported = result["verdict"] != "nothing-to-explain"
+    named = set(chosen).union(*chosen.values(), *(stated if reported else ()))
+    possible = named | set(result["not_excluded"])
     first = next(iter(chosen), None)
     values = {n: _value(entry, n) for n in planted & set(entry)}
     true = {n: v + (USUAL_DELAY_S if n == DELAY else 0.0) for n, v in case.planted.items()}
     off = {n: abs(values[n][0] - true[n]) / abs(true[n] - SIZES[n][2]) for n in values}
-    single = bool(planted) and len(chosen) == 1 and told["verdict"] == "explained"
+    single = bool(planted) and len(chosen) == 1 and result["verdict"] == "explained"
     beyond = [n for n in planted & set(chosen) if abs(values[n][0] - true[n]) > 3 * (values[n][1] or 0.0)]
     return {
         "exact": set(chosen) == planted,
         "stated": planted <= named,
         "one of": planted in stated,
         "named": len(named),
-        "open": planted <= open_to,
-        "open names": len(open_to),
+        "open": planted <= possible,
+        "open names": len(possible),
         "traced": bool(planted) and first is not None and bool(planted & ({first} | chosen[first])),
         "right": bool(off) and max(off.values()) < RIGHT and len(off) == len(planted),
         "confident wrong": single and not planted <= named,
         "beyond": single and bool(beyond),
         "clean": not chosen,
-        "brake first": "dragging brake" in told["finding"].split(". ")[0].lower(),
+        "brake first": "dragging brake" in result["finding"].split(". ")[0].lower(),
     }  # fmt: skip
 
 

@@ -8,7 +8,7 @@ csv, parquet, db, mf4, gzip, xz, dbc, config, state, bam, slcan, metrics, status
 '.[fuzz]'`), hypothesis (edits of the seeds, which it shrinks), lines (mutations guided by Python's own
 tracing); "both" gives each half of the time to atheris and hypothesis, or to lines where atheris is not
 installed. A finding is an exception other than CanestError, an input that takes over a second of CPU (20
-under atheris, whose instrumented code is that much slower), an estimate nobody could believe, or memory
+under atheris, whose instrumented code is that much slower), an estimate that no vehicle can have, or memory
 that grows by over 300 MB. Its input is kept in --keep, by default `tests/fuzz/found`, which the tests
 replay, and the exit code is 1.
 """

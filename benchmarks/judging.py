@@ -108,7 +108,7 @@ def without_accelerometer(samples: ModelBlock) -> ModelBlock:
 def estimate(
     name: str, drive: Drive, start_kg: float, *, accelerometer: bool
 ) -> tuple[EstimateBlock, dict[str, float]]:
-    """Return the estimates of a drive, and what the estimator's snapshot tells of its innovations."""
+    """Return the estimates of a drive, and what the estimator's snapshot has of its innovations."""
     return estimate_with(partial(create, name), drive, start_kg, accelerometer=accelerometer)
 
 
@@ -136,7 +136,7 @@ def settled(drive: Drive) -> BoolColumn:
 def judge(
     drive: Drive, e: EstimateBlock, first_s: float = FIRST_S, later_s: float = LATER_S
 ) -> dict[str, float]:
-    """Return one run's figures (percent, degrees); those that nothing can be said of are NaN."""
+    """Return one run's figures (percent, degrees); those without a value are NaN."""
     t = (drive.samples.t_us - drive.samples.t_us[0]) * 1e-6
     error = e.mass_kg - drive.mass_kg
     share = error / drive.mass_kg

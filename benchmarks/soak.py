@@ -60,7 +60,7 @@ def main() -> int:
         config = load_config("vcan", changes)
         with Rig(Patch(), config, frames) as rig:
             warm: tuple[float, int] | None = None
-            begin, passed_s, told_h = time.monotonic(), 0.0, 0
+            begin, passed_s, printed_h = time.monotonic(), 0.0, 0
             while passed_s < arguments.hours * 3600:
                 rig.script.repeat(rig.now_us)
                 rig.run(DRIVE_S + STOP_S)
@@ -68,8 +68,8 @@ def main() -> int:
                 passed_s += DRIVE_S + STOP_S
                 if warm is None and passed_s >= WARM_S:
                     warm = resident_mb(), descriptors(ring)
-                if warm is not None and passed_s >= told_h * 3600:
-                    told_h += 1
+                if warm is not None and passed_s >= printed_h * 3600:
+                    printed_h += 1
                     learned = rig.daemon.estimation.mass_store.learned
                     counted = rig.daemon.pipeline.decoder.counters
                     print(

@@ -117,7 +117,7 @@ def estimate(
 
     Args:
         table: pandas, polars or pyarrow table, or {name: (n,)}. Time is the column t_s (or as the config's
-            sampling.time_column says) in seconds, or as dates; of pandas also a DatetimeIndex.
+            sampling.time_column names) in seconds, or as dates; of pandas also a DatetimeIndex.
         config: of the vehicle, or a `Vehicle` alone, for columns named by role ("engine_torque",
             "vehicle_speed", ...; docs/config.md lists them with their units).
         estimator: name of one; by default the config's, for a `Vehicle` "canest".
@@ -204,7 +204,7 @@ def diagnose(
 
     Example:
         >>> import canest
-        >>> drive = canest.simulate("wheel-radius")  # worn tyres, which its config does not say
+        >>> drive = canest.simulate("wheel-radius")  # worn tyres, which its config does not have
         >>> canest.diagnose(drive, drive.config, truth=drive.truth).finding
         'Wheel radius explains the residual.'
     """

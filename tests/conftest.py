@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
+
+from canest.core import jit
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -20,9 +23,10 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     class OneModuleOneWorker(LoadScopeScheduling):  # type: ignore[misc]
         def _split_scope(self, nodeid: str) -> str:
             module = nodeid.partition("::")[0]
-            if "vcan/" not in module:
-                return str(module)
-            return "guest-2" if module.endswith("/test_service.py") else "guest-1"
+            if "vcan/" not in module or module.endswith("/test_debian_package.py"):
+                return str(module)  # that one has a guest of its own, and measures nothing against the clock
+            other_half = module.endswith(("/test_minute.py", "/test_service.py"))
+            return "guest-2" if other_half else "guest-1"
 
     config.option.loadscopereorder = False  # the order below, not the number of tests
     return OneModuleOneWorker(config, log)
@@ -39,3 +43,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     guests = {item.path for item in items if item.get_closest_marker("vcan")}
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: 2 if item.path in guests else 0 if item.path in slow else 1)
+
+
+@pytest.fixture(scope="module")
+def compiled() -> Iterator[None]:
+    """Run kernels compiled, where numba is installed: the same bits at a twentieth of the time.
+
+    That they are the same is tested in tests/estimators and tests/pipeline (test_any_cut).
+    """
+    jit.enable()
+    yield
+    jit.enable(False)

@@ -24,7 +24,6 @@ MOST_LINES_OF_A_FILE, MOST_LINES_OF_A_FUNCTION, MOST_ARGUMENTS = 300, 60, 8
 PUBLIC = {"__init__.py", "__init__.pyi", "__main__.py", "api.py", "py.typed"}
 
 VERSION_0_1 = "kernels of the default estimator, whose state is given one by one"
-STATE = "numba compiles scalars and arrays, so the state is given one by one"
 DEFAULT = "the compiled loop of the default, and kernels that take vectors and matrices one by one"
 RECURSION = "one loop over one documented recursion: a call per sample costs more than its work"
 
@@ -36,7 +35,6 @@ LONG_FUNCTIONS = {
     "estimators/canest_0_1/kernel.py: run": VERSION_0_1,
     "estimators/default/kernel.py: run": DEFAULT,
     "estimators/papers/kidambi2014/ekf_filter.py: ekf_steps": RECURSION,
-    "estimators/papers/rhode2013/rsvd.py: append_rows": RECURSION,
     "estimators/papers/vahidi2005/rls.py: matrix_rls": RECURSION,
 }
 MANY_ARGUMENTS = {
@@ -53,7 +51,6 @@ MANY_ARGUMENTS = {
     "estimators/default/load.py: open_load": DEFAULT,
     "estimators/default/sensors.py: accelerometer": DEFAULT,
     "estimators/default/update.py: condition_all_but_mass": DEFAULT,
-    "vehicle/butterworth.py: _section_kernel": STATE,
 }
 
 

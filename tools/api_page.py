@@ -47,7 +47,7 @@ A name that is replaced stays as an alias for one minor version at least, with a
 What [extending.md](extending.md) imports is public too, for packages that add an effect or an estimator.
 Everything else is private: modules below `canest.` that neither page names, and names with an underscore.
 
-The estimates themselves are no contract: a better estimator changes numbers, and the changelog says so.
+The estimates themselves are no contract: a better estimator changes numbers, and the changelog lists it.
 
 ## At any rate
 

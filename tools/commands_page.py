@@ -1,6 +1,6 @@
 """Writes docs/commands.md, the man pages and the completion files from the commands themselves (``--write``).
 
-Without ``--write`` it says what is not up to date, and exits with 1.
+Without ``--write`` it prints what is not up to date, and exits with 1.
 """
 
 from __future__ import annotations

@@ -55,12 +55,12 @@ What is larger than these limits is refused before anything is built of it:
 
 ACCURACIES_TEXT = """### Accuracies
 
-Each `..._accuracy_pct` says how well a fact is known: two standard deviations, in percent of the fact.
+Each `..._accuracy_pct` is how well a fact is known: two standard deviations, in percent of the fact.
 Nineteen of twenty such vehicles are then within it.
 
 Put there what you know, and leave the default where you know nothing. A torque or wheel radius that is 2 %
-off makes the mass 2 % wrong, and no amount of driving shows it. Only an honest accuracy puts that error into
-the standard deviation. A worse accuracy widens it, and `valid` comes later or, beyond
+off makes the mass 2 % wrong, and no amount of driving shows it. Only a realistic accuracy puts that error
+into the standard deviation. A worse accuracy widens it, and `valid` comes later or, beyond
 `estimator.valid_std_pct`, never. An accuracy that is too good gives a narrow band around a wrong mass.
 
 The methods of the papers and version 0.1 of the default estimator do not use these facts.

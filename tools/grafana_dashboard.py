@@ -54,7 +54,7 @@ PANELS = (
     }, "percentunit", about="open: the estimator learns. Any other gate: why it does not."),
     Panel("Frames received", {"{{instance}}": f"rate({here('canest_bus_frames_total')}[1m])"}, "pps"),
     Panel("Interface", {"{{event}}": f"increase({here('canest_bus_events_total')}[5m])"}),
-    Panel("Signals that are doubted", {
+    Panel("Signals in doubt", {
         "stuck {{signal}}": f"increase({here('canest_stuck_seconds_total')}[5m])",
         "jumps {{signal}}": f"increase({here('canest_implausible_jumps_total')}[5m])",
         "contested {{signal}} {{source}}": f"increase({here('canest_contested_samples_total')}[5m])",

@@ -27,7 +27,7 @@ _FORMULA = re.compile(r"\$[^$]+\$")
 _LINK = re.compile(r"!?\[([^\]]*)\]\([^)]*\)")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 #: abbreviations whose full stop ends no sentence
-_ABBREVIATION = re.compile(r"\b(e\.g|i\.e|eq|eqs|Alg|vs|approx|No)\.(?= )")
+_ABBREVIATION = re.compile(r"\b(e\.g|i\.e|al|eq|eqs|Alg|vs|approx|No)\.(?= )")
 _END = re.compile(r"(?<=[.!?])[\"')*_]*\s+(?=[\"'(*_]*[A-Z0-9])")
 _WORD = re.compile(r"\w[\w'’.,:/%-]*")
 

@@ -109,8 +109,8 @@ def write_masses(page: Page, recordings: list[Recording], names: list[str]) -> N
     page.section("Does the car weigh the same?")
     page.text(
         "The mass at the end of each file (of its last valid sample where there is one) and its standard "
-        "deviation, in kg, by `canest`. The guess of the reference torque is 7.5 % of each standard deviation, "
-        "and the same in all files."
+        "deviation, in kg, by `canest`. The guess of the reference torque is 7.5 % of each standard "
+        "deviation, and the same in all files."
     )
     rows = []
     for r in recordings:
@@ -167,9 +167,10 @@ def main() -> None:
     recordings = [r for r in found.values() if r is not None]
     page = Page(options.output, "A car over OBD-II, measured")
     page.text(
-        "A diesel car whose engine was asked for torque, speed and road speed (whole km/h) twice a second. The "
-        "logger has a satellite receiver (1 Hz) and inertial sensors (100 Hz, 0.125 m/s² steps). Nobody weighed "
-        "it, and nobody wrote down its reference torque, brakes or pedals. It must weigh the same in all files."
+        "A diesel car whose engine was asked for torque, speed and road speed (whole km/h) twice a second. "
+        "The logger has a satellite receiver (1 Hz) and inertial sensors (100 Hz, 0.125 m/s² steps). Nobody "
+        "weighed it, and nobody wrote down its reference torque, brakes or pedals. It must weigh the same in "
+        "all files."
     )
     page.text(LICENCE)
     made_by(page, "python benchmarks/measured/obd_car.py FOLDER -o docs/measured/obd-car.md")
@@ -177,8 +178,9 @@ def main() -> None:
     draw(page, recordings)
     page.section("Grade against altitude")
     page.text(
-        f"Mean grade over windows of {WINDOW_M:.0f} m beside the slope of the receiver's altitude, in degrees. "
-        "The altitude has an error of its own, which shows where the car comes by again (dashes: it does not)."
+        f"Mean grade over windows of {WINDOW_M:.0f} m beside the slope of the receiver's altitude, in "
+        "degrees. The altitude has an error of its own, which shows where the car comes by again (dashes: it "
+        "does not)."
     )
     checks = {
         f"`{name}`": grade_against_altitude([(r.way, r.runs[""][name]) for r in recordings], WINDOW_M)
@@ -190,7 +192,8 @@ def main() -> None:
     page.items([
         f"Refused, since signals come too seldom or are missing: {', '.join(refused) or 'none'}. "
         "`canest check` says which, and what a rate costs.",
-        "Neither brake nor pedal is known. Without propulsion nothing is learned, which is a quarter of the driving.",
+        "Neither brake nor pedal is known. Without propulsion nothing is learned, which is a quarter of the "
+        "driving.",
     ])  # fmt: skip
     page.write()
 

@@ -105,7 +105,7 @@ def samples_of(mission: Mission, e: Estimates) -> tuple[Column, Column, Column]:
 
 
 def rides_of(mission: Mission, e: Estimates, valid: bool) -> Column:
-    """Return passengers, mass and std at the end of each ride, (rides, 3). valid: of its last valid sample."""
+    """Return passengers, mass and std at each ride's end, (rides, 3). valid: of its last valid sample."""
     wanted = e.known & e.valid if valid else e.known
     rows = []
     for begin, end, count in mission.rides:
@@ -201,8 +201,8 @@ def write(page: Page, missions: list[Mission], names: list[str]) -> None:
         "own standard deviations of the best line. Samples are one a second."
     )
     page.table(
-        ("method", "valid, of the driving", "samples: correlation", "kg per passenger", "empty, t", "in 2 std",
-         "rides", "correlation", "kg per passenger", "in 2 std", "scatter, kg"),
+        ("method", "valid, of the driving", "samples: correlation", "kg per passenger", "empty, t",
+         "in 2 std", "rides", "correlation", "kg per passenger", "in 2 std", "scatter, kg"),
         [
             (f"`{name}`", share(f.valid), number(f.samples.correlation, 2), number(f.samples.slope),
              number(f.samples.intercept / 1000, 1), share(f.in_two_std), str(f.rides.points),
@@ -223,11 +223,11 @@ def write(page: Page, missions: list[Mission], names: list[str]) -> None:
     )  # fmt: skip
     page.section("Grade against altitude")
     page.text(
-        f"Mean grade over windows of {WINDOW_M:.0f} m beside the slope of the receiver's altitude, in degrees. "
-        "A satellite receiver wanders by metres in a minute. Where the bus comes by again, in either direction, "
-        "two passes see one road and two errors of the altitude. *Left* is what remains there without them. "
-        "An error that belongs to the place, as beside high houses, stays in it. The last column is the same "
-        "scatter of the estimate: it needs no altitude."
+        f"Mean grade over windows of {WINDOW_M:.0f} m beside the slope of the receiver's altitude, in "
+        "degrees. A satellite receiver wanders by metres in a minute. Where the bus comes by again, in "
+        "either direction, two passes see one road and two errors of the altitude. *Left* is what remains "
+        "there without them. An error that belongs to the place, as beside high houses, stays in it. The "
+        "last column is the same scatter of the estimate: it needs no altitude."
     )
     checks = {
         f"`{name}`": grade_against_altitude([(m.way, m.estimates[name]) for m in missions], WINDOW_M)

@@ -26,8 +26,7 @@ def write(page: Page, drives: Path | None) -> None:
     page.section("Kidambi et al. (2014): RLS, EKF, grade observer, PMG")
     page.text(
         "A simulated 2,309 kg car with half-shaft torques, undriven-wheel speed and accelerometer; the "
-        "samples "
-        "are at 50 Hz (the paper's at 30 Hz; the EKF's noise variances are converted)."
+        "samples are at 50 Hz (the paper's at 30 Hz; the EKF's noise variances are converted)."
     )
     _launches(page, drives)
     _selection(page)
@@ -93,14 +92,11 @@ def _launches(page: Page, drives: Path | None) -> None:
             )  # fmt: skip
         page.table(["after 25 s", "mass RMS, %", "mass errors, %", "grades, % (truth 0)"], rows)
     page.why(
-        "Same finding: from the right start both stay within a few percent, from a wrong one both "
-        "settle where "
-        "the first seconds left them. The scatter is not the paper's number for number: the car, its torque "
-        "sensors and its launches are others. The paper gives no initial P for the EKF; here it is the "
-        "one that "
-        "it gives for RLS. What the first seconds do depends on it: with P ten times larger the settled "
-        "errors "
-        "change sign."
+        "Same finding: from the right start both stay within a few percent, from a wrong one both settle "
+        "where the first seconds left them. The scatter is not the paper's number for number: the car, its "
+        "torque sensors and its launches are others. The paper gives no initial P for the EKF; here it is "
+        "the one that it gives for RLS. What the first seconds do depends on it: with P ten times larger "
+        "the settled errors change sign."
     )
 
 
@@ -142,13 +138,10 @@ def _selection(page: Page) -> None:
     page.figure(figure, "2014-figure-9", "Figure 9 in kind: +55 % and -5 % at the start")
     page.why(
         "Filters that were started from each other agree trivially until excitation has moved them "
-        "apart. The "
-        "paper's condition is met as soon as five filters run, on a drive that excites from the first "
-        "second, "
-        "and the mass they agree on is the one the first launch left; on its own drive the filters disagreed "
-        "until hard accelerations at 131 and 177 s. By default agreement counts here only after each "
-        "filter has "
-        "narrowed 1/m itself, which the paper does not ask for."
+        "apart. The paper's condition is met as soon as five filters run, on a drive that excites from "
+        "the first second. The mass they agree on is the one the first launch left. On its own drive the "
+        "filters disagreed until hard accelerations at 131 and 177 s. By default agreement counts here only "
+        "after each filter has narrowed 1/m itself, which the paper does not require."
     )
 
 
@@ -203,16 +196,12 @@ def _hill(page: Page) -> None:
     page.table(["from 15 s on", "mass at the end, %", "mass RMS, %", "mass worst, %", "grade RMS, deg"], rows)
     page.text(
         "Paper: with right starts all stay within 5 % of mass; with wrong ones RLS and EKF degrade "
-        "substantially, "
-        "DGO answers a wrong mass with a wrong grade, PMG is accurate whatever its start."
+        "substantially, DGO answers a wrong mass with a wrong grade, PMG is accurate whatever its start."
     )
     page.why(
         "The hill begins within 40 m, three seconds at this speed. RLS gives a fixed share of every "
-        "innovation "
-        "to the mass while the grade catches up, and on the constant climb after it nothing takes it "
-        "back; the "
-        "paper's RLS stayed within 5 % from the right start, on a longer transition. PMG's mass depends on "
-        "an accelerometer without offset: the simulated one has a bias and coarse steps, as production "
-        "sensors "
-        "do; the paper's was a seat-track instrument."
+        "innovation to the mass while the grade catches up, and on the constant climb after it nothing "
+        "takes it back. The paper's RLS stayed within 5 % from the right start, on a longer transition. "
+        "PMG's mass depends on an accelerometer without offset: the simulated one has a bias and coarse "
+        "steps, as production sensors do; the paper's was a seat-track instrument."
     )

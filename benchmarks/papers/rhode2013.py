@@ -142,11 +142,9 @@ def _figure_2(page: Page, z: Array) -> None:
         f"before: {difference[t <= 500].max():.1e}. Batch time: one solution in 60 timed, times 60."
     )
     page.why(
-        "The paper sees a difference in the first few hundred samples; with S = 0 and V = I at the "
-        "start nothing is "
-        "lost, and recursive and batch agree from the first solvable sample on. The paper's lambda of "
-        "0.997 scales "
-        "rows, which is 0.997 squared in terms of squared errors; so it is set here."
+        "The paper sees a difference in the first few hundred samples; with S = 0 and V = I at the start "
+        "nothing is lost, and recursive and batch agree from the first solvable sample on. The paper's "
+        "lambda of 0.997 scales rows, which is 0.997 squared in terms of squared errors; so it is set here."
     )
 
 
@@ -180,11 +178,9 @@ def _figures_3_4(page: Page, z: Array, truth: Array) -> None:
     page.table(["settled errors, %", *[f"bias X{i}" for i in "123"], *[f"std X{i}" for i in "123"]], rows)
     gap = np.max(np.abs(as_rls[500:] / same[500:] - 1.0))
     page.text(
-        f"RGTLS with the diagonal W differs from RLS of the same memory (lambda squared) by at most "
-        f"{gap:.1e} "
-        "after 500 samples. The paper compares it with RLS of the same number 0.997 and so sees a "
-        "difference "
-        "around the parameter step, which is the difference of the two memories."
+        "RGTLS with the diagonal W differs from RLS of the same memory (lambda squared) by at most "
+        f"{gap:.1e} after 500 samples. The paper compares it with RLS of the same number 0.997 and so sees "
+        "a difference around the parameter step, which is the difference of the two memories."
     )
 
 
@@ -262,16 +258,13 @@ def _figures_5_6(page: Page) -> None:
     page.table(header, rows)
     page.text(
         f"Grade from the truth, as the paper takes its road-grade signal; filter of order {order} and "
-        f"{cutoff:.2f} Hz, which is the paper's third-order one with 1 Hz pass and 10 Hz stop "
-        f"frequency. All start "
-        "from a mass that is 20 % too low. The car carries small undeclared errors (torque within 2 %, "
-        "wind within "
-        "3 m/s, rolling resistance within 15 %)."
+        f"{cutoff:.2f} Hz, which is the paper's third-order one with 1 Hz pass and 10 Hz stop frequency. "
+        "All start from a mass that is 20 % too low. The car carries small undeclared errors (torque "
+        "within 2 %, wind within 3 m/s, rolling resistance within 15 %)."
     )
     page.why(
         "The paper shows curves without numbers: RLS and RGTLS best in mass, both far off in rolling "
-        "resistance "
-        "and drag, RLSMF with projection best overall. Drag and speed-dependent rolling resistance are "
-        "hard to part "
-        "here for the paper's own reason (a narrow range of speeds), and wind looks like both."
+        "resistance and drag, RLSMF with projection best overall. Drag and speed-dependent rolling "
+        "resistance are hard to part here for the paper's own reason (a narrow range of speeds), and wind "
+        "looks like both."
     )

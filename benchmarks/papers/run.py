@@ -42,10 +42,9 @@ def main() -> int:
     page = Page(arguments.output, "The papers' experiments, run again with canest")
     page.text(
         "Every number below is measured by this program when it runs; the papers' own numbers stand beside "
-        "it. The papers measured on real vehicles; here the vehicle is a simulation with known truth "
-        "that is "
-        "richer than the estimators' model (torque lag, reporting steps, driveline losses, sensor noise, "
-        "lost frames). Boxes say why numbers differ."
+        "it. The papers measured on real vehicles; here the vehicle is a simulation with known truth that "
+        "is richer than the estimators' model (torque lag, reporting steps, driveline losses, sensor "
+        "noise, lost frames). Boxes say why numbers differ."
     )
     page.text(f"Run with canest {canest.__version__} on {time.strftime('%Y-%m-%d')}, with fixed seeds:")
     page.code("python benchmarks/papers/run.py -o docs/measured/papers.md")

@@ -59,10 +59,10 @@ def _plot(
 def _simulation(page: Page) -> None:
     page.section("Figures 3 to 6 and Table 1: the equation itself, clean and with noise", 3)
     page.text(
-        "Data made with the paper's eq. 2 (fuelling steps every one to four seconds, one gear, 50 Hz), batch "
-        "start of four seconds. RLS with the paper's single factors (0.8 steps, 0.9 ramp and sine) "
-        "against RLSMF "
-        "1.0/0.8. Errors from 10 s on. Noise: 0.02 m/s2 on the acceleration and 0.4 % on the force."
+        "Data made with the paper's eq. 2 (fuelling steps every one to four seconds, one gear, 50 Hz), "
+        "batch start of four seconds. RLS with the paper's single factors (0.8 steps, 0.9 ramp and sine) "
+        "against RLSMF 1.0/0.8. Errors from 10 s on. Noise: 0.02 m/s2 on the acceleration and 0.4 % on the "
+        "force."
     )
     verdicts = {
         "constant": ("good", "good"),
@@ -99,23 +99,19 @@ def _simulation(page: Page) -> None:
     )  # fmt: skip
     page.why(
         "Table 1 of the paper has words only, for clean data. Single forgetting shows its overshoots at "
-        "every "
-        "step of grade and never recovers under noise: with a factor of 0.8 it remembers five samples. "
-        "Estimates "
-        "are kept between 3 t and 150 t, which is what bounds the errors of the bad ones."
+        "every step of grade and never recovers under noise: with a factor of 0.8 it remembers five "
+        "samples. Estimates are kept between 3 t and 150 t, which is what bounds the errors of the bad "
+        "ones."
     )
 
 
 def _vector(page: Page) -> None:
     page.section("Vector-type forgetting with mismatched factors", 3)
     page.text(
-        "The paper reports that vector-type forgetting sometimes winds up where RLSMF does not, when "
-        "the factors "
-        "do not match the true rates of change. Here: a constant grade with noise, and both methods "
-        "told factors "
-        "that fit (0.998/0.9), that let mass change as fast as grade (0.95/0.95, 0.9/0.9), or grade far "
-        "faster "
-        "(0.99/0.4)."
+        "The paper reports that vector-type forgetting sometimes winds up where RLSMF does not, when the "
+        "factors do not match the true rates of change. Here: a constant grade with noise, and both "
+        "methods with factors that fit (0.998/0.9), that let mass change as fast as grade (0.95/0.95, "
+        "0.9/0.9), or grade far faster (0.99/0.4)."
     )
     rows = []
     shown = {}
@@ -140,9 +136,8 @@ def _bus_simulation(page: Page) -> None:
     page.section("The same roads through the bus", 3)
     page.text(
         "The scenarios grade-steps, grade-ramps and grade-sine: signals quantised as J1939 sends them, "
-        "through "
-        "decoder, 50 Hz grid and Butterworth. RLSMF with the paper's two tunings and this project's "
-        "default."
+        "through decoder, 50 Hz grid and Butterworth. RLSMF with the paper's two tunings and this "
+        "project's default."
     )
     rows = []
     for name in ("grade-steps", "grade-ramps", "grade-sine"):
@@ -181,19 +176,13 @@ def _figure_7(page: Page, drives: list[Drive]) -> None:
         _plot(page, drive, runs, f"2005-figure-7-{tag}", f"Figure 7 on {drive.name}", (5, 42))
     page.table(["drive, tuning", "mass RMS, kg", "worst, %", "grade RMS, deg"], rows)
     page.why(
-        "With a factor of 0.95 the mass has a memory of 0.4 s and with 0.4 the grade one of 30 ms: it "
-        "is the window "
-        "of the integrated regression (eq. 24) that carries the information, and the paper does not say "
-        "where its "
-        "t0 lies. Differentiated, the same factors fail: what the torque signal misses in a transient "
-        "(lag, 1 % "
-        "steps, its delay against speed) goes straight into the mass. The first four seconds of these "
-        "drives hold "
-        "no pulse, so their batch is the poor one that the paper warns of and the first minute pays for "
-        "it; one line "
-        "starts where the paper's batch left its estimate. The paper's RMS of 350 kg and 2.8 % is not "
-        "reached on "
-        "these drives."
+        "With a factor of 0.95 the mass has a memory of 0.4 s and with 0.4 the grade one of 30 ms. The "
+        "information is in the window of the integrated regression (eq. 24), and the paper does not give "
+        "its t0. Differentiated, the same factors fail: what the torque signal misses in a transient (lag, "
+        "1 % steps, its delay against speed) goes straight into the mass. The first four seconds of these "
+        "drives hold no pulse, so their batch is the poor one that the paper warns of and the first minute "
+        "pays for it; one line starts where the paper's batch left its estimate. The paper's RMS of 350 kg "
+        "and 2.8 % is not reached on these drives."
     )
 
 
@@ -250,9 +239,9 @@ def _figures_11_12(page: Page) -> None:
     page.figure(figure, "2005-figure-11-12", "Figures 11 and 12: sensitivity")
     page.table(["value", "change", "mass RMS, kg", "worst, %", "grade RMS, deg", "mean mass, kg"], rows)
     page.text(
-        "Paper: rolling resistance moves the grade only; 25 % of drag changes both errors by less than "
-        "25 %; "
-        "a wheel radius error goes into the mass with a sensitivity of about 1 and hardly into the grade."
+        "Paper: rolling resistance moves the grade only; 25 % of drag changes both errors by less than 25 "
+        "%; a wheel radius error goes into the mass with a sensitivity of about 1 and hardly into the "
+        "grade."
     )
 
 
@@ -277,8 +266,8 @@ def _figure_2(page: Page) -> None:
     )  # fmt: skip
     page.text(
         "This drive carries small undeclared errors (torque within 2 %, wind within 3 m/s, rolling "
-        "resistance "
-        "within 15 %, wheel slip), which is what the fit finds: it is the effective value on this drive."
+        "resistance within 15 %, wheel slip), which is what the fit finds: it is the effective value on "
+        "this drive."
     )
     figure, (top,) = axes(1, height=3.0)
     part = slice(4000, 8000)

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 from canest.logs.budget import LogBudget, current_budget, log_budget
 from canest.logs.estimate_writer import open_writer
 from canest.logs.log_names import log_name
-from canest.logs.truth import read_truth
 from canest.offline.replay import OpenWriter, Output, Progress, ReplayResult, replay
 
 if TYPE_CHECKING:
     from canest.config import Config
+    from canest.offline.scoring import Reference
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +43,6 @@ class Job:
             return self._run(config, progress)
 
     def _run(self, config: Config, progress: Progress | None) -> ReplayResult:
-        from canest.offline.scoring import Reference
-
         recorder = None
         if self.report is not None:
             # wanted for a report alone
@@ -53,14 +51,11 @@ class Job:
 
             require_packages(self.report)
             recorder = Recorder(config)
-        truth = None
-        if self.truth is not None:
-            truth = read_truth(self.truth)
         result = replay(
             self.log,
             config,
             output=Output(self.output, self.columns, self.opened) if self.output is not None else None,
-            reference=Reference(truth, self.mass_kg, self.after_s),
+            reference=self._reference(),
             listener=recorder,
             tick_listener=recorder.track if recorder is not None else None,
             progress=progress,
@@ -72,3 +67,14 @@ class Job:
 
             write_replay_report(self.report, result, config, recorder, result.score, self.report_script)
         return result
+
+    def _reference(self) -> Reference | None:
+        """Return what the estimates are compared with, None for nothing. Errors: CanestError."""
+        if self.truth is None and self.mass_kg is None:
+            return None
+        from canest.logs.truth import read_truth  # as above
+        from canest.offline.scoring import Reference  # wanted where a truth is known
+
+        return Reference(
+            read_truth(self.truth) if self.truth is not None else None, self.mass_kg, self.after_s
+        )

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import can  # at run time only by way of `drivers`, which keeps the import light
 
 GUARD_US = 20_000  #: drivers hand a frame over this long after its stamp at the latest
-_IDS_REMEMBERED = 4096  #: a bus has some hundreds of identifiers, noise has millions
+_IDS_KEPT = 4096  #: a bus has some hundreds of identifiers, noise has millions
 _MAX_FRAMES = 4096  #: read at once, so that a flood cannot keep a tick from ending
 #: failures in a row, with nothing read and no end of the input in between, that close an interface: more than
 #: a socket or a terminal can hold of damaged input, and as many of a driver's own errors
@@ -175,7 +175,7 @@ class PythonCanReceiver:
         wanted = self._wanted.get(can_id)
         if wanted is None:
             wanted = bool(can_id & ERROR) or any(can_id & mask == value for value, mask in self._filters)
-            if len(self._wanted) >= _IDS_REMEMBERED:
+            if len(self._wanted) >= _IDS_KEPT:
                 self._wanted.clear()
             self._wanted[can_id] = wanted
         return wanted

@@ -30,8 +30,9 @@ Examples:
 
 The log is decoded once; every estimator then gets the same samples. The config's own (or --estimator) runs
 with estimator.options and is marked, the others run with their defaults; --only leaves estimators out. One
-that needs a signal which the log lacks says so in its row. "to 5 %, s": seconds of driving until the mass
-first stays within 5 % of the truth for 10 s (it may leave again); "ns/sample": what the estimator costs.
+that needs a signal which the log lacks has a note in its row. The column "to 5 %, s" has the seconds of
+driving until the mass first stays within 5 % of the truth for 10 s (it may leave again). The column
+"ns/sample" has what the estimator costs.
 """
 
 #: columns of a table that goes to a file or a pipe
@@ -99,7 +100,7 @@ def command(
     if report is not None:
         from canest.report.compare_page import write_compare_report
 
-        write_compare_report(report, log, config.vehicle.name, result)
+        write_compare_report(report, log, config, result)
         if json_path != "-":
             print(f"written {report}")
     return 0

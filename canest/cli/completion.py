@@ -14,7 +14,7 @@ _NAMES = {("config", "name"): "config", ("estimators", "name"): "estimator"}
 
 
 class _Completed(click.types.StringParamType):
-    """A text, completed as ``kind`` says."""
+    """A text, completed by its ``kind``."""
 
     def __init__(self, kind: str) -> None:
         self._kind = kind

@@ -41,7 +41,7 @@ def show(name: str | None) -> None:
 
 @command.command()
 def schema() -> None:
-    """Print the JSON Schema of a config, for editors (docs/config.md says how)."""
+    """Print the JSON Schema of a config, for editors (see docs/config.md)."""
     import json
 
     from canest.config.json_schema import json_schema

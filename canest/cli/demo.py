@@ -79,13 +79,13 @@ def _draw(session: Session) -> None:
     from rich.live import Live
 
     console = terminal.console()
-    view = _View(session.speed, session.config.estimator.name, console.width)
+    view = DemoView(session.speed, session.config.estimator.name, console.width)
     with Live(console=console, auto_refresh=False) as live:
         for moment in session.play(1 / REFRESH_HZ):
             live.update(view.picture(moment), refresh=True)
 
 
-class _View:
+class DemoView:
     """History of the drive, one point per equal share of it."""
 
     def __init__(self, speed: float, estimator: str, width: int) -> None:

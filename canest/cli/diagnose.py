@@ -49,7 +49,7 @@ Writes into DIR:
   report.html      the same to look at: residuals over time and against their cause
 
 The better the reference, the more can be separated: with --mass and --truth single effects, with --mass
-alone most of them, from the bus alone only what a slope cannot imitate. The report says which it was.
+alone most of them, from the bus alone only what a slope cannot imitate. The report names which it was.
 A log that cannot be read is named, and the exit code is 1; the others are diagnosed all the same.
 """
 
@@ -225,7 +225,7 @@ def show(diagnosis: Diagnosis, found: Sequence[Entry]) -> None:
     table.add_column("effect")
     table.add_column("value", justify="right")
     table.add_column("removes", justify="right")
-    table.add_column("this data cannot tell it from")
+    table.add_column("inseparable from")
     for entry in found[:SHOWN]:
         cells = (
             ("* " if entry.selected else "  ") + entry_name(entry),

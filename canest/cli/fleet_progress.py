@@ -34,7 +34,9 @@ class FleetProgress:
         """Take note of a log that ended."""
         self._ended += 1
         self._failed += not outcome.is_done
-        self._quick += outcome.present or bool(outcome.unmatched)  # they say nothing of how long others take
+        self._quick += outcome.present or bool(
+            outcome.unmatched
+        )  # their time is no measure of what others take
         if self._count is not None:
             self._count.step(outcome.name)
         now_s = time.monotonic()

@@ -6,6 +6,10 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+import click
+
+from canest.cli.options import F, config_option, load
+
 if TYPE_CHECKING:
     from canest.config import Config
     from canest.serve.watcher import Watcher
@@ -16,6 +20,49 @@ class LiveSource(NamedTuple):
 
     name: str
     follow: Callable[[Watcher], Awaitable[None]]
+
+
+class Source(NamedTuple):
+    """What the command line names to follow: -c, --socket, --broadcast."""
+
+    config_name: str | None
+    socket_name: str | None
+    broadcast: bool
+
+    def load(self) -> tuple[Config | None, LiveSource]:
+        """Return the config (if there is one) and the source. Errors: a usage error, CanestError."""
+        if (self.config_name is None) == (self.socket_name is None) or (
+            self.broadcast and self.config_name is None
+        ):
+            raise click.UsageError(
+                "found no daemon to follow, expected -c CONFIG (or --socket PATH)",
+                click.get_current_context(),
+            )
+        config = None if self.config_name is None else load(self.config_name, databases=False)
+        return config, source_of(config, self.socket_name, broadcast=self.broadcast)
+
+
+def source_options(function: F) -> F:
+    """Add the options of a `Source`."""
+    for option in (
+        click.option(
+            "--broadcast", is_flag=True, help="Listen to the broadcast on the bus, not to the daemon."
+        ),
+        click.option(
+            "--socket", "socket_name", metavar="PATH", help="The daemon's status socket, without -c."
+        ),
+        config_option(required=False),
+    ):
+        function = option(function)
+    return function
+
+
+def token_of(token_file: str | None) -> str | None:
+    """Return the first line of a file, None for none. Errors: OSError."""
+    if token_file is None:
+        return None
+    with Path(token_file).open() as file:
+        return file.readline(1000).strip()
 
 
 def source_of(config: Config | None, socket_name: str | None, *, broadcast: bool) -> LiveSource:

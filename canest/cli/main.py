@@ -17,7 +17,7 @@ from canest.cli.repeated_options import Group
 #: command -> (module below `canest.cli`, what it does); a module is imported when its command is called
 COMMANDS: dict[str, tuple[str, str]] = {
     "demo": ("demo", "See mass and grade settle on a bundled drive; needs no hardware."),
-    "check": ("check", "Say whether a config fits a log or a bus, signal by signal."),
+    "check": ("check", "Check a config against a log or a bus, signal by signal."),
     "run": ("run", "Estimate live on a CAN bus and put the result back on it."),
     "replay": ("replay", "Estimate from recorded logs, as fast as they can be read."),
     "compare": ("compare", "Run every estimator on one log and compare it with the truth."),
@@ -136,10 +136,10 @@ def run(arguments: list[str], debug: bool = False) -> int:
             import traceback
 
             traceback.print_exc()
-        return _tell(error, debug)
+        return _report(error, debug)
 
 
-def _tell(error: Exception, debug: bool) -> int:
+def _report(error: Exception, debug: bool) -> int:
     from canest.core.errors import CanestError
 
     hint = "" if debug else " (--debug shows where)"

@@ -62,7 +62,7 @@ def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: 
     console = terminal.console()
     # a picture needs a terminal that can draw over it; a pipe or a dumb one gets a line a second
     draws = console.is_terminal and not console.is_dumb_terminal
-    told_s = -float("inf")
+    printed_s = -float("inf")
     if not draws:
         click.echo(view.title)
     try:
@@ -75,8 +75,8 @@ def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: 
                     view.take(can_id, word.to_bytes(8, "little")[:length], now_s)
                 if live is not None:
                     live.update(view.render(now_s), refresh=True)
-                elif now_s - told_s >= 1.0:
-                    told_s = now_s
+                elif now_s - printed_s >= 1.0:
+                    printed_s = now_s
                     click.echo(view.line(now_s))
                 time.sleep(1 / REFRESH_HZ)
     except KeyboardInterrupt:

@@ -76,6 +76,7 @@ class Outputs(NamedTuple):
     json_path: str | None
     report: str | None
     columns: str | None = None
+    with_frames: bool = False
 
 
 def grouped(**groups: Any) -> Callable[[F], F]:
@@ -149,7 +150,7 @@ class _Budget(click.ParamType):  # type: ignore[type-arg,unused-ignore]
 
 
 def log_budget_option(function: F) -> F:
-    """Add the option that says what reading one log may cost, for every log that the command opens."""
+    """Add the option that bounds what reading one log may cost, for every log that the command opens."""
 
     def enter(ctx: click.Context, param: click.Parameter, value: LogBudget | None) -> None:
         if value is not None:
@@ -165,7 +166,7 @@ def log_budget_option(function: F) -> F:
 
 
 def truth_options(function: F) -> F:
-    """Add the options that say what the right answer is."""
+    """Add the options that give the right answer."""
     for option in (
         click.option("--after", "after_s", type=Number(0.0), default=60.0, show_default=True, metavar="S",
                      help="Count errors from this many seconds after the first sample on."),

@@ -51,7 +51,7 @@ def require_files(outputs: Iterable[Named]) -> None:
 
 
 def _identity(path: Path) -> Hashable | None:
-    """Return what tells a file from others, None for what is no file."""
+    """Return what identifies a file, None for what is no file."""
     try:
         found = path.stat()
     except OSError:

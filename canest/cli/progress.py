@@ -84,7 +84,7 @@ class Bar(_Shown):
 
 
 class Share(_Shown):
-    """Progress told as a share, 0 to 1."""
+    """Progress as a share, 0 to 1."""
 
     def update(self, share: float) -> None:
         """Take note of the share done."""

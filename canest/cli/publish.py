@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from canest.cli.options import F, config_option, grouped, load
+from canest.cli.live_source import Source, source_options, token_of
+from canest.cli.options import grouped
 from canest.cli.repeated_options import Group
 
 if TYPE_CHECKING:
-    from canest.cli.live_source import LiveSource
-    from canest.config import Config
+    from collections.abc import Mapping
 
 EPILOG = """\b
-Examples (pip install 'canest[mqtt,foxglove]' first):
+Examples (pip install 'canest[mqtt,foxglove,kuksa]' first):
   canest publish mqtt -c my-truck.yaml --broker mqtt://localhost
   canest publish foxglove -c my-truck.yaml
+  canest publish kuksa -c my-truck.yaml --broker grpc://localhost:55555
 
 Each is a program of its own that follows the daemon, which may come and go. It never holds the daemon up.
 """
@@ -54,27 +54,21 @@ In a network that you trust, with a token:
   then open ws://TRUCK:8765/?token=TOKEN. The network carries the token unencrypted.
 """
 
+KUKSA_EPILOG = """\b
+Examples:
+  canest publish kuksa -c my-truck.yaml --broker grpc://localhost:55555
+  canest publish kuksa -c my-truck.yaml --broker grpcs://vehicle.example.org:55555 --ca ca.pem
 
-class Source(NamedTuple):
-    """What is followed: -c, --socket, --broadcast."""
+\b
+A token comes from the environment, since a command line can be read by everybody:
+  CANEST_KUKSA_TOKEN, or CANEST_KUKSA_TOKEN_FILE (its first line)
 
-    config_name: str | None
-    socket_name: str | None
-    broadcast: bool
-
-    def load(self) -> tuple[Config | None, LiveSource]:
-        """Return the config (if there is one) and the source. Errors: a usage error, CanestError."""
-        if (self.config_name is None) == (self.socket_name is None) or (
-            self.broadcast and self.config_name is None
-        ):
-            raise click.UsageError(
-                "found no daemon to follow, expected -c CONFIG (or --socket PATH)",
-                click.get_current_context(),
-            )
-        from canest.cli.live_source import source_of
-
-        config = None if self.config_name is None else load(self.config_name, databases=False)
-        return config, source_of(config, self.socket_name, broadcast=self.broadcast)
+\b
+Signals, as far as the databroker knows them:
+  Vehicle.CurrentOverallWeight      of VSS, only while the mass is valid; its uint16 ends at 65,535 kg
+  Vehicle.Canest.Mass, MassStd (kg), Grade, GradeStd (percent), Status, Gate
+The latter are of the overlay canest.json: databroker --vss vss.json,canest.json
+"""
 
 
 class Security(NamedTuple):
@@ -85,27 +79,13 @@ class Security(NamedTuple):
     key: str | None
 
 
-def _source_options(function: F) -> F:
-    for option in (
-        click.option(
-            "--broadcast", is_flag=True, help="Listen to the broadcast on the bus, not to the daemon."
-        ),
-        click.option(
-            "--socket", "socket_name", metavar="PATH", help="The daemon's status socket, without -c."
-        ),
-        config_option(required=False),
-    ):
-        function = option(function)
-    return function
-
-
 @click.group(cls=Group, epilog=EPILOG)
 def command() -> None:
-    """Hand a running daemon's estimates on: to an MQTT broker, or live to Foxglove and Lichtblick."""
+    """Hand a running daemon's estimates on: to an MQTT broker, to Foxglove or Lichtblick, to KUKSA (VSS)."""
 
 
 @command.command(epilog=MQTT_EPILOG)
-@_source_options
+@source_options
 @click.option(
     "--broker", "url", required=True, metavar="URL", help="mqtt://HOST[:PORT], or mqtts:// for TLS."
 )
@@ -142,20 +122,20 @@ def mqtt(
     sensors = discovery(base, name) if home_assistant else []
     publisher = MqttPublisher(live.name, target, base, rate_hz, journal, sensors)
     if target.sends_password_in_the_clear:
-        journal.warning("password-unencrypted", broker=target.name, expected="mqtts://")
+        journal.warning("password-unencrypted", broker=target.address.name, expected="mqtts://")
 
     async def beside(stop: asyncio.Event) -> None:
         publisher.start()
         await stop.wait()
         await publisher.stop()
 
-    click.echo(f"{live.name} to {target.name}, topics {base}/...")
+    click.echo(f"{live.name} to {target.address.name}, topics {base}/...")
     asyncio.run(run(publisher, live.follow, beside))
-    click.echo(", ".join(f"{name} {count}" for name, count in publisher.counters.items()))
+    click.echo(_counted(publisher.counters))
 
 
 @command.command(epilog=FOXGLOVE_EPILOG)
-@_source_options
+@source_options
 @click.option("--port", type=click.IntRange(1, 65535), default=8765, show_default=True, help="TCP port.")
 @click.option("--address", default="127.0.0.1", show_default=True, help="Another one needs --token-file.")
 @click.option("--token-file", metavar="FILE", help="File whose first line whoever connects must know.")
@@ -176,9 +156,7 @@ def foxglove(
 
     _, live = source.load()
     place = Place(address, port)
-    server = FoxgloveServer(
-        live.name, place, None if token_file is None else _first_line(token_file), origins
-    )
+    server = FoxgloveServer(live.name, place, token_of(token_file), origins)
 
     def opened() -> None:
         click.echo(f"{live.name} for Foxglove: {place.url.replace('http', 'ws', 1)}")
@@ -186,6 +164,37 @@ def foxglove(
     asyncio.run(run(server, live.follow, lambda stop: serve_forever(server, stop, opened)))
 
 
-def _first_line(name: str) -> str:
-    with Path(name).open() as file:
-        return file.readline(1000).strip()
+@command.command(epilog=KUKSA_EPILOG)
+@source_options
+@click.option(
+    "--broker", "url", default="grpc://localhost:55555", show_default=True, metavar="URL",
+    help="grpc://HOST[:PORT], or grpcs:// for TLS.",
+)  # fmt: skip
+@click.option(
+    "--rate", "rate_hz", type=click.FloatRange(0.01, 50), default=1.0, show_default=True, metavar="HZ",
+    help="Estimates a second at most; the daemon gives broadcast.rate_hz.",
+)  # fmt: skip
+@click.option("--ca", metavar="FILE", help="CA of the databroker's certificate (default: those of gRPC).")
+@grouped(source=Source)
+def kuksa(source: Source, url: str, rate_hz: float, ca: str | None) -> None:
+    """Publish estimates to an Eclipse KUKSA databroker as signals of VSS (kuksa.val.v2)."""
+    import asyncio
+    import os
+
+    from canest.publish.kuksa import KuksaPublisher
+    from canest.publish.kuksa_settings import databroker
+    from canest.publish.program import run
+    from canest.system.journal import Journal
+
+    target, journal = databroker(url, ca, os.environ), Journal()
+    _, live = source.load()
+    publisher = KuksaPublisher(live.name, target, rate_hz, journal)
+    if target.sends_token_in_the_clear:
+        journal.warning("token-unencrypted", broker=target.address.name, expected="grpcs://")
+    click.echo(f"{live.name} to {target.address.name}")
+    asyncio.run(run(publisher, live.follow, publisher.serve))
+    click.echo(_counted(publisher.counters))
+
+
+def _counted(counters: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in counters.items())

@@ -32,6 +32,7 @@ Examples:
   canest replay trip.csv -c bmw-i3 --mass 1520             a table of decoded signals
   canest replay drive.mf4 -c my.yaml -o est.mf4 --columns speed_mps,distance_m,residual_N
   canest replay drive.log -c my.yaml -o est.mcap           for Foxglove, Lichtblick, PlotJuggler
+  canest replay drive.log -c my.yaml -o both.blf --with-frames    for CANalyzer, SavvyCAN, with dbc/canest.dbc
   canest replay drive.log --to socketcan:vcan0             onto a bus, as it was driven
 
 \b
@@ -59,8 +60,13 @@ class Playback(NamedTuple):
     "-o",
     "--output",
     metavar="PATH",
-    help="Estimates as .csv, .csv.gz, .parquet, .mf4, .mcap or .log (the frames that a daemon would send); "
-    "a directory for several logs.",
+    help="Estimates as .csv, .csv.gz, .parquet, .mf4, .mcap, or the frames that a daemon would send as .log "
+    "or .blf; a directory for several logs.",
+)
+@click.option(
+    "--with-frames",
+    is_flag=True,
+    help="Into the .log or .blf of -o also the frames of the log itself: estimates beside the signals.",
 )
 @click.option(
     "--columns",
@@ -101,7 +107,7 @@ def command(
     workers: int | None,
 ) -> int:
     """Estimate mass and grade from recorded logs, as fast as they can be read."""
-    if playback.asked and outputs == Outputs(None, None, None, None):
+    if playback.asked and outputs == Outputs(None, None, None):
         if chosen.config_name is not None:
             chosen.load(databases=False)  # of no use here, but no reason to be wrong
         _play(logs, playback, channel)
@@ -127,7 +133,7 @@ def _list_columns(asked: str) -> int:
     """Print the columns that there are. Errors: a usage error where they were not asked for."""
     if asked != "list":
         raise click.UsageError("--columns needs a file: -o est.csv", click.get_current_context())
-    from canest.offline.model_columns import COLUMNS
+    from canest.offline.extra_columns import COLUMNS
 
     for name, column in COLUMNS.items():
         print(f"{name:<20} {column.meaning}")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from canest.config import Config
 
 #: of files that hold estimates; a name of another format (.xlsx) would hold csv all the same
-_TABLE_ENDINGS = (".csv", ".csv.gz", ".parquet", ".mf4", ".mcap", ".log", ".txt")
+_TABLE_ENDINGS = (".csv", ".csv.gz", ".parquet", ".mf4", ".mcap", ".log", ".blf", ".txt")
 
 
 def jobs_of(logs: Sequence[str], truth: TruthChoice, channel: str | None) -> list[Job]:
@@ -61,7 +61,7 @@ def refuse_outputs(jobs: Sequence[Job], config_name: str, config: Config, json_p
         if job.output is not None and job.output.suffix and not is_table(job.output):
             raise click.UsageError(
                 f"-o: found the file {job.output}, expected one that ends in .csv or .parquet, .csv.gz, "
-                f".mf4, .mcap or .log",
+                f".mf4, .mcap, .log or .blf",
                 click.get_current_context(),
             )
 
@@ -77,14 +77,22 @@ def with_outputs(jobs: list[Job], outputs: Outputs, config: Config) -> list[Job]
     Errors: UsageError for a file's name where several logs need a directory, and for an unknown column.
     """
     if outputs.columns is not None:
-        from canest.offline.model_columns import checked  # wanted for this option alone
+        from canest.offline.extra_columns import checked  # wanted for this option alone
 
         columns = checked([name.strip() for name in outputs.columns.split(",") if name.strip()])
         jobs = [replace(job, columns=columns) for job in jobs]
-    if outputs.output is not None and outputs.output.lower().endswith(".log"):
-        from canest.node.broadcast_log import open_broadcast_log  # as above
+    if outputs.output is not None and outputs.output.lower().endswith((".log", ".blf")):
+        from canest.node.broadcast_log import RecordedLog, open_broadcast_log  # as above
 
-        jobs = [replace(job, opened=partial(open_broadcast_log, config.broadcast)) for job in jobs]
+        beside = [RecordedLog(job.log, job.channel) if outputs.with_frames else None for job in jobs]
+        jobs = [
+            replace(job, opened=partial(open_broadcast_log, config.broadcast, log))
+            for job, log in zip(jobs, beside, strict=True)
+        ]
+    elif outputs.with_frames:
+        raise click.UsageError(
+            "--with-frames needs a log of frames: -o NAME.log or NAME.blf", click.get_current_context()
+        )
     output, report = outputs.output, outputs.report
     if len(jobs) > 1:
         _refuse_a_file("-o", output, _TABLE_ENDINGS)

@@ -12,7 +12,7 @@ from canest.system.shipped_files import find
 if TYPE_CHECKING:
     from cantools.database.can import Database
 
-#: file -> its time of change and size when it was looked at, its bytes and what they say
+#: file -> its time of change and size when it was looked at, its bytes and the database that they hold
 _parsed: dict[Path, tuple[tuple[int, int], bytes, Database]] = {}
 
 

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class Databases:
-    """Kept beside a config, and no part of what it says.
+    """Kept beside a config, and no part of its content.
 
     names: the value of `dbc` that they belong to; None while none have been read.
     Equal to any other, and left behind where a config goes to another process, which reads the files faster

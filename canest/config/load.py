@@ -60,10 +60,7 @@ def parse_config(
     """
     try:
         refuse_excess(text, where)
-        _refuse_list(text, where)
-        node = yaml.compose(text, Loader=LOADER)
-        raw = yaml.load(text, Loader=LOADER)
-        lines = lines_of(node, where) if node is not None and isinstance(raw, dict) else {}
+        raw, lines = _sections(text, where)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f":{mark.line + 1}" if mark else ""
@@ -74,8 +71,6 @@ def parse_config(
         raise ConfigError(f"not valid YAML ({error})", where=where) from error
     except RecursionError as error:
         raise ConfigError("nested too deeply", where=where, expected="sections of keys and values") from error
-    if not isinstance(raw, dict):
-        raise _no_sections("nothing" if raw is None else type(raw).__name__, where)
     changed = {key: (options or {}).get(key, "--set") for key in _apply_overrides(raw, overrides)}
     origins = Origins(where, lines, {tuple(key.split(".")): option for key, option in changed.items()})
     return validated(raw, origins)
@@ -91,11 +86,23 @@ def validated(raw: Mapping[str, Any], origins: Origins) -> Config:
     return config
 
 
-def _refuse_list(text: str, where: str) -> None:
-    """Refuse a document that is a list, whatever is in it. Errors: ConfigError, yaml.YAMLError."""
-    first = next((e for e in yaml.parse(text, Loader=LOADER) if isinstance(e, yaml.NodeEvent)), None)
-    if isinstance(first, yaml.SequenceStartEvent):
-        raise _no_sections("list", where)
+def _sections(text: str, where: str) -> tuple[dict[str, Any], dict[KeyPath, int]]:
+    """Return what the sections hold, and the line of every key.
+
+    Errors: ConfigError for keys given twice and for a document without sections, yaml.YAMLError, ValueError.
+    """
+    loader = LOADER(text)
+    try:
+        node = loader.get_single_node()
+        if isinstance(node, yaml.SequenceNode):  # whatever is in it
+            raise _no_sections("list", where)
+        lines = lines_of(node, where) if isinstance(node, yaml.MappingNode) else {}
+        raw = loader.construct_document(node) if node is not None else None
+    finally:
+        loader.dispose()
+    if not isinstance(raw, dict):
+        raise _no_sections("nothing" if raw is None else type(raw).__name__, where)
+    return raw, lines
 
 
 def _no_sections(found: str, where: str) -> ConfigError:

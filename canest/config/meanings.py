@@ -89,7 +89,7 @@ MEANINGS: dict[str, str] = {
     "service.learn": "off: neither restore nor save what was learned; on: restore; on+save: both",
     "service.state_dir": "null: systemd's $STATE_DIRECTORY, else ~/.local/state/canest",
     "service.save_every_s": "how often what was learned is saved, s",
-    "service.restore_std": "least relative standard deviation of a remembered mass",
+    "service.restore_std": "least relative standard deviation of a restored mass",
     "service.metrics_file": "Prometheus text file for node_exporter; null: canest.prom in the runtime "
     "directory under systemd, else none",
     "service.metrics_port": "port on which the same is served over HTTP",

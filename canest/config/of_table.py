@@ -54,7 +54,7 @@ def config_of_table(
     raw: dict[str, Any] = {"vehicle": given}
     if config is not None:
         raw = {name: getattr(config, name) for name in Config.model_fields}
-    elif type(given) is not Vehicle:  # configs that say the same are equal
+    elif type(given) is not Vehicle:  # configs of the same content are equal
         raw["vehicle"] = Vehicle.model_validate(given.model_dump())
     raw["dbc"] = ()
     raw["signals"] = {role: _source(role, step_s, (units or {}).get(role)) for role in roles}

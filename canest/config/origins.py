@@ -14,11 +14,11 @@ KeyPath = tuple[str, ...]  #: ("vehicle", "gear_ratios", "3")
 
 @dataclass(frozen=True, eq=False)
 class Origins:
-    """Says of a key where somebody wrote it.
+    """Finds where somebody wrote a key.
 
     file: its name. lines: the line of every key in it.
     options: keys that the command line has set -> its option.
-    All are equal: configs that say the same are the same config, whoever wrote them.
+    All are equal: configs of the same content are the same config, whoever wrote them.
     """
 
     file: str = ""

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 class KeptRoadMap:
-    """Kept beside a config, and no part of what it says; see `Databases`.
+    """Kept beside a config, and no part of its content; see `Databases`.
 
     name: the value of `road_map` that it belongs to. road: None while it has not been read.
     """

@@ -53,7 +53,7 @@ class Config(Section):
     service: Service = empty_section()
 
     def note_origins(self, origins: Origins) -> None:
-        """Remember where keys were written, for messages."""
+        """Keep where keys were written, for messages."""
         self._origins = origins
 
     def with_databases(self, databases: Sequence[Database]) -> Config:
@@ -89,7 +89,7 @@ class Config(Section):
     def databases(self) -> list[Database]:
         """The databases of `dbc`, as they were when they were read.
 
-        A daemon makes its pipeline anew after a defect, or when a number is refuted, and must not depend on
+        A daemon makes its pipeline anew after a defect, or when a number proves wrong, and must not depend on
         files that somebody is replacing meanwhile; who wants what is in them now loads the config anew.
         Errors: ConfigError where a signal needs one and none have been read.
         """

@@ -125,7 +125,7 @@ class Service(Section):
     #: None: $STATE_DIRECTORY of systemd, else ~/.local/state/canest
     state_dir: HomePath | None = None
     save_every_s: Number = Field(60.0, ge=1)
-    #: a remembered mass is restored with at least this much doubt, relative
+    #: least relative standard deviation of a mass that is restored
     restore_std: Number = Field(0.03, ge=0, le=1)
     metrics_file: HomePath | None = None
     metrics_port: Whole | None = Field(None, gt=0, lt=65536)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from canest.core.frames import FloatColumn, IntColumn
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Estimates:
     """Estimates with their ticks and gates: one row per 50 Hz sample, all columns (n,)."""
 

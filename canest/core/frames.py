@@ -43,7 +43,7 @@ class MonotonicClock:
         return np.asarray(t_us + ahead)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class FrameBlock:
     """Frames in order of arrival.
 
@@ -171,7 +171,7 @@ class RoleSamples(NamedTuple):
     """Decoded samples of one stretch of the stream, per role of the signal map.
 
     samples: role -> (t_us int64 (n,), value float64 (n,)), in order of arrival; NaN where the sender
-    said "not available" or "error". Values are in the role's unit (see `canest.core.roles`).
+    sent "not available" or "error". Values are in the role's unit (see `canest.core.roles`).
     end_us: stamp of the last frame of the stretch that the signal map wanted, None when there was none.
     """
 

@@ -10,7 +10,7 @@ class Gate(IntEnum):
 
     OPEN = 0
     STALE = 1  #: a required signal is older than its limit, or has never been seen
-    INVALID = 2  #: a required signal says not available or error, or is out of range
+    INVALID = 2  #: a required signal is "not available" or "error", or out of range
     REVERSE = 3
     LOW_SPEED = 4
     BRAKE = 5  #: service or parking brake, ABS, traction control
@@ -21,7 +21,7 @@ class Gate(IntEnum):
     TURNING = 10
     IMPLAUSIBLE = 11  #: two signals that must agree do not, or one jumps beyond physics
     LOW_EXCITATION = 12
-    RECOVERY = 13  #: nothing wrong any more, but the filters still remember what was
+    RECOVERY = 13  #: nothing wrong any more, but the filters still hold what was
     POSSIBLE_BRAKE = 14  #: no brake or pedal is mapped, and the vehicle may be braking
 
     @property

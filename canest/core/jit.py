@@ -1,6 +1,6 @@
 """Optional compilation: the same scalar Python source, run by CPython or compiled by numba.
 
-numba costs 0.2 to 0.45 s to import, so it is imported only when a caller says that it pays
+numba costs 0.2 to 0.45 s to import, so it is imported only when a caller finds that it pays
 (`enable`), and everything runs interpreted when it is missing or has nowhere to keep what it compiles.
 Kernels are written so that both give the same bits: plain float64 arithmetic, no fastmath, no numpy
 reductions.

@@ -29,7 +29,7 @@ class Status(IntEnum):
 STATUS_LABELS = {int(s): s.name.lower() for s in Status}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class ModelBlock:
     """Consecutive 50 Hz samples of the longitudinal model, all columns of equal length n.
 
@@ -112,7 +112,7 @@ class ModelBlock:
         return ModelBlock(**{name: np.concatenate([getattr(b, name) for b in blocks]) for name in names})
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class EstimateBlock:
     """Estimates, one per sample of a `ModelBlock`; NaN where there is no number yet.
 

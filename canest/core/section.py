@@ -11,7 +11,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 
 class MisplacedError(ValueError):
-    """A mistake that a validator of the whole section found; ``keys`` say where in the section it is."""
+    """A mistake that a validator of the whole section found; ``keys``: where in the section it is."""
 
     def __init__(self, message: str, *keys: str | int) -> None:
         super().__init__(message)

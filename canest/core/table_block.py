@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from canest.core.frames import FloatColumn, IntColumn
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class TableBlock:
     """Rows of a table of already decoded signals, in the order of the file.
 

@@ -1,4 +1,4 @@
-"""Parses DBC files with cantools, and finds messages and signals in them or says what is near.
+"""Parses DBC files with cantools, and finds messages and signals in them, or the nearest names.
 
 cantools is imported with the first file, and only its databases: much of canest needs no DBC, and a replay
 needs no bus.
@@ -22,9 +22,11 @@ if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal
 #: formats whose files are written in Windows' letters; the others in UTF-8
 _WINDOWS_FORMATS = ("dbc", "sym")
-#: what cantools says of two signals that have bits in common
+#: in cantools' message about two signals that have bits in common
 _OVERLAP = "are overlapping in message"
 _OVERLAPS_SHOWN = 3
+#: modules of cantools that take longer to import than they are worth here
+_NOT_IMPORTED = ("tester", "logreader")
 #: database -> its signals that overlap, where some do
 _overlaps: WeakKeyDictionary[Database, list[str]] = WeakKeyDictionary()
 
@@ -35,9 +37,9 @@ def parse(content: bytes, suffix: str, where: str) -> Database:
     suffix: of the file's name, .dbc, .kcd, .sym or .arxml. where: names the file in errors.
     Errors: ConfigError for what is no database, is beyond any limit, or has no CAN messages.
     """
-    refuse_excess(content, where)
-    cantools_database = _cantools_database()
     file_format = suffix[1:].lower()
+    refuse_excess(content, file_format, where)
+    cantools_database = _cantools_database()
     encoding = "cp1252" if file_format in _WINDOWS_FORMATS else "utf-8"
     overlaps: list[str] = []
 
@@ -90,21 +92,23 @@ def _overlaps_of(database: Any, error_class: type[Exception]) -> list[str]:
 
 
 def _cantools_database() -> Any:
-    """Import cantools.database without cantools' bus tester.
+    """Import cantools.database without cantools' bus tester and log reader.
 
     The tester imports python-can with a reader for every log format that is installed: 0.15 s, and more
-    than a second and 100 MB where asammdf brings pandas. Its place is held while cantools is imported, and
-    given back, so that whoever wants the tester can import it later.
+    than a second and 100 MB where asammdf brings pandas. The log reader compiles a dozen patterns. Their
+    places are held while cantools is imported, and given back, so that whoever wants them can import them.
     """
-    tester = "cantools.tester"
     if "cantools" in sys.modules:
         return importlib.import_module("cantools.database")
-    sys.modules[tester] = ModuleType(tester)
+    held = [f"cantools.{name}" for name in _NOT_IMPORTED]
+    sys.modules.update({name: ModuleType(name) for name in held})
     try:
         database = importlib.import_module("cantools.database")
     finally:
-        del sys.modules[tester]
-    vars(sys.modules["cantools"]).pop("tester", None)
+        for name in held:
+            del sys.modules[name]
+    for name in _NOT_IMPORTED:
+        vars(sys.modules["cantools"]).pop(name, None)
     return database
 
 

@@ -16,36 +16,39 @@ MOST_TOTAL_BYTES = 256 * 1024  #: of all messages: cantools takes 0.35 s for eac
 MOST_MULTIPLEXER_VALUES = 65_536
 
 _STRING = re.compile(rb'"(?:\\.|[^"\\])*"', re.DOTALL)
-#: of DBC, KCD, SYM and ARXML
-_MESSAGE_BYTES = re.compile(
-    rb"\bBO_\s+\d+\s+\w+\s*:\s*(\d+)|<Message\b[^>]*\slength=[\"'](\d+)|^\s*(?:Len|DLC)=(\d+)"
-    rb"|<FRAME-LENGTH>\s*(\d+)",
-    re.MULTILINE,
+#: by format: the length of a message in bytes, then start and length of a signal in bits. A pattern of one
+#: format that begins with its letters is found ten times faster than one of all formats.
+_DBC = (rb"BO_\s+\d+\s+\w+\s*:\s*(\d+)", rb"SG_\s+\w+[^:\"]{0,40}:\s*(\d+)\s*\|\s*(\d+)")
+_SYM = (rb"^\s*(?:Len|DLC)=(\d+)", rb"^\s*Sig=\S+\s+(\d+)|^\s*(?:Sig|Var)=\S+\s+\w+\s+(\d+)(?:,(\d+))?")
+_XML = (
+    rb"<Message\b[^>]*\slength=[\"'](\d+)|<FRAME-LENGTH>\s*(\d+)",
+    rb"\b(?:offset|length)=[\"'](\d+)|<(?:LENGTH|START-POSITION)>\s*(\d+)",
 )
-#: start and length of signals, in bits
-_SIGNAL_BITS = re.compile(
-    rb"\bSG_\s+\w+[^:\"]{0,40}:\s*(\d+)\s*\|\s*(\d+)|\b(?:offset|length)=[\"'](\d+)|^\s*Sig=\S+\s+(\d+)"
-    rb"|^\s*(?:Sig|Var)=\S+\s+\w+\s+(\d+)(?:,(\d+))?|<(?:LENGTH|START-POSITION)>\s*(\d+)",
-    re.MULTILINE,
-)
+_NUMBERS = {"dbc": _DBC, "sym": _SYM}
 _MULTIPLEXED = re.compile(rb"\bSG_MUL_VAL_\s[^;]*")
 _RANGE = re.compile(rb"(\d+)\s*-\s*(\d+)")
 
 
-def refuse_excess(content: bytes, where: str) -> None:
-    """Look through the content of a database file. Errors: ConfigError naming what is too large."""
+def refuse_excess(content: bytes, file_format: str, where: str) -> None:
+    """Look through the content of a database file. Errors: ConfigError naming what is too large.
+
+    file_format: dbc, sym, or one of XML: kcd, arxml.
+    """
     if len(content) > MOST_FILE_BYTES:
         expected = f"at most {MOST_FILE_BYTES >> 20} MB"
         raise ConfigError("database too large", where=where, expected=expected)
-    if b"<" not in content[:100]:  # XML has its numbers in quotes
+    message_bytes, signal_bits = (
+        re.compile(numbers, re.MULTILINE) for numbers in _NUMBERS.get(file_format, _XML)
+    )
+    if file_format in _NUMBERS:  # XML has its numbers in quotes
         content = _STRING.sub(lambda text: b'"' + b"\n" * text[0].count(b"\n") + b'"', content)
     total = 0
-    for found in _MESSAGE_BYTES.finditer(content):
+    for found in message_bytes.finditer(content):
         length = _largest(found)
         total += length
         _refuse("message too long", length, MOST_MESSAGE_BYTES, "bytes", content, found, where)
         _refuse("messages too long altogether", total, MOST_TOTAL_BYTES, "bytes", content, found, where)
-    for found in _SIGNAL_BITS.finditer(content):
+    for found in signal_bits.finditer(content):
         most = 8 * MOST_MESSAGE_BYTES
         _refuse("signal outside any message", _largest(found), most, "bits", content, found, where)
     values = 0

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from cantools.database.can import Database
 
 SHORT_BLOCK = 200  #: frames up to which the path frame by frame is faster (measured: benchmarks/decode.py)
-_IDS_REMEMBERED = 4096  #: identifiers resolved and kept; a bus has some hundreds, noise has millions
+IDS_KEPT = 4096  #: identifiers resolved and kept; a bus has some hundreds, noise has millions
 
 _UNWANTED, _FRAME_BY_FRAME, _FIRST_COLUMNAR = range(3)  #: slots of the table over parameter groups
 
@@ -85,6 +85,11 @@ class Decoder:
         return sorted([*self._by_pgn, *self._transport_pgns])
 
     @property
+    def kept_ids(self) -> int:
+        """Identifiers of which it is kept where they lead, at most `IDS_KEPT`."""
+        return len(self._routes)
+
+    @property
     def open_sessions(self) -> int:
         """Multi-packet messages that are waiting for packets."""
         return self._transport.open_sessions
@@ -119,7 +124,7 @@ class Decoder:
             return None
 
     def _find_rows(self, ids: NDArray[np.uint32]) -> IntColumn:
-        """Return the rows of the wanted frames (k,), and remember the identifiers of a short block."""
+        """Return the rows of the wanted frames (k,), and keep the identifiers of a short block."""
         odd = (ids >> np.uint32(29)) != np.uint32(EXTENDED >> 29)
         wanted = self._table[(ids >> np.uint32(8)) & np.uint32(j1939.PGN_MASK)] != _UNWANTED
         if odd.any():
@@ -128,7 +133,7 @@ class Decoder:
         for exact_id in self._by_exact:
             wanted |= ids == np.uint32(exact_id)
         if len(ids) <= SHORT_BLOCK:
-            if len(self._is_wanted_id) >= _IDS_REMEMBERED:
+            if len(self._is_wanted_id) >= IDS_KEPT:
                 self._is_wanted_id.clear()
             data = (ids & np.uint32(ERROR | REMOTE)) == 0  # the others are counted each time
             self._is_wanted_id.update(zip(ids[data].tolist(), wanted[data].tolist(), strict=True))
@@ -173,7 +178,7 @@ class Decoder:
             block.data.tolist(),
             strict=True,
         ):
-            route = routes.get(can_id) or self._remember(can_id)
+            route = routes.get(can_id) or self._resolved(can_id)
             if route.sender is not None:
                 route.sender.push(t_us, length, word, found)
             elif route.manages:
@@ -185,10 +190,10 @@ class Decoder:
                     self._sender(self._by_pgn[pgn], route.source).push_payload(t_us, payload, found)
         return _columns(found)
 
-    def _remember(self, can_id: int) -> _Route:
+    def _resolved(self, can_id: int) -> _Route:
         route = self._route(can_id)
         assert route is not None  # `select` has let it through
-        if len(self._routes) >= _IDS_REMEMBERED:
+        if len(self._routes) >= IDS_KEPT:
             self._routes.clear()
         self._routes[can_id] = route
         return route

@@ -54,7 +54,7 @@ class Entry:
         return found
 
     def settings(self) -> dict[str, Any]:
-        """Return what the effect's config entry says besides: by what mass, above which level, ..."""
+        """Return what else the effect's config entry has: by what mass, above which level, ..."""
         effect = self.candidate.make(self.deviation)
         return {name: _json_value(getattr(effect, name)) for name in effect.settings}
 

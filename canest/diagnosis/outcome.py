@@ -60,7 +60,7 @@ def document(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str]) 
 
 
 def models_of(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Return the sets of effects that this data does not tell apart, likeliest first (torque delay apart).
+    """Return the sets of effects that this data does not separate, likeliest first (torque delay apart).
 
     odds: of each set against the likeliest one, by the data alone.
     """
@@ -118,7 +118,7 @@ def empty_document(
 
 
 def not_tried(diagnosis: Diagnosis, found: Sequence[Entry]) -> dict[str, str]:
-    """Return the known effects that this data could not say anything about, and why; unusable ones too."""
+    """Return the known effects that could not be tried on this data, and why; unusable ones too."""
     tried = {e.candidate.effect for e in found}
     reasons = {name: _why_untried(diagnosis, name) for name in all_effects() if name not in tried}
     return reasons | _unusable()
@@ -139,20 +139,22 @@ def _why_untried(diagnosis: Diagnosis, name: str) -> str:
     if cls.untried_reason:
         return cls.untried_reason
     signal = cls().signal
-    return f"the signal map names no {signal}" if signal else "cannot be told from this data"
+    return f"the signal map names no {signal}" if signal else "cannot be found in this data"
 
 
 def reference_of(references: Sequence[Reference]) -> dict[str, Any]:
     """Return what the residual was measured against (of several drives: the commonest kind)."""
     kinds = [r.kind for r in references]
     commonest = max(references, key=lambda r: kinds.count(r.kind))
+    limits = reference_limits(references)
     return {
         "kind": commonest.kind,
         "text": commonest.text,
         "mass_known": all(r.mass_kg is not None for r in references),
         "sin_beta_std": float(np.mean([r.sin_beta_std for r in references])),
         "correlation_m": round(float(np.mean([r.correlation_m for r in references])), 1),
-        "tells": reference_limits(references),
+        "limits": limits,
+        "tells": limits,  # deprecated
     }
 
 

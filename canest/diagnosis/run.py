@@ -24,7 +24,7 @@ from canest.diagnosis.search.exclusion import not_excluded
 from canest.diagnosis.search.held_out import Fold, Score, Step, score, steps_to, two_folds
 from canest.diagnosis.search.set_search import Search
 from canest.diagnosis.search.switches import SWITCH_ROLES, TRY_SIGNAL_SHARE, switching_roles, with_switches
-from canest.diagnosis.sentences import Beside, Statement, statement_of, too_short_statement
+from canest.diagnosis.sentences import Context, Statement, statement_of, too_short_statement
 from canest.diagnosis.verdict import grade_part_N, little_left, verdict_of, within_usual
 from canest.logs.memory import MemoryLog
 from canest.pipeline.build import effects_of
@@ -93,24 +93,20 @@ def diagnose(
     before, after, search = _before_and_after(search)
     hints = [r.name for r in ranked if r.explained > TRY_SIGNAL_SHARE and not r.repeats][:1]
     verdict = verdict_of(problem, search, before.score, after.score)
-    open_to = not_excluded(search)
-    said = statement_of(
-        verdict,
-        search.chosen,
-        before.score.residual_rms_N,
-        after.score.residual_rms_N,
-        Beside(
-            rivals=search.rivals,
-            hints=hints,
-            hidden_N=search.hidden_N() if search.all_hidden(tried) else None,
-            grade_N=grade_part_N(problem),
-            delay=search.usual_delay,
-            usual=within_usual(problem, search),
-            open_to=open_to,
-        ),
+    possible = not_excluded(search)
+    context = Context(
+        rivals=search.rivals,
+        hints=hints,
+        hidden_N=search.hidden_N() if search.all_hidden(tried) else None,
+        grade_N=grade_part_N(problem),
+        delay=search.usual_delay,
+        usual=within_usual(problem, search),
+        not_excluded=possible,
     )
+    sizes_N = before.score.residual_rms_N, after.score.residual_rms_N
+    statement = statement_of(verdict, search.chosen, *sizes_N, context)
     progress("done", 1.0)
-    return _diagnosis(config, search, tried, ranked, (before, after), (verdict, said), open_to)
+    return _diagnosis(config, search, tried, ranked, (before, after), (verdict, statement), possible)
 
 
 @dataclass(frozen=True)
@@ -129,9 +125,9 @@ def _diagnosis(
     ranked: list[Ranked],
     sides: tuple[_Side, _Side],
     outcome: tuple[str, Statement],
-    open_to: Sequence[str] = (),
+    possible: Sequence[str] = (),
 ) -> Diagnosis:
-    """Return the whole. sides: before and after; outcome: verdict, what is said; open_to: not excluded."""
+    """Return the whole. sides: before and after; outcome: verdict and statement; possible: not excluded."""
     before, after = sides
     return Diagnosis(
         config=config,
@@ -150,7 +146,7 @@ def _diagnosis(
         ranked=ranked,
         steps=steps_to(search, after.score.residual_rms_N),
         references=[p.reference for p in search.problem.parts],
-        not_excluded=list(open_to),
+        not_excluded=list(possible),
     )
 
 
@@ -190,8 +186,8 @@ def _too_short(config: Config, problem: Problem) -> Diagnosis:
     """Return the residual of a log that is too short for more."""
     search = Search(problem, effects_of(config), [])
     now = _Side(*score(problem, two_folds(problem, search)))
-    said = too_short_statement(problem.rows, MIN_CHUNKS * CHUNK_S, now.score.residual_rms_N)
-    return _diagnosis(config, search, [], [], (now, now), ("nothing-to-explain", said))
+    statement = too_short_statement(problem.rows, MIN_CHUNKS * CHUNK_S, now.score.residual_rms_N)
+    return _diagnosis(config, search, [], [], (now, now), ("nothing-to-explain", statement))
 
 
 @dataclass(frozen=True)

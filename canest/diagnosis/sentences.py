@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from canest.diagnosis.search.choice import Chosen
-from canest.diagnosis.search.set_search import FittedSet
+from canest.diagnosis.search.fitted_sets import FittedSet
 from canest.vehicle.effects import effect_class
 
 #: words of the first sentence at most
@@ -18,7 +18,7 @@ _NAMED, _SETS_NAMED = 4, 5
 
 @dataclass(frozen=True)
 class Statement:
-    """What a diagnosis says: one sentence without numbers, and the lines with numbers that go under it."""
+    """What a diagnosis states: one sentence without numbers, and the lines with numbers that go under it."""
 
     finding: str
     details: tuple[str, ...] = ()
@@ -46,16 +46,18 @@ def describe_equivalents(chosen: Chosen) -> str:
         return ""
     listed = ", ".join(effect_class(n).in_words() for n in names)
     way = effect_class(names[0]).separated_by
-    return f"this data cannot tell it from {listed}, alone or together" + (f"; {way} would" if way else "")
+    return f"this data cannot separate it from {listed}, alone or together" + (
+        f"; {way} would" if way else ""
+    )
 
 
-class Beside(NamedTuple):
-    """What is said beside the effects that were chosen.
+class Context(NamedTuple):
+    """What a statement needs beside the effects that were chosen.
 
     rivals: sets of effects that are as likely. hints: signals that the remainder goes with. hidden_N: what no
     effect alone removes more of, where so. grade_N: what the error of the grade's reference may make. delay:
     of the torque, where it is usual and all that was found. usual: whether what is left is within the errors
-    that every drive has. open_to: effects that this data does not rule out.
+    that every drive has. not_excluded: effects that this data does not rule out.
     """
 
     rivals: Sequence[FittedSet] = ()
@@ -64,26 +66,26 @@ class Beside(NamedTuple):
     grade_N: float = 0.0
     delay: Chosen | None = None
     usual: bool = False
-    open_to: Sequence[str] = ()
+    not_excluded: Sequence[str] = ()
 
 
 def statement_of(
-    verdict: str, chosen: Sequence[Chosen], before_N: float, after_N: float, beside: Beside | None = None
+    verdict: str, chosen: Sequence[Chosen], before_N: float, after_N: float, context: Context | None = None
 ) -> Statement:
-    """Return what the report says."""
-    beside = beside or Beside()
-    rivals = beside.rivals
-    hint = (f"The remainder goes with {beside.hints[0]}.",) if beside.hints else ()
-    rest = (*_usually_late(beside.delay), *_not_excluded(chosen, beside))
+    """Return what the report states."""
+    context = context or Context()
+    rivals = context.rivals
+    hint = (f"The remainder goes with {context.hints[0]}.",) if context.hints else ()
+    rest = (*_usually_late(context.delay), *_not_excluded(chosen, context))
     if verdict == "nothing-to-explain":
         fits = (
             f"Residual {before_N:.0f} N: noise, and what torque, tyres and wind are off by in every vehicle"
         )
-        fits += f", and up to {beside.grade_N:.0f} N of the grade's reference." if beside.grade_N else "."
-        said = "The model fits this data as well as usual errors allow: nothing to add."
-        return Statement(said, (fits, *rest))
+        fits += f", and up to {context.grade_N:.0f} N of the grade's reference." if context.grade_N else "."
+        finding = "The model fits this data as well as usual errors allow: nothing to add."
+        return Statement(finding, (fits, *rest))
     if not chosen:
-        why = (f"Residual {before_N:.0f} N.", _why_none(beside.hidden_N))
+        why = (f"Residual {before_N:.0f} N.", _why_none(context.hidden_N))
         return Statement(
             "Something is missing from the model, and none of the known effects explains it for certain.",
             (*why, *_as_likely(rivals), *rest, *hint),
@@ -92,7 +94,7 @@ def statement_of(
         f"{capitalised('; '.join(filter(None, (describe(c), describe_equivalents(c)))))}." for c in chosen
     ]
     change = f"Held-out residual {before_N:.0f} N before, {after_N:.0f} N after."
-    headline = _headline(verdict, chosen, _others(chosen, rivals), usual=beside.usual)
+    headline = _headline(verdict, chosen, _others(chosen, rivals), usual=context.usual)
     return Statement(headline, (change, *lines, *_as_likely(rivals), *rest, *hint))
 
 
@@ -121,7 +123,7 @@ def _headline(verdict: str, chosen: Sequence[Chosen], others: Sequence[str], *, 
 
 
 def _of_the_rest(name: str, usual: bool) -> str:
-    """Return what is said of what is left. usual: it is within the errors that every drive has."""
+    """Return the words for what is left. usual: it is within the errors that every drive has."""
     return "the rest is within usual errors" if usual else f"{name} stays unexplained"
 
 
@@ -148,7 +150,7 @@ def _others(chosen: Sequence[Chosen], rivals: Sequence[FittedSet]) -> list[str]:
 
 
 def _as_likely(rivals: Sequence[FittedSet]) -> tuple[str, ...]:
-    """Return the line that names the sets which the data does not tell apart; none where there is one."""
+    """Return the line that names the sets which the data does not separate; none where there is one."""
     if len(rivals) < 2:
         return ()
     sets = [" with ".join(effect_class(n).in_words() for n in by_urgency(r.names)) or "none" for r in rivals]
@@ -166,10 +168,10 @@ def _usually_late(delay: Chosen | None) -> tuple[str, ...]:
     )
 
 
-def _not_excluded(chosen: Sequence[Chosen], beside: Beside) -> tuple[str, ...]:
+def _not_excluded(chosen: Sequence[Chosen], context: Context) -> tuple[str, ...]:
     """Return the line of effects that may be there as well; none where all are ruled out or named before."""
-    named = {name for rival in beside.rivals for name in rival.names} if len(beside.rivals) > 1 else set()
-    names = [n for n in by_urgency(beside.open_to) if n not in named]
+    named = {name for rival in context.rivals for name in rival.names} if len(context.rivals) > 1 else set()
+    names = [n for n in by_urgency(context.not_excluded) if n not in named]
     if not names:
         return ()
     listed = ", ".join(effect_class(n).in_words() for n in names)
@@ -192,7 +194,7 @@ def capitalised(text: str) -> str:
 
 
 def too_short_statement(seconds: float, needed_s: float, residual_N: float) -> Statement:
-    """Return what is said of a log that is too short to separate effects."""
+    """Return the statement about a log that is too short to separate effects."""
     return Statement(
         f"{seconds:.0f} s with open gates show how large the residual is, not where it comes from.",
         (

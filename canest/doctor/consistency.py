@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 #: slower than this (m/s), speeds are too coarse to compare
 MIN_MPS = 5.0
-#: pairs needed before a comparison counts, and how many of them a gear remembers
+#: pairs needed before a comparison counts, and how many of them are kept for a gear
 MIN_PAIRS, MOST_PAIRS = 100, 3000
 #: pairs that a gear of a proposed table needs
 FEW_PAIRS = 20

@@ -1,4 +1,4 @@
-"""Do engine and road turn as the gear table says, where no signal carries the gear?"""
+"""Do engine and road turn by the gear table, where no signal carries the gear?"""
 
 from __future__ import annotations
 

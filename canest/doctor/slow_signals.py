@@ -42,7 +42,7 @@ def slow_signal_hints(config: Config, reports: Iterable[RoleReport]) -> list[str
             )
         elif stated_s is not None and apart_s > _DIFFERS * stated_s:
             hints.append(
-                f"{key} comes once in {apart_s:.2g} s, and period_s says {stated_s:g}: it is stale in between"
+                f"{key} comes once in {apart_s:.2g} s, and period_s is {stated_s:g}: it is stale in between"
             )
     return hints
 

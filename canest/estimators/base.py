@@ -51,4 +51,4 @@ class Estimator(ABC):
         return {}
 
     def restore(self, mass_kg: float, mass_std_kg: float) -> None:  # noqa: B027
-        """Start from a remembered mass and its (already widened) standard deviation."""
+        """Start from a saved mass and its (already widened) standard deviation."""

@@ -66,7 +66,7 @@ def option(
 ) -> Any:
     """Return a field of an options model, with its meaning and unit.
 
-    allowed: what a validator demands, in words; without it the bounds say it.
+    allowed: what a validator demands, in words; without it the bounds are named.
     """
     about: JsonDict = {"unit": unit, "allowed": allowed}
     return Field(default, description=text, json_schema_extra=about, gt=gt, ge=ge, lt=lt, le=le)

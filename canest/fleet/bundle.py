@@ -18,7 +18,7 @@ from canest.system.shipped_files import find
 
 @dataclass(frozen=True, slots=True)
 class Bundle:
-    """A config and its databases' files. name: as the manifest calls it. digest: of all that it says."""
+    """A config and its databases' files. name: as the manifest calls it. digest: of its content."""
 
     name: str
     config: bytes
@@ -36,9 +36,9 @@ def bundle_of(name: str, overrides: Sequence[str] = ()) -> Bundle:
     config = load_config(name, [*overrides, "road_map=null"])
     files = [(dbc, find("dbc", dbc, config.at(f"dbc.{i}"))) for i, dbc in enumerate(config.dbc)]
     databases = tuple((dbc, path.suffix, path.read_bytes()) for dbc, path in files)
-    # where the databases lie makes no difference, what they say does
-    said = config.model_dump_json(exclude={"dbc", "bus", "broadcast", "service"})
-    digest = hashlib.blake2b(said.encode(), digest_size=8)
+    # where the databases are makes no difference, their content does
+    text = config.model_dump_json(exclude={"dbc", "bus", "broadcast", "service"})
+    digest = hashlib.blake2b(text.encode(), digest_size=8)
     for _, suffix, content in databases:
         digest.update(suffix.encode() + hashlib.blake2b(content).digest())
     return Bundle(name, pickle.dumps(config), databases, digest.hexdigest())

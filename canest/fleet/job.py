@@ -39,14 +39,14 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class FleetJob:
-    """A log, and which rules may decide about it. known: keys of its results that the lake already has.
+    """A log, and which rules may decide about it. keys_in_lake: of the results that the lake has.
 
     rules: with the digest of each one's config.
     """
 
     log: FoundLog
     rules: tuple[tuple[Rule, str], ...]
-    known: frozenset[str] = frozenset()
+    keys_in_lake: frozenset[str] = frozenset()
 
     def timeout_s(self, settings: Settings) -> float:
         """Return how long it may take."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 from canest.core.errors import UsageError
 from canest.fleet.job import Outcome
-from canest.fleet.process_log import log_id
+from canest.fleet.result_key import log_id
 from canest.fleet.storage import Storage
 from canest.fleet.tables import SCHEMA_VERSION
 

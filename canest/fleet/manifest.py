@@ -39,11 +39,11 @@ class Rule:
 
     @property
     def asks_for_vin(self) -> bool:
-        """Return whether only the log's content can say which vehicle it is."""
+        """Return whether only the log's content decides which vehicle it is."""
         return self.pattern.startswith(VIN_MARK) or not self.vehicle
 
     def may_fit(self, name: str) -> bool:
-        """Return whether a log of this path fits, as far as its path says."""
+        """Return whether a log of this path fits, as far as its path shows."""
         return self.pattern.startswith(VIN_MARK) or fits(name, self.pattern)
 
     def fits_vin(self, vin: str) -> bool:
@@ -138,7 +138,7 @@ def _rule(row: Mapping[str, str], where: str, folder: Path) -> Rule:
             raise ConfigError(f"{name}: is empty", where=where, expected="a value")
     config = row["config"]
     beside = folder / Path(config).expanduser()
-    with suppress(OSError):  # a name too long: loading it says so
+    with suppress(OSError):  # a name too long: loading it raises the error
         config = str(beside) if beside.is_file() else config
     return Rule(row["pattern"], row["vehicle"], config, where)
 

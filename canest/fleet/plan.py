@@ -40,6 +40,6 @@ def make_plan(listing: Listing, manifest: Manifest, lake: Lake, resume: bool) ->
         if not rules:
             plan.unmatched.append(Outcome(log.name, unmatched="no rule of the manifest fits its path"))
             continue
-        known = lake.keys(log.name) if resume else frozenset()
-        plan.jobs.append(FleetJob(log, tuple((rule, digests[rule.config]) for rule in rules), known))
+        keys = lake.keys(log.name) if resume else frozenset()
+        plan.jobs.append(FleetJob(log, tuple((rule, digests[rule.config]) for rule in rules), keys))
     return plan

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import tempfile
 from collections.abc import Sequence
 from contextlib import closing
@@ -10,7 +9,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from canest import __version__
 from canest.core import jit
 from canest.core.errors import CanestError
 from canest.doctor.reasons import why_unestimated
@@ -20,8 +18,9 @@ from canest.fleet.bundle import Bundle
 from canest.fleet.job import Bundles, FleetJob, Outcome, Settings
 from canest.fleet.manifest import Rule
 from canest.fleet.recording import CALENDAR_END_US, EPOCH_US, Recording
+from canest.fleet.result_key import log_id, result_key
 from canest.fleet.storage import Storage, download
-from canest.fleet.tables import SCHEMA_VERSION, trips_file
+from canest.fleet.tables import trips_file
 from canest.fleet.trips import trip_rows
 from canest.fleet.vin import vin_of
 from canest.logs.budget import log_budget
@@ -30,7 +29,6 @@ from canest.offline.replay import LogRun
 
 #: hive's name for "no value": the folder of logs whose clock is no calendar
 NO_DATE = "__HIVE_DEFAULT_PARTITION__"
-_PIECE_BYTES = 1 << 20
 
 
 def process_log(job: FleetJob, bundles: Bundles, settings: Settings) -> Outcome:
@@ -48,33 +46,6 @@ def process_log(job: FleetJob, bundles: Bundles, settings: Settings) -> Outcome:
             return Outcome(job.log.name, error=f"unexpected {type(error).__name__}: {error}")
 
 
-def log_id(name: str) -> str:
-    """Return what stands for a log's path in names of files."""
-    return hashlib.blake2b(name.encode("utf-8", "surrogateescape"), digest_size=6).hexdigest()
-
-
-def result_key(job: FleetJob, path: Path, bundle: Bundle, vehicle: str, settings: Settings) -> str:
-    """Return the digest of all that a result depends on: content, config, version, settings."""
-    content = job.log.revision or content_digest(path)
-    parts = (
-        content, bundle.digest, bundle.name, __version__, SCHEMA_VERSION, vehicle, settings.samples_hz,
-        settings.positions,
-    )  # fmt: skip
-    return hashlib.blake2b("\n".join(map(str, parts)).encode(), digest_size=8).hexdigest()
-
-
-def content_digest(path: Path) -> str:
-    """Return a digest of a file's content. Errors: LogError."""
-    digest = hashlib.blake2b(digest_size=16)
-    try:
-        with path.open("rb") as file:
-            while piece := file.read(_PIECE_BYTES):
-                digest.update(piece)
-    except OSError as error:
-        raise CanestError(f"cannot read: {error.strerror}") from None
-    return digest.hexdigest()
-
-
 def _process(job: FleetJob, bundles: Bundles, settings: Settings, folder: Path) -> Outcome:
     name = job.log.name
     path: Path | None = None
@@ -86,10 +57,10 @@ def _process(job: FleetJob, bundles: Bundles, settings: Settings, folder: Path) 
             return Outcome(name, unmatched=chosen)
         vehicle, digest = chosen
     vehicle, bundle = vehicle_names.vehicle_name(vehicle, settings.vin_key), bundles[digest]
-    if path is None and not (job.log.revision and job.known):
+    if path is None and not (job.log.revision and job.keys_in_lake):
         path = _local(job, folder)
     key = result_key(job, path or Path(), bundle, vehicle, settings)
-    if key in job.known:
+    if key in job.keys_in_lake:  # done before
         return Outcome(name, key=key, present=True)
     return _replayed(job, path or _local(job, folder), bundle, vehicle, (key, settings))
 

@@ -21,7 +21,7 @@ _WILD = "*?["
 
 @dataclass(frozen=True, slots=True)
 class FoundLog:
-    """A log. name: its path below SOURCE. revision: what the store itself says of its content, '' here."""
+    """A log. name: its path below SOURCE. revision: the store's own version of its content, '' here."""
 
     name: str
     url: str

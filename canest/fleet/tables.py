@@ -74,8 +74,8 @@ def schema(columns: Mapping[str, tuple[str, str]], metadata: Mapping[str, str] |
         _FLOAT: pa.float64(), _SHORT: pa.float32(), _INT: pa.int64(), _TEXT: pa.string(),
         _WORD: pa.dictionary(pa.int32(), pa.string()), _TIME: pa.timestamp("us"),
     }  # fmt: skip
-    said = {"canest.schema": str(SCHEMA_VERSION), "canest.version": __version__, **(metadata or {})}
-    return pa.schema([pa.field(name, types[kind]) for name, (kind, _) in columns.items()], said)
+    about = {"canest.schema": str(SCHEMA_VERSION), "canest.version": __version__, **(metadata or {})}
+    return pa.schema([pa.field(name, types[kind]) for name, (kind, _) in columns.items()], about)
 
 
 class TableWriter:

@@ -11,12 +11,12 @@ import numpy as np
 
 from canest.core.frames import FloatColumn
 from canest.core.gates import LABELS
-from canest.core.samples import GRAVITY_MPS2
 from canest.fleet.recording import Recording, calendar
 from canest.offline.leg import Leg
 from canest.offline.legs import Legs
+from canest.vehicle.residual import residual_N
 
-#: a residual of fewer seconds says nothing
+#: a residual of fewer seconds is no figure
 _FEWEST_SECONDS = 20
 _GATES_NAMED = 3
 
@@ -88,14 +88,10 @@ def _reported(values: FloatColumn) -> float | None:
 
 
 def _residual(leg: Leg, rows: Mapping[str, FloatColumn]) -> dict[str, float]:
-    """Return the leg's force residual m (a + g sin b + g mu cos b) - F over open seconds, with its mass."""
+    """Return the leg's force residual over the seconds with open gates, by the mass of the leg."""
     if leg.mass_kg is None:
         return {}
-    grade = rows["grade"]
-    cos = 1.0 / np.sqrt(1.0 + grade * grade)
-    residual = (
-        leg.mass_kg * (rows["accel_mps2"] + GRAVITY_MPS2 * cos * (grade + rows["mu"])) - rows["force_N"]
-    )
+    residual = residual_N(leg.mass_kg, rows["accel_mps2"], rows["grade"], rows["mu"], rows["force_N"])
     open_ = (rows["gate"] == 0) & np.isfinite(residual) & np.isfinite(rows["traction_N"])
     r, traction = residual[open_], rows["traction_N"][open_]
     if len(r) < _FEWEST_SECONDS:

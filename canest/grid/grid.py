@@ -57,7 +57,7 @@ class Feed(NamedTuple):
     last_us: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class GridBlock:
     """Consecutive ticks.
 

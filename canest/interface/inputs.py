@@ -69,7 +69,7 @@ def log_and_config(
     if isinstance(known, Config):
         return log, known
     raise ConfigError(
-        "a vehicle alone does not say where signals are",
+        "a vehicle alone does not define where signals are",
         where="config",
         expected="a config, or a table as log",
     )
@@ -78,7 +78,7 @@ def log_and_config(
 def _step_s(log: TableLog, time_column: str) -> float:
     """Return the usual time from row to row, 0 where it cannot be had."""
     if not log.holds_time(time_column):
-        return 0.0  # reading it says what lacks
+        return 0.0  # reading it raises the error
     cells = log.column(time_column, time_column)
     times = np.array([seconds_of(cell) for cell in cells], float) if isinstance(cells, list) else cells
     steps = np.diff(times)

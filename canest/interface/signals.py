@@ -21,7 +21,7 @@ class Signals:
         t_s: seconds of the log's clock, float64 (n,), multiples of 0.02 s; where the bus was silent for
             longer than the config's sampling.hold_s, rows are missing.
         values: role -> float64 (n,), in the role's unit (docs/config.md); NaN where it is too old, was never
-            sent, or says "not available".
+            sent, or is "not available".
 
     Example:
         >>> import canest

@@ -64,5 +64,5 @@ class Pipeline:
         return self._inner.snapshot()
 
     def restore(self, mass_kg: float, mass_std_kg: float) -> None:
-        """Start from a remembered mass and its standard deviation, both in kg."""
+        """Start from a saved mass and its standard deviation, both in kg."""
         self._inner.restore(mass_kg, mass_std_kg)

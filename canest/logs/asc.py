@@ -15,7 +15,7 @@ from canest.logs.asc_layout import AscLayout
 from canest.logs.candump_layout import Layout
 from canest.logs.compression import Source
 from canest.logs.line_parser import LineParser, Piece, Wanted
-from canest.logs.line_splitting import LINE_CHARS_MAX
+from canest.logs.line_splitting import LINE_CHARS_MAX, text_parts
 from canest.logs.python_can import PythonCanReader
 from canest.logs.python_can_lines import OneLine, asc_base, in_plain_words
 
@@ -77,26 +77,10 @@ class AscReader(PythonCanReader):
             yield FrameBlock.concatenate(held)
 
     def _parsed(self) -> Iterator[FrameBlock]:
-        text, overlong = self._head, False
-        while True:
-            end = text.rfind(b"\n") + 1
-            if overlong and end:  # the rest of a line whose beginning stood for the whole
-                text, overlong = text[text.find(b"\n") + 1 :], False
-                continue
-            if end:
+        for kind, text, end in text_parts(self._source, self._head, LINE_CHARS_MAX, _TEXT_BYTES):
+            if kind == "lines":
                 yield self._parser.parse(text, end)
-                text = text[end:]
-            if len(text) > LINE_CHARS_MAX and not overlong:
-                yield self._parser.parse(text + b"\n")
-                overlong = True
-            if overlong:
-                text = b""
-            more = self._source.read(_TEXT_BYTES)
-            if not more:
-                break
-            text += more
-        if text and not overlong:
-            if self._source.damage:
+            elif kind == "cut off":
                 self._skip_line(self._parser.lines + 1, _decoded(text).strip())
             else:
                 yield self._parser.parse(text + b"\n")

@@ -22,6 +22,8 @@ BLOCK_FRAMES = 1 << 17
 KNOWN_LOGS = "candump text, .asc .blf .trc .mf4 .db, .csv of python-can, Vehicle Spy or a CANalyzer trace"
 #: a damaged log may name any number of interfaces
 _CHANNELS_SHOWN = 8
+SKIPPED_SHOWN = 50  #: of the lines that could not be read, so many are kept ...
+SHOWN_CHARS = 80  #: ... with so much of their text
 #: glibc's largest adaptive limit is 32 MB
 _HEAP_BYTES = 1 << 24
 
@@ -155,3 +157,39 @@ class LogReader(ABC):
 
     @abstractmethod
     def _blocks(self) -> Generator[FrameBlock | TableBlock]: ...
+
+
+class CountingReader(LogReader):
+    """A reader that counts what it reads and what it skips."""
+
+    def __init__(self, source: Source, channel: str | None = None) -> None:
+        super().__init__(source, channel)
+        self._frames = self._skipped_lines = 0
+        self._skipped: list[tuple[int, str, str]] = []
+        self._channels: dict[str, int] = {}
+
+    @property
+    def frames(self) -> int:
+        """Frames (rows of a table) so far, delivered or not."""
+        return self._frames
+
+    @property
+    def channels(self) -> Mapping[str, int]:
+        """Frames per interface so far, as the format names them; a table has none."""
+        return self._channels
+
+    @property
+    def skipped_lines(self) -> int:
+        """Lines or records that could not be read."""
+        return self._skipped_lines
+
+    @property
+    def skipped(self) -> list[tuple[int, str, str]]:
+        """The first of them: (number, text, reason)."""
+        return self._skipped
+
+    def _skip(self, number: int, text: str, reason: str) -> None:
+        """Count a line or record that could not be read; keep the first."""
+        self._skipped_lines += 1
+        if len(self._skipped) < SKIPPED_SHOWN:
+            self._skipped.append((number, text[:SHOWN_CHARS], reason))

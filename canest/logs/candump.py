@@ -7,16 +7,10 @@ from numpy.typing import NDArray
 
 from canest.core import jit
 from canest.core.frames import BoolColumn, FrameBlock, IntColumn
+from canest.logs.base import SHOWN_CHARS, SKIPPED_SHOWN
 from canest.logs.candump_layout import Layout
 from canest.logs.candump_line import Line, is_ignorable, parse_line
-from canest.logs.line_parser import (
-    LINE_CHARS_MAX,
-    SHOWN_CHARS,
-    SKIPPED_SHOWN,
-    LineParser,
-    Piece,
-    Wanted,
-)
+from canest.logs.line_parser import LINE_CHARS_MAX, LineParser, Piece, Wanted
 
 
 class CandumpParser(LineParser):

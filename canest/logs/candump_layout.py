@@ -24,7 +24,7 @@ _STANDARD_DIGITS = 3
 assert EXTENDED == ERROR << 2  # how `_identifiers` marks whatever is not an error frame
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Rows:
     """Lines of one width, one every ``stride`` characters; ``text`` goes on for a word behind the last."""
 

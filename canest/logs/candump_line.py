@@ -108,7 +108,7 @@ def _identifier(digits: bytes) -> int | None:
 
 def _microseconds(seconds: bytes | None, date: bytes | None, fraction: bytes) -> int | None:
     if seconds is None:
-        try:  # candump -tA prints local time without saying which zone; UTC keeps differences right
+        try:  # candump -tA prints local time without its zone; UTC keeps differences right
             whole = int(
                 datetime.strptime((date or b"").decode(), "%Y-%m-%d %H:%M:%S").replace(tzinfo=UTC).timestamp()
             )

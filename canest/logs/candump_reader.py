@@ -6,10 +6,11 @@ import re
 from collections.abc import Generator, Iterator, Mapping
 
 from canest.core.frames import FrameBlock
-from canest.logs.base import LogReader
+from canest.logs.base import SHOWN_CHARS, LogReader
 from canest.logs.candump import CandumpParser
 from canest.logs.compression import Source
-from canest.logs.line_parser import LINE_CHARS_MAX, SHOWN_CHARS
+from canest.logs.line_parser import LINE_CHARS_MAX
+from canest.logs.line_splitting import text_parts
 
 #: text parsed at once: fits the second-level cache together with what is made of it
 _TEXT_BYTES = 1 << 19
@@ -61,29 +62,17 @@ class CandumpReader(LogReader):
             yield FrameBlock.concatenate(blocks)
 
     def _parsed(self) -> Iterator[FrameBlock]:
-        text, self._head = self._head, b""
-        overlong = False
-        while True:
-            if b"\0" in text and not overlong:
-                text = _NEVER_WRITTEN.sub(rb"\1", text)
-            end = text.rfind(b"\n") + 1
-            if overlong and end:  # the rest of a line already counted
-                text = text[text.find(b"\n") + 1 :]
-                overlong = False
-                continue
-            if end:
+        head, self._head = self._head, b""
+        for kind, text, end in text_parts(self._source, head, LINE_CHARS_MAX, _TEXT_BYTES, _without_zeros):
+            if kind == "lines":
                 yield self._parser.parse(text, end)
-                text = text[end:]
-            if len(text) > LINE_CHARS_MAX:
-                if not overlong:
-                    self._parser.skip_line(text[:SHOWN_CHARS], "line too long")
-                overlong, text = True, b""
-            more = self._source.read(_TEXT_BYTES)
-            if not more:
-                break
-            text += more
-        if text and not overlong:
-            if self._source.damage:
-                self._parser.skip_line(text, "cut off by the end of the archive")
-            else:
+            elif kind == "last":
                 yield self._parser.parse(text + b"\n")
+            elif kind == "overlong":
+                self._parser.skip_line(text[:SHOWN_CHARS], "line too long")
+            else:
+                self._parser.skip_line(text, "cut off by the end of the archive")
+
+
+def _without_zeros(text: bytes) -> bytes:
+    return _NEVER_WRITTEN.sub(rb"\1", text) if b"\0" in text else text

@@ -10,7 +10,7 @@ from typing import Any
 TOPIC = "/canest/estimate"
 SCHEMA_NAME = "canest.Estimate"
 
-#: what the last part of a column's name says -> its unit
+#: last part of a column's name -> its unit
 _UNITS = {"kg": "kg", "m": "m", "N": "N", "Nm": "Nm", "mps": "m/s", "mps2": "m/s\u00b2", "radps": "rad/s"}
 _MEANINGS = {
     "mass_kg": "estimated gross mass",

@@ -11,8 +11,6 @@ from canest.logs.candump import CandumpParser
 from canest.logs.candump_line import Line, is_ignorable, parse_line
 from canest.logs.candump_reader import CandumpReader
 from canest.logs.compression import ARCHIVE_SUFFIXES, Source
-from canest.logs.frame_table import frame_table
-from canest.logs.frame_table_reader import FrameTableReader, refuse_channel_of
 from canest.logs.line_parser import Wanted
 from canest.logs.memory import MemoryLog
 
@@ -65,12 +63,16 @@ def open_log(
     if _looks_like_candump(text):
         return CandumpReader(source, text, CandumpParser(wanted, channel), block_frames)
     text_suffix = _text_format(text, suffix)
-    if text_suffix == "table" and (laid_out := frame_table(text)) is not None:
-        refuse_channel_of(laid_out, source, channel)
-        return FrameTableReader(source, text, laid_out, wanted, channel, block_frames)
     if text_suffix == "table":
+        # each wanted for such a text alone
         from canest.logs.csv_table import CsvReader
+        from canest.logs.frame_table import frame_table
+        from canest.logs.frame_table_reader import FrameTableReader, refuse_channel_of
 
+        laid_out = frame_table(text)
+        if laid_out is not None:
+            refuse_channel_of(laid_out, source, channel)
+            return FrameTableReader(source, text, laid_out, wanted, channel, block_frames)
         _refuse_channel(source, channel)
         return CsvReader(source, text, time_column, columns, block_frames, as_text)
     if text_suffix:

@@ -18,7 +18,7 @@ from canest.core.frames import EXTENDED, REMOTE
 _SEPARATORS = (",", ";", "\t")
 #: a preamble is shorter, and so is a header line
 _HEAD_BYTES, _HEADER_LINES, _HEADER_CHARS = 1 << 17, 1000, 4096
-#: rows by which hexadecimal and decimal are told apart
+#: rows that decide between hexadecimal and decimal
 _SAMPLE_ROWS = 500
 #: columns by their names without spaces and signs, in lower case; times with the seconds in one unit
 _TIMES = {
@@ -79,7 +79,7 @@ class FrameTable:
         if self.extended is not None:
             flag = cells[self.extended].strip().lower()
             if flag not in _YES and flag not in ("f", "false", "0", "no", ""):
-                raise ValueError(f"no CAN frame: {flag!r} says nothing of the identifier's length")
+                raise ValueError(f"no CAN frame: {flag!r} does not give the identifier's length")
             marked = marked or flag in _YES
         elif number > _STANDARD_MAX:
             marked = True
@@ -124,7 +124,7 @@ def _names(line: str) -> list[str]:
 
 
 def _layout(line: str) -> FrameTable | None:
-    """Return what a header line says, None for a line that is none."""
+    """Return the layout of a header line, None for a line that is none."""
     try:
         names = _names(line)
     except csv.Error:

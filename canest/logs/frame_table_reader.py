@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Generator, Mapping
+from collections.abc import Generator
 
 from canest.core.errors import LogError
 from canest.core.frames import FrameBlock
-from canest.logs.base import LogReader
+from canest.logs.base import SKIPPED_SHOWN, CountingReader
 from canest.logs.compression import Source
 from canest.logs.frame_table import FrameTable, cells_of
-from canest.logs.line_parser import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
+from canest.logs.line_parser import Wanted
 from canest.logs.line_splitting import text_lines
 
 #: where int64 microseconds end, with room to spare
 _SECONDS_MAX = 9e12
 
 
-class FrameTableReader(LogReader):
+class FrameTableReader(CountingReader):
     """A line for each frame. Lines before the header and further header lines are passed over."""
 
     format = "csv of frames"
@@ -29,30 +29,8 @@ class FrameTableReader(LogReader):
     ) -> None:  # fmt: skip
         super().__init__(source, channel)
         self._head, self._table, self._wanted, self._block_frames = head, table, wanted, block_frames
-        self._frames = self._skipped_lines = self._line = 0
-        self._skipped: list[tuple[int, str, str]] = []
-        self._channels: dict[str, int] = {}
+        self._line = 0
         self._past_header = False
-
-    @property
-    def frames(self) -> int:
-        """Well-formed frames so far, delivered or not."""
-        return self._frames
-
-    @property
-    def skipped_lines(self) -> int:
-        """Lines that should be a frame and are not."""
-        return self._skipped_lines
-
-    @property
-    def skipped(self) -> list[tuple[int, str, str]]:
-        """The first unreadable lines: (number, text, reason)."""
-        return self._skipped
-
-    @property
-    def channels(self) -> Mapping[str, int]:
-        """Frames per interface so far."""
-        return self._channels
 
     def _blocks(self) -> Generator[FrameBlock]:
         held: list[tuple[int, int, bytes]] = []
@@ -77,13 +55,13 @@ class FrameTableReader(LogReader):
                 return None
             found = self._table.frame(cells)
         except (ValueError, csv.Error) as error:
-            self._skip(line, str(error))
+            self._skip(self._line, line, str(error))
             return None
         if found is None:
             return None
         seconds, can_id, payload = found
         if not abs(seconds) < _SECONDS_MAX:
-            self._skip(line, "no time")
+            self._skip(self._line, line, "no time")
             return None
         self._frames += 1
         if self._table.channel is not None:
@@ -108,12 +86,7 @@ class FrameTableReader(LogReader):
 
     def _cut_off(self, line: str) -> None:
         self._line += 1
-        self._skip(line, "cut off by the archive's end")
-
-    def _skip(self, line: str, reason: str) -> None:
-        self._skipped_lines += 1
-        if len(self._skipped) < SKIPPED_SHOWN:
-            self._skipped.append((self._line, line[:SHOWN_CHARS], reason))
+        self._skip(self._line, line, "cut off by the archive's end")
 
 
 def refuse_channel_of(table: FrameTable, source: Source, channel: str | None) -> None:

@@ -13,8 +13,6 @@ from canest.logs.candump_layout import Layout, Rows
 
 NEWLINE = 10
 LINE_CHARS_MAX = 1024  #: the longest line candump writes has some 330 characters
-SKIPPED_SHOWN = 50
-SHOWN_CHARS = 80
 _WIDTH_MIN = 8  #: layouts read whole words
 #: below this many lines of one width, one line at a time is quicker
 _FEW_LINES = 24

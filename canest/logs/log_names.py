@@ -1,4 +1,4 @@
-"""What a log's file name says: the name of the drive, and the truth file beside it."""
+"""What follows from a log's file name: the name of the drive, and the truth file beside it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def truth_beside(log: Path) -> Path | None:
 
 
 def truth_file(log: Path, truth: str | None) -> Path | None:
-    """Return the truth of a log as --truth says: a file, 'auto' for the one beside it, or none.
+    """Return the truth of a log for --truth: a file, 'auto' for the one beside it, or none.
 
     Errors: UsageError when 'auto' finds none.
     """

@@ -6,7 +6,7 @@ import contextlib
 import gc
 import math
 import tempfile
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, cast
@@ -15,12 +15,12 @@ import numpy as np
 
 from canest.core.errors import LogError
 from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
-from canest.logs.base import LogReader
+from canest.logs.base import CountingReader
 from canest.logs.candump_line import CLASSIC_BYTES
 from canest.logs.compression import Source
 from canest.logs.damaged import blf_reader, find_asammdf, quiet_lines, quiet_messages, silenced, sqlite_reader
 from canest.logs.frame_columns import NO_CHANNEL, FrameColumns
-from canest.logs.line_parser import SHOWN_CHARS, SKIPPED_SHOWN, Wanted
+from canest.logs.line_parser import Wanted
 from canest.logs.python_can_lines import Lines, OneLine, in_plain_words
 from canest.system.installation import how_to_add
 
@@ -31,7 +31,7 @@ _UNNAMED = "unnamed"  #: the interface of a format that names none
 _BYTES_MAX = 64  #: payload of CAN FD
 
 
-class PythonCanReader(LogReader):
+class PythonCanReader(CountingReader):
     """A log that python-can reads; a record it stumbles over is counted, text formats go on behind it."""
 
     def __init__(
@@ -47,31 +47,8 @@ class PythonCanReader(LogReader):
         self.format = suffix.removeprefix(".")
         self._head, self._suffix, self._wanted = head, suffix, wanted
         self._block_frames = block_frames
-        self._frames = self._skipped_lines = 0
-        self._skipped: list[tuple[int, str, str]] = []
-        self._channels: dict[str, int] = {}
         self._lines: Lines | OneLine | None = None
         self._stored: BinaryIO | None = None
-
-    @property
-    def frames(self) -> int:
-        """Frames so far, delivered or not."""
-        return self._frames
-
-    @property
-    def channels(self) -> Mapping[str, int]:
-        """Frames per interface so far, as the format names them."""
-        return self._channels
-
-    @property
-    def skipped_lines(self) -> int:
-        """Records that python-can could not read."""
-        return self._skipped_lines
-
-    @property
-    def skipped(self) -> list[tuple[int, str, str]]:
-        """The first of them: (line or record number, text, reason)."""
-        return self._skipped
 
     def _blocks(self) -> Generator[FrameBlock]:
         held: list[tuple[int, int, int, int]] = []
@@ -282,11 +259,6 @@ class PythonCanReader(LogReader):
             self._skip(self._frames + 1, shown, reason)
         else:
             self._skip(self._lines.number, self._lines.current.strip(), reason)
-
-    def _skip(self, number: int, text: str, reason: str) -> None:
-        self._skipped_lines += 1
-        if len(self._skipped) < SKIPPED_SHOWN:
-            self._skipped.append((number, text[:SHOWN_CHARS], reason))
 
 
 def _reason(error: Exception) -> str:

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from canest.core.errors import LogError
 from canest.core.table_block import TableBlock
-from canest.logs.base import LogReader
+from canest.logs.base import SHOWN_CHARS, CountingReader
 from canest.logs.compression import Source
-from canest.logs.line_parser import SHOWN_CHARS, SKIPPED_SHOWN
 
 #: where int64 microseconds end, with room to spare
 _SECONDS_MAX = 9e12
@@ -20,7 +19,7 @@ TEXTS_KEPT = 64
 _NO_TIME = "no time, neither in seconds nor as 2026-03-01T08:15:00.020Z"
 
 
-class TableReader(LogReader):
+class TableReader(CountingReader):
     """What csv and parquet share: cells that hold no number become NaN and are counted per column.
 
     columns: names in the file. bad_cells: column -> cells without a number (blank, NaN, text, infinite).
@@ -43,28 +42,11 @@ class TableReader(LogReader):
         super().__init__(source)
         self._as_text = frozenset(as_text)
         self._time_column, self._wanted = time_column, wanted
-        self._rows = self._skipped_lines = 0
-        self._skipped: list[tuple[int, str, str]] = []
         self.columns: list[str] = []
         self.bad_cells: dict[str, int] = {}
         self.text_cells: dict[str, tuple[int, int, str]] = {}
         self.texts: dict[str, dict[str, int]] = {}
         self._text_times: dict[int, str] = {}  #: of the block that is being read
-
-    @property
-    def frames(self) -> int:
-        """Rows so far."""
-        return self._rows
-
-    @property
-    def skipped_lines(self) -> int:
-        """Rows without a time, or with too few or too many cells."""
-        return self._skipped_lines
-
-    @property
-    def skipped(self) -> list[tuple[int, str, str]]:
-        """The first unreadable rows: (line number, text, reason)."""
-        return self._skipped
 
     @property
     def remarks(self) -> list[str]:
@@ -84,11 +66,6 @@ class TableReader(LogReader):
         texts = self.texts.setdefault(name, {})
         if text in texts or len(texts) < TEXTS_KEPT:
             texts[text] = texts.get(text, 0) + 1
-
-    def _skip(self, number: int, text: str, reason: str) -> None:
-        self._skipped_lines += 1
-        if len(self._skipped) < SKIPPED_SHOWN:
-            self._skipped.append((number, text[:SHOWN_CHARS], reason))
 
     def _choose(self) -> list[int]:
         """Return the positions of the columns to read, that of the time first."""
@@ -131,7 +108,7 @@ class TableReader(LogReader):
         if not timed.all():
             values = values[timed]
             texts = {name: cells[timed] for name, cells in texts.items()}
-        self._rows += len(values)
+        self._frames += len(values)
         columns = {}
         for index, name in enumerate(names[1:], 1):
             if name in texts:

@@ -51,7 +51,7 @@ class Broadcaster:
         return frozenset(self._timers)
 
     def set_estimate(self, estimate: Estimate, now_us: int) -> None:
-        """Remember the newest estimate and when it came."""
+        """Keep the newest estimate and when it came."""
         self._estimate, self._estimated_us = estimate, now_us
 
     def current(self, now_us: int) -> Estimate:

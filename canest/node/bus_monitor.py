@@ -20,7 +20,7 @@ _VD_PGN, _VDHR_PGN = 65248, 65217  #: Vehicle Distance, the same in high resolut
 _ODOMETERS = {_VD_PGN: (32, 0.125), _VDHR_PGN: (0, 0.005)}
 _DISTANCE_LARGEST = 0xFAFF_FFFF
 _NO_ADDRESS = 0xFE  #: the source of "cannot claim"
-_IDS_REMEMBERED = 4096  #: a bus has some hundreds of identifiers, noise has millions
+_IDS_KEPT = 4096  #: a bus has some hundreds of identifiers, noise has millions
 
 
 @dataclass(slots=True)
@@ -89,11 +89,11 @@ class BusMonitor:
                 self._dispatch(pgn, can_id, length, word, int(frames.t_us[row]), now_us)
 
     def _watched_pgn(self, can_id: int) -> int | None:
-        """Return the group of an identifier, None (and remembered) when it does not concern a node."""
+        """Return the group of an identifier, None (and kept) when it does not concern a node."""
         pgn = j1939.pgn_of(can_id)
         if can_id & EXTENDED and not can_id & (REMOTE | ERROR) and pgn in self._watched:
             return pgn
-        if len(self.ignored_ids) >= _IDS_REMEMBERED:
+        if len(self.ignored_ids) >= _IDS_KEPT:
             self.ignored_ids.clear()
         self.ignored_ids.add(can_id)
         return None

@@ -196,11 +196,11 @@ def _row(entry: _Entry, estimates: Estimates, true_mass_kg: FloatColumn, score: 
     error_pct = 100.0 * (estimates.mass_kg / true_mass_kg - 1.0)
     if np.isfinite(error_pct[-1]):
         row["mass_end_pct"] = float(error_pct[-1])
-    row["to_5pct_s"] = _time_to(np.where(estimated, error_pct, np.nan))
+    row["to_5pct_s"] = time_to(np.where(estimated, error_pct, np.nan))
     return {**row, "note": ""}
 
 
-def _time_to(error_pct: FloatColumn) -> float | None:
+def time_to(error_pct: FloatColumn) -> float | None:
     """Return the seconds to the first sample from which the error stays small for the hold time."""
     with np.errstate(invalid="ignore"):
         outside = np.flatnonzero(~(np.abs(error_pct) <= WITHIN_PCT))

@@ -74,7 +74,7 @@ def load_legs(parts: Sequence[Leg]) -> list[Leg]:
     """Merge neighbours that carry one load, and number the loads; in order of time.
 
     Two legs carry one load where their masses agree within their standard deviations,
-    |m1 - m2| <= sqrt(s1^2 + s2^2). What lies between them and says nothing is then of this load too.
+    |m1 - m2| <= sqrt(s1^2 + s2^2). A leg between them without a known mass is then of this load too.
     """
     legs: list[Leg] = []
     known: int | None = None

@@ -22,9 +22,7 @@ from canest.logs.estimate_writer import open_writer
 from canest.logs.memory import MemoryLog
 from canest.offline.leg import Leg
 from canest.offline.legs import Legs, Motion
-from canest.offline.model_columns import COLUMNS, ModelColumns
 from canest.offline.reported_masses import ReportedMasses
-from canest.offline.scoring import Reference, Score
 from canest.pipeline.pipeline import Listener, Pipeline, TickListener
 from canest.pipeline.table_map import TableMap, open_for
 
@@ -32,6 +30,8 @@ if TYPE_CHECKING:
     from canest.config import Config
     from canest.core.estimates import Estimates
     from canest.logs.base import LogReader
+    from canest.offline.extra_columns import ExtraColumns
+    from canest.offline.scoring import Reference, Score
 
 Progress = Callable[[int, int], None]  #: bytes done, bytes in all (0: unknown)
 #: opens the file for estimates, with the decimals of its further columns
@@ -100,7 +100,7 @@ def replay(
     if output is not None and not isinstance(output, Output):
         output = Output(Path(output))
     motion, driven, reported = Motion(), Legs(), ReportedMasses(config)
-    more = ModelColumns(output.columns, config) if output is not None and output.columns else None
+    more = _extra_columns(output, config)
     listeners: list[Listener] = [each for each in (motion, listener, more) if each is not None]
     run = LogRun(
         log,
@@ -153,13 +153,21 @@ def _warnings(run: LogRun, config: Config, score: Score | None) -> list[str]:
     return found
 
 
+def _extra_columns(output: Output | None, config: Config) -> ExtraColumns | None:
+    """Return what takes the columns that are wanted beside those of est.csv, None for none."""
+    if output is None or not output.columns:
+        return None
+    from canest.offline.extra_columns import ExtraColumns  # wanted for further columns alone
+
+    return ExtraColumns(output.columns, config)
+
+
 def _opened(
-    output: Output | None, more: ModelColumns | None
+    output: Output | None, more: ExtraColumns | None
 ) -> AbstractContextManager[EstimateWriter | None]:
     if output is None:
         return nullcontext()
-    decimals = {name: COLUMNS[name].decimals for name in more.names} if more is not None else {}
-    return output.opened(output.path, decimals)
+    return output.opened(output.path, more.decimals if more is not None else {})
 
 
 def _all_of(listeners: list[Listener]) -> Listener | None:

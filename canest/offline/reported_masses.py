@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import statistics
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -116,7 +116,7 @@ class ReportedMasses:
         for name, (stamps, masses) in sorted(self._kept.items()):
             inside = [m for t, m in zip(stamps, masses, strict=True) if first_us <= t <= last_us]
             if inside:
-                found[name] = round(statistics.median(inside), 3)
+                found[name] = round(float(np.median(inside)), 3)
         return found
 
 
@@ -140,7 +140,7 @@ def report_lines(reported: Sequence[Mapping[str, Any]], legs: Sequence[Mapping[s
         leg["mass_error_pct"] for leg in legs if leg["load"] is not None and leg["mass_error_pct"] is not None
     ]
     if errors and own:
-        errors["ours"] = statistics.fmean(own)
+        errors["ours"] = math.fsum(own) / len(own)
         nearest = min(errors, key=lambda name: abs(errors[name]))
         others = ", ".join(f"{name} {pct:+.1f} %" for name, pct in errors.items() if name != nearest)
         lines.append(f"nearest to the truth is {nearest}, {errors[nearest]:+.1f} % (others: {others})")
@@ -149,7 +149,7 @@ def report_lines(reported: Sequence[Mapping[str, Any]], legs: Sequence[Mapping[s
 
 def _mean_pct(pairs: Sequence[tuple[float, float | None]]) -> float | None:
     shares = [100.0 * (mass_kg / of_kg - 1.0) for mass_kg, of_kg in pairs if of_kg]
-    return statistics.fmean(shares) if shares else None
+    return math.fsum(shares) / len(shares) if shares else None
 
 
 def _is_within(leg: Leg, mass_kg: float) -> bool:

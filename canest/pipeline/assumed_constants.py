@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import field
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +24,7 @@ MASS_STD_SHARE = 0.5
 class AssumedConstants(NamedTuple):
     """Role -> the number assumed for it, and by how much the reported one may differ (same unit)."""
 
-    numbers: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    numbers: Mapping[str, tuple[float, float]]
 
     @staticmethod
     def of(

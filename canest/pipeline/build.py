@@ -60,7 +60,7 @@ class IntakeSpec(NamedTuple):
     """What selects, orders and checks frames.
 
     wants: role -> DBC signal. hold_us: silence after which ticks stop. max_backward_us: how far a
-    stamp may go back. limits: range and rate per role. motion: roles whose jumps cast doubt on the motion.
+    stamp may go back. limits: range and rate per role. motion: roles whose jumps make the motion uncertain.
     torque: what torque roles may read.
     """
 

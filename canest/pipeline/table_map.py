@@ -15,9 +15,9 @@ from canest.core.errors import LogError
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.table_block import TableBlock
 from canest.decode.value_table import Label, TextTable
+from canest.logs.base import SHOWN_CHARS
 from canest.logs.cells import number_of
 from canest.logs.format_detection import open_log
-from canest.logs.line_parser import SHOWN_CHARS
 from canest.logs.table_reader import TEXTS_KEPT
 from canest.pipeline.signal_map import factor_and_offset
 

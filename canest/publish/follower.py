@@ -31,6 +31,21 @@ class LiveEstimate(NamedTuple):
     gate: tuple[int, str]
 
 
+class Pace:
+    """Lets at most so many through a second, on a raster: 5 a second give 1 a second, and not 5 in 6 s."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._pause_s, self._due_s = 1.0 / rate_hz, 0.0
+
+    def is_due(self) -> bool:
+        """Return whether the next one may go, and count it as gone."""
+        now_s = time.monotonic()
+        if now_s < self._due_s:
+            return False
+        self._due_s = max(self._due_s + self._pause_s, now_s + 0.5 * self._pause_s)
+        return True
+
+
 class Follower:
     """Takes messages of `canest.telemetry.live_protocol` and calls the three methods below with what is new.
 
@@ -64,7 +79,7 @@ class Follower:
             if message["newest"] is not None:
                 self.on_estimate(self._estimate(message["newest"], quiet_s))
             elif message["quiet_s"] is None or quiet_s > QUIET_S:
-                self.on_estimate(_nothing())
+                self.on_estimate(nothing())
         elif "status" in message:
             self.on_status(message["status"])
         elif "columns" in message:
@@ -101,7 +116,8 @@ class Follower:
 _NO_GATE = (int(Gate.STALE), NOT_AVAILABLE)
 
 
-def _nothing() -> LiveEstimate:
+def nothing() -> LiveEstimate:
+    """Return that there is no estimate of now."""
     return LiveEstimate(
         round(time.time(), 2),
         dict.fromkeys(NUMBERS),

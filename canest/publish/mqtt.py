@@ -11,7 +11,7 @@ from collections import Counter
 from typing import Any
 
 from canest.core.errors import UsageError
-from canest.publish.follower import Follower, LiveEstimate
+from canest.publish.follower import Follower, LiveEstimate, Pace
 from canest.publish.mqtt_settings import Broker
 from canest.system.installation import how_to_add
 from canest.system.journal import Journal
@@ -51,7 +51,7 @@ class MqttPublisher(Follower):
         self.counters: Counter[str] = Counter(dict.fromkeys(COUNTERS, 0))
         self._counting = threading.Lock()  # two threads publish: paho's own when it has connected
         self._broker, self._base, self._journal = broker, base, journal
-        self._pause_s, self._due_s, self._status_due_s = 1.0 / rate_hz, 0.0, 0.0
+        self._pace, self._status_due_s = Pace(rate_hz), 0.0
         self._more = more or []
         self._online = False
         self._client = _client(broker, self)
@@ -59,11 +59,11 @@ class MqttPublisher(Follower):
 
     def start(self) -> None:
         """Begin to connect; returns at once, and connecting goes on until `stop`."""
-        self._client.connect_async(self._broker.host, self._broker.port, KEEPALIVE_S)
+        self._client.connect_async(self._broker.address.host, self._broker.address.port, KEEPALIVE_S)
         self._client.loop_start()
 
     async def stop(self) -> None:
-        """Say goodbye to a broker that listens; takes a second at most."""
+        """Sign off from a broker that is there; takes a second at most."""
         until_s = time.monotonic() + _FAREWELL_S
         if self._online:
             farewell = self._send("availability", b"offline")
@@ -76,11 +76,8 @@ class MqttPublisher(Follower):
 
     def on_estimate(self, estimate: LiveEstimate) -> None:
         """Publish it, if one is due."""
-        now_s = time.monotonic()
-        if now_s < self._due_s:
+        if not self._pace.is_due():
             return
-        # on the raster, so that 5 estimates a second give 1 message a second and not 5 in 6 s
-        self._due_s = max(self._due_s + self._pause_s, now_s + 0.5 * self._pause_s)
         content = {
             "t_s": estimate.t_s,
             **estimate.numbers,
@@ -108,10 +105,10 @@ class MqttPublisher(Follower):
         """Take the broker's answer; called by paho's thread, as the methods below."""
         if reason.is_failure:
             self._count("refused")
-            self._journal.warning("broker-refused", broker=self._broker.name, why=reason)
+            self._journal.warning("broker-refused", broker=self._broker.address.name, why=reason)
             return
         self._count("connected")
-        self._journal.notice("broker-connected", broker=self._broker.name)
+        self._journal.notice("broker-connected", broker=self._broker.address.name)
         self._online = True
         for topic, message in self._more:
             self._count("published")
@@ -123,13 +120,13 @@ class MqttPublisher(Follower):
     ) -> None:
         """Note that the connection is gone."""
         if self._online:
-            self._journal.warning("broker-lost", broker=self._broker.name, why=reason)
+            self._journal.warning("broker-lost", broker=self._broker.address.name, why=reason)
         self._online = False
 
     def unreachable(self, client: Any, _data: object) -> None:
         """Note that no connection could be made."""
         self._count("refused")
-        self._journal.warning("broker-unreachable", broker=self._broker.name, why=client.failure)
+        self._journal.warning("broker-unreachable", broker=self._broker.address.name, why=client.failure)
 
     def confirmed(self, *_: object) -> None:
         """Count what has reached the broker."""

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import ipaddress
 import re
 import ssl
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from urllib.parse import urlsplit
 
 from canest.core.errors import UsageError
+from canest.publish.address import Address, parse, secret
 
-USER, PASSWORD, PASSWORD_FILE = "CANEST_MQTT_USER", "CANEST_MQTT_PASSWORD", "CANEST_MQTT_PASSWORD_FILE"
+USER, PASSWORD = "CANEST_MQTT_USER", "CANEST_MQTT_PASSWORD"
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
-_LONGEST_PASSWORD = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,21 +29,15 @@ class Certificates:
 class Broker:
     """A broker. tls: None for a connection in the clear."""
 
-    host: str
-    port: int
+    address: Address
     tls: ssl.SSLContext | None = None
     user: str | None = None
     password: str | None = field(default=None, repr=False)
 
     @property
-    def name(self) -> str:
-        """Return what a person calls it."""
-        return f"{'mqtt' if self.tls is None else 'mqtts'}://{self.host}:{self.port}"
-
-    @property
     def sends_password_in_the_clear(self) -> bool:
         """Return whether others in the network could read the password."""
-        return self.password is not None and self.tls is None and not _is_this_machine(self.host)
+        return self.password is not None and self.tls is None and not self.address.is_this_machine
 
 
 def broker(url: str, certificates: Certificates, environment: Mapping[str, str]) -> Broker:
@@ -54,29 +45,15 @@ def broker(url: str, certificates: Certificates, environment: Mapping[str, str])
 
     environment: has user and password. Errors: UsageError.
     """
-    parts = urlsplit(url)
-    try:
-        port = parts.port
-    except ValueError:
-        port = -1
-    if "@" in parts.netloc:
-        raise UsageError(
-            "everybody on this machine can read a command line", where="--broker",
-            expected=f"user and password in the environment ({USER}, {PASSWORD_FILE})",
-        )  # fmt: skip
-    odd = parts.path.strip("/") or parts.query or parts.fragment
-    if parts.scheme not in _PORTS or not parts.hostname or odd or port in (-1, 0):
-        raise UsageError(
-            "is no broker", where="--broker", found=url, expected="mqtt://HOST[:PORT], or mqtts:// for TLS"
-        )
-    encrypted = parts.scheme == "mqtts"
+    address = parse(url, _PORTS, f"user and password in the environment ({USER}, {PASSWORD}_FILE)")
+    encrypted = address.scheme == "mqtts"
     if certificates != Certificates() and not encrypted:
         raise UsageError(
             "--ca, --cert and --key are for TLS", where="--broker", found=url, expected="mqtts://"
         )
     user, password = _credentials(environment)
     tls = _tls(certificates) if encrypted else None
-    return Broker(parts.hostname, port or _PORTS[parts.scheme], tls, user, password)
+    return Broker(address, tls, user, password)
 
 
 def topic_of(name: str) -> str:
@@ -95,16 +72,7 @@ def checked_topic(topic: str) -> str:
 
 
 def _credentials(environment: Mapping[str, str]) -> tuple[str | None, str | None]:
-    user, password = environment.get(USER), environment.get(PASSWORD)
-    if name := environment.get(PASSWORD_FILE):
-        if password is not None:
-            raise UsageError(f"found both {PASSWORD} and {PASSWORD_FILE}", expected="one of them")
-        try:
-            with Path(name).open() as file:
-                password = file.readline(_LONGEST_PASSWORD).rstrip("\r\n")
-        except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else "is no text"
-            raise UsageError(f"cannot be read: {reason}", where=PASSWORD_FILE, found=name) from None
+    user, password = environment.get(USER), secret(environment, PASSWORD)
     if password is not None and user is None:
         raise UsageError("found a password without a user", expected=f"{USER} too")
     return user, password
@@ -122,10 +90,3 @@ def _tls(certificates: Certificates) -> ssl.SSLContext:
             found=", ".join(files), expected="PEM files",
         ) from None  # fmt: skip
     return context
-
-
-def _is_this_machine(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"

@@ -10,10 +10,12 @@ import numpy as np
 from canest.core.frames import FloatColumn
 from canest.core.samples import STEP_S, STEP_US
 from canest.report import figure as look
+from canest.report.config_section import config_section
 from canest.report.figure import Rows, numbers, with_gaps
 from canest.report.page import Card, Column, Page, Section, Table, cells, titles
 
 if TYPE_CHECKING:
+    from canest.config import Config
     from canest.offline.compare import Comparison
 
 #: points per curve; there are two curves per estimator
@@ -32,24 +34,29 @@ COLUMNS: tuple[Column, ...] = (
 )
 
 
-def write_compare_report(path: str | Path, log: str, vehicle: str, result: Comparison) -> None:
+def write_compare_report(path: str | Path, log: str, config: Config, result: Comparison) -> None:
     """Write the report. Errors: OutputError."""
-    compare_page(log, vehicle, result).write(path)
+    page = compare_page(log, config.vehicle.name, result)
+    page.sections.append(config_section(config))
+    page.write(path)
 
 
 def ranked(estimators: dict[str, Any]) -> list[str]:
-    """Return the names, smallest mass error first, those without one last (by grade error)."""
+    """Return the names, smallest mass error first, those without one last (by grade error).
 
-    def key(name: str) -> tuple[bool, float, bool, float]:
+    The error is the RMS, in a drive too short for one that of the end.
+    """
+
+    def key(name: str) -> tuple[bool, float, bool, float, bool, float]:
         row = estimators[name]
-        mass, grade = row["mass_rms_pct"], row["grade_rms_deg"]
-        return mass is None, mass or 0.0, grade is None, grade or 0.0
+        mass, end, grade = row["mass_rms_pct"], row["mass_end_pct"], row["grade_rms_deg"]
+        return mass is None, mass or 0.0, end is None, abs(end or 0.0), grade is None, grade or 0.0
 
     return sorted(estimators, key=key)
 
 
 def compare_page(log: str, vehicle: str, result: Comparison) -> Page:
-    """Return the page."""
+    """Return the page, but for its config."""
     estimators, default = result.table["estimators"], result.table["default"]
     order = ranked(estimators)
     best = order[0]
@@ -68,7 +75,8 @@ def compare_page(log: str, vehicle: str, result: Comparison) -> Page:
     table = Table(["estimator", *titles(COLUMNS), "note"], rows, marked, (0, 7))
     speed_note = "compiled" if result.table.get("compiled") else "interpreted"
     text = (
-        f"Smallest mass error first; the config's own estimator is marked. Costs are of {speed_note} kernels."
+        "Smallest mass error first: the RMS, or at the end where the drive is too short for one. "
+        f"The config's own estimator is marked. Costs are of {speed_note} kernels."
     )
     page.sections.append(Section("Figures", text=text, table=table))
     if result.table["notes"]:
@@ -98,21 +106,12 @@ def _curves(result: Comparison, order: list[str], default: str) -> Section:
     x = numbers((stamps - t_us[0]) * 1e-6, 2)
     rows = Rows(["mass, t", "grade, %", "speed, km/h"], [2.2, 1.8, 0.8], "seconds since the start")
     shown = {default, *order[:SHOWN_FIRST]}
-    for index, name in enumerate(order):
+    strokes = _strokes(order, default)
+    for name in order:
         mass, grade = columns[f"{name} mass"], columns[f"{name} grade"]
-        colour = look.SERIES[index % len(look.SERIES)]
-        width = 2.4 if name == default else 1.3
         first = len(rows.traces)
-        rows.line(1, x, numbers(mass / 1e3, 3), name, look.Stroke(colour, width=width), hover="%{y:.2f} t")
-        rows.line(
-            2,
-            x,
-            numbers(grade * 1e2, 3),
-            name,
-            look.Stroke(colour, width=width),
-            hover="%{y:.2f} %",
-            legend=False,
-        )
+        rows.line(1, x, numbers(mass / 1e3, 3), name, strokes[name], hover="%{y:.2f} t")
+        rows.line(2, x, numbers(grade * 1e2, 3), name, strokes[name], hover="%{y:.2f} %", legend=False)
         if name not in shown:
             for trace in rows.traces[first:]:
                 trace["visible"] = "legendonly"
@@ -138,6 +137,16 @@ def _curves(result: Comparison, order: list[str], default: str) -> Section:
         text="The nearest few are drawn; click a name in the legend to add or remove an estimator.",
         figure=rows.to_json(),
     )
+
+
+def _strokes(order: list[str], default: str) -> dict[str, look.Stroke]:
+    """Return a look per estimator: the default's alone is wide; where colours repeat, the line is dotted."""
+    own, *others = look.SERIES
+    strokes = {default: look.Stroke(own, width=2.4)}
+    for index, name in enumerate(name for name in order if name != default):
+        again, at = divmod(index, len(others))
+        strokes[name] = look.Stroke(others[at], width=1.3, dash="dot" if again else "solid")
+    return strokes
 
 
 def _draw_truth(rows: Rows, x: list[float | None], columns: dict[str, FloatColumn]) -> dict[str, list[float]]:

@@ -9,8 +9,8 @@ import numpy as np
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS, Status
+from canest.offline.extra_columns import nearest_gear
 from canest.offline.leg_text import CALENDAR_END_S, EPOCH_S
-from canest.offline.model_columns import nearest_gear, residual_N
 from canest.pipeline.build import model_spec
 from canest.report import figure as look
 from canest.report.figure import Rows, numbers, with_gaps
@@ -20,6 +20,7 @@ from canest.report.page import Section
 from canest.report.recorder import Recorder
 from canest.road.sphere import EARTH_RADIUS_M
 from canest.vehicle.model import LongitudinalModel
+from canest.vehicle.residual import residual_N
 
 if TYPE_CHECKING:
     from canest.config import Config

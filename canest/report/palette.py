@@ -1,6 +1,6 @@
 """The colours of figures and bars, for a light and a dark ground.
 
-All but the gates' are those of Okabe and Ito (2008), which colour-blind readers can tell apart, darkened or
+All but the gates' are those of Okabe and Ito (2008), which colour-blind readers can distinguish, darkened or
 lightened until they stand out from their ground by 3 to 1 (WCAG 2.1, 1.4.11).
 """
 

@@ -9,8 +9,9 @@ import numpy as np
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.samples import STEP_S, STEP_US, EstimateBlock, ModelBlock
 from canest.grid.grid import GridBlock
-from canest.offline.model_columns import nearest_gear, residual_N
+from canest.offline.extra_columns import nearest_gear
 from canest.report.detail import Detail
+from canest.vehicle.residual import residual_N
 
 if TYPE_CHECKING:
     from canest.config import Config

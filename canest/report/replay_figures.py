@@ -81,7 +81,9 @@ def legs_section(s: Mapping[str, Any]) -> Section:
             str(leg["stops"]),
         ]
         if known:
-            error = "-" if leg["mass_error_pct"] is None else f"{leg['mass_error_pct']:+.1f} %"
+            error = (
+                "-" if leg["mass_error_pct"] is None else f"{round(leg['mass_error_pct'], 1) + 0.0:+.1f} %"
+            )
             row += [_figure(leg["true_mass_kg"]), error]
         rows.append(row)
     if known:

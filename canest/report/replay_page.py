@@ -7,11 +7,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
-from canest import __version__
 from canest.core.samples import GRAVITY_MPS2
 from canest.offline.leg_text import CALENDAR_END_S, EPOCH_S, headline
+from canest.report.config_section import config_section
 from canest.report.drive_section import drive_section
 from canest.report.gate_colours import OPEN_COLOUR
 from canest.report.gate_colours import look as gate_look
@@ -61,7 +59,7 @@ def replay_page(result: ReplayResult, config: Config, recorder: Recorder, score:
         page.sections.append(_residual(recorder, result))
     if result.warnings:
         page.sections.append(Section("Notes", text=" · ".join(result.warnings)))
-    page.sections.append(_config(config))
+    page.sections.append(config_section(config))
     return page
 
 
@@ -114,14 +112,6 @@ def _residual(recorder: Recorder, result: ReplayResult) -> Section:
     rows = [[name, value, verdict.text] for name, value, verdict in judged]
     table = Table(["", "value", "what it means"], rows, left=(0, 2), tones=[v.tone for _, _, v in judged])
     return Section("What is left over", text=text, table=table)
-
-
-def _config(config: Config) -> Section:
-    """Return the config as it was used, defaults left out; how it was named is in the title."""
-    used = config.model_dump(mode="json", exclude_unset=True)
-    text = f"Used by canest {__version__}; what is not in it has its default (docs/config.md)."
-    listing = yaml.safe_dump(used, sort_keys=False, allow_unicode=True)
-    return Section("Config", text=text, listing=listing)
 
 
 def _or_dash(value: float, form: str) -> str:

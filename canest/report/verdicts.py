@@ -13,15 +13,15 @@ from canest.report.gate_colours import look as gate_look
 _Z_MAX = 3.0
 #: share of the residual's variance that the second before explains, as a correlation
 _CORRELATED = 0.3
-#: mean squares of this many times what the standard deviation says (gated, correlated data: generous)
+#: mean squares of this many times the variance (gated, correlated data: generous)
 _NIS_LOW, _NIS_HIGH = 0.5, 2.0
-#: fewer seconds say little of any statistic
+#: fewer seconds make no statistic
 _FEW_S = 60
 _DIAGNOSE = "canest diagnose looks for it"
 
 
 class Verdict(NamedTuple):
-    """One sentence. tone: "good", "warn", "bad", or "" where nothing can be said."""
+    """One sentence. tone: "good", "warn", "bad", or "" where there is too little data."""
 
     text: str
     tone: str = ""
@@ -30,9 +30,9 @@ class Verdict(NamedTuple):
 def of_correlation(correlation: float) -> Verdict:
     """Judge the correlation of residuals one second apart."""
     if math.isnan(correlation):
-        return Verdict("too few residuals to say")
+        return Verdict("too few residuals to judge")
     if abs(correlation) < _CORRELATED:
-        return Verdict("one residual says little of the next: nothing systematic is left", "good")
+        return Verdict("neighbouring residuals hardly correlate: nothing systematic is left", "good")
     if correlation < 0:
         return Verdict("residuals swing to and fro: torque and speed may be shifted in time", "warn")
     return Verdict(f"residuals last for seconds: the model lacks something slow; {_DIAGNOSE}", "warn")
@@ -44,7 +44,7 @@ def of_runs(z: float, what: str = "residuals") -> Verdict:
     The number is negative where there are fewer changes than by chance.
     """
     if math.isnan(z):
-        return Verdict(f"too few {what} to say")
+        return Verdict(f"too few {what} to judge")
     if abs(z) <= _Z_MAX:
         return Verdict(f"{what} change sign as often as by chance: no effect is seen to be missing", "good")
     if z < 0:
@@ -59,7 +59,7 @@ def of_runs(z: float, what: str = "residuals") -> Verdict:
 def of_nis(nis: float) -> Verdict:
     """Judge the mean squared innovation over its expected value."""
     if math.isnan(nis):
-        return Verdict("too few innovations to say")
+        return Verdict("too few innovations to judge")
     if nis > _NIS_HIGH:
         return Verdict("innovations are larger than the estimator expects: its bands are too narrow", "bad")
     if nis < _NIS_LOW:

@@ -3,8 +3,8 @@
     y = g[cell] + b[vehicle] + c[track] + e
 
 y is the sine of the slope that a drive estimated, b and c are what a wrong torque, rolling resistance or wind
-adds to it everywhere. e is correlated along a track, so a track tells its offset by its length over the
-correlation length, and not by its cells. What an altitude says of the mean slope of a track measures b + c.
+adds to it everywhere. e is correlated along a track, so the weight of a track's offset is its length over the
+correlation length, and not its cells. The mean slope of a track by its altitude measures b + c.
 """
 
 from __future__ import annotations
@@ -28,6 +28,11 @@ ALTITUDE_CORRELATED_M = 1500.0  #: ... so slowly
 SHORTEST_M = 3000.0  #: a track this short has no offset from its altitudes
 _ROUNDS = 8
 _CUT = 2.5  #: a residual of so many stds counts half (Cauchy)
+_LEAST_POINTS = 10  #: with an altitude, for a line through them
+_LEAST_SHARED = 100  #: visits of cells with another visit, for a median of their residuals
+_MAD_TO_STD = 1.4826  #: of a normal distribution
+_SCALES = (0.5, 3.0)  #: bounds of the residuals over the visits' own std
+_TINY = 1e-300  #: keeps a quotient finite where its numerator is 0
 _MOST_OFFSETS = 6000
 #: two groups of visits to a cell are two roads where they differ by all of these
 _APART_STDS, _APART_SINE, _APART_M = 4.0, 0.008, 8.0
@@ -79,9 +84,9 @@ def fuse(visits: Visits, cells: int, vehicle: IntColumn) -> Fused:
     birge = np.maximum(1.0, spread / np.maximum(passes - 1, 1))
     with np.errstate(divide="ignore", invalid="ignore"):
         own = birge / total
-    level = _level_var(v, weight / np.maximum(total, 1e-300)[v.cell], vehicle, cov, cells)
+    level = _level_var(v, weight / np.maximum(total, _TINY)[v.cell], vehicle, cov, cells)
     std = np.sqrt(own + level + LEAST_STD**2)
-    stacked = _stacked(v, v.sine - offset[v.track], np.sqrt(var) * 1.0, cells)
+    stacked = _stacked(v, v.sine - offset[v.track], np.sqrt(var), cells)
     return Fused(sine, np.where(passes > 0, std, np.nan), passes, stacked, offset)
 
 
@@ -110,7 +115,7 @@ def _by_altitude(
 ) -> tuple[float, float] | None:
     """Return by how much altitudes find a track's slopes too high, and the variance; None if unknown."""
     known = np.isfinite(sine) & np.isfinite(altitude_m)
-    if np.count_nonzero(known) < 10:
+    if np.count_nonzero(known) < _LEAST_POINTS:
         return None
     way, sine, altitude = way_m[known], sine[known], altitude_m[known]
     steps = np.diff(way)
@@ -162,14 +167,14 @@ def _mean(v: Visits, weight: FloatColumn, offset: FloatColumn, cells: int) -> Fl
 
 
 def _scale(residual: FloatColumn, var: FloatColumn, v: Visits, cells: int) -> float:
-    """Return the visits' std as a share of what they claim, by the median residual; 1 where few tell."""
+    """Return the visits' std as a share of what they claim, by the median residual; 1 where there are few."""
     passes = np.bincount(v.cell, minlength=cells)[v.cell]
     several = passes > 1
-    if np.count_nonzero(several) < 100:
+    if np.count_nonzero(several) < _LEAST_SHARED:
         return 1.0
     freed = np.sqrt(passes[several] / (passes[several] - 1.0))
     normed = np.abs(residual[several]) * freed / np.sqrt(var[several])
-    return float(np.clip(1.4826 * np.median(normed), 0.5, 3.0))
+    return float(np.clip(_MAD_TO_STD * np.median(normed), *_SCALES))
 
 
 def _level_var(v: Visits, share: FloatColumn, vehicle: IntColumn, cov: Any, cells: int) -> FloatColumn:
@@ -189,9 +194,8 @@ def _stacked(v: Visits, sine: FloatColumn, std: FloatColumn, cells: int) -> NDAr
     begins = np.searchsorted(v.cell[order], np.arange(cells + 1))
     for cell in np.flatnonzero(np.diff(begins) >= 4):
         at = order[begins[cell] : begins[cell + 1]]
-        found[cell] = _two_groups(sine[at], max(float(np.median(std[at])), 0.0), _APART_SINE) or _two_groups(
-            v.altitude_m[at], 0.0, _APART_M
-        )
+        by_slope = _two_groups(sine[at], float(np.median(std[at])), _APART_SINE)
+        found[cell] = by_slope or _two_groups(v.altitude_m[at], 0.0, _APART_M)
     return found
 
 

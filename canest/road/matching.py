@@ -25,7 +25,7 @@ _CUBE_M = 50.0  #: cells are looked for in cubes of this size
 _SIDE_M = 20.0  #: a cell further beside is another road
 _ALONG_M = 25.0
 _TURNED = math.cos(math.radians(45.0))
-_APART_M = 8.0  #: two roads beside each other whose distances differ less cannot be told apart
+_APART_M = 8.0  #: two roads beside each other whose distances differ less cannot be separated
 _LEAST_MOVED_M = 5.0  #: for a direction
 _AHEAD_M = 300.0  #: the way that is known without a new position
 #: what a position may be wrong along the road, m, and by share of the way since
@@ -43,7 +43,7 @@ class _Way(NamedTuple):
 
 
 class RoadMatcher:
-    """Carries the last position; ticks in, what the map says of each out."""
+    """Carries the last position; ticks in, what the map has for each out."""
 
     def __init__(self, road: RoadMap) -> None:
         self._points = points_of(road.latitude_deg, road.longitude_deg)
@@ -99,7 +99,7 @@ class RoadMatcher:
         return np.round(at_m[shown], 1).tolist(), np.round(grade[shown], 5).tolist()
 
     def _go_on(self, steps: FloatColumn, sine: FloatColumn, std: FloatColumn) -> None:
-        """Fill in what the map says along the way; steps: metres per tick (n,)."""
+        """Fill in what the map has along the way; steps: metres per tick (n,)."""
         # one sum in order of time, whatever the cut
         driven = np.concatenate(([self._driven_m], steps)).cumsum()[1:]
         ticks = self._since_ticks + np.arange(1, len(steps) + 1)

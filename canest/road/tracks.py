@@ -87,7 +87,7 @@ def tracks_of(drive: Drive, counts: Counter[str]) -> list[Track]:
 def _pieces(came_m: FloatColumn, points: Points, counts: Counter[str]) -> list[NDArray[np.int64]]:
     """Return the reports of each piece, by index: those that the distance driven explains."""
     pieces: list[list[int]] = [[]]
-    doubted: list[int] = []  # reports that agree with each other, and not with those before
+    contradicting: list[int] = []  # reports that agree with each other, and not with those before
 
     def fits(before: int, now: int) -> bool:
         driven = float(came_m[now] - came_m[before])
@@ -102,23 +102,24 @@ def _pieces(came_m: FloatColumn, points: Points, counts: Counter[str]) -> list[N
         driven = came_m[now] - came_m[piece[-1]]
         if driven < _CLOSEST_M:
             continue
-        if doubted and fits(doubted[-1], now):  # first of all: the way driven explains any jump after a while
-            if came_m[now] - came_m[doubted[-1]] >= _CLOSEST_M:
-                doubted.append(now)
-            if len(doubted) >= _AGREEING:
-                pieces.append(doubted)
-                doubted = []
+        # first of all: the way driven explains any jump after a while
+        if contradicting and fits(contradicting[-1], now):
+            if came_m[now] - came_m[contradicting[-1]] >= _CLOSEST_M:
+                contradicting.append(now)
+            if len(contradicting) >= _AGREEING:
+                pieces.append(contradicting)
+                contradicting = []
             continue
-        counts[JUMPS] += len(doubted)
-        doubted = []
+        counts[JUMPS] += len(contradicting)
+        contradicting = []
         if driven > _LOST_M:
             counts[LOST] += 1
             pieces.append([now])
         elif fits(piece[-1], now):
             piece.append(now)
         else:
-            doubted = [now]
-    counts[JUMPS] += len(doubted)
+            contradicting = [now]
+    counts[JUMPS] += len(contradicting)
     return [np.array(piece, np.int64) for piece in _returned(pieces, came_m, fits, counts) if len(piece) > 1]
 
 

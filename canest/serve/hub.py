@@ -12,6 +12,7 @@ import json
 import time
 from typing import Any
 
+from canest.serve.changes import Changes
 from canest.serve.history import RANGED, History, WallClock
 from canest.telemetry.live_protocol import Row
 
@@ -60,17 +61,20 @@ class Hub:
         self._quiet_s: float | None = None
         self._clock = WallClock()
         self._message_s = 0.0
+        self.changes = Changes(lambda change: self._send("change", change))
 
     def take(self, message: dict[str, Any]) -> None:
         """Take one message of `canest.telemetry.live_protocol`. Errors: ValueError, KeyError, TypeError."""
         self._message_s = time.monotonic()
         if self.problem:
             self.problem = ""
+            self.changes.of_source("")
             self._send_source()
         if "rows" in message:
             self._take_rows(message)
         elif "status" in message:
             self._status = message["status"]
+            self.changes.of_snapshot(message["status"])
             self._send("status", self._status)
         elif "columns" in message:
             self._names = {"gates": message["gates"], "statuses": message["statuses"]}
@@ -78,9 +82,10 @@ class Hub:
                 self.history = History(message["columns"])
 
     def lose(self, problem: str) -> None:
-        """Note that the source is gone, and why; repeated, it tells open pages that this server lives."""
+        """Note that the source is gone, and why; repeated, it shows open pages that this server runs."""
         self.problem = problem
         self._quiet_s = None
+        self.changes.of_source(problem)
         self._send_source()
 
     def check(self) -> None:
@@ -105,6 +110,7 @@ class Hub:
             "newest": self._newest,
             "quiet_s": self._quiet_s,
             "status": self._status,
+            "changes": list(self.changes.last),
         }
         text = json.dumps(content, separators=(",", ":"), allow_nan=False)
         return gzip.compress(text.encode(), compresslevel=1)
@@ -120,7 +126,14 @@ class Hub:
                 self.history.add(row)
             newest = [self._clock.utc_s(newest_s, newest_s, now_s), *newest[1:]]
             self._newest = newest
+        self.changes.of_rows(self._status_name(newest), self._quiet_s)
         self._send("rows", {"rows": rows, "newest": newest, "quiet_s": self._quiet_s})
+
+    def _status_name(self, newest: Row | None) -> str | None:
+        if newest is None or self.history is None:
+            return None
+        code = newest[self.history.columns.index("status")]
+        return None if code is None else str(self._names["statuses"][int(code)])
 
     def _source(self) -> dict[str, Any]:
         return {"source": self.source, "problem": self.problem, "now_s": round(time.time(), 2)}

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from canest.core.frames import FloatColumn
 from canest.simulation.constants import PLAN_S
-from canest.simulation.vehicles import Onward, Range, Stretch, Strict, same_length
+from canest.simulation.vehicles import Increasing, Range, Stretch, Strict, same_length
 
 # All chosen.
 FIRST_START_S = (2.0, 5.0)  #: a stop-and-go driver starts between the two
@@ -74,7 +74,7 @@ class Given(_Driver):
     """Wanted speed by time, linear between points; `throttle` (0..1, null: none) overrides it."""
 
     kind: Literal["given"]
-    at_s: Onward
+    at_s: Increasing
     speed_mps: list[float]
     throttle: list[float | None] | None = None
 

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from canest.core.frames import FloatColumn
-from canest.simulation.vehicles import Onward, Range, Stretch, Strict, same_length
+from canest.simulation.vehicles import Increasing, Range, Stretch, Strict, same_length
 
 START_ELEVATION_M = 100.0
 SPACING_M = 1.0
@@ -44,7 +44,7 @@ class Points(Strict):
     """Given points, linear between them: distance in m, grade, curvature in 1/m (left positive)."""
 
     kind: Literal["points"]
-    at_m: Onward
+    at_m: Increasing
     grade: list[float]
     curvature_1pm: list[float] | None = None
 

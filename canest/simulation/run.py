@@ -25,7 +25,6 @@ from canest.simulation.parameters import Course, VehicleParameters
 from canest.simulation.reading import load_scenario, name_of
 from canest.simulation.scenario import Scenario
 from canest.simulation.sensors import Signals
-from canest.simulation.states import State
 
 TRUTH_HZ = 10
 #: random streams, each its own: another road or another effect leaves the other draws as they were
@@ -109,20 +108,20 @@ def _moved(spec: Scenario, hidden: Hidden, rng: dict[str, np.random.Generator]) 
         out = np.zeros(records * COLUMN_COUNT)
         move(vehicle, course, state, out)
     else:
-        out = _interpreted(vehicle, course, state, records)
+        out = _interpreted(vehicle, course, list(state), records)
     if not np.isfinite(out).all():
         raise ConfigError("the motion became unstable", where="vehicle", expected="plausible constants")
     return out
 
 
-def _interpreted(vehicle: VehicleParameters, course: Course, state: State, records: int) -> FloatColumn:
+def _interpreted(vehicle: VehicleParameters, course: Course, state: list[float], records: int) -> FloatColumn:
     """Return what `move` gives: the interpreter adds a whole row faster than it sets twenty numbers."""
     rows, take_step = array("d"), step.interpreted
     for k in range(records):
         if k % RECORDS_PER_PLAN_STEP == 0:
             plan = plan_at.interpreted(course, k // RECORDS_PER_PLAN_STEP)
         take_step(vehicle, course, plan, state, k * RECORD_S)
-        rows.extend(state[:COLUMN_COUNT])
+        rows.fromlist(state[:COLUMN_COUNT])
     return np.frombuffer(rows)
 
 

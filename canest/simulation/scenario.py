@@ -1,4 +1,4 @@
-"""What a scenario may say, checked key by key."""
+"""What a scenario may hold, checked key by key."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ def _not_nothing(span: tuple[float, float]) -> tuple[float, float]:
     return span
 
 
-def _onward(at: list[float]) -> list[float]:
+def _increasing(at: list[float]) -> list[float]:
     if not at or any(b < a for a, b in pairwise(at)):
         raise ValueError(f"found {at}, expected numbers that do not decrease")
     return at
@@ -36,7 +36,7 @@ def _onward(at: list[float]) -> list[float]:
 Range = Annotated[tuple[float, float], AfterValidator(_from_to)]
 Stretch = Annotated[Range, AfterValidator(_not_nothing)]
 #: where the points of a curve lie
-Onward = Annotated[list[float], AfterValidator(_onward)]
+Increasing = Annotated[list[float], AfterValidator(_increasing)]
 
 
 def same_length(at: list[float], **columns: list[Any] | None) -> None:
@@ -47,7 +47,7 @@ def same_length(at: list[float], **columns: list[Any] | None) -> None:
 
 
 class VehicleSpec(Strict):
-    """One vehicle. Everything here is declared unless its comment says otherwise."""
+    """One vehicle. Everything here is declared unless its comment states otherwise."""
 
     layout: Literal["j1939", "car"]
     electric: bool = False

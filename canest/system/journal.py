@@ -19,7 +19,7 @@ _WORDS = {ERROR: "error", WARNING: "warning", NOTICE: "notice"}
 
 BURST = 5  #: lines of one event at once
 REFILL_S = 30.0  #: then one more per this time
-_EVENTS_REMEMBERED = 256
+_EVENTS_KEPT = 256
 _CHUNK = 1024  #: characters, so at most 4096 bytes, which a pipe that takes anything takes at once
 
 
@@ -86,7 +86,7 @@ class Journal:
         now_s = self._clock_s()
         tokens, counted_s, held_back = self._buckets.get(event, (float(BURST), now_s, 0))
         tokens = min(float(BURST), tokens + (now_s - counted_s) / REFILL_S)
-        if len(self._buckets) >= _EVENTS_REMEMBERED and event not in self._buckets:
+        if len(self._buckets) >= _EVENTS_KEPT and event not in self._buckets:
             self._buckets.clear()
         if tokens < 1 or not self._is_writable():
             self._buckets[event] = tokens, now_s, held_back + 1

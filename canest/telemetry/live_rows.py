@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from canest.core.frames import FloatColumn
 from canest.core.samples import STEP_US, EstimateBlock, ModelBlock
-from canest.offline.model_columns import residual_N
 from canest.telemetry.live_protocol import DECIMALS, Row
+from canest.vehicle.residual import residual_N
 
 ROW_US = 100_000  #: a row for every tick that is a multiple of it
 _STRIDE = ROW_US // STEP_US

@@ -19,7 +19,7 @@ from canest.core.gates import LABELS
 from canest.node.estimate_frame import STATUS_NAMES
 from canest.telemetry.live_protocol import COLUMNS, Row
 
-MOST_WATCHERS = 4
+MOST_WATCHERS = 8  #: the page and each publisher are one
 _BACKLOG_BYTES = 1 << 18  #: a minute of rows and statuses
 
 

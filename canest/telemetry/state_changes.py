@@ -13,7 +13,7 @@ _FILE_KINDS = ("state", "metrics", "record", "ring", "estimates")
 
 
 class StateChangeLog:
-    """Remembers the logged value of every event. The names of the events are a public contract."""
+    """Keeps the logged value of every event. The names of the events are a public contract."""
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal

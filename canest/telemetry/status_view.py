@@ -109,13 +109,13 @@ def _sender_warnings(snapshot: dict[str, Any]) -> list[tuple[str, str]]:
         lines.append(("contested", text))
     if stuck := snapshot.get("stuck_signals", {}):
         seconds = _counted({f"{role}, seconds:": s for role, s in stuck.items()}, 4)
-        lines.append(("frozen", f"{seconds}. The vehicle changed its speed meanwhile; taken as silent"))
+        lines.append(("stuck", f"{seconds}. The vehicle changed its speed meanwhile; taken as silent"))
     for sender, (usual_hz, now_hz) in snapshot["sends_faster"].items():
         rates = f"{_readable(sender)}: {now_hz:g} Hz, usually {usual_hz:g}"
-        lines.append(("doubtful", f"{rates}. Does somebody else send under this address?"))
+        lines.append(("too fast", f"{rates}. Does somebody else send under this address?"))
     past = {k: s for k, s in snapshot["sent_faster_s"].items() if k not in snapshot["sends_faster"]}
     if past:
-        lines.append(("was doubtful", _counted({f"{sender}, seconds:": s for sender, s in past.items()}, 4)))
+        lines.append(("was too fast", _counted({f"{sender}, seconds:": s for sender, s in past.items()}, 4)))
     lost = snapshot["broadcast"].get("cannot_claim_received", 0)
     if lost:
         claims = _counted(snapshot["claims"], 8)

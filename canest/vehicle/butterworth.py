@@ -8,7 +8,7 @@ stream is cut.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -63,11 +63,15 @@ def delay_s(sections: list[Section], rate_hz: float = RATE_HZ) -> float:
 
 
 @jit.kernel
-def _section_kernel(x, reset, n, b0, b1, b2, a1, a2, state, y):  # type: ignore[no-untyped-def]
-    """Run one section in transposed direct form II; ``reset`` starts it settled on the sample."""
+def _run_section(x: Any, reset: Any, section: Section, state: Any, y: Any) -> None:
+    """Run one section in transposed direct form II; ``reset`` starts it settled on the sample.
+
+    x, reset, y: (n,); state: (2,). All are arrays where it is compiled, lists where it is interpreted.
+    """
+    b0, b1, b2, a1, a2 = section
     s1 = state[0]
     s2 = state[1]
-    for i in range(n):
+    for i in range(len(x)):
         u = x[i]
         if reset[i]:
             s1 = (1.0 - b0) * u
@@ -96,9 +100,7 @@ class Filter:
         for section, state in zip(self._sections, self._states, strict=True):
             y = np.empty(n) if compiled else [0.0] * n
             carried = np.array(state) if compiled else state
-            _section_kernel(
-                u, flags, n, section.b0, section.b1, section.b2, section.a1, section.a2, carried, y
-            )
+            _run_section(u, flags, section, carried, y)
             state[0], state[1] = float(carried[0]), float(carried[1])
             u = y
         return np.asarray(u, np.float64)

@@ -96,7 +96,7 @@ class FilteredModel:
         self._was_open = bool(is_open[-1])
         nothing = constant(math.nan, len(grid))
         # backwards an accelerometer has the other sign than the speed, which has none
-        doubtful = np.isfinite(c.signal(MOTION_JUMP, np.nan)) | (c.gear < 0) | self._gating.separated
+        uncertain = np.isfinite(c.signal(MOTION_JUMP, np.nan)) | (c.gear < 0) | self._gating.separated
         rotating, coasting = raw.rotating_mass_kg, nothing
         if np.count_nonzero(self._gating.coasting):
             rotating = np.where(self._gating.coasting, raw.wheel_mass_kg, rotating)
@@ -124,7 +124,7 @@ class FilteredModel:
             gate=gate,
             restart=is_open & ~was_open,
             stopped=self._stopped(raw),
-            ax_ok=np.isfinite(accelerometer) & np.isfinite(raw.speed_mps) & ~doubtful,
+            ax_ok=np.isfinite(accelerometer) & np.isfinite(raw.speed_mps) & ~uncertain,
         )
 
     def _stopped(self, raw: RawModel) -> BoolColumn:

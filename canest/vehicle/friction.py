@@ -18,7 +18,7 @@ from canest.core.frames import FloatColumn
 
 #: cycle of EEC3, ticks: friction stepped somewhere in it, on the average in its middle
 _CYCLE = 12
-#: steps remembered, and how many make a line
+#: steps kept, and how many make a line
 _MEMORY, _FEWEST = 20.0, 6
 #: scatter of the steps around the line that it may have, in steps; rounding alone would be 0.29
 _SCATTER = 0.2
@@ -32,7 +32,7 @@ class EngineFriction:
 
     def __init__(self, step: float) -> None:
         self.step = step
-        self._seen = 0  # steps so far; of those remembered: weight and means,
+        self._seen = 0  # steps so far; of those kept: weight and means,
         self._weight = self._speed = self._level = 0.0
         self._speed2 = self._both = self._level2 = 0.0  # and sums of squares and products around these
         self._begin_anew()
@@ -62,7 +62,7 @@ class EngineFriction:
         return found
 
     def _learn(self, speed: float, level: float) -> None:
-        """Take one more step into the line, by the moments of those remembered (Welford 1962)."""
+        """Take one more step into the line, by the moments of those kept (Welford 1962)."""
         if not math.isfinite(speed):
             return
         self._seen += 1

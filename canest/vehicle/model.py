@@ -43,7 +43,7 @@ _DRIVEN = ("output_shaft_speed", "engine_speed", "vehicle_speed")
 _FRICTION = "engine_friction_pct"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class RawModel:
     """The unfiltered model of consecutive ticks, all columns (n,); units as in `ModelBlock`.
 
@@ -176,9 +176,9 @@ class LongitudinalModel:
 
     def _columns(self, grid: GridBlock) -> ModelColumns:
         n, v = len(grid), self.vehicle
-        onward_us = self._monotonic(grid.t_us)  # where the clock was set back, the vehicle drove on
+        monotonic_us = self._monotonic(grid.t_us)  # where the clock was set back, the vehicle drove on
         if self._first_us is None:
-            self._first_us = int(onward_us[0])
+            self._first_us = int(monotonic_us[0])
         ratio, gear = self._gear_ratio.of(grid.values, n)
         efficiency = constant(v.driveline_efficiency, n)
         for number, value in v.gear_efficiency.items():
@@ -186,7 +186,7 @@ class LongitudinalModel:
         zero = constant(0.0, n)
         return ModelColumns(
             t_us=grid.t_us,
-            elapsed_s=(onward_us - self._first_us).astype(np.float64) * 1e-6,
+            elapsed_s=(monotonic_us - self._first_us).astype(np.float64) * 1e-6,
             torque_Nm=zero,
             engine_radps=self._engine_radps(grid.values, ratio),
             ratio=ratio * v.final_drive,

@@ -59,7 +59,7 @@ class SpeedChoice:
         reliable = [self._reliable(0, ~np.isnan(speeds[0]), tick)]
         usual = self._taken == 0 and np.count_nonzero(reliable[0]) == len(tick)
         for k, role in enumerate(self._roles[1:], 1):
-            if usual and role == "engine_speed":  # has no past to remember
+            if usual and role == "engine_speed":  # has no past
                 continue
             speeds.append(candidates[k]())
             reliable.append(self._reliable(k, ~np.isnan(speeds[-1]), tick))

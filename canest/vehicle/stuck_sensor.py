@@ -83,7 +83,7 @@ class StuckSensor:
         return found & (stood >= self._least_ticks)
 
     def _stood(self, ticks: GridBlock) -> IntColumn:
-        """Return for how many ticks it has been the same (n,); remember the last."""
+        """Return for how many ticks it has been the same (n,); keep the last."""
         tick, values = ticks.t_us // STEP_US, ticks.values[_ACCELEROMETER]
         same = values == shifted(values, self._value)
         if not ticks.continues:

@@ -11,7 +11,7 @@ from canest.core.columns import constant
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class ModelColumns:
     """One block of ticks on its way from signals to forces; all columns (n,), unfiltered.
 

@@ -155,7 +155,7 @@ def test_polars_query_is_no_table_yet():
 
 
 def test_vehicle_alone_is_no_config_of_frames():
-    with pytest.raises(canest.ConfigError, match="a vehicle alone does not say where signals are"):
+    with pytest.raises(canest.ConfigError, match="a vehicle alone does not define where signals are"):
         canest.read_signals(canest.demo_drive(), VAN)
 
 

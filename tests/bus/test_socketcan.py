@@ -132,7 +132,7 @@ def test_an_interface_deleted_and_created_again_is_opened_within_a_tick_or_two(i
 
 
 def test_an_interface_replaced_behind_our_back_is_noticed_by_its_index(interface):
-    interface.index = 7  # no error on the socket: a deaf socket would go unnoticed for ever
+    interface.index = 7  # no error on the socket: a socket that receives nothing would go unnoticed for ever
     end = time.monotonic() + 2
     while interface.opened < 2 and time.monotonic() < end:
         interface.drain()

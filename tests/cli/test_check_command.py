@@ -99,23 +99,23 @@ def test_differences_in_place_of_times_are_reported(canest, tmp_path):
         lines.append(f" ({stamp - before:010.6f}){rest}\n")
         before = stamp
     path.write_text("".join(lines))
-    told = report(canest, "-c", "kenworth", path)["stops"]
-    assert told.startswith("time runs backwards: ") and "candump -t d writes differences" in told
+    message = report(canest, "-c", "kenworth", path)["stops"]
+    assert message.startswith("time runs backwards: ") and "candump -t d writes differences" in message
 
 
 def test_a_clock_that_stands_still_or_is_two_clocks_stops_the_estimator(canest, tmp_path):
     path = tmp_path / "flawed.log"
     lines = lzma.decompress(KENWORTH.read_bytes()).strip().splitlines(keepends=True)
     path.write_bytes(b"".join(b" (000.000000)" + line[line.index(b")") + 1 :] for line in lines))
-    told = report(canest, "-c", "kenworth", path)["stops"]
-    assert told.startswith("time stands still: all ") and told.endswith(" stamps are the same")
-    assert f"because   {told}" in canest("replay", path, "-c", "kenworth").out
+    message = report(canest, "-c", "kenworth", path)["stops"]
+    assert message.startswith("time stands still: all ") and message.endswith(" stamps are the same")
+    assert f"because   {message}" in canest("replay", path, "-c", "kenworth").out
     # every third frame was stamped by a logger an hour ahead
     some = lines[:900]
     path.write_bytes(b"".join(x.replace(b"(0", b"(36", 1) if i % 3 else x for i, x in enumerate(some)))
-    told = report(canest, "-c", "kenworth", path)["stops"]
-    assert told.startswith("the time stamps jump back ") and told.endswith("of two clocks in one log")
-    assert f"because   {told}" in canest("replay", path, "-c", "kenworth").out
+    message = report(canest, "-c", "kenworth", path)["stops"]
+    assert message.startswith("the time stamps jump back ") and message.endswith("of two clocks in one log")
+    assert f"because   {message}" in canest("replay", path, "-c", "kenworth").out
 
 
 def test_a_gear_ratio_without_a_signal_is_named(canest, tmp_path):
@@ -142,9 +142,9 @@ def test_messages_that_end_before_the_signal_are_the_reason(canest, tmp_path):
         + b" (029.990000)  can0  18FEE300   [8]  FF FF FF FF FF FF FF FF\n"
     )
     found = report(canest, "-c", "kenworth", path, "--set", "vehicle.reference_torque_Nm=null")
-    told = "no frame holds it: they end before it, or their multiplexor never selects it"
-    assert role(found, "reference_torque")["hint"] == told
-    assert f"({told})" in found["stops"]
+    message = "no frame holds it: they end before it, or their multiplexor never selects it"
+    assert role(found, "reference_torque")["hint"] == message
+    assert f"({message})" in found["stops"]
 
 
 def test_a_signal_that_comes_too_seldom_is_reported(canest, tmp_path):
@@ -153,9 +153,9 @@ def test_a_signal_that_comes_too_seldom_is_reported(canest, tmp_path):
     torque = [line for line in lines if b"0CF00400" in line]
     path.write_bytes(b"".join(line for line in lines if b"0CF00400" not in line or line in torque[::25]))
     found = report(canest, "-c", "kenworth", path)
-    told = "comes every 0.5 s, and a value counts for 0.25 s only (stale_s)"
-    assert role(found, "engine_torque_pct")["hint"] == told
-    assert f"signals.engine_torque_pct: {told}" in found["hints"]
+    message = "comes every 0.5 s, and a value counts for 0.25 s only (stale_s)"
+    assert role(found, "engine_torque_pct")["hint"] == message
+    assert f"signals.engine_torque_pct: {message}" in found["hints"]
     slow = ("--set", "signals.engine_torque_pct.stale_s=1")
     assert not role(report(canest, "-c", "kenworth", path, *slow), "engine_torque_pct")["hint"]
 
@@ -206,14 +206,14 @@ def test_what_was_not_read_or_not_decoded_is_noted(canest, tmp_path):
 
 
 def test_a_config_counts_its_signals_by_their_source(canest):
-    def told(name, *changes):
+    def verdict(name, *changes):
         done = canest("check", "-c", name, *(part for change in changes for part in ("--set", change)))
         assert done.code == 0, done.err
         return done.out
 
-    assert "signals all in " in told("kenworth")
-    assert "signals all columns of a table, estimator" in told("bmw-i3")
-    mixed = told("kenworth", "signals.altitude={column: alt, unit: m}")
+    assert "signals all in " in verdict("kenworth")
+    assert "signals all columns of a table, estimator" in verdict("bmw-i3")
+    mixed = verdict("kenworth", "signals.altitude={column: alt, unit: m}")
     assert " in j1939.dbc and 1 columns of a table, estimator" in mixed
 
 
@@ -290,9 +290,9 @@ def test_friction_and_brakes_without_a_signal_are_reported(canest, tmp_path):
     log.write_text("".join(lines))
     hints = report(canest, log, "-c", "class8")["hints"]
     notes = json.loads(canest("replay", log, "-c", "class8", "--json", "-").out)["notes"]
-    for told in (hints, notes):
+    for sentences in (hints, notes):
         for what in ("engine's friction", "a retarder acts", "the brake acts"):
-            assert any(what in sentence for sentence in told), (what, told)
+            assert any(what in sentence for sentence in sentences), (what, sentences)
     whole = tmp_path / "whole.log"
     with lzma.open(DRIVE, "rt") as file:
         whole.write_text("".join(file.readlines()[:20_000]))
@@ -309,18 +309,18 @@ def test_a_time_in_milliseconds_is_refused_at_once(canest, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("roles", "told"),
+    ("roles", "message"),
     [
         (("brake_switch", "brake_pedal"), "No such role is mapped: SPN 597 is in CCVS1"),
-        (("brake_switch",), None),  # the pedal tells
+        (("brake_switch",), None),  # the pedal shows it
         (("engine_friction_pct",), "no signal reports the engine's friction"),
     ],
 )
-def test_an_unmapped_role_is_reported_as_a_missing_signal(roles, told):
+def test_an_unmapped_role_is_reported_as_a_missing_signal(roles, message):
     config = load_config("class8")
     kept = {role: source for role, source in config.signals.items() if role not in roles}
     hints = missing_signal_warnings(config.model_copy(update={"signals": kept}), kept)
-    assert (len(hints) == 1 and told in hints[0]) if told else not hints
+    assert (len(hints) == 1 and message in hints[0]) if message else not hints
     assert not missing_signal_warnings(config, config.signals)
 
 
@@ -333,5 +333,5 @@ def test_an_engine_speed_alone_gives_no_speed_without_a_clutch_signal(canest, tm
     some = tmp_path / "engine.log"
     frame = "(1700000000.{:06d}) can0 0CF00400#F07D9128A000F0FF\n"
     some.write_text("".join(frame.format(20_000 * n) for n in range(40)))
-    told = report(canest, "-c", "class8", some)["stops"]
-    assert "engine_speed gives none while driveline_engaged and lockup_engaged and clutch_slip" in told
+    message = report(canest, "-c", "class8", some)["stops"]
+    assert "engine_speed gives none while driveline_engaged and lockup_engaged and clutch_slip" in message

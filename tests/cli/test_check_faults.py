@@ -89,8 +89,8 @@ def parse_config_ratios(line: str) -> dict[int, float]:
 
 
 def test_a_wrong_axle_names_both_suspects(drive):
-    (told,) = report(drive, "vehicle.final_drive=3.0").hints
-    assert "wheel_radius_m 0.402" in told and "or with final_drive 3.73" in told
+    (hint_text,) = report(drive, "vehicle.final_drive=3.0").hints
+    assert "wheel_radius_m 0.402" in hint_text and "or with final_drive 3.73" in hint_text
 
 
 def seconds(n: int) -> np.ndarray:
@@ -114,24 +114,26 @@ def hints_of_switches(n=600, **values) -> list[str]:
 
 
 def test_a_brake_that_is_always_on_is_named():
-    (told,) = hints_of_switches(brake_switch=1.0)
-    assert "brake_switch is on" in told and "all the time" in told
+    (hint_text,) = hints_of_switches(brake_switch=1.0)
+    assert "brake_switch is on" in hint_text and "all the time" in hint_text
     assert hints_of_switches(brake_switch=0.0) == []
 
 
 def test_a_clutch_that_never_opens_is_named():
     standing = {"vehicle_speed": 0.0, "engine_speed": 600.0, "gear": 1.0, "driveline_engaged": 1.0}
-    (told,) = hints_of_switches(**standing)
-    assert "driveline_engaged never reported an open clutch" in told
+    (hint_text,) = hints_of_switches(**standing)
+    assert "driveline_engaged never reported an open clutch" in hint_text
     opens = np.ones(600)
     opens[300:] = 0.0
     assert hints_of_switches(**{**standing, "driveline_engaged": opens}) == []
     assert hints_of_switches(**{**standing, "gear": 0.0}) == []
 
 
-@pytest.mark.parametrize(("number", "told"), [(0.0, "exactly zero"), (125.0, "exactly 125, the largest")])
+@pytest.mark.parametrize(
+    ("number", "hint_text"), [(0.0, "exactly zero"), (125.0, "exactly 125, the largest")]
+)
 @pytest.mark.parametrize("cut", [3, 1000])
-def test_single_torques_of_a_fixed_number_are_named(number, told, cut):
+def test_single_torques_of_a_fixed_number_are_named(number, hint_text, cut):
     t_us = np.arange(1000, dtype=np.int64) * 20_000
     torque = 50 + 20 * np.sin(t_us / 1e6)
     torque[50::100] = number
@@ -139,7 +141,7 @@ def test_single_torques_of_a_fixed_number_are_named(number, told, cut):
     for first in range(0, 1000, cut):
         judge.push({"engine_torque_pct": (t_us[first : first + cut], torque[first : first + cut])})
     (hint,) = judge.hints()
-    assert f"engine_torque_pct reads {told}" in hint and "in 10 single samples (1 %)" in hint
+    assert f"engine_torque_pct reads {hint_text}" in hint and "in 10 single samples (1 %)" in hint
 
 
 def test_a_torque_that_passes_zero_is_no_fault():
@@ -195,8 +197,8 @@ def test_labels_of_the_dbc_are_shown_and_a_map_is_proposed(tmp_path):
     found = car(tmp_path, [1, 2, 3, 4] * 100, [0] * 400)
     labels = {label.raw: (label.label, label.value, label.count) for label in role(found, "gear").labels}
     assert labels[3] == ("Gang_3", 3.0, 100) and labels[4] == ("Neutral", 4.0, 100)
-    (told,) = [h for h in found.hints if h.startswith("signals.gear")]
-    assert told.endswith("paste map: {Gang_1: 1, Gang_2: 2, Gang_3: 3, Neutral: 0}")
+    (hint_text,) = [h for h in found.hints if h.startswith("signals.gear")]
+    assert hint_text.endswith("paste map: {Gang_1: 1, Gang_2: 2, Gang_3: 3, Neutral: 0}")
     assert any(entry["labels"] for entry in found.to_json()["roles"])
     pasted = car(
         tmp_path, [1, 2, 3, 4] * 100, [0] * 400, ", map: {Gang_1: 1, Gang_2: 2, Gang_3: 3, Neutral: 0}"
@@ -208,9 +210,9 @@ def test_labels_of_the_dbc_are_shown_and_a_map_is_proposed(tmp_path):
 def test_a_rule_is_proposed_where_reserved_numbers_are_values(tmp_path):
     """Raw 2 of two bits is an error to J1939; a car's bus says something with it."""
     found = car(tmp_path, [1] * 400, ([0] * 10 + [2] * 10) * 20)
-    (told,) = [h for h in found.hints if "signals.brake_switch" in h]
-    assert "200 of 400 samples" in told and "2 'on, by the hill holder'" in told
-    assert told.endswith("paste validity: full")
+    (hint_text,) = [h for h in found.hints if "signals.brake_switch" in h]
+    assert "200 of 400 samples" in hint_text and "2 'on, by the hill holder'" in hint_text
+    assert hint_text.endswith("paste validity: full")
     mixed = car(tmp_path, [1] * 400, ([0] * 10 + [2] * 9 + [3]) * 20)
     assert any(h.endswith("paste map: {0: 0, 2: 2}") for h in mixed.hints)
 

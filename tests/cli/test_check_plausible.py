@@ -62,14 +62,16 @@ def test_a_config_that_fits_gets_no_hint(drive, without):
 
 
 def test_gears_of_another_gearbox(drive):
-    (told,) = hints(drive, f"vehicle.gear_ratios={RATIOS.replace('1.38', '1.62')}", without=("gear_ratio",))
-    assert "engine and output shaft turn in the ratio 1.38 in gear 8 (gear_ratios: 1.62)" in told
+    (hint_text,) = hints(
+        drive, f"vehicle.gear_ratios={RATIOS.replace('1.38', '1.62')}", without=("gear_ratio",)
+    )
+    assert "engine and output shaft turn in the ratio 1.38 in gear 8 (gear_ratios: 1.62)" in hint_text
 
 
 def test_without_an_output_shaft_all_gears_off_alike_are_one_wheel_radius(drive):
-    (told,) = hints(drive, "vehicle.wheel_radius_m=0.56", without=("gear_ratio", "output_shaft_speed"))
-    assert "engine and vehicle speed agree with wheel_radius_m 0.500" in told
-    assert "the config has 0.56" in told
+    (hint_text,) = hints(drive, "vehicle.wheel_radius_m=0.56", without=("gear_ratio", "output_shaft_speed"))
+    assert "engine and vehicle speed agree with wheel_radius_m 0.500" in hint_text
+    assert "the config has 0.56" in hint_text
 
 
 GEARLESS = ("gear_ratio", "gear", "output_shaft_speed")
@@ -77,21 +79,23 @@ GEARLESS = ("gear_ratio", "gear", "output_shaft_speed")
 
 @pytest.mark.parametrize(("radius_m", "final_drive"), [(0.56, 4.18), (0.45, 3.36)])
 def test_without_a_gear_signal_the_table_is_tried_as_a_whole(drive, radius_m, final_drive):
-    (told,) = hints(drive, f"vehicle.wheel_radius_m={radius_m}", without=GEARLESS)
-    assert "engine and vehicle speed turn mostly in the ratio" in told
-    radius, axle = (float(told.split(word)[1].split()[0]) for word in ("wheel_radius_m ", "final_drive "))
+    (hint_text,) = hints(drive, f"vehicle.wheel_radius_m={radius_m}", without=GEARLESS)
+    assert "engine and vehicle speed turn mostly in the ratio" in hint_text
+    radius, axle = (
+        float(hint_text.split(word)[1].split()[0]) for word in ("wheel_radius_m ", "final_drive ")
+    )
     assert radius == pytest.approx(0.5, rel=0.01)
     assert axle == pytest.approx(final_drive, rel=0.01)
 
 
 def test_a_table_that_no_factor_mends(drive):
-    (told,) = hints(drive, "vehicle.gear_ratios={1: 8.0, 2: 1.2}", without=GEARLESS)
-    assert "is the table another gearbox's" in told
+    (hint_text,) = hints(drive, "vehicle.gear_ratios={1: 8.0, 2: 1.2}", without=GEARLESS)
+    assert "is the table another gearbox's" in hint_text
 
 
 def test_a_wheel_radius_is_reported_once_for_all_road_speeds(drive):
-    (told,) = hints(drive, "vehicle.wheel_radius_m=0.56")
-    assert "vehicle speed and output shaft agree with wheel_radius_m 0.500" in told
+    (hint_text,) = hints(drive, "vehicle.wheel_radius_m=0.56")
+    assert "vehicle speed and output shaft agree with wheel_radius_m 0.500" in hint_text
 
 
 @pytest.mark.parametrize(
@@ -99,15 +103,15 @@ def test_a_wheel_radius_is_reported_once_for_all_road_speeds(drive):
 )
 @pytest.mark.parametrize("role", ["vehicle_speed", "undriven_speed"])
 def test_a_speed_in_another_unit(drive, role, scale, mistake):
-    (told,) = hints(drive, f"signals.{role}.scale={scale}")
-    assert mistake in told and f"signals.{role}" in told
+    (hint_text,) = hints(drive, f"signals.{role}.scale={scale}")
+    assert mistake in hint_text and f"signals.{role}" in hint_text
 
 
 def test_a_reference_torque_that_the_config_does_not_map(drive):
     wrong = "vehicle.reference_torque_Nm=1500"
     assert "2100 N m (used when received), the config has 1500" in hints(drive, wrong)[0]
-    (told,) = hints(drive, wrong, without=("reference_torque",))
-    assert "2100 N m (not used: signals maps no reference_torque), the config has 1500" in told
+    (hint_text,) = hints(drive, wrong, without=("reference_torque",))
+    assert "2100 N m (not used: signals maps no reference_torque), the config has 1500" in hint_text
     assert hints(drive, without=("reference_torque",)) == []
 
 

@@ -1,4 +1,4 @@
-"""What a person edited is not overwritten without being said so."""
+"""What a person edited is not overwritten silently."""
 
 from __future__ import annotations
 

@@ -34,11 +34,11 @@ class Killer(Job):
 def test_a_process_that_dies_takes_only_its_own_log_along(tmp_path):
     killer = Killer(DATA / "a.log", tmp_path / "a.csv")
     jobs = [Job(KENWORTH), killer, Job(KENWORTH, after_s=1.0), Job(KENWORTH, after_s=2.0)]
-    told = []
-    outcomes = run_jobs(jobs, load_config("kenworth"), 2, told.append)
+    lines = []
+    outcomes = run_jobs(jobs, load_config("kenworth"), 2, lines.append)
     assert [o.result is not None for o in outcomes] == [True, False, True, True]
     assert "killed" in outcomes[1].error
-    assert len(told) == 4
+    assert len(lines) == 4
     assert not list(tmp_path.iterdir())  # half a file is none
 
 
@@ -65,8 +65,8 @@ def test_logs_are_shown_by_the_shortest_unique_path():
 def test_a_log_among_many_without_an_estimate_has_a_reason(tmp_path):
     empty = tmp_path / "empty.log"
     empty.touch()
-    told = "\n".join(many_lines(pooled(run_jobs([Job(KENWORTH), Job(empty)], load_config("kenworth"), 1))))
-    assert "note: empty.log: no estimate: the log is empty" in told
+    message = "\n".join(many_lines(pooled(run_jobs([Job(KENWORTH), Job(empty)], load_config("kenworth"), 1))))
+    assert "note: empty.log: no estimate: the log is empty" in message
 
 
 def test_truth_beside_a_log(tmp_path):

@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from cli.conftest import KENWORTH
+
+from tests.cli.conftest import KENWORTH
 
 SCENARIO = """
 duration_s: 4

@@ -5,7 +5,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from fresh_interpreter import output_of
+
+from tests.fresh_interpreter import output_of
 
 KENWORTH = Path(__file__).parents[1] / "data" / "kenworth" / "normal.log.xz"
 

@@ -44,7 +44,7 @@ def test_demo_waits_for_a_daemon_that_is_slower_than_the_drive():
         push = session.daemon.pipeline.push
 
         def late(frames):
-            time.sleep(0.6)  # longer than an estimate is one of now, so "not available" is said meanwhile
+            time.sleep(0.6)  # longer than an estimate is one of now, so "not available" is sent meanwhile
             return push(frames)
 
         session.daemon.pipeline.push = late
@@ -82,21 +82,21 @@ def test_compare_and_diagnose_warn_of_the_log_as_replay_does(canest, tmp_path):
     late = [line.replace(b"(0", b"(9", 1) for line in lines[-200:]]
     log = tmp_path / "flawed.log"
     log.write_bytes(b"".join([lines[0], b"no frame\n", *lines[1:], *late]))
-    told = canest("replay", log, "-c", "kenworth", "--json", tmp_path / "replay.json")
+    message = canest("replay", log, "-c", "kenworth", "--json", tmp_path / "replay.json")
     notes = json.loads((tmp_path / "replay.json").read_text())["notes"]
     assert "line 2 skipped" in notes[0] and "1 gaps" in notes[1]
     notes = [note for note in notes if "stale" not in note]  # which `replay` and `check` name
-    told = canest(
+    message = canest(
         "compare", log, "-c", "kenworth", "--mass", "7700", "--only", "rls",
         "--json", tmp_path / "compare.json", "--report", tmp_path / "compare.html",
     )  # fmt: skip
     assert json.loads((tmp_path / "compare.json").read_text())["notes"] == notes
-    assert all(note in told.out for note in notes)
+    assert all(note in message.out for note in notes)
     assert "line 2 skipped" in (tmp_path / "compare.html").read_text("utf-8")
-    told = canest("diagnose", log, "-c", "kenworth", "--mass", "7700", "-o", tmp_path / "found")
+    message = canest("diagnose", log, "-c", "kenworth", "--mass", "7700", "-o", tmp_path / "found")
     data = json.loads((tmp_path / "found/diagnosis.json").read_text("utf-8"))["data"]
     assert data["notes"] == {str(log): notes}
-    assert f"note: flawed.log: {'; '.join(notes)}" in told.out
+    assert f"note: flawed.log: {'; '.join(notes)}" in message.out
     assert "line 2 skipped" in (tmp_path / "found/report.html").read_text("utf-8")
 
 

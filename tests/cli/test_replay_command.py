@@ -218,13 +218,13 @@ class TestOntoABus:
         with can.Bus(interface="virtual", channel="play-test") as bus:
             done = canest("replay", path, "--to", "virtual:play-test", "--speed", "4")
             assert done.code == 0, done.err
-            heard = []
+            received = []
             while (message := bus.recv(0)) is not None:
-                heard.append(message)
-        assert [bytes(m.data) for m in heard[:20]] == [i.to_bytes(8, "big") for i in range(20)]
-        assert heard[20].is_remote_frame
+                received.append(message)
+        assert [bytes(m.data) for m in received[:20]] == [i.to_bytes(8, "big") for i in range(20)]
+        assert received[20].is_remote_frame
         # 0.4 s at four times real time; a busy machine may send the first frame late
-        assert 0.04 < heard[20].timestamp - heard[0].timestamp < 1.0
+        assert 0.04 < received[20].timestamp - received[0].timestamp < 1.0
         assert "21 frames sent" in done.out
 
     def test_a_clock_that_is_set_back_does_not_turn_the_rest_into_a_flood(self, canest, tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from canest.cli import progress
-from canest.cli.demo import _View
+from canest.cli.demo import DemoView
 from canest.demo.session import Moment
 from canest.node.estimate_frame import Estimate
 
@@ -27,7 +27,7 @@ class TestDemoPanel:
 
     @pytest.mark.parametrize("width", [80, 100, 160])
     def test_fits_the_terminal(self, width):
-        view = _View(20.0, "canest", width)
+        view = DemoView(20.0, "canest", width)
         for at_s in range(0, 181, 3):
             text = drawn(
                 view.picture(self.moment(at_s, Estimate(21_500.0, 300.0, 0.021, 0.001, 2, 0))), width
@@ -40,14 +40,14 @@ class TestDemoPanel:
         assert "learning" in text
 
     def test_before_the_first_number(self):
-        text = drawn(_View(20.0, "canest", 90).picture(self.moment(0.0, Estimate())), 90)
+        text = drawn(DemoView(20.0, "canest", 90).picture(self.moment(0.0, Estimate())), 90)
         assert "no estimate yet" in text
         assert "waiting" in text
         assert "nan" not in text
 
     def test_closed_gate_is_named(self):
         estimate = Estimate(21_500.0, math.nan, math.nan, math.nan, 1, 6)
-        text = drawn(_View(20.0, "canest", 90).picture(self.moment(10.0, estimate)), 90)
+        text = drawn(DemoView(20.0, "canest", 90).picture(self.moment(10.0, estimate)), 90)
         assert "gate closed: shift" in text
         assert "converging" in text
 

@@ -312,8 +312,8 @@ def test_an_address_where_none_can_be_is_refused(tmp_path: Path) -> None:
         f"{config}:{line}: signals.vehicle_speed.source: Motion is no J1939 message: its identifier holds "
         "no source address, found '0x03', expected no such key"
     )
-    told = refused(text.replace("message: Motion, signal: Speed", "column: v"))
-    assert told == (
+    refusal = refused(text.replace("message: Motion, signal: Speed", "column: v"))
+    assert refusal == (
         f"truck.yaml:{line}: signals.vehicle_speed.source: found 3, expected no such key: "
         "a column has no address"
     )

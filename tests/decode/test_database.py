@@ -39,7 +39,7 @@ def test_loading_imports_no_bus_and_leaves_cantools_whole():
         "import sys; from canest.config.database_files import read_database; "
         "from canest.system.shipped_files import shipped; "
         "read_database(shipped('dbc') / 'canest.dbc'); assert 'can' not in sys.modules; "
-        "import cantools.tester; cantools.tester.Tester"
+        "import cantools.tester; cantools.tester.Tester; import cantools.logreader; cantools.logreader.Parser"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
 

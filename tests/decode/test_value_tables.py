@@ -120,7 +120,7 @@ def test_any_cut_gives_the_same_bits(config, cut):
 
 
 @pytest.mark.parametrize(
-    ("entry", "told"),
+    ("entry", "message"),
     [
         (
             "map: {Gang_9: 9}",
@@ -130,25 +130,25 @@ def test_any_cut_gives_the_same_bits(config, cut):
         ("map: {1.5: 1}", "no such label, found '1.5'"),
     ],
 )
-def test_a_key_that_the_signal_cannot_hold_is_refused(config, entry, told):
+def test_a_key_that_the_signal_cannot_hold_is_refused(config, entry, message):
     some = config("  gear: {message: Gearbox, signal: Gear, " + entry + "}\n")
     with pytest.raises(ConfigError) as error:
         decoder_for(some)
-    assert "signals.gear.map" in str(error.value) and told in str(error.value)
+    assert "signals.gear.map" in str(error.value) and message in str(error.value)
 
 
 @pytest.mark.parametrize(
-    ("entry", "told"),
+    ("entry", "message"),
     [
         ("gear: {column: g, map: {}}", "signals.gear.map"),
         ("gear: {column: g, map: {N: none}}", "signals.gear.map.N"),
         ("gear: {column: g, invert: true}", "signals.gear.invert: gear has more than two states"),
     ],
 )
-def test_an_entry_that_makes_no_sense_is_refused(config, entry, told):
+def test_an_entry_that_makes_no_sense_is_refused(config, entry, message):
     with pytest.raises(ConfigError) as error:
         config(f"  {entry}\n")
-    assert told in str(error.value)
+    assert message in str(error.value)
 
 
 TABLE = (

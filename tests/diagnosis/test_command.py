@@ -29,23 +29,23 @@ def out(gain, diagnosed):
 
 
 @pytest.fixture(scope="module")
-def told(out):
+def document(out):
     return json.loads((out / "diagnosis.json").read_text("utf-8"))
 
 
-def test_the_json_has_the_contracts_keys_and_types(told):
+def test_the_json_has_the_contracts_keys_and_types(document):
     for side in ("baseline", "after"):
-        row = told[side]
+        row = document[side]
         for key in SCORES:
             assert isinstance(row[key], float), key
             low, high = row["interval_95"].get(key, (row[key], row[key]))
             assert low <= row[key] <= high, key
-    assert told["verdict"] in VERDICTS
-    assert isinstance(told["finding"], str) and "\n" not in told["finding"]
-    names = {c["effect"] for c in told["candidates"]}
-    assert set(told["selected"]) <= names <= set(EFFECTS)
-    assert set(told["not_tried"]) == set(EFFECTS) - names
-    for c in told["candidates"]:
+    assert document["verdict"] in VERDICTS
+    assert isinstance(document["finding"], str) and "\n" not in document["finding"]
+    names = {c["effect"] for c in document["candidates"]}
+    assert set(document["selected"]) <= names <= set(EFFECTS)
+    assert set(document["not_tried"]) == set(EFFECTS) - names
+    for c in document["candidates"]:
         assert 0.0 <= c["explained"] <= 1.0
         assert set(c["equivalent"]) <= set(EFFECTS) - {c["effect"]}
         fitted = [p for p in c["parameters"].values() if p["std"] is not None]
@@ -54,21 +54,21 @@ def test_the_json_has_the_contracts_keys_and_types(told):
             assert set(p) == {"value", "std", "unit"}, name
 
 
-def test_candidates_come_best_first_and_the_selected_ones_lead(told):
-    scores = [c["score"] for c in told["candidates"]]
+def test_candidates_come_best_first_and_the_selected_ones_lead(document):
+    scores = [c["score"] for c in document["candidates"]]
     assert scores == sorted(scores, reverse=True)
-    first = [c["effect"] for c in told["candidates"]][: len(told["selected"])]
-    assert first == told["selected"]
+    first = [c["effect"] for c in document["candidates"]][: len(document["selected"])]
+    assert first == document["selected"]
 
 
-def test_the_planted_gain_is_found_with_its_value(told):
-    assert told["verdict"] == "explained"
-    assert told["selected"][0] == "torque_gain"
-    gain = told["candidates"][0]["parameters"]["gain"]
+def test_the_planted_gain_is_found_with_its_value(document):
+    assert document["verdict"] == "explained"
+    assert document["selected"][0] == "torque_gain"
+    gain = document["candidates"][0]["parameters"]["gain"]
     assert gain["value"] == pytest.approx(0.90, abs=0.015)
     assert abs(gain["value"] - 0.90) < 6 * gain["std"]
-    assert told["after"]["residual_rms_N"] < 0.5 * told["baseline"]["residual_rms_N"]
-    assert told["after"]["mass_rms_pct"] < 0.5 * told["baseline"]["mass_rms_pct"]
+    assert document["after"]["residual_rms_N"] < 0.5 * document["baseline"]["residual_rms_N"]
+    assert document["after"]["mass_rms_pct"] < 0.5 * document["baseline"]["mass_rms_pct"]
 
 
 def test_the_revised_config_repairs_another_drive(gain, out, drive, tmp_path):
@@ -88,9 +88,9 @@ def test_the_revised_config_is_the_old_one_with_effects(gain, out):
     assert new.effects and new.model_copy(update={"effects": old.effects}) == old
 
 
-def test_the_report_stands_alone_and_has_the_finding(out, told):
+def test_the_report_stands_alone_and_has_the_finding(out, document):
     html = (out / "report.html").read_text("utf-8")
-    assert told["finding"].split(":")[0] in html
+    assert document["finding"].split(":")[0] in html
     assert "src=" not in html.split("<main>")[1] and "torque_gain" in html
     for heading in ("Before and after", "What explains it", "against its cause", "Every effect tried"):
         assert heading in html, heading
@@ -98,21 +98,25 @@ def test_the_report_stands_alone_and_has_the_finding(out, told):
 
 def test_a_log_of_half_a_minute_is_too_short_for_a_candidate(tmp_path, capsys):
     assert run(["diagnose", KENWORTH, "-c", "kenworth", "-o", str(tmp_path)]) == 0
-    told = json.loads((tmp_path / "diagnosis.json").read_text("utf-8"))
-    assert told["verdict"] == "nothing-to-explain" and told["selected"] == [] and told["candidates"] == []
-    assert "s with open gates" in told["finding"] and told["finding"] in capsys.readouterr().out
-    assert told["baseline"]["residual_rms_N"] > 0
+    document = json.loads((tmp_path / "diagnosis.json").read_text("utf-8"))
+    assert (
+        document["verdict"] == "nothing-to-explain"
+        and document["selected"] == []
+        and document["candidates"] == []
+    )
+    assert "s with open gates" in document["finding"] and document["finding"] in capsys.readouterr().out
+    assert document["baseline"]["residual_rms_N"] > 0
     assert load_config(tmp_path / "revised.yaml") == load_config("kenworth")
 
 
 @pytest.mark.parametrize("config", ["kenworth", "class8"])  # class8 finds an altitude, and no speed
 def test_a_log_without_open_gates_has_that_finding(config, tmp_path, capsys):
     assert run(["diagnose", "tests/data/ip332/bike.log.xz", "-c", config, "-o", str(tmp_path)]) == 0
-    told = json.loads((tmp_path / "diagnosis.json").read_text("utf-8"))
-    assert told["verdict"] == "nothing-to-explain" and told["baseline"]["residual_rms_N"] is None
-    assert "too little driving" in told["finding"] and told["finding"] in capsys.readouterr().out
+    document = json.loads((tmp_path / "diagnosis.json").read_text("utf-8"))
+    assert document["verdict"] == "nothing-to-explain" and document["baseline"]["residual_rms_N"] is None
+    assert "too little driving" in document["finding"] and document["finding"] in capsys.readouterr().out
     assert load_config(tmp_path / "revised.yaml") == load_config(config)
-    assert told["finding"].split("`")[0] in (tmp_path / "report.html").read_text("utf-8")
+    assert document["finding"].split("`")[0] in (tmp_path / "report.html").read_text("utf-8")
 
 
 @pytest.mark.parametrize(

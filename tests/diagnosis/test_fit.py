@@ -34,7 +34,7 @@ def test_standard_errors_are_those_of_repeated_experiments_with_noise_that_lasts
     scatter = np.std(values, axis=0)
     assert np.mean(values, axis=0) == pytest.approx(true, abs=4 * scatter.max() / np.sqrt(600))
     assert np.mean(stds, axis=0) == pytest.approx(scatter, rel=0.12)
-    # what independent errors would claim is far too little: the test can tell the two apart
+    # what independent errors would claim is far too little: the test separates the two
     naive = np.sqrt(np.diag(np.linalg.inv(X.T @ X)) * 1.25)
     assert (naive < 0.6 * scatter).all()
 

@@ -80,10 +80,10 @@ def test_a_mass_that_is_given_wins_over_the_table_which_needs_no_other_column(tm
     run = drive.run([])
     truth = tmp_path / "truth.csv"
     truth.write_text("t_s,mass_kg\n0,7000\n10,7500\n")
-    told = reference_for(drive, run, truth=truth, mass_kg=8000.0)
-    assert set(told.mass_kg.tolist()) == {8000.0}
-    told = reference_for(drive, run, truth=truth)
-    assert np.nanmin(told.mass_kg) >= 7000 and np.isnan(told.mass_kg[-1]) and told.grade is None
+    document = reference_for(drive, run, truth=truth, mass_kg=8000.0)
+    assert set(document.mass_kg.tolist()) == {8000.0}
+    document = reference_for(drive, run, truth=truth)
+    assert np.nanmin(document.mass_kg) >= 7000 and np.isnan(document.mass_kg[-1]) and document.grade is None
 
 
 @pytest.mark.parametrize("gap", [None, 31])

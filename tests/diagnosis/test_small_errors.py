@@ -13,7 +13,7 @@ CHUNK = np.arange(N) // PER_CHUNK
 
 
 def fits(likeness, spread, drives=300):
-    """Fit one effect while a small error of about its own shape is there; return error over told std."""
+    """Fit one effect while a small error of about its own shape is there; return error over reported std."""
     rng = np.random.default_rng(3)
     z, plain = [], []
     for _ in range(drives):

@@ -1,4 +1,4 @@
-"""What is said of a diagnosis: one short sentence, dangers first, and never more than the data shows."""
+"""What a diagnosis reports: one short sentence, dangers first, and never more than the data shows."""
 
 from types import SimpleNamespace
 
@@ -14,8 +14,8 @@ from canest.diagnosis.search.evidence import (
     likely_sets,
     without_idle_members,
 )
-from canest.diagnosis.search.set_search import FittedSet
-from canest.diagnosis.sentences import MAX_WORDS, Beside, by_urgency, statement_of
+from canest.diagnosis.search.fitted_sets import FittedSet
+from canest.diagnosis.sentences import MAX_WORDS, Context, by_urgency, statement_of
 from canest.diagnosis.verdict import verdict_of
 from canest.vehicle.effects import EFFECTS
 
@@ -32,30 +32,32 @@ TYRES = chosen("rolling_resistance", 0.004, "headwind", "brake_drag")
 
 
 def test_a_brake_that_may_drag_is_named_before_the_tyres_that_were_taken():
-    said = statement_of("explained", [TYRES], 1609.0, 57.0)
-    assert said.finding.startswith("A dragging brake, rolling resistance or wind explains the residual")
-    assert any("a dragging brake" in line and "with another load" in line for line in said.details)
+    statement = statement_of("explained", [TYRES], 1609.0, 57.0)
+    assert statement.finding.startswith("A dragging brake, rolling resistance or wind explains the residual")
+    assert any("a dragging brake" in line and "with another load" in line for line in statement.details)
     assert by_urgency(["headwind", "rolling_resistance", "brake_drag"])[0] == "brake_drag"
 
 
 def test_a_pair_that_is_as_likely_is_named_beside_the_single_effect():
     wind = chosen("headwind", 9.0)
     pair = FittedSet([chosen("headwind", 5.0), chosen("brake_drag", 800.0)], 0.0, 0.0)
-    said = statement_of(
-        "explained", [wind], 1500.0, 300.0, Beside(rivals=[pair, FittedSet([wind], 3.0, 3.0)])
+    statement = statement_of(
+        "explained", [wind], 1500.0, 300.0, Context(rivals=[pair, FittedSet([wind], 3.0, 3.0)])
     )
-    assert said.finding.startswith("A dragging brake or wind explains")
-    assert "About as likely: a dragging brake with wind; wind." in said.details
+    assert statement.finding.startswith("A dragging brake or wind explains")
+    assert "About as likely: a dragging brake with wind; wind." in statement.details
 
 
 def test_a_cause_that_may_be_a_danger_is_named_first_wherever_it_was_found():
-    said = statement_of("explained", [chosen("headwind", 4.9), TYRES], 1637.0, 76.0)
-    assert said.finding.startswith("A dragging brake")
+    statement = statement_of("explained", [chosen("headwind", 4.9), TYRES], 1637.0, 76.0)
+    assert statement.finding.startswith("A dragging brake")
 
 
 def test_each_choice_has_its_own_equivalents():
-    said = statement_of("explained", [TYRES, chosen("torque_gain", -0.1, "driveline_loss")], 1500.0, 60.0)
-    lines = [line for line in said.details if "cannot tell it" in line]
+    statement = statement_of(
+        "explained", [TYRES, chosen("torque_gain", -0.1, "driveline_loss")], 1500.0, 60.0
+    )
+    lines = [line for line in statement.details if "cannot separate it" in line]
     assert len(lines) == 2 and "driveline loss" in lines[1] and "driveline loss" not in lines[0]
 
 
@@ -63,15 +65,17 @@ def test_each_choice_has_its_own_equivalents():
 def test_the_headline_has_one_sentence_of_few_words_and_no_numbers(verdict):
     many = [chosen(e, 0.01, "headwind", "brake_drag", "rolling_warmup", "torque_offset") for e in EFFECTS]
     for n in range(1, 6):
-        finding = statement_of(verdict, many[:n], 1857.0, 1486.0, Beside(hints=["FD.Fan"])).finding
+        finding = statement_of(verdict, many[:n], 1857.0, 1486.0, Context(hints=["FD.Fan"])).finding
         assert len(finding.split()) <= MAX_WORDS and finding.endswith(".") and finding.count(". ") == 0
         assert not any(letter.isdigit() for letter in finding)
 
 
 def test_a_late_torque_alone_names_no_other_cause():
     other = FittedSet([chosen("headwind", 1.0)], 0.0, 0.0)
-    said = statement_of("explained", [chosen("torque_delay", 0.06)], 110.0, 60.0, Beside(rivals=[other]))
-    assert said.finding == "Late torque explains the residual."
+    statement = statement_of(
+        "explained", [chosen("torque_delay", 0.06)], 110.0, 60.0, Context(rivals=[other])
+    )
+    assert statement.finding == "Late torque explains the residual."
 
 
 def verdict(before_N, after_N, wanders_N=0.0):
@@ -142,10 +146,10 @@ def test_two_large_faults_that_undo_each_other_are_no_explanation():
 
 
 def test_what_a_drive_cannot_rule_out_is_said_dangers_first():
-    beside = Beside(open_to=["headwind", "brake_drag"], usual=True)
-    said = statement_of("partly", [chosen("torque_gain", -0.1)], 1600.0, 500.0, beside)
-    assert said.details[-1] == "Not ruled out in the size of an ordinary fault: a dragging brake, wind."
-    assert said.finding.endswith("the rest is within usual errors.")
+    context = Context(not_excluded=["headwind", "brake_drag"], usual=True)
+    statement = statement_of("partly", [chosen("torque_gain", -0.1)], 1600.0, 500.0, context)
+    assert statement.details[-1] == "Not ruled out in the size of an ordinary fault: a dragging brake, wind."
+    assert statement.finding.endswith("the rest is within usual errors.")
     assert not any("Not ruled out" in d for d in statement_of("partly", [TYRES], 9.0, 5.0).details)
 
 

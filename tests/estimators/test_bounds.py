@@ -27,28 +27,28 @@ signals:
 """
 
 
-def said(mass_kg, share, **facts):
-    """Return what is said of a posterior with this mean and relative standard deviation."""
+def contradiction(mass_kg, share, **facts):
+    """Return what is reported of a posterior with this mean and relative standard deviation."""
     return beyond_bound(1.0 / mass_kg, (share / mass_kg) ** 2, replace(FACTS, **facts))
 
 
 def test_beyond_by_more_than_its_std_allows():
-    assert "heavier than vehicle.mass_max_kg = 40,000 kg" in said(42_000, 0.01)
-    assert "lighter than vehicle.mass_min_kg = 7,000 kg" in said(6_600, 0.01)
+    assert "heavier than vehicle.mass_max_kg = 40,000 kg" in contradiction(42_000, 0.01)
+    assert "lighter than vehicle.mass_min_kg = 7,000 kg" in contradiction(6_600, 0.01)
 
 
 def test_within_the_bounds_or_beyond_by_less_than_three_standard_deviations():
-    assert said(21_000, 0.01) == said(41_000, 0.01) == said(6_800, 0.01) == ""
+    assert contradiction(21_000, 0.01) == contradiction(41_000, 0.01) == contradiction(6_800, 0.01) == ""
 
 
 def test_a_torque_that_is_known_less_well_allows_more():
-    assert said(42_500, 0.01, torque_accuracy=0.03) == ""
-    assert said(42_500, 0.01, wheel_radius_accuracy=0.015) == ""
-    assert said(50_000, 0.01, torque_accuracy=0.03)
+    assert contradiction(42_500, 0.01, torque_accuracy=0.03) == ""
+    assert contradiction(42_500, 0.01, wheel_radius_accuracy=0.015) == ""
+    assert contradiction(50_000, 0.01, torque_accuracy=0.03)
 
 
-def test_a_posterior_that_is_wider_than_a_valid_one_says_nothing_however_far_off():
-    assert said(200_000, 0.30) == beyond_bound(-1e-6, 4e-12, FACTS) == ""
+def test_a_posterior_that_is_wider_than_a_valid_one_contradicts_nothing_however_far_off():
+    assert contradiction(200_000, 0.30) == beyond_bound(-1e-6, 4e-12, FACTS) == ""
 
 
 @pytest.mark.parametrize("estimator", ["canest-0.1", "canest"])

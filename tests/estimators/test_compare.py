@@ -9,7 +9,7 @@ from canest.config import load_config
 from canest.core.errors import ConfigError
 from canest.estimators.registry import BUILT_IN
 from canest.logs.truth import Truth
-from canest.offline.compare import _time_to, compare
+from canest.offline.compare import compare, time_to
 from canest.offline.scoring import Reference
 from canest.simulation.run import simulate
 
@@ -107,7 +107,7 @@ def test_an_unknown_name_is_refused(drive):
     ],
 )
 def test_time_to_within_five_percent(error_pct, expected):
-    assert _time_to(error_pct) == expected
+    assert time_to(error_pct) == expected
 
 
 def test_a_log_that_teaches_nothing_has_no_mass_errors(tmp_path):

@@ -69,7 +69,7 @@ def test_a_worker_of_another_version_is_refused(cluster, logs, manifest, tmp_pat
     assert "found '9." in done.err
 
 
-def test_where_no_scheduler_answers_one_line_says_so(logs, manifest, tmp_path):
+def test_where_no_scheduler_answers_it_is_refused_in_one_line(logs, manifest, tmp_path):
     done = run(logs, tmp_path / "lake", manifest, "--dask", "tcp://127.0.0.1:9")
     assert done.code == 2
     assert done.err.startswith("error: --dask tcp://127.0.0.1:9: no Dask scheduler answers")

@@ -61,8 +61,8 @@ def test_yaml_and_csv_mean_the_same(tmp_path):
         tmp_path, "logs:\n- {pattern: 'a/*', vehicle: 7, config: t.yaml}\nvins: {1FUJ*: class8}\n", "f.yaml"
     ))  # fmt: skip
     csv = read_manifest(manifest(tmp_path, "pattern,vehicle,config\nvin:1FUJ*,,class8\na/*,7,t.yaml\n"))
-    told = [[(r.pattern, r.vehicle, r.config) for r in m.rules] for m in (yaml, csv)]
-    assert told[0] == told[1]
+    message = [[(r.pattern, r.vehicle, r.config) for r in m.rules] for m in (yaml, csv)]
+    assert message[0] == message[1]
     assert csv.rules[1].config == str(tmp_path / "t.yaml")
 
 

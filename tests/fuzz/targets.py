@@ -216,8 +216,8 @@ def run_bam(data: bytes) -> None:
     counts = once.counters.transport
     assert counts == decoder.counters.transport
     assert once.open_sessions <= 64
-    heard = len(samples.get("reference_torque", ([], []))[0])
-    assert heard <= counts.get("complete", 0)
+    received = len(samples.get("reference_torque", ([], []))[0])
+    assert received <= counts.get("complete", 0)
 
 
 def _record(can_id: int, payload: bytes) -> bytes:
@@ -275,7 +275,7 @@ def _drive() -> FrameBlock:
 
 
 def check_estimates(config: Config, e: Estimates) -> None:
-    """Raise AssertionError for an estimate that nobody could believe."""
+    """Raise AssertionError for an estimate that no vehicle can have."""
     started = ~np.isnan(e.mass_kg)
     valid = e.status == Status.VALID
     for column in (e.mass_kg, e.mass_std_kg, e.grade, e.grade_std):

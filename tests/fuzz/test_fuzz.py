@@ -24,17 +24,17 @@ def test_seeds_do_get_through(name, monkeypatch):
     """A target whose frames nobody wants would find nothing for ever."""
     from canest.decode import Decoder
 
-    heard, decode = set(), Decoder.decode
+    received, decode = set(), Decoder.decode
 
     def listening(self, block):
         result = decode(self, block)
-        heard.update(result.samples)
+        received.update(result.samples)
         return result
 
     monkeypatch.setattr(Decoder, "decode", listening)
     for data in TARGETS[name].seeds():
         run_one(TARGETS[name], data)
-    assert {"bam": {"reference_torque"}, "decoder": {"engine_speed"}, "pipeline": {"gear"}}[name] <= heard
+    assert {"bam": {"reference_torque"}, "decoder": {"engine_speed"}, "pipeline": {"gear"}}[name] <= received
 
 
 #: twice what an input may take: on a busy machine the same work takes more seconds of CPU

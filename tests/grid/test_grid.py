@@ -69,7 +69,7 @@ def test_not_available_is_held_like_any_value_and_is_not_stale() -> None:
 
 
 def test_channels_that_report_late_are_waited_for() -> None:
-    # "late" reports 60 ms late: what it says at 60 happened at 0, together with what "now" said at 0
+    # "late" reports 60 ms late: its value at 60 is of 0, as is that of "now" at 0
     channels = [Channel("now"), Channel("late", delay_us=60 * MS), Channel("later", delay_us=40 * MS)]
     grid = Grid(channels, HOLD_US)
     event = [(float(t), float(t)) for t in range(0, 200, 20)]

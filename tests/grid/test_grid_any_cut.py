@@ -24,7 +24,7 @@ Row = tuple[int, bool, tuple[str, ...]]
 def reference(frames: list[tuple[int, int, float]]) -> list[Row]:
     """Ticks as (stamp, whether a run begins, values as text): one frame, one tick, one channel at a time."""
     wait = max(c.delay_us for c in CHANNELS)
-    heard: dict[str, list[tuple[int, float]]] = {r: [] for r in ROLES}
+    received: dict[str, list[tuple[int, float]]] = {r: [] for r in ROLES}
     rows: list[Row] = []
     last = next_tick = None
     fresh = True
@@ -36,7 +36,7 @@ def reference(frames: list[tuple[int, int, float]]) -> list[Row]:
             for channel in CHANNELS:
                 seen = next_tick - (wait - channel.delay_us)
                 value, age = math.nan, math.inf
-                for t, v in heard[channel.role]:
+                for t, v in received[channel.role]:
                     if t <= seen:
                         value, age = v, seen - t
                 held.append(repr(value if age <= channel.stale_us else math.nan))
@@ -48,13 +48,13 @@ def reference(frames: list[tuple[int, int, float]]) -> list[Row]:
             if last is not None:
                 emit(last + HOLD_US if stamp > last else last + 1)
                 if stamp < last:
-                    kept = [(stamp - wait, value) for _, value in heard["c"][-1:]]  # never grows too old
-                    heard = {"a": [], "b": [], "c": kept}
+                    kept = [(stamp - wait, value) for _, value in received["c"][-1:]]  # never grows too old
+                    received = {"a": [], "b": [], "c": kept}
             next_tick, fresh = math.ceil(stamp / STEP_US) * STEP_US, True
             last = stamp
         last = max(stamp, last)
         emit(last)
-        heard[ROLES[role]].append((last, value))
+        received[ROLES[role]].append((last, value))
     if last is not None:
         emit(last + 1)
     return rows

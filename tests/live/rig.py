@@ -77,6 +77,10 @@ class Script:
         self._at = 0
         self.sent.clear()
 
+    def fall_silent(self):
+        """Hand out nothing more."""
+        self._at = len(self._frames)
+
     def close(self):
         self.state = "absent"
 

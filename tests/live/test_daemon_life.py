@@ -139,7 +139,7 @@ def test_reload_takes_a_changed_config_over_and_keeps_the_learned_mass(tmp_path,
         rig.daemon.request_reload()
         rig.run(5)
         assert rig.daemon.config is changed and rig.daemon.reloads.accepted == 1
-        assert len(rig.opened) == 1  # same bus: not closed, not deaf for a moment
+        assert len(rig.opened) == 1  # same bus: not closed, no frame missed
         assert abs(rig.daemon.estimate(rig.now_us).mass_kg - before.mass_kg) < 0.03 * before.mass_kg
 
 

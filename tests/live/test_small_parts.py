@@ -124,7 +124,7 @@ def test_a_storm_of_one_event_is_held_back_and_counted_while_others_pass():
 def test_a_closed_stderr_does_not_end_the_daemon():
     log, stream, _ = journal()
     stream.close()
-    log.error("nobody hears this")
+    log.error("nobody reads this")
 
 
 def test_a_stderr_that_nobody_reads_is_not_waited_for():
@@ -132,7 +132,7 @@ def test_a_stderr_that_nobody_reads_is_not_waited_for():
     fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 8192)
     with open(read, "rb") as reader, open(write, "w") as stream:  # noqa: PTH123 - descriptors, no paths
         log = Journal(stream, {"JOURNAL_STREAM": "1"}, lambda: 0.0)
-        stop = threading.Timer(2.0, reader.close)  # who waits is told that there is nobody
+        stop = threading.Timer(2.0, reader.close)  # who waits learns that there is nobody
         stop.start()
         for number in range(20):
             log.notice(f"event-{number}", text="x" * 2500)

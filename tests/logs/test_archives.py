@@ -13,7 +13,7 @@ from canest.core.errors import LogError
 from canest.core.frames import FrameBlock
 from canest.logs import open_log
 from canest.logs.compression import Source
-from logs.helpers_logs import DATA, assert_same, one_by_one, read_all
+from tests.logs.helpers_logs import DATA, assert_same, one_by_one, read_all
 
 TEXT = lzma.decompress((DATA / "kenworth" / "normal.log.xz").read_bytes())
 PACK = {

@@ -19,7 +19,7 @@ import pytest
 from canest.core.errors import LogError
 from canest.logs import budget, open_log
 from canest.logs.budget import LogBudget, log_budget
-from logs.helpers_logs import log_form, read_all
+from tests.logs.helpers_logs import log_form, read_all
 
 PARQUET_ONLY = pytest.mark.skipif(
     importlib.util.find_spec("pyarrow") is None, reason="pyarrow (extra: formats)"

@@ -15,9 +15,9 @@ from canest.core.errors import LogError
 from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.doctor.warnings import log_warnings
 from canest.logs import open_log
+from canest.logs.base import SKIPPED_SHOWN
 from canest.logs.candump import CandumpParser
-from canest.logs.line_parser import SKIPPED_SHOWN
-from logs.helpers_logs import DATA, FRAMES, assert_same, log_form, one_by_one, read_all, screen_form
+from tests.logs.helpers_logs import DATA, FRAMES, assert_same, log_form, one_by_one, read_all, screen_form
 
 
 def parse(text: str | bytes, **options: object) -> tuple[FrameBlock, CandumpParser]:
@@ -374,7 +374,7 @@ def test_every_bad_line_is_reported_by_number_and_endless_ones_by_count(tmp_path
     log.write_text("".join("garbage\n" if n % 9 == 0 else good.format(n) for n in range(1, 601)))
     reader = open_log(log)
     assert sum(len(block) for block in reader) == 600 - 66
-    told = log_warnings(reader)[3]
-    assert told.startswith("63 more lines skipped: 36, 45, 54, ") and told.endswith(
+    warning = log_warnings(reader)[3]
+    assert warning.startswith("63 more lines skipped: 36, 45, 54, ") and warning.endswith(
         ", 441, 450 and 16 after them"
     )

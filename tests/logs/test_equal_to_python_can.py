@@ -20,7 +20,7 @@ from canest.core.errors import LogError
 from canest.core.frames import FrameBlock
 from canest.logs.compression import Source
 from canest.logs.python_can import PythonCanReader, find_asammdf
-from logs.helpers_logs import DATA, assert_same, read_all
+from tests.logs.helpers_logs import DATA, assert_same, read_all
 
 MF4_ONLY = pytest.mark.skipif(importlib.util.find_spec("asammdf") is None, reason="asammdf (extra: formats)")
 IN_A_FILE = settings(

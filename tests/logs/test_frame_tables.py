@@ -64,7 +64,7 @@ def test_vehicle_spy(tmp_path):
     block, reader = read_all(path)
     assert same(block[:2], EXPECTED)
     assert block.can_id[2] == 0x18EA00F9 | EXTENDED | REMOTE and len(block) == 3
-    # a J1708 message has no place in a log of frames: counted, and said
+    # a J1708 message has no place in a log of frames: counted, and reported
     assert [number for number, *_ in reader.skipped] == [len(SPY.splitlines())]
     assert reader.channels == {"HS CAN": 2, "MS CAN": 1}
 
@@ -117,7 +117,7 @@ def test_a_table_of_decoded_signals_stays_one(tmp_path):
         assert reader.kind == "table"
 
 
-def test_an_unknown_csv_says_that_and_which_are_known(tmp_path):
+def test_an_unknown_csv_is_refused_with_the_formats_that_are_known(tmp_path):
     path = tmp_path / "odd.csv"
     path.write_text("Recorder,ACME\nwhen,what,how much\n1,2,3\n")
     with pytest.raises(LogError) as caught:

@@ -18,7 +18,7 @@ from canest.core.errors import LogError
 from canest.core.frames import EXTENDED, REMOTE, FrameBlock
 from canest.logs import open_log
 from canest.logs.python_can import find_asammdf
-from logs.helpers_logs import assert_same, read_all
+from tests.logs.helpers_logs import assert_same, read_all
 
 MF4_ONLY = pytest.mark.skipif(importlib.util.find_spec("asammdf") is None, reason="asammdf (extra: formats)")
 MF4 = pytest.param(".mf4", marks=MF4_ONLY)

@@ -44,8 +44,8 @@ def test_text_in_a_cell_is_reported_with_the_first_row_that_has_it(tmp_path):
     block, reader = read(path)
     assert np.isnan(block.columns["v"]).tolist() == [True] * 4 + [False]
     assert (reader.bad_cells, reader.text_cells) == ({"v": 4}, {"v": (2, 4, "abc")})
-    told = "column v: 2 cells hold text and count as not available, first in row 4: 'abc'"
-    assert log_warnings(reader) == [told]
+    expected = "column v: 2 cells hold text and count as not available, first in row 4: 'abc'"
+    assert log_warnings(reader) == [expected]
     path = tmp_path / "a.parquet"
     pq.write_table(pa.table({"t_s": [0.1, 0.2, 0.3], "v": ["1.5", "abc", None]}), path)
     block, reader = read(path)
@@ -63,11 +63,11 @@ def test_truth_values_are_0_and_1_in_csv_as_they_are_in_parquet(tmp_path):
 
 def test_a_time_that_is_none_is_shown(tmp_path):
     path = write(tmp_path / "a.csv", "t_s,v\ns,m/s\n0.1,1\n01.02.2024 00:00:00,2\n")
-    told = ["t_s = s", "t_s = 01.02.2024 00:00:00"]
-    assert [text for _, text, _ in read(path)[1].skipped] == told
+    expected = ["t_s = s", "t_s = 01.02.2024 00:00:00"]
+    assert [text for _, text, _ in read(path)[1].skipped] == expected
     path = tmp_path / "a.parquet"
     pq.write_table(pa.table({"t_s": ["s", "0.1", "01.02.2024 00:00:00"], "v": [0.0, 1.0, 2.0]}), path)
-    assert [text for _, text, _ in read(path)[1].skipped] == told
+    assert [text for _, text, _ in read(path)[1].skipped] == expected
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ from canest.core.gates import LABELS
 from canest.logs.candump import CandumpParser
 from canest.logs.candump_writer import CandumpWriter, candump_text
 from canest.logs.estimate_writer import open_writer
-from logs.helpers_logs import DATA, FRAMES, LONG_FRAMES, assert_same, log_form
+from tests.logs.helpers_logs import DATA, FRAMES, LONG_FRAMES, assert_same, log_form
 
 MCAP = ["est.mcap"] if importlib.util.find_spec("mcap") else []
 STATUS = ["unestimated", "converging", "valid"]

@@ -46,6 +46,34 @@ def test_every_metric_named_is_one_of_the_daemon():
     assert len(named) > 20 and named <= METRICS.keys()
 
 
+def unknown(given, read, path=""):
+    """Return the keys and values of a file that came to nothing when it was read."""
+    if isinstance(given, dict):
+        return [
+            lost
+            for key, value in given.items()
+            for lost in (unknown(value, read[key], f"{path}.{key}") if key in read else [f"{path}.{key}"])
+        ]
+    if isinstance(given, list):
+        pairs = zip(given, read, strict=True)
+        return [lost for at, pair in enumerate(pairs) for lost in unknown(*pair, f"{path}[{at}]")]
+    return [] if given == read else [f"{path}: {given!r} is {read!r}"]
+
+
+def test_grafanas_own_model_of_a_dashboard_knows_every_key():
+    pytest.importorskip("grafana_foundation_sdk")
+    from grafana_foundation_sdk.cog import encoder, plugins
+    from grafana_foundation_sdk.models.dashboard import Dashboard
+
+    plugins.register_default_plugins()
+    given = json.loads(DASHBOARD.read_text())
+    read = json.loads(encoder.JSONEncoder().encode(Dashboard.from_json(given)))
+    assert unknown(given, read) == []
+    given["panels"][0]["titel"] = "a mistake"
+    read = json.loads(encoder.JSONEncoder().encode(Dashboard.from_json(given)))
+    assert unknown(given, read) == [".panels[0].titel"]
+
+
 def test_panels_do_not_overlap():
     taken = set()
     for panel in json.loads(DASHBOARD.read_text())["panels"]:
@@ -89,7 +117,7 @@ tests:
           - exp_labels: {{job: canest, instance: dead, severity: critical}}
             exp_annotations:
               summary: canest on dead has stopped, and its metrics file stays as it was
-              description: journalctl -u 'canest@*' says why.
+              description: journalctl -u 'canest@*' shows why.
       - eval_time: 60m
         alertname: CanestMassDiffers
         exp_alerts:

@@ -159,7 +159,7 @@ def test_our_own_name_from_elsewhere_makes_us_silent_instead_of_walking_in_step_
 
 
 def together(us, *talks):
-    """Let conversations hear each other; return the addresses owned at every tick."""
+    """Let conversations receive each other; return the addresses owned at every tick."""
     owned = []
     for _ in range(us // TICK_US):
         for talk in talks:

@@ -91,17 +91,17 @@ class Recorder:
 
 
 def everything(pipeline: Pipeline, recorder: Recorder, estimates: list[Estimates]) -> dict[str, object]:
-    """What a run has said: model samples, estimates, gates, counters."""
+    """What a run gave: model samples, estimates, gates, counters."""
     joined = Estimates.concatenate(estimates)
-    told: dict[str, object] = {f.name: getattr(joined, f.name).tobytes() for f in fields(Estimates)}
-    told |= recorder.columns()
-    told |= {
+    results: dict[str, object] = {f.name: getattr(joined, f.name).tobytes() for f in fields(Estimates)}
+    results |= recorder.columns()
+    results |= {
         "gates": pipeline.gate_counts,
         "samples": pipeline.samples,
         "clock": pipeline.clock.counters,
         "snapshot": repr(pipeline.snapshot()),
     }
-    return told
+    return results
 
 
 def run(config: object, frames: FrameBlock, cuts: Iterable[int] = ()) -> dict[str, object]:

@@ -90,7 +90,7 @@ def test_one_frame_at_a_time(name: str, estimator: str, more: tuple[str, ...], d
 
 @cases
 def test_live_with_time_passing_between_frames(name: str, estimator: str, more: tuple[str, ...]) -> None:
-    """Slices of 20 ms, and the clock heard of after each, also while the bus is silent."""
+    """Slices of 20 ms, and the clock read after each, also while the bus is silent."""
     config = load_config(name, [f"estimator.name={estimator}", *more])
     log = bundled(DRIVES[name])
     late = log.t_us.copy()

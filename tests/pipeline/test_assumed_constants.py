@@ -1,4 +1,4 @@
-"""Constants of the engine that are told late, taken back, or wrong at first."""
+"""Constants of the engine that are sent late, taken back, or wrong at first."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ def test_a_reference_torque_that_comes_late_begins_the_mass_anew(estimator):
     late = frames[~(of(frames, *TRANSPORT) & (seconds(frames) < LATE_S))]
     whole = estimated(frames, f"estimator.name={estimator}")
     e = estimated(late, WRONG, f"estimator.name={estimator}")
-    heard = int(np.searchsorted(e.t_us, frames.t_us[0] + (LATE_S + 6) * 1_000_000))
-    before, after = e.status[: LATE_S * 50], e.status[heard - 400 : heard + 1]
+    received = int(np.searchsorted(e.t_us, frames.t_us[0] + (LATE_S + 6) * 1_000_000))
+    before, after = e.status[: LATE_S * 50], e.status[received - 400 : received + 1]
     assert (before == Status.VALID).any()
     assert (after != Status.VALID).any()
     assert np.isfinite(e.mass_kg[LATE_S * 50 :]).all()
@@ -95,8 +95,8 @@ def test_not_available_does_not_take_back_a_constant(group):
         )
     lost = frames[~away]
     for column in ("mass_kg", "grade"):
-        said, silent = (getattr(estimated(f, WRONG), column) for f in (gone, lost))
-        assert said.tobytes() == silent.tobytes()
+        ended, silent = (getattr(estimated(f, WRONG), column) for f in (gone, lost))
+        assert ended.tobytes() == silent.tobytes()
 
 
 def test_a_controller_that_wakes_with_nothing_is_not_used():

@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 import socket
 import struct
+import threading
 import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 
 import pytest
 
+from tests.serve.browser import BROWSER, Browser
 from tests.serve.rig import Command, Stream, free_port, is_up, resident_mb, wait_for
 
 client = pytest.importorskip("websockets.sync.client", reason="websockets (extra: foxglove)")
@@ -149,6 +153,78 @@ def test_with_a_token_only_who_knows_it_connects(tmp_path, stream):
             opening(viewer)
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium here")
+def test_foxgloves_own_client_in_a_browser_reads_what_the_daemon_has_sent(server, stream, tmp_path):
+    with Browser(tmp_path) as browser, BlankSite() as site:
+        tab = browser.page(
+            f"http://127.0.0.1:{site.server_port}/"
+        )  # a page has an origin; about:blank has none
+        tab.wait("true")
+        tab.run(CLIENT.read_text() + "; window.FoxgloveProtocol = FoxgloveProtocol;")
+        tab.run(READ % server.port)
+        tab.wait("window.got.messages.length >= 5 && window.got.statuses.length >= 1")
+        got = tab.run("window.got")
+    assert got["errors"] == []
+    assert got["info"]["name"].startswith("canest ")
+    assert {channel["topic"] for channel in got["channels"]} == {"/canest/estimate", "/canest/status"}
+    assert got["statuses"][0]["message"].startswith("following the daemon")
+    times = [message["ns"] / 1e9 for message in got["messages"]]
+    assert all(abs(t_s - time.time()) < 60 for t_s in times) and times == sorted(times)
+    for message in got["messages"]:
+        content = json.loads(message["text"])
+        assert 20_000 <= content["mass_kg"] <= 20_006
+        known = {"grade": 0.01, "grade_std": 0.001, "mass_std_kg": 200.0, "status": "valid"}
+        assert known.items() <= content.items()
+
+
+class BlankSite(ThreadingHTTPServer):
+    """A site with one empty page. Use as a context manager."""
+
+    def __init__(self):
+        super().__init__(("127.0.0.1", 0), _Blank)
+
+    def __enter__(self):
+        threading.Thread(target=self.serve_forever, daemon=True).start()
+        return self
+
+    def __exit__(self, *_):
+        self.shutdown()
+        self.server_close()
+
+
+class _Blank(BaseHTTPRequestHandler):
+    def do_GET(self):
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html")
+        self.end_headers()
+        self.wfile.write(b"<!doctype html><title>blank</title>")
+
+    def log_message(self, *_):
+        pass
+
+
+CLIENT = Path(__file__).with_name("foxglove-client.min.js")
+READ = """
+    (() => {
+      const { FoxgloveClient } = window.FoxgloveProtocol;
+      const got = window.got = { errors: [], info: null, channels: [], messages: [], statuses: [] };
+      const client = new FoxgloveClient({
+        ws: new WebSocket("ws://127.0.0.1:%d/", [FoxgloveClient.SUPPORTED_SUBPROTOCOL]),
+      });
+      client.on("error", (error) => got.errors.push(String(error)));
+      client.on("serverInfo", (info) => { got.info = info; });
+      client.on("status", (status) => got.statuses.push(status));
+      client.on("advertise", (channels) => {
+        got.channels.push(...channels);
+        for (const { id, topic } of channels) if (topic === "/canest/estimate") client.subscribe(id);
+      });
+      client.on("message", (message) => got.messages.push(
+        { ns: Number(message.timestamp), text: new TextDecoder().decode(message.data) }));
+    })()
+"""
+
+
 def test_a_viewer_that_reads_nothing_holds_up_neither_the_others_nor_the_daemon(server, stream):
     before_mb = resident_mb(server.process.pid)
     with connect(server.port, max_queue=1, close_timeout=0.1) as stuck, connect(server.port) as viewer:
@@ -160,6 +236,6 @@ def test_a_viewer_that_reads_nothing_holds_up_neither_the_others_nor_the_daemon(
                 data(viewer)
         finally:
             stream.pause_s = 0.1
-        assert stream._stream.watched
+        assert stream.live.watched
         assert resident_mb(server.process.pid) - before_mb < 5
         assert data(viewer)

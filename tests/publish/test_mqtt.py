@@ -65,8 +65,8 @@ def test_what_a_subscriber_gets_is_what_the_daemon_has_sent(tmp_path, stream):
             assert set(estimate) == set(COLUMNS)
         # the last one is its farewell, not its last will: it says goodbye before it goes
         # (it may say so twice, once of its source and once of itself)
-        said = [word for word, _ in itertools.groupby(listener.of("test/truck/availability"))]
-        assert said[-2:] == ["online", "offline"]
+        states = [word for word, _ in itertools.groupby(listener.of("test/truck/availability"))]
+        assert states[-2:] == ["online", "offline"]
         assert done["dropped_offline"] <= 3 and done["dropped_slow"] == 0
         assert done["confirmed"] == done["published"] == len(listener.messages)
 
@@ -136,7 +136,7 @@ def test_a_broker_that_hangs_costs_counted_messages_and_no_more(tmp_path, stream
         broker.send(signal.SIGSTOP)
         sent = stream.sent
         assert wait_for(lambda: stream.sent > sent + 40, 15)
-        assert stream._stream.watched  # it reads on: a program that did not would have been closed
+        assert stream.live.watched  # it reads on: a program that did not would have been closed
         broker.send(signal.SIGCONT)
         with Listener(broker.port) as listener:
             count = len(listener.of("test/truck/estimate"))
@@ -149,7 +149,7 @@ def test_a_port_that_answers_nothing_holds_up_neither_the_daemon_nor_the_end(tmp
     with SilentServer() as server, publisher(tmp_path, stream, f"mqtt://127.0.0.1:{server.port}") as process:
         assert wait_for(lambda: server.accepted, 15), process.output
         sent = stream.sent
-        assert wait_for(lambda: stream.sent > sent + 10, 10) and stream._stream.watched
+        assert wait_for(lambda: stream.sent > sent + 10, 10) and stream.live.watched
         begin_s = time.monotonic()
         done = counters(process)
         assert time.monotonic() - begin_s < 5 and process.process.returncode == 0
@@ -209,7 +209,7 @@ def test_tls_trusts_the_given_authority_alone(tmp_path, stream):
 
 
 @pytest.mark.slow
-def test_home_assistant_is_told_of_the_sensors_only_if_asked(tmp_path, stream):
+def test_the_sensors_are_announced_to_home_assistant_only_if_asked(tmp_path, stream):
     jinja2 = pytest.importorskip("jinja2")
     with Broker(tmp_path) as broker, Listener(broker.port) as listener:
         with publisher(tmp_path, stream, broker.url):

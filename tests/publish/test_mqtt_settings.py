@@ -22,7 +22,7 @@ NO_FILES = Certificates()
 )
 def test_a_broker_has_the_usual_port_unless_it_is_given(url, host, port, encrypted):
     found = broker(url, NO_FILES, {})
-    assert (found.host, found.port, found.tls is not None) == (host, port, encrypted)
+    assert (found.address.host, found.address.port, found.tls is not None) == (host, port, encrypted)
 
 
 @pytest.mark.parametrize(

@@ -56,16 +56,16 @@ class TestScore:
         truth = Truth(np.array([0, 300_000_000]), np.array([0.0, 0.1]), None)
         score = Score(truth, None, 5)
         score.add(some_estimates([1000] * 10, [0] * 10, first_us=1_700_000_000_000_000))
-        told = "the truth is of another time, t_s 0 to 300, than the log's 1700000000 to 1700000009"
-        assert score.notes() == [told]
+        message = "the truth is of another time, t_s 0 to 300, than the log's 1700000000 to 1700000009"
+        assert score.notes() == [message]
         later = Score(truth, None, 5)
         later.add(some_estimates([1000] * 10, [0] * 10, first_us=295_000_000))
         assert later.notes() == []
 
     def test_a_true_mass_that_the_vehicle_cannot_have_is_noted(self):
         truth = Truth(np.array([0, 1]), None, np.array([1500.0, np.nan]))
-        (told,) = Score(truth).beyond(7e3, 4e4)
-        assert "true mass 1,500 kg is beyond vehicle.mass_min_kg = 7,000 kg" in told
+        (message,) = Score(truth).beyond(7e3, 4e4)
+        assert "true mass 1,500 kg is beyond vehicle.mass_min_kg = 7,000 kg" in message
         assert "vehicle.mass_max_kg = 40,000" in Score(truth, 2.1e7).beyond(7e3, 4e4)[0]
         assert Score(truth, 21e3).beyond(7e3, 4e4) == Score(None).beyond(7e3, 4e4) == []
 
@@ -223,8 +223,10 @@ class TestBadInput:
         path = tmp_path / "two.log"
         line = "({:.6f}) can{} 0CF00400#010203040506FFFF\n"
         path.write_text("".join(line.format(10 + n / 100, int(n % 4 == 0)) for n in range(100)))
-        told = "2 interfaces taken as one bus: can0 (75 frames), can1 (25 frames); --channel NAME takes one"
-        assert told in replay(path, self.config).warnings
+        message = (
+            "2 interfaces taken as one bus: can0 (75 frames), can1 (25 frames); --channel NAME takes one"
+        )
+        assert message in replay(path, self.config).warnings
         assert replay(path, self.config, channel="can0").warnings == []
 
     def test_a_reference_torque_that_nobody_sends_is_the_reason(self, tmp_path):

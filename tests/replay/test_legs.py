@@ -1,4 +1,4 @@
-"""Load legs: where a drive is cut, what is merged, and what is said of each."""
+"""Load legs: where a drive is cut, what is merged, and what is reported of each."""
 
 import json
 import math
@@ -122,7 +122,7 @@ class TestWhichLegsAreOneLoad:
         assert len(load_legs([leg(20_000, 300), leg(20_400, 300)])) == 1
         assert len(load_legs([leg(20_000, 300), leg(20_500, 300)])) == 2
 
-    def test_a_short_leg_that_says_nothing_joins_what_agrees_on_both_sides(self):
+    def test_a_short_leg_without_a_known_mass_joins_what_agrees_on_both_sides(self):
         nothing = leg(24_000, 6_000, "converging")
         (one,) = load_legs([leg(20_000, 300), nothing, leg(20_100, 300)])
         assert one.load == 1 and one.driving_s == 300 and one.valid_share == pytest.approx(2 / 3)
@@ -164,7 +164,7 @@ class TestWhatIsSaid:
         )
         assert "over the settled legs (75 % of the driving)" in shown and "all samples, standing too" in shown
 
-    def test_the_headline_says_how_many_loads_and_over_what_it_is_scored(self, result):
+    def test_the_headline_has_how_many_loads_and_over_what_it_is_scored(self, result):
         shown = headline(result.summary)
         assert shown.startswith(
             "2 loads, 19,100 ± 200 kg and 31,350 ± 250 kg, valid for 75 % of the driving; "
@@ -181,7 +181,7 @@ class TestWhatIsSaid:
             "2",
         ]
 
-    def test_a_drive_that_never_became_valid_says_so(self, result):
+    def test_a_drive_that_never_became_valid_is_reported_so(self, result):
         never = {**result.summary, "last_valid": None, "legs": [], "valid_share": 0.0}
         assert "converging, never valid" in mass_text(never) and "never valid" in headline(never)
 

@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from canest import __version__
 from canest.core.estimates import Estimates
 from canest.core.frames import FloatColumn
 from canest.core.gates import Gate
 from canest.core.samples import EstimateBlock, ModelBlock
 from canest.demo import DRIVE, TRUTH
 from canest.offline.compare import Comparison
-from canest.report.compare_page import COLUMNS, compare_page
+from canest.report.compare_page import COLUMNS, _strokes, compare_page, ranked
 from canest.report.recorder import POINTS_MAX, Recorder, Whiteness, residual_N
 from canest.system.installation import how_to_add
 
@@ -179,6 +180,28 @@ def test_curves_of_a_comparison_break_where_the_log_pauses():
     figure = json.loads(compare_page("x.log", "truck", result).sections[-1].figure)
     assert [trace["y"].count(None) for trace in figure["data"]] == [1] * 5
     assert all(len(trace["y"]) == len(figure["shared"][trace["x"]]) for trace in figure["data"])
+
+
+def test_a_comparison_too_short_for_an_rms_ranks_by_the_end():
+    row = dict.fromkeys([key for key, _, _ in COLUMNS])
+    ends = {"far": -40.0, "near": 0.5, "none": None, "middle": 3.0}
+    assert ranked({name: row | {"mass_end_pct": end} for name, end in ends.items()}) == [
+        "near", "middle", "far", "none",
+    ]  # fmt: skip
+
+
+def test_curves_of_a_comparison_all_look_different():
+    for count in (3, 15, 16, 25):
+        names = [f"e{k}" for k in range(count)]
+        strokes = _strokes(names, "e2")
+        assert len({(s.colour, s.dash) for s in strokes.values()}) == count
+        assert [name for name in names if strokes[name].width > 2] == ["e2"]
+
+
+def test_every_report_has_its_config_and_version(reports):
+    for name, path in reports.items():
+        text = path.read_text()
+        assert f"Used by canest {__version__}" in text and "wheel_radius_m: " in text, name
 
 
 def test_every_curve_is_there(reports):

@@ -1,4 +1,4 @@
-"""Drives become a map: offsets are told from the road, and what is no road is left out and counted."""
+"""Drives become a map: offsets are separated from the road, and what is no road is left out and counted."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_offsets_of_vehicles_do_not_reach_the_road():
     assert road.first_day.min() == 20_000 and road.last_day.max() == 20_008
 
 
-def test_one_offset_alone_is_told_by_the_altitudes():
+def test_one_offset_alone_is_found_by_the_altitudes():
     """All drives are wrong alike: no comparison shows it, but the road does not climb so far."""
     road = build_map([drive(k, "a", offset=0.004) for k in range(6)])
     assert abs(np.mean(road.grade - true_grade(road))) < 0.0015

@@ -67,7 +67,7 @@ def deviation_pct(clean, attacked) -> float:
 
 
 def assert_sane(config, estimates) -> None:
-    """No estimate that nobody could believe."""
+    """No estimate that no vehicle can have."""
     numbers = ("mass_kg", "mass_std_kg", "grade", "grade_std")
     valid = estimates.status == Status.VALID
     for name in numbers:

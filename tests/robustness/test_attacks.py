@@ -1,4 +1,4 @@
-"""Real attacks and full-load noise in a drive whose mass is valid: the mass stays, the counters tell."""
+"""Real attacks and full-load noise in a drive whose mass is valid: the mass stays, the counters show it."""
 
 from __future__ import annotations
 
@@ -25,6 +25,8 @@ from .attacks import (
     merged,
     noise,
 )
+
+pytestmark = pytest.mark.usefixtures("compiled")
 
 KENWORTH = Path(__file__).parents[1] / "data" / "kenworth"
 TSC1_PGN, CLAIM_PGN = 0x0000, 0xEE00
@@ -85,11 +87,11 @@ def test_a_minute_of_full_load_noise_and_wrong_addresses_changes_no_bit(config, 
     anything = rng.integers(0, 1 << 32, 4096, dtype=np.uint64).astype(np.uint32)  # also remote, error frames
     anything = anything[~np.isin(anything & 0x03FFFFFF, np.array(right) & 0x03FFFFFF)]
     strangers = noise(rng, anything, count, begin_us)
-    impostors = noise(rng, wrong, count, begin_us)
-    pipeline, attacked = estimated(config, merged(frames, strangers, impostors))
+    wrong_senders = noise(rng, wrong, count, begin_us)
+    pipeline, attacked = estimated(config, merged(frames, strangers, wrong_senders))
     assert same_bits(attacked, clean[1])
     counters = pipeline.decoder.counters
-    assert sum(counters.other_senders.values()) > 0.8 * len(impostors)  # the rest: stray transport packets
+    assert sum(counters.other_senders.values()) > 0.8 * len(wrong_senders)  # the rest: transport packets
     assert counters.error_frames > 0
 
 

@@ -1,4 +1,4 @@
-"""Trucks that say little: a load that changes in a stop is found, and no number is believed that is wrong."""
+"""Trucks that send little: a load that changes in a stop is found, and no wrong mass is valid."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from canest.simulation.run import simulate
 from canest.system.shipped_files import shipped
 
 from .attacks import estimated
+
+pytestmark = pytest.mark.usefixtures("compiled")
 
 SHAFTS = ("output_shaft_speed", "undriven_speed")
 CLUTCH_ROLES = ("shift_in_process", "driveline_engaged", "lockup_engaged", "clutch_slip")
@@ -45,12 +47,12 @@ def test_a_change_of_load_is_found(drive, silent):
 
 @pytest.mark.parametrize("unsent", [(ETC1,), (ETC1, EBC2), (ETC1, ETC2, EBC2, VDC2)])
 def test_a_change_of_load_is_found_where_what_is_mapped_is_never_sent(drive, unsent):
-    heard = ~np.isin((drive.frames.can_id.astype(np.int64) >> 8) & 0x3FFFF, unsent)
-    judge(drive, load_config("class8"), drive.frames[heard])
+    received = ~np.isin((drive.frames.can_id.astype(np.int64) >> 8) & 0x3FFFF, unsent)
+    judge(drive, load_config("class8"), drive.frames[received])
 
 
 def judge(drive, config, frames):
-    """Require a mass that is right before and after the change, and none that is believed and wrong."""
+    """Require a mass that is right before and after the change, and none that is valid and wrong."""
     _, e = estimated(config, frames)
     t = e.t_us * 1e-6
     mass = drive.truth["mass_kg"][np.searchsorted(drive.truth["t_s"], t, side="right") - 1]

@@ -44,7 +44,7 @@ def frozen(frames, pgn, begin_us):
 
 
 def test_an_accelerometer_that_repeats_itself_bends_little(config):
-    """It is braked meanwhile: believed, that is a hill of 9 %."""
+    """It is braked meanwhile: a frozen speed taken as true is a hill of 9 %."""
     frames = simulate(load_scenario("mixed-36t").model_copy(update={"duration_s": 300.0})).frames
     clean = estimated(config, frames)[1]
     begin_us = int(frames.t_us[0]) + 220_000_000

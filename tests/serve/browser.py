@@ -121,10 +121,10 @@ class Tab:
     """One page of a browser."""
 
     def __init__(self, browser, session):
-        self._browser, self._session = browser, session
+        self.browser, self._session = browser, session
 
     def call(self, method, **parameters):
-        return self._browser.call(method, self._session, **parameters)
+        return self.browser.call(method, self._session, **parameters)
 
     def open(self, url):
         self.call("Page.navigate", url=url)
@@ -145,7 +145,7 @@ class Tab:
         while not self.run(f"document.readyState === 'complete' && ({condition})"):
             if time.monotonic() - begin_s > timeout_s:
                 raise AssertionError(f"not within {timeout_s} s: {condition}; {self.errors()}")
-            self._browser.pump(0.05)
+            self.browser.pump(0.05)
         return time.monotonic() - begin_s
 
     def press(self, key, code, number):
@@ -169,7 +169,7 @@ class Tab:
     def errors(self):
         """Return exceptions, console errors and what the content security policy has blocked."""
         found = []
-        for event in self._browser.events:
+        for event in self.browser.events:
             if event.get("sessionId") != self._session:
                 continue
             what = event["params"]
@@ -184,6 +184,6 @@ class Tab:
         """Return the addresses that the page has asked for."""
         return [
             e["params"]["request"]["url"]
-            for e in self._browser.events
+            for e in self.browser.events
             if e["method"] == "Network.requestWillBeSent" and e.get("sessionId") == self._session
         ]

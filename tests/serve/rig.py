@@ -67,26 +67,28 @@ class Stream:
 
     def __init__(self, folder):
         self.status_socket = folder / "status-can0.sock"
-        self._stream = LiveStream(stream_path(self.status_socket))
+        self.live = LiveStream(stream_path(self.status_socket))
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._send)
         self.pause_s, self.sent = 0.1, 0
+        self.mass_kg, self.status = 20_000.0, 2
         self._thread.start()
 
     def _send(self):
         t_s = time.time()
         while not self._ended.wait(self.pause_s):
             t_s += 0.1
-            row = [round(t_s, 2), 20_000.0 + self.sent % 7, 200.0, 0.01, 0.001, 2, 0, 20.0, 900.0, 9, 100]
-            self._stream.poll(lambda: STATUS)
-            if self._stream.watched:
-                self._stream.send_rows([row], row, 0.0)
+            mass_kg = self.mass_kg + self.sent % 7
+            row = [round(t_s, 2), mass_kg, 200.0, 0.01, 0.001, self.status, 0, 20.0, 900.0, 9, 100]
+            self.live.poll(lambda: STATUS)
+            if self.live.watched:
+                self.live.send_rows([row], row, 0.0)
                 self.sent += 1
 
     def close(self):
         self._ended.set()
         self._thread.join()
-        self._stream.close()
+        self.live.close()
 
 
 class Vehicle:

@@ -139,7 +139,7 @@ def test_the_numbers_on_the_page_are_those_of_the_broadcast_and_the_status(page,
             "document.getElementById('status').textContent]"
         )
         seen = [*seen, *broadcasts.drain()][-12:]
-        page._browser.pump(0.2)
+        page.browser.pump(0.2)
         if len(seen) < 12 or known not in ("valid", "converging"):
             continue
         # steps of 2 kg and 0.01 %, a half of each, and the rounding of the text
@@ -158,7 +158,7 @@ def test_the_numbers_on_the_page_are_those_of_the_broadcast_and_the_status(page,
 
 
 def test_nothing_fails_is_blocked_or_comes_from_elsewhere(page, driving):
-    page._browser.pump(1.0)
+    page.browser.pump(1.0)
     assert page.errors() == []
     assert all(url.startswith(f"http://127.0.0.1:{driving.port}/") for url in page.requested())
     sizes = page.run("performance.getEntriesByType('resource').map(e => [e.name, e.decodedBodySize])")
@@ -202,8 +202,8 @@ def test_an_accessibility_audit_finds_nothing(browser, driving, scheme, width):
     assert (ground == "rgb(255, 255, 255)") == (scheme == "light")
 
 
-def test_everything_can_be_done_by_keyboard_and_is_said_in_words(page):
-    page._browser.pump(3.0)
+def test_everything_can_be_done_by_keyboard_and_is_announced_in_words(page):
+    page.browser.pump(3.0)
     page.press("Tab", "Tab", 9)
     assert page.run("document.activeElement.textContent") == "Skip to the numbers"
     reached = []
@@ -249,6 +249,7 @@ def test_eight_hours_do_not_grow_the_page(alone):
               module.take("rows", { rows, newest: rows[9], quiet_s: 0 });
               const senders = { pgn_1_from_0x00: { frames: second } };
               module.take("status", { vehicle: "x", bus: { state: "up" }, senders });
+              module.take("change", [time, second % 2 ? "status valid" : "status converging"]);
             }
             return second;
           };
@@ -256,12 +257,12 @@ def test_eight_hours_do_not_grow_the_page(alone):
         """
     )
     alone.run("hour()")
-    alone._browser.pump(1.0)
+    alone.browser.pump(1.0)
     heap, nodes = alone.heap_bytes(), alone.metric("Nodes")
     for hours in range(2, 9):
         assert alone.run("hour()") == 3600 * hours
-        alone._browser.pump(0.3)
-    alone._browser.pump(1.0)
+        alone.browser.pump(0.3)
+    alone.browser.pump(1.0)
     assert alone.heap_bytes() - heap < 1_000_000
     assert alone.metric("Nodes") - nodes < 100
 
@@ -298,9 +299,15 @@ def test_a_daemon_that_hangs_or_ends_shows_and_one_that_comes_back_is_followed(b
         tab.wait(f"{PROBLEM}.includes('No data')", LOST_S)
         stack.enter_context(vehicle.daemon())
         tab.wait("/[0-9] km.h/.test(document.getElementById('speed').textContent)", 90)
+        newest_first = tab.run("[...document.querySelectorAll('#changes span')].map(e => e.textContent)")
+        assert sum(line.startswith("no data: ") for line in newest_first) >= 2
+        assert sum(line == "the source answers" for line in newest_first) >= 2
+        later = browser.page(f"http://127.0.0.1:{port}/")
+        later.wait("document.getElementById('changes').children.length >= 4")
+        assert violations(later) == []
 
 
-def test_a_page_reconnects_by_itself_and_says_so_meanwhile(browser, driving, vehicle):
+def test_a_page_reconnects_by_itself_and_shows_it_meanwhile(browser, driving, vehicle):
     port = free_port()
     with vehicle.page(port) as server:
         assert wait_for(lambda: is_up(port), 20)

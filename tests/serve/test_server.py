@@ -186,7 +186,7 @@ def opens(port):
     return False
 
 
-def test_connections_that_say_nothing_hold_nobody_up_for_long(server):
+def test_connections_that_send_nothing_hold_nobody_up_for_long(server):
     with contextlib.ExitStack() as idle:
         for _ in range(100):
             idle.enter_context(socket.create_connection(("127.0.0.1", server.port), 5))
@@ -229,7 +229,7 @@ def test_a_daemon_that_sends_rubbish_is_left_and_tried_again(tmp_path):
             assert process.process.poll() is None and "Traceback" not in process.output
 
 
-def test_a_taken_port_is_said_in_one_line(tmp_path):
+def test_a_taken_port_is_refused_in_one_line(tmp_path):
     with socket.socket() as occupied:
         occupied.bind(("127.0.0.1", 0))
         occupied.listen()

@@ -23,7 +23,7 @@ def test_a_quiet_bus_still_shows_the_last_known_mass_with_its_age(tmp_path, driv
     with Rig(monkeypatch, config(tmp_path), drive) as rig:
         rig.run(60)
         before = rig.daemon.estimate(rig.now_us)
-        rig.script._at = 1 << 40  # nobody sends any more
+        rig.script.fall_silent()
         rig.run(35)
         shown = snapshot(rig.daemon.view(rig.now_us))
     assert math.isfinite(before.mass_kg)
@@ -59,5 +59,5 @@ def test_the_monitor_keeps_the_last_mass_when_the_broadcast_has_none():
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(35.2, "35 s"), (720, "12 min"), (12600, "3.5 h")])
-def test_an_age_is_said_as_people_say_it(seconds, text):
+def test_an_age_is_shown_in_the_units_people_use(seconds, text):
     assert age(seconds) == text

@@ -20,8 +20,8 @@ from guest import missing_tools, testing
 
 _RUNS = pytest.StashKey[dict[str, testing.GuestRun]]()
 _ABROAD = pytest.StashKey[str]()
-#: The module whose tests take nearly half of the time; `tests/conftest.py` gives it to another worker.
-_OTHER_HALF = "test_service"
+#: The modules whose tests take half of the time; `tests/conftest.py` gives them to another worker.
+_OTHER_HALF = ("test_minute", "test_service")
 _NUMBERS = itertools.count()
 
 
@@ -63,7 +63,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     shared = "PYTEST_XDIST_WORKER" in os.environ
     guests: dict[str, list[str]] = {}
     for item in abroad:
-        guest = "guest-2" if shared and item.path.stem == _OTHER_HALF else "guest-1"
+        guest = "guest-2" if shared and item.path.stem in _OTHER_HALF else "guest-1"
         item.stash[_ABROAD] = guest
         guests.setdefault(guest, []).append(item.nodeid)
     config.stash[_RUNS] = {guest: testing.GuestRun(config, ids) for guest, ids in guests.items()}

@@ -106,7 +106,7 @@ def is_sound(can_id: int, payload: bytes) -> bool:
 
 
 def gate_code(label: str) -> int:
-    """Return the number under which the frame tells a gate."""
+    """Return the number of a gate in the frame."""
     choices = message().get_signal_by_name("EstimateGate").choices
     return next(int(number) for number, name in choices.items() if str(name) == label)
 
@@ -252,7 +252,7 @@ class Daemon:
         self.log = folder.with_suffix(".err")  # beside, since tests mount over the folder
         self._config = config
         changes = [f"bus.channel={interface}", f"service.state_dir={folder}", "service.learn='on+save'"]
-        # a mass that was restored with much doubt would move by learning alone
+        # a mass that was restored with a large standard deviation would move by learning alone
         changes.append("service.restore_std=0.002")
         self._command = [*prefix, sys.executable, "-m", "canest", "run", "-c", config]
         self._command += [word for change in changes for word in ("--set", change)] + list(options)

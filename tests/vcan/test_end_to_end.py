@@ -21,7 +21,7 @@ import rig
 pytestmark = pytest.mark.vcan
 
 CYCLES = 2
-#: Between a tick and the broadcast that tells it, in the median: a tick and an emulated processor's work.
+#: Between a tick and the broadcast that has it, in the median: a tick and an emulated processor's work.
 LAG_S = 0.3
 
 
@@ -157,8 +157,8 @@ def test_rate_is_never_above_the_configs(run: Run) -> None:
 def test_address_is_claimed_before_the_first_broadcast(run: Run) -> None:
     ours = [(t, can_id) for t, can_id, _ in run.dumped if can_id & 0xFF == rig.ADDRESS]
     assert ours[0][1] >> 8 & 0x3FFFF == 0xEE00 | 0xFF  # PGN 60928 to everybody
-    first_said_s = run.broadcasts[0][0]
-    assert first_said_s - ours[0][0] >= 0.25  # SAE J1939-81: a claim stands after 250 ms unopposed
+    first_s = run.broadcasts[0][0]
+    assert first_s - ours[0][0] >= 0.25  # SAE J1939-81: a claim stands after 250 ms unopposed
 
 
 def test_sigterm_ends_within_a_second_with_the_mass_saved(run: Run) -> None:

@@ -326,7 +326,7 @@ def test_survivor_is_the_one_that_was_started(running: rig.Daemon) -> None:
 
 
 def assert_unmoved(before: rig.ReceivedBroadcast, after: rig.ReceivedBroadcast) -> None:
-    """A mass may not move by more than 2 %, or than two of its own std where it has begun to doubt."""
+    """A mass may not move by more than 2 %, or than two of its own std where that has grown."""
     assert before.mass_kg is not None
     share = max(0.02, 0.02 * after.signals["EstimatedMassStd"])
     assert after.mass_kg == pytest.approx(before.mass_kg, rel=share), after.signals

@@ -105,7 +105,7 @@ def minute(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemons]:
         )
         both = (daemons.asleep, daemons.attacked)
         for daemon in both:
-            # with little doubt, so that learning alone moves it little
+            # with a small standard deviation, so that learning alone moves it little
             daemon.remember(rig.TRUE_MASS_KG, 100.0)
             daemon.launch()
             stack.callback(daemon.__exit__)
@@ -164,7 +164,7 @@ def moved(received: list[rig.ReceivedBroadcast]) -> float:
 
 
 def test_a_minute_of_sleep_leaves_estimates_of_now(minute: Daemons, record_property: Record) -> None:
-    """It was not told to expect it, no supervisor restarted it, and what it had learned is what it says."""
+    """It was not prepared for it, no supervisor restarted it, and it broadcasts what it had learned."""
     record_property("recovered_s", minute.recovered_s)
     before, after = minute.before[ASLEEP], minute.after[ASLEEP]
     assert minute.slept_s >= MINUTE_S

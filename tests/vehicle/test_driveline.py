@@ -49,12 +49,12 @@ def test_in_gear_it_is() -> None:
     assert speed() == pytest.approx([8.0] * 2)
     assert speed(vehicle_speed=8.4) == pytest.approx([8.0] * 2)
     assert speed(vehicle_speed=math.nan) == pytest.approx([8.0] * 2)
-    told_once = np.array([1.0, math.nan])
-    assert speed(driveline_engaged=told_once) == pytest.approx([8.0] * 2)  # nobody says that it is not
+    sent_once = np.array([1.0, math.nan])
+    assert speed(driveline_engaged=sent_once) == pytest.approx([8.0] * 2)  # nothing reports that it is not
 
 
 def test_a_clutch_that_was_never_reported_open_is_closed() -> None:
-    """As in a config without a clutch's roles: what is mapped and never sent tells no more than that."""
+    """As in a config without a clutch's roles: what is mapped and never sent counts for no more than that."""
     assert np.isnan(speed(driveline_engaged=math.nan)).all()
     assert speed(driveline_engaged=math.nan, vehicle_speed=8.4) == pytest.approx([8.4] * 2)
     one_gear = config(list(TRUCK), vehicle={"gear_ratios": {1: 4.0}})
@@ -158,7 +158,7 @@ def test_the_steps_of_the_speed_in_use_count() -> None:
         "engine_speed": {"message": "EEC1", "signal": "EngSpeed"},
         "vehicle_speed": {"message": "CCVS1", "signal": "WheelBasedVehicleSpeed"},
     }
-    heard = config(list(few)).model_dump() | {"dbc": ["j1939.dbc"], "signals": few}
-    assert resolution_of(read_databases(Config.model_validate(heard)))["speed"] == pytest.approx(
+    mapped = config(list(few)).model_dump() | {"dbc": ["j1939.dbc"], "signals": few}
+    assert resolution_of(read_databases(Config.model_validate(mapped)))["speed"] == pytest.approx(
         1 / 256 / 3.6
     )

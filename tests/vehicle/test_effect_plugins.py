@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import pytest
-from fresh_interpreter import output_of
 
 from canest.config import parse_config
 from canest.core.errors import ConfigError
@@ -24,6 +23,7 @@ from canest.vehicle.effects import (
     skipped_effects,
 )
 from canest.vehicle.effects import registry as effect_registry
+from tests.fresh_interpreter import output_of
 
 CLASS8 = (shipped("configs") / "class8.yaml").read_text(encoding="utf-8")
 

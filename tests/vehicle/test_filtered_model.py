@@ -216,8 +216,8 @@ def test_backwards_an_accelerometer_is_not_used() -> None:
 
 
 @pytest.mark.parametrize("cut", [[], [40], [61, 62, 90]])
-@pytest.mark.parametrize(("speed", "felt"), [("engine_speed", False), ("vehicle_speed", True)])
-def test_an_engines_speed_is_not_the_vehicles_in_a_shift_or_until_it_has_settled(speed, felt, cut) -> None:
+@pytest.mark.parametrize(("speed", "counts"), [("engine_speed", False), ("vehicle_speed", True)])
+def test_an_engines_speed_is_not_the_vehicles_in_a_shift_or_until_it_has_settled(speed, counts, cut) -> None:
     roles = (
         "engine_torque", speed, "gear_ratio", "driveline_engaged", "shift_in_process", "longitudinal_accel"
     )  # fmt: skip
@@ -239,7 +239,7 @@ def test_an_engines_speed_is_not_the_vehicles_in_a_shift_or_until_it_has_settled
         part = ticks({k: v[a:b] for k, v in values.items()}, b - a, a, continues=a > 0)
         used.extend(regression.process(part).ax_ok.tolist())
     parted = [i for i, ok in enumerate(used) if not ok]
-    assert parted == ([] if felt else list(range(50, 120)))
+    assert parted == ([] if counts else list(range(50, 120)))
 
 
 def test_a_slope_sensor_gives_the_tangent() -> None:

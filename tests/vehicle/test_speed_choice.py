@@ -1,4 +1,4 @@
-"""Which signal tells the speed, and what becomes of the step where another one takes over."""
+"""Which signal gives the speed, and what becomes of the step where another one takes over."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def chosen(*speeds: np.ndarray, cuts: tuple[int, ...] = ()) -> tuple[np.ndarray,
 def test_the_finest_speed_is_taken_and_the_next_where_it_is_lost() -> None:
     speed, taken = chosen(lost(SHAFT, (100, 200)), AXLE, ENGINE)
     assert (taken[:100] == 0).all()
-    # back for a second before it is believed
+    # back for a second before it counts
     assert (taken[100:250] == 1).all()
     assert (taken[250:] == 0).all()
     # the steps between them are no speed; all else is one of the two

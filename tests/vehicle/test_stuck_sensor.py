@@ -27,7 +27,7 @@ ROLES = ("engine_torque_pct", "engine_speed", "output_shaft_speed", "undriven_sp
          "longitudinal_accel")  # fmt: skip
 #: from 12 s on it brakes, as the sensor feels
 BRAKED = SPEED - 1.5 * np.clip(T_S - 12.0, 0.0, 3.0)
-FELT = np.gradient(BRAKED, T_S) + NOISE
+ACCEL = np.gradient(BRAKED, T_S) + NOISE
 
 
 def mapped() -> Config:
@@ -90,21 +90,23 @@ def test_a_speed_that_may_be_true_is_left_alone(shaft: np.ndarray, undriven: np.
 
 
 @pytest.mark.parametrize(
-    ("speed", "felt", "stuck"),
+    ("speed", "accel", "stuck"),
     [
-        (BRAKED, FELT, False),
-        (BRAKED, frozen(FELT), True),
-        (SPEED, frozen(FELT), False),  # slower than a road may be
-        (np.where(T_S < 12, SPEED, SPEED + 20), frozen(FELT), False),  # a jump is no motion
+        (BRAKED, ACCEL, False),
+        (BRAKED, frozen(ACCEL), True),
+        (SPEED, frozen(ACCEL), False),  # slower than a road may be
+        (np.where(T_S < 12, SPEED, SPEED + 20), frozen(ACCEL), False),  # a jump is no motion
     ],
-    ids=["feels", "frozen", "slow", "jump"],
+    ids=["braking", "frozen", "slow", "jump"],
 )
 def test_an_accelerometer_that_shows_no_braking_is_taken_as_stuck(
-    speed: np.ndarray, felt: np.ndarray, stuck: bool
+    speed: np.ndarray, accel: np.ndarray, stuck: bool
 ) -> None:
     sensor = StuckSensor(model_spec(mapped()))
     shaft = (speed + NOISE) * RPM_PER_MPS
-    block = drive(output_shaft_speed=shaft, engine_speed=shaft, longitudinal_accel=felt, undriven_speed=speed)
+    block = drive(
+        output_shaft_speed=shaft, engine_speed=shaft, longitudinal_accel=accel, undriven_speed=speed
+    )
     lost = silent(block, sensor.mask_stuck(block))
     assert set(lost) == ({"longitudinal_accel", "yaw_rate"} if stuck else set())
     if stuck:  # a second of 1.5 m/s2 at the latest, and to the end
@@ -120,7 +122,7 @@ def test_any_cut_gives_the_same_bits() -> None:
         output_shaft_speed=still - (SPEED - BRAKED) * RPM_PER_MPS,
         engine_speed=frozen(SHAFT, 500, 900),
         undriven_speed=gone,
-        longitudinal_accel=frozen(FELT, 400, 950),
+        longitudinal_accel=frozen(ACCEL, 400, 950),
     )
     whole = StuckSensor(model_spec(mapped())).mask_stuck(block)
     assert len(silent(block, whole)) == 2

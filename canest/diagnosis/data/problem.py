@@ -57,7 +57,7 @@ class Problem:
             error.failed, error.notes = self.failed, self.notes
             raise error
         # a fit asks for the same values again and again, and each costs a run of the model
-        self._remembered = lru_cache(maxsize=100)(self._residual_N)
+        self._cached = lru_cache(maxsize=100)(self._residual_N)
         offset, chunks = 0, []
         for part in self.parts:
             chunks.append(part.windows.chunk + offset)
@@ -87,7 +87,7 @@ class Problem:
 
     def residual_N(self, effects: Sequence[Effect]) -> FloatColumn:
         """Return the residual of the model with these effects, in N, not whitened (n,)."""
-        return self._remembered(tuple(effects))
+        return self._cached(tuple(effects))
 
     def _residual_N(self, effects: tuple[Effect, ...]) -> FloatColumn:
         residual = np.concatenate([p.residual_N(effects) for p in self.parts])
@@ -153,7 +153,7 @@ class Problem:
     def _nuisance(self) -> Matrix:
         """Return what is always free per drive, in N per unit (n, columns).
 
-        An unknown mass; and the accelerometer's bias where no altitude tells it. (Its pitch coupling is
+        An unknown mass; and the accelerometer's bias where no altitude gives it. (Its pitch coupling is
         left to the smoother: free here, it would take what inertia and rolling radius do.)
         """
         columns = []

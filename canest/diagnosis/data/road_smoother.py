@@ -22,7 +22,7 @@ from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 from canest.core.samples import GRAVITY_MPS2, RATE_HZ
 from canest.diagnosis.data.least_squares import Matrix
 
-#: noise of a navigation receiver's altitude, m, when its own scatter does not say
+#: noise of a navigation receiver's altitude, m, when its own scatter does not show it
 MIN_ALTITUDE_STD_M = 0.3
 #: an accelerometer's share of vibration that is left in one second, m/s2
 ACCELEROMETER_STD_MPS2 = 0.04
@@ -110,10 +110,10 @@ def smooth(
     equations.road(fresh, speed, walk)
     seen = np.flatnonzero(np.isfinite(altitude))
     equations.add([(seen, "altitude", 1.0)], altitude[seen], altitude_std)
-    felt = np.flatnonzero(np.isfinite(extra))
-    scatter = np.hypot(ACCELEROMETER_STD_MPS2, 0.05 * accel[felt])
-    of_drive = np.column_stack([np.ones(len(felt)), GRAVITY_MPS2 * accel[felt]])
-    equations.add([(felt, "slope", GRAVITY_MPS2)], extra[felt], scatter, of_drive)
+    at = np.flatnonzero(np.isfinite(extra))
+    scatter = np.hypot(ACCELEROMETER_STD_MPS2, 0.05 * accel[at])
+    of_drive = np.column_stack([np.ones(len(at)), GRAVITY_MPS2 * accel[at]])
+    equations.add([(at, "slope", GRAVITY_MPS2)], extra[at], scatter, of_drive)
     pitch_std = PITCH_STD if pitch is None else 0.3 * max(pitch, 0.003)
     equations.add([], np.array([0.0]), BIAS_STD_MPS2, np.array([[1.0, 0.0]]))
     equations.add([], np.array([0.01 if pitch is None else pitch]), pitch_std, np.array([[0.0, 1.0]]))

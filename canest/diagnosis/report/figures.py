@@ -165,7 +165,7 @@ def _panel(
     panels.points(i, x[keep], y[keep], name, colour if colour != BEFORE else MUTED, cloud=True)
     means = binned(x, y, problem.chunk)
     panels.points(i, means.centre, means.mean, name, colour, spread=means.std)
-    # the clouds' outliers would flatten what the means say
+    # the clouds' outliers would hide the means
     size = np.abs(y[np.isfinite(y)])
     limit = 1.5 * float(np.percentile(size, 97)) if len(size) else 1.0
     before = panels.axis(i, "y").get("range", [0.0, 0.0])[1]

@@ -50,7 +50,7 @@ def write_empty(
     error: TooLittleDrivingError, config: Config, config_name: str, logs: Sequence[str], directory: Path
 ) -> Written:
     """Write the three files of logs in which nothing could be measured: the config stays as it was."""
-    finding = f"Nothing can be said of the model: {error.what}, {error.found}; `canest check` shows why."
+    finding = f"The model cannot be judged: {error.what}, {error.found}; `canest check` shows why."
     _make(directory)
     paths = _together(
         directory,

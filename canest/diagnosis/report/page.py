@@ -12,6 +12,7 @@ from canest.diagnosis.report.figures import BEFORE
 from canest.diagnosis.report.format import change, entry_name, entry_value, interval, score_rows
 from canest.diagnosis.run import Diagnosis
 from canest.diagnosis.sentences import alternatives, capitalised, describe, describe_equivalents
+from canest.report.config_section import config_section
 from canest.report.figure import BLUE
 from canest.report.page import Bar, Card, Page, Section, Table
 from canest.vehicle.effects import effect_class
@@ -30,7 +31,7 @@ def report_page(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str
         facts=_facts(diagnosis),
         cards=_cards(diagnosis),
     )
-    page.sections += [_said(diagnosis), _before_and_after(diagnosis)]
+    page.sections += [_statement(diagnosis), _before_and_after(diagnosis)]
     if diagnosis.steps:
         page.sections.append(_steps(diagnosis))
     if diagnosis.search.chosen:
@@ -45,6 +46,7 @@ def report_page(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str
     page.sections.append(_signals(diagnosis))
     if diagnosis.problem.notes:
         page.sections.append(_notes(diagnosis))
+    page.sections.append(config_section(diagnosis.config))
     return page
 
 
@@ -109,7 +111,7 @@ def _steps(d: Diagnosis) -> Section:
     return Section("What explains it", text=text, bars=bars)
 
 
-def _said(d: Diagnosis) -> Section:
+def _statement(d: Diagnosis) -> Section:
     return Section("In numbers", table=Table([""], [[line] for line in d.details]))
 
 
@@ -145,7 +147,7 @@ def _dependence(d: Diagnosis) -> Section:
     size = 100 * d.after.residual_rms_N / d.problem.weight_N
     text = (
         f"What is left: {d.after.residual_rms_N:,.0f} N RMS, {size:.2f} % of the weight (as much as a slope "
-        f"of {size:.2f} %). The table says which share of the residual a curve over each quantity would "
+        f"of {size:.2f} %). The table has which share of the residual a curve over each quantity would "
         "explain; near zero is what noise looks like. " + _hidden_part(d)
     )
     table = Table(["residual explained by", "before", "after"], rows)
@@ -182,7 +184,7 @@ def _candidates(d: Diagnosis, found: Sequence[Entry]) -> Section:
         "others alone. The model column is what the best model with the effect in it removes. "
         + " ".join(alike)
     )
-    header = ["effect", "value ± standard deviation", "removes", "model", "cannot be told from"]
+    header = ["effect", "value ± standard deviation", "removes", "model", "inseparable from"]
     return Section("Every effect tried", text=text, table=Table(header, rows, left=(0, 4)))
 
 

@@ -1,4 +1,4 @@
-"""The config with what was found: the user's own text with the additions, wherever that says the same."""
+"""The config with what was found: the user's own text with the additions, where that means the same."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ class Candidate:
     effect: str
     parameter: str
     shape: tuple[tuple[str, object], ...] = ()
-    #: with an unknown mass: never selected, only named where the data cannot tell it from what is
+    #: with an unknown mass: never selected, only named where the data cannot separate it from what is
     confounded: bool = False
     #: no vehicle of this config can have less (no negative inertia, drag or rolling resistance in all)
     low: float = -np.inf
@@ -51,7 +51,7 @@ class Candidate:
 
     @property
     def rarity(self) -> int:
-        """Place among effects that the data cannot tell apart: the lowest is the commonest."""
+        """Place among effects that the data cannot separate: the lowest is the commonest."""
         return self.kind.rarity
 
     @property

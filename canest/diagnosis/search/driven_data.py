@@ -31,7 +31,7 @@ def driven_data(problem: Problem, switches: Sequence[str]) -> DrivenData:
 def _loading_stops(problem: Problem) -> list[float]:
     """Return when the vehicle stood for long enough to be loaded, the middle of each such stop, s.
 
-    A time says which drive is meant only where no other one was at that time.
+    A time identifies a drive only where no other one was at that time.
     """
     spans = sorted(tuple(p.run.samples.t_us[[0, -1]].tolist()) for p in problem.parts)
     if any(begin <= end for (_, end), (begin, _) in pairwise(spans)):

@@ -1,4 +1,4 @@
-"""Which candidates this data cannot tell apart: they fit as well, or their regressors are the same.
+"""Which candidates this data cannot separate: they fit as well, or their regressors are the same.
 
 As well: as they stand, or with the small errors that every vehicle has and that nobody can rule out.
 """
@@ -53,7 +53,7 @@ class Alternatives:
         self._errors = [spread[c.label] * column for c, column in offered if c.label in spread]
 
     def alike(self, c: Candidate) -> list[Candidate]:
-        """Return the candidates whose regressors this data cannot tell from this one's."""
+        """Return the candidates whose regressors this data cannot separate from this one's."""
         mine = self._rest(next(column for o, column in self._offered if o.label == c.label), [])
         found = [
             o for o, column in self._offered if o.label != c.label and _mirrors(mine, self._rest(column, []))
@@ -92,7 +92,7 @@ class Alternatives:
             alike = _mirrors(mine, self._rest(theirs, others))
             beside_errors = self._left_allowing(without, [*others, theirs], best)
             allowing = as_good(beside_errors, best_allowing, chunk)
-            # what a delay leaves may be small errors: what takes more of these says nothing of the delay
+            # what a delay leaves may be small errors: what takes more of these is no evidence of a delay
             plainly = (nearly or as_good(left, best_left, chunk)) and (allowing or not chosen.is_delay)
             if alike or plainly or (allowing and worse < (1.0 - EQUIVALENT_PART) * (missed - best)):
                 found.append(c)

@@ -6,7 +6,7 @@ A set's measure is the Bayesian information criterion,
 
 where `left` is what the set leaves of the squared residual, k how many effects it has, and n how many
 independent observations there are. Seconds of one block of driving share their errors, so n is the number of
-seconds over the inflation that their correlation causes. Two sets are told apart by the difference: 2 log of
+seconds over the inflation that their correlation causes. Two sets are compared by the difference: 2 log of
 the odds between them.
 
 A fault has a usual size, too: large faults are rarer than small ones. Otherwise two large effects that undo
@@ -31,7 +31,7 @@ from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 from canest.diagnosis.data.least_squares import Matrix
 from canest.diagnosis.search.candidates import Candidate
 
-#: sets whose criterion is this close to the best are not told apart by the data, and an effect is taken where
+#: sets whose criterion is this close to the best are not separated by the data, and an effect is taken where
 #: the criterion is better by this with it: odds of 20
 DECISIVE = 6.0
 #: an effect that is not there makes a set likelier by chance, by more than this (as 2 log) once in ten times

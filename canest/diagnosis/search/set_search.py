@@ -28,6 +28,7 @@ from canest.diagnosis.search.evidence import (
     price_of,
     without_idle_members,
 )
+from canest.diagnosis.search.fitted_sets import FittedSet, commonest, widen_by_rivals
 from canest.diagnosis.search.joint_fit import TICK_STD_S, JointFit
 from canest.diagnosis.search.value_fit import Prior, refine, regressors
 
@@ -38,32 +39,16 @@ USUAL_DELAY_S = 0.15
 MIN_SHARE = 0.03
 #: and be so many standard deviations from neutral, all that small errors may do included
 MIN_SIGMAS = 1.0
-#: a small error that is beyond doubt (two standard deviations) larger than so many of its own is none
-LARGEST_SMALL, BEYOND_DOUBT = 2.0, 2.0
+#: a small error that is larger than so many of its spreads, by so many of its standard deviations, is none
+LARGEST_SMALL, SIGNIFICANT_SIGMAS = 2.0, 2.0
 #: a delay is far from linear: its fit starts from the best of these
 DELAY_STARTS_S = (0.0, 0.06, 0.12, 0.2, 0.3, 0.4)
 #: sets whose values are fitted by the model, and how far they may be behind along straight lines
 MAX_FITTED, SHORTLISTED = 10, 15.0
-#: of sets this close the commonest is taken: odds below 3 are not worth a mention
-NO_DIFFERENCE = 2.0
 #: noise and correlation follow from the best set, and the best set from them: so many rounds settle that
 _ROUNDS = 3
 #: a regressor of which small errors and nuisances leave less than this share cannot be seen
 _VISIBLE = 1e-6
-
-
-@dataclass
-class FittedSet:
-    """A set of effects with fitted values, beside the reporting delay, and its criterion."""
-
-    chosen: list[Chosen]
-    criterion: float
-    price: float  #: the criterion, with what taking so many effects of so many costs
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Return the effects' names, each once."""
-        return tuple(dict.fromkeys(c.candidate.effect for c in self.chosen))
 
 
 @dataclass
@@ -77,9 +62,9 @@ class _Offers:
 class Search(JointFit):
     """A joint fit that chooses by itself what is in it.
 
-    rivals: sets of effects that the data does not tell from the best one, best first. usual_delay: a delay of
-    the torque that is no finding, where nothing else was found; None without one. evident: whether the data
-    speaks for some set of effects, be it one that could not be taken.
+    rivals: sets of effects that the data does not separate from the best one, best first. usual_delay: a
+    delay of the torque that is no finding, where nothing else was found; None without one. evident: whether
+    the data supports some set of effects, be it one that could not be taken.
     """
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
@@ -106,7 +91,7 @@ class Search(JointFit):
         residual, columns = self.current()
         offers, evidence, sets = self._linear_sets(residual, columns)
         fitted = [self._fitted(s, offers, evidence) for s in self._shortlist(sets, offers)]
-        taken = self._commonest(fitted)
+        taken = commonest(fitted)
         self.chosen = [*self.chosen, *(Chosen(c.candidate, c.deviation) for c in taken.chosen)]
         self.refit()
         self._leave_out_errors_not_shown()
@@ -115,7 +100,7 @@ class Search(JointFit):
         self.evident = bool(taken.chosen)
         self.rivals = sorted((f for f in fitted if f.criterion <= best + DECISIVE), key=lambda f: f.criterion)
         self._prune()
-        self._widen_by_rivals(best)
+        widen_by_rivals(self.chosen, self.rivals, best)
         self._leave_out_a_usual_delay()
 
     def without_choice(self) -> Search:
@@ -184,18 +169,6 @@ class Search(JointFit):
         price = criterion + price_of(len(chosen), len(offers.candidates))
         return FittedSet(chosen, criterion, price)
 
-    def _commonest(self, fitted: Sequence[FittedSet]) -> FittedSet:
-        """Return, of the sets as good as the best one and not larger, the commonest."""
-        best = min(fitted, key=lambda f: f.price)
-        near = [
-            f
-            for f in fitted
-            if f.price <= best.price + NO_DIFFERENCE
-            and len(f.chosen) == len(best.chosen)
-            and all(c.candidate.possible(c.deviation) for c in f.chosen)
-        ]
-        return min(near or [best], key=lambda f: sum(c.candidate.rarity for c in f.chosen))
-
     def _leave_out_errors_not_shown(self) -> None:
         """Fit the values again beside those small errors of the vehicle only that this data shows.
 
@@ -224,7 +197,7 @@ class Search(JointFit):
         added = [
             Chosen(c, value * self._spread[c.label])
             for c, value, uncertain in zip(own, size.tolist(), std.tolist(), strict=False)
-            if abs(value) - BEYOND_DOUBT * uncertain > LARGEST_SMALL
+            if abs(value) - SIGNIFICANT_SIGMAS * uncertain > LARGEST_SMALL
             and not c.confounded
             and not any(c.repeats(o.candidate) for o in self.chosen)
             and c.possible(value * self._spread[c.label])
@@ -232,19 +205,6 @@ class Search(JointFit):
         if added:
             self.chosen += added
             self.refit()
-
-    def _widen_by_rivals(self, best: float) -> None:
-        """Widen every standard deviation by how far the value is another one in sets that are as likely."""
-        for c in self.chosen:
-            weight, spread = 0.0, 0.0
-            for rival in self.rivals:
-                for other in rival.chosen:
-                    if other.candidate.label == c.candidate.label:
-                        likely = float(np.exp(-0.5 * (rival.criterion - best)))
-                        weight += likely
-                        spread += likely * (other.deviation - c.deviation) ** 2
-            if weight:
-                c.std = float(np.hypot(c.std, np.sqrt(spread / weight)))
 
     def _leave_out_a_usual_delay(self) -> None:
         """Choose nothing where all that was found is that torque is reported as late as engines report it.
@@ -259,7 +219,7 @@ class Search(JointFit):
     def _best_start(self, c: Candidate) -> float:
         """Return the deviation, of those that a fit may start from, that leaves the smallest residual.
 
-        Small errors may take their part of it, as may a constant: neither says anything about a delay.
+        Small errors may take their part of it, as may a constant: neither is evidence of a delay.
         """
         assert self.prior is not None
         everything = np.ones(self.problem.rows, np.bool_)

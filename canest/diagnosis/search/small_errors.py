@@ -2,7 +2,7 @@
 
 An engine's torque is right within some per cent, some wind always blows, tyres roll as their temperature and
 the surface will have it. Too small to be found each, together they move a fitted value by more than its
-scatter between blocks of the drive tells, and it is they that make it another value on another day.
+scatter between blocks of the drive counts, and it is they that make it another value on another day.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def variance_beside(
     """Return by how much the fitted values vary with the small errors that the fit leaves out (k,).
 
     residual: whitened (n,); fitted, small: whitened regressors (n, k) and (n,) each. What the data itself
-    says of a small error counts: each is fitted to what is left, with its spread as the prior and a chunk as
+    has of a small error counts: each is fitted to what is left, with its spread as the prior and a chunk as
     one observation, and the values follow by least squares.
     """
     if not small or not fitted.shape[1]:

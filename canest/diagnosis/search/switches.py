@@ -33,7 +33,7 @@ def with_switches(config: Config, ranked: Sequence[Ranked]) -> Config:
 
 
 def _role_for(source: Source, taken: Collection[str]) -> str:
-    """Return a name for what a signal says: never a role that means something else to the model already."""
+    """Return a name for a signal's column: never a role that means something else to the model already."""
     name = (source.signal or source.column or "").lower()
     role = re.sub(r"\W+", "_", name).strip("_") or "signal"
     while role in taken:

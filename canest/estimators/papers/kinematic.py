@@ -28,7 +28,7 @@ class KinematicGrade:
 
     The weight of a sample is 1 / (calm^2 + s^2) with s^2 the variance of the raw grade over the last
     ``buffer_s`` (large: bounce and pitch); weights fade over ``memory_s``. The paper leaves pitch out and
-    says how a correction would look (proportional to the acceleration); here it is.
+    shows how a correction would look (proportional to the acceleration); here it is.
     """
 
     def __init__(self, pitch_rad_per_mps2: float, buffer_s: float, memory_s: float, calm: float) -> None:
@@ -38,7 +38,7 @@ class KinematicGrade:
         self._state = [0.0, 0.0, 0.0, 0.0, 0.0]
 
     def __call__(self, block: ModelBlock) -> tuple[IntColumn, FloatColumn, FloatColumn]:
-        """Return positions (k,), sin(beta) (k,) and its variance (k,) where there is something to say."""
+        """Return positions (k,), sin(beta) (k,) and its variance (k,) where they are known."""
         at = np.flatnonzero(has_accelerometer(block))
         raw = (block.accelerometer_mps2[at] - block.accel_mps2[at]) / GRAVITY_MPS2
         raw = np.clip(raw - self._pitch * block.accel_mps2[at], -1.0, 1.0)

@@ -1,4 +1,4 @@
-"""What every method that learns a mass shares: start, remember, restart."""
+"""What every method that learns a mass shares: start, restore, restart."""
 
 from __future__ import annotations
 
@@ -39,5 +39,5 @@ class LearnedMass(ChunkedEstimator):
         return {"mass_kg": mass, "mass_std_kg": std} if self._confirmed else {}
 
     def restore(self, mass_kg: float, mass_std_kg: float) -> None:
-        """Start from a remembered mass and its (already widened) standard deviation."""
+        """Start from a saved mass and its (already widened) standard deviation."""
         self._begin(mass_kg, mass_std_kg)

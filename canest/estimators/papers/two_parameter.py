@@ -1,6 +1,6 @@
 """Estimators of theta = [1/M, sin(beta + beta_mu)] by linear regression: batch start, rows, numbers out.
 
-A method only says how it learns from rows (`_start`, `_learn`); everything a user sees (bounds,
+A method only defines how it learns from rows (`_start`, `_learn`); everything a user sees (bounds,
 standard deviations, status, the batch start of section 5.2 of the 2005 paper) is written once.
 """
 
@@ -136,7 +136,7 @@ class TwoParameter(InverseMassEstimator):
         return Regression(at, kept[:, 0], kept[:, 1], kept[:, 2], kept[:, 3])
 
     def _prior_p(self, mass_kg: float, std_kg: float | None) -> tuple[float, float]:
-        """Return the diagonal of P before any data: what the user or the bounds say, per noise variance."""
+        """Return the diagonal of P before any data: by the user or the bounds, per noise variance."""
         if self.options.p0 is not None and std_kg is None:
             p0: tuple[float, float] = self.options.p0
             return p0
@@ -146,7 +146,7 @@ class TwoParameter(InverseMassEstimator):
         return var1 / PRIOR_NOISE_MPS2**2, var2 / PRIOR_NOISE_MPS2**2
 
     def _begin(self, mass_kg: float, std_kg: float | None) -> None:
-        """Start from a mass that somebody gave (or remembered)."""
+        """Start from a mass that somebody gave (or that was saved)."""
         p1, p2 = self._prior_p(mass_kg, std_kg)
         self._prior_information = (1.0 / p1, 1.0 / p2)
         self._begin_at(self._prior_theta(mass_kg), (p1, 0.0, p2), PRIOR_NOISE_MPS2**2)

@@ -31,7 +31,7 @@ class PlainEstimator(ABC):
     @property
     @abstractmethod
     def P(self) -> FloatColumn:
-        """Return the covariance after the last row, shape (k, k); the class says in which scale."""
+        """Return the covariance after the last row, shape (k, k); the class defines its scale."""
 
     def update(self, y: ArrayLike, phi: ArrayLike) -> FloatColumn:
         """Learn from one row or from a block of rows, in order.

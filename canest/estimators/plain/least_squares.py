@@ -58,7 +58,7 @@ class RLS(_MatrixForgetting):
         P <- (I - L phi^T) P / lambda
 
     Source: Vahidi et al. 2005, eqs. 10-11 (lambda = 1: eqs. 6-8); Rhode and Gauterin 2013, Alg. 6.
-    forgetting: lambda, above 0, at most 1; about 1 / (1 - lambda) rows are remembered.
+    forgetting: lambda, above 0, at most 1; about 1 / (1 - lambda) rows count.
     theta0: (k,), zeros without it. P0: a number times the identity, k numbers for the diagonal, or (k, k), in
     theta^2 / y^2. `P` times the variance of y's noise is the covariance of theta.
     Without excitation and with lambda < 1, P grows without bound (section 4.1 of the 2005 paper).

@@ -80,7 +80,7 @@ canest.Figure = class {
       if (key === "font") layout["font.color"] = value.color;
     }
     const paper = canest.theme.isPrinting(); // one page of it
-    Object.assign(layout, { width: paper ? 680 : null, height: Math.min(this.layout.height, paper ? 860 : Infinity), autosize: !paper });
+    Object.assign(layout, { width: paper ? 680 : null, height: Math.min(this.layout.height, paper ? 660 : Infinity), autosize: !paper });
     Plotly.update(this.plot, restyled, layout);
     canest.legend(this);
     this.changed();

@@ -14,7 +14,7 @@ const PANELS = [
   { name: "gear", title: "Gear", colour: "--gear", least: 2, show: same, stepped: true },
   { name: "residual_N", title: "Residual, N (0: the model explains all)", colour: "--residual", least: 500, show: same, trimmed: true },
 ];
-// kinds of gates: a colour and a direction of hatching each, so that colour is not all that tells them apart
+// kinds of gates: a colour and a direction of hatching each, so that they differ by more than colour
 const KINDS = [
   { gates: ["stale", "invalid", "implausible"], rgb: "213,94,0", slope: 1 },
   { gates: ["brake", "retarder"], rgb: "204,121,167", slope: -1 },
@@ -146,9 +146,22 @@ export class Charts {
     return [times, values, low, high];
   }
 
+  /** Each minute of the day, the darker the more of it a gate was closed. */
+  shadeDay({ ctx, bbox, valToPos }) {
+    const times = this.store.dayColumn("t_s"), open = this.store.dayColumn("open");
+    ctx.save();
+    times.forEach((time, at) => {
+      const left = Math.max(valToPos(time, "x", true), bbox.left), right = valToPos(time + 60, "x", true);
+      if (right <= bbox.left || open[at] >= 1) return;
+      ctx.fillStyle = `rgba(128,128,128,${(0.45 * (1 - open[at])).toFixed(3)})`;
+      ctx.fillRect(left, bbox.top, Math.max(right - left, 1), bbox.height);
+    });
+    ctx.restore();
+  }
+
   /** Shade the spans of closed gates, with their names where there is room. */
   shade(plot) {
-    if (this.day) return;
+    if (this.day) return this.shadeDay(plot);
     const { ctx, bbox } = plot, ratio = devicePixelRatio || 1;
     const first = plot === this.panels[0].plot;
     ctx.save();
@@ -209,7 +222,7 @@ function trimmed(values) {
   return sorted.slice(cut, sorted.length - cut);
 }
 
-/** Lines across a span; the slope tells kinds of gates apart without colour. */
+/** Lines across a span; the slope separates kinds of gates without colour. */
 function hatch(ctx, { rgb, slope }, left, { top, height }, width, step) {
   if (slope === null) return;
   ctx.save();

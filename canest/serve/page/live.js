@@ -1,10 +1,11 @@
 // Connects to the server, keeps the rows, and draws; whatever is lost shows within two seconds.
 import { Charts, road } from "./charts.js";
 import { RECENT_S, Store } from "./store.js";
-import { showGates, showKnown, showNumbers, showProblem, showSnapshot, showStatus } from "./view.js";
+import { showChanges, showGates, showKnown, showNumbers, showProblem, showSnapshot, showStatus } from "./view.js";
 import { age, clock, sentence } from "./words.js";
 
 const DRAW_MS = 200, CHECK_MS = 250, DESCRIBE_MS = 10000, DAY_MS = 60000;
+const MOST_CHANGES = 100;
 const LOST_S = 1.8; // without a word from the server
 const QUIET_S = 1.0; // without a frame on the bus
 const STALE_S = 1.0; // without a new estimate
@@ -16,7 +17,7 @@ const charts = new Charts(id("charts"), store, (time) => readAt(time));
 const state = {
   names: { gates: {}, statuses: [] }, newest: null, newestAt: -Infinity, quiet: null, quietAt: 0, status: null,
   statusAt: 0, problem: "connecting", eventAt: seconds(), source: "the daemon", dirty: false, paused: false,
-  roadPlot: null, said: "", connected: false,
+  roadPlot: null, announced: "", connected: false, changes: [],
 };
 
 /** A row's values by name, of an array as it is sent. */
@@ -42,6 +43,10 @@ export function take(kind, content) {
     state.statusAt = seconds();
     showSnapshot(content);
     showRoad(content.road_ahead);
+  } else if (kind === "change") {
+    const known = state.changes.some(([time, text]) => time === content[0] && text === content[1]);
+    if (!known) state.changes = [...state.changes, content].slice(-MOST_CHANGES);
+    showChanges(state.changes);
   } else if (kind === "source") {
     state.problem = content.problem;
     state.source = content.source;
@@ -61,6 +66,8 @@ export function open(history) {
   state.newestAt = history.newest ? seconds() - Math.max(0, history.now_s - history.newest[0]) : -Infinity;
   state.problem = history.problem;
   state.source = history.source;
+  state.changes = history.changes || [];
+  showChanges(state.changes);
   if (history.status) take("status", history.status);
   take("rows", { rows: [], newest: null, quiet_s: history.quiet_s });
   draw();
@@ -88,7 +95,7 @@ function connect() {
       state.problem = `The history cannot be read: ${error.message}`;
     }
   };
-  for (const kind of ["rows", "status", "source"]) {
+  for (const kind of ["rows", "status", "source", "change"]) {
     events.addEventListener(kind, (event) => {
       const content = JSON.parse(event.data);
       if (kind === "rows" && !store.names.length && waiting === null) return events.onopen(); // the first daemon
@@ -103,7 +110,7 @@ function connect() {
   };
 }
 
-/** Say what is wrong, and mark numbers that are not of now. */
+/** Show what is wrong, and mark numbers that are not of now. */
 function check() {
   const { bus = {}, estimate } = state.status || {};
   const quiet = state.quiet === null ? null : state.quiet + seconds() - state.quietAt;
@@ -134,13 +141,13 @@ function lastKnown() {
 
 /** For screen readers: changes only. */
 function announce(text) {
-  if (text !== state.said) id("announce").textContent = state.said = text;
+  if (text !== state.announced) id("announce").textContent = state.announced = text;
 }
 
 function draw() {
   state.dirty = false;
   charts.draw(now());
-  showGates(charts.day ? [] : store.spans, state.names.gates);
+  showGates(charts.day ? null : store.spans, state.names.gates);
 }
 
 function describe() {
@@ -181,7 +188,7 @@ async function show(day) {
   charts.now = now();
   charts.rebuild();
   charts.describe();
-  showGates(day ? [] : store.spans, state.names.gates);
+  showGates(day ? null : store.spans, state.names.gates);
 }
 
 async function refreshDay() {
@@ -189,7 +196,7 @@ async function refreshDay() {
     const history = await (await fetch("history")).json();
     store.day = { names: history.day_columns, columns: history.day_columns.map((_, at) => history.day.map((row) => row[at])) };
   } catch {
-    return; // `check` says that the server is gone
+    return; // `check` shows that the server is gone
   }
 }
 

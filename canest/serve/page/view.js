@@ -1,7 +1,8 @@
 // The words and tables of the page. Elements are made once and change their text: nothing grows.
 import { kindOf } from "./charts.js";
-import { age, fixed, gateName, kmh, missing as unknown, number, percent, readable, unit } from "./words.js";
+import { age, fixed, gateName, kmh, missing as unknown, moment, number, percent, readable, unit } from "./words.js";
 
+const CHANGES_SHOWN = 15;
 const id = (name) => document.getElementById(name);
 const put = (name, text) => {
   const element = typeof name === "string" ? id(name) : name;
@@ -66,6 +67,23 @@ export function showSnapshot(status) {
   facts("daemon", daemonFacts(status));
 }
 
+/** What has changed, the newest first: [[time, text], ...] in the order of time. */
+export function showChanges(changes) {
+  const place = id("changes"), shown = changes.slice(-CHANGES_SHOWN).reverse();
+  while (place.children.length > shown.length) place.lastChild.remove();
+  while (place.children.length < shown.length) {
+    const item = document.createElement("li");
+    item.append(document.createElement("time"), " ", document.createElement("span"));
+    place.append(item);
+  }
+  shown.forEach(([time, text], at) => {
+    const [when, what] = place.children[at].children;
+    put(when, moment(time));
+    when.dateTime = new Date(1000 * time).toISOString();
+    put(what, text);
+  });
+}
+
 function showSenders(status) {
   const rows = Object.entries(status.senders || {}).map(([key, s]) => [
     readable(key), fixed(s.rate_hz, 1, "Hz"), number(s.frames), number(s.not_available),
@@ -99,12 +117,18 @@ function daemonFacts(status) {
   return lines;
 }
 
-/** The gates among the spans that are shown, with what they look like. */
+/** The gates among the spans that are shown, with what they look like; null for the day, which has shares. */
 export function showGates(spans, gates) {
-  const codes = [...new Set(spans.map((span) => span.code))].sort((a, b) => a - b);
+  const codes = spans ? [...new Set(spans.map((span) => span.code))].sort((a, b) => a - b) : ["day"];
   const place = id("gates");
   if (place.dataset.codes === codes.join()) return;
   place.dataset.codes = codes.join();
+  if (!spans) {
+    const item = document.createElement("li");
+    item.append(swatch(kindOf("recovery")), "a gate was closed: the darker, the more of the minute");
+    place.replaceChildren(item);
+    return;
+  }
   place.replaceChildren(...codes.map((code) => {
     const item = document.createElement("li"), name = gateName(gates, code);
     item.append(swatch(kindOf(name.replaceAll(" ", "_"))), name);

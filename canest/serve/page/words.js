@@ -12,6 +12,11 @@ export const percent = (ratio, digits = 2) => {
 };
 export const kmh = (mps) => fixed(missing(mps) ? mps : 3.6 * mps, 1, "km/h");
 export const clock = (time) => new Date(1000 * time).toLocaleTimeString("en-GB");
+/** The time of day, with the date where it is not today. */
+export const moment = (time) => {
+  const date = new Date(1000 * time), day = date.toLocaleDateString("en-CA");
+  return day === new Date().toLocaleDateString("en-CA") ? clock(time) : `${day} ${clock(time)}`;
+};
 export const readable = (key) => key.replaceAll("_", " ").replace("pgn ", "PGN ");
 export const age = (seconds) => {
   if (seconds < 120) return `${Math.round(seconds)} s`;

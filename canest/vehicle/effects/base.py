@@ -1,6 +1,6 @@
 """Effects: each thing a vehicle may have that the plain model lacks, as one small class.
 
-An effect is written down once. Its class says how it changes the model's working columns, its parameters with
+An effect is written down once. Its class has how it changes the model's working columns, its parameters with
 units and bounds, what it means, which signal drives it, how the diagnosis tries it and how a report speaks of
 it. A config lists effects; live, replay and diagnosis read the same list. The diagnosis fits the change of
 the model's output per unit of the first parameter. At its neutral value an effect changes nothing.
@@ -100,7 +100,7 @@ class Effect:
 
     @property
     def caused_by(self) -> str:
-        """Return the quantity that causes it: `cause_quantity`, unless its fields say otherwise."""
+        """Return the quantity that causes it: `cause_quantity`, unless its fields name another."""
         return self.cause_quantity
 
     def apply(self, c: ModelColumns) -> None:

@@ -82,7 +82,7 @@ class TorqueDelay(Effect):
 PEDAL_UP_PCT = 0.2
 #: retarder demand that is one: half a step of SPN 1715, %
 _DEMANDED_PCT = 0.5
-#: regimes that something may act in -> the role that tells them; else a role by its name
+#: regimes that something may act in -> the role that shows them; else a role by its name
 REGIMES = {"pedal_up": "accelerator", "brake": "brake_switch", "request": "retarder_request"}
 _WHEN = {"pedal_up": "with the pedal up", "brake": "under the brake", "request": "when it is requested"}
 

@@ -1,4 +1,4 @@
-"""What an effect needs to know of drives to say in which forms it is worth trying on them."""
+"""What an effect needs to know of drives to choose the forms that are worth trying on them."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from canest.vehicle.effects import Effect, ModelColumns, Parameter
 
 @dataclass(frozen=True)
 class TrailerDrag(Effect):
-    """A trailer adds drag area while a signal says that it is attached."""
+    """A trailer adds drag area while a signal reports it attached."""
 
     name: ClassVar[str] = "trailer_drag"
     text: ClassVar[str] = "drag area Cd A added while a trailer is attached"
@@ -25,7 +25,7 @@ class TrailerDrag(Effect):
 
     @property
     def signal(self) -> str:
-        """Return the role that says whether a trailer is attached."""
+        """Return the role that reports whether a trailer is attached."""
         return self.on_signal
 
     def apply(self, c: ModelColumns) -> None:

@@ -71,6 +71,9 @@ class Guest:
     ``$GUEST_OUT`` appears in ``self.out`` on the host while it runs. ``init="systemd"`` makes the host's
     systemd process 1, which then starts the command as a service, with none of the host's units enabled.
 
+    ``root`` is the tree that it runs on, the host's by default; nothing in it is changed. Another one needs
+    bash, busybox and iproute2, and for ``init="systemd"`` systemd.
+
     One processor is the default: two emulated ones wait for each other whenever the host is busy, and then
     are together slower than one.
     """
@@ -84,9 +87,11 @@ class Guest:
         env: Mapping[str, str] | None = None,
         memory_mb: int = 1024,
         cpus: int = 1,
+        root: Path = Path("/"),
     ) -> None:
         self._command, self._init = list(command), init
-        self._cwd, self._env = cwd or Path.cwd(), dict(env or {})
+        self._root, self._env = root, dict(env or {})
+        self._cwd = cwd or Path.cwd()
         self._memory_mb, self._cpus = memory_mb, cpus
         self._cleanup = contextlib.ExitStack()
         self._started_s = 0.0
@@ -95,7 +100,7 @@ class Guest:
         if missing := missing_tools(self._init):
             raise GuestError(f"cannot start a guest: apt-get install {' '.join(missing)}")
         for place in (self._cwd, Path(sys.prefix)):
-            if f"{place}/".startswith(_HIDDEN):
+            if self._root == Path("/") and f"{place}/".startswith(_HIDDEN):
                 raise GuestError(f"{place} is not visible in the guest: put it elsewhere than {_HIDDEN}")
         try:
             kernel_home = initramfs.kernel()
@@ -166,7 +171,10 @@ class Guest:
             *("-nodefaults", "-no-reboot", "-display", "none", "-serial", "stdio"),
             *("-kernel", str(kernel_home / "vmlinuz"), "-initrd", str(scratch / "initrd")),
             *("-append", _KERNEL_OPTIONS),
-            *("-virtfs", "local,path=/,mount_tag=host,security_model=none,readonly=on,multidevs=remap"),
+            *(
+                "-virtfs",
+                f"local,path={self._root},mount_tag=host,security_model=none,readonly=on,multidevs=remap",
+            ),
             *("-virtfs", f"local,path={self.out},mount_tag=out,security_model=none"),
         ]
 

@@ -79,7 +79,7 @@ class Dgo(ChunkedEstimator):
         self._mass_std_kg = std_kg
 
     def restore(self, mass_kg: float, mass_std_kg: float) -> None:
-        """Assume a remembered mass."""
+        """Assume a saved mass."""
         self._assume(mass_kg, mass_std_kg)
 
     def _update(self, block: ModelBlock) -> EstimateBlock:

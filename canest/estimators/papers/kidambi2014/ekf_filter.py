@@ -89,7 +89,7 @@ class EkfCore:
         per_tick = STEP_S * options.rate_hz
         q = [variance * per_tick for variance in options.q]
         self._noise = Noise(q[0], q[1], q[2], options.r / per_tick)
-        # however Q and R are scaled, P may hold the start's doubt and what Q adds while nothing is learned
+        # however Q and R are scaled, P may hold the start's variance and what Q adds while nothing is learned
         added = [q * per_tick * WIND_UP_TICKS for q in options.q[1:]]
         tops = [max(P_LIMIT * b, v, a) for b, v, a in zip(box.variance, variance, added, strict=True)]
         self._limits = Limits(box.low[0], box.high[0], box.low[1], box.high[1], tops[0], tops[1])

@@ -43,7 +43,7 @@ class MassFilter(NamedTuple):
 
 
 class Pmg(MeasuredGrade):
-    """Grade from accelerometer and speed whatever the gates say; mass from force over what is felt.
+    """Grade from accelerometer and speed, gates closed or not; mass from force over specific force.
 
     The mass update is one-parameter RLS whose gain is multiplied by the correlation between acceleration and
     force (eq. 17), negative correlations counting as none.
@@ -52,7 +52,7 @@ class Pmg(MeasuredGrade):
     descriptions = (
         Description(
             "pmg",
-            "grade from the accelerometer, mass from what it feels",
+            "grade from the accelerometer, mass from its specific force",
             "2014, eqs. 14-17",
             needs=("speed", "torque", "longitudinal accelerometer"),
             options=PmgOptions,
@@ -89,33 +89,33 @@ class Pmg(MeasuredGrade):
 
     def _masses(self, block: ModelBlock) -> tuple[IntColumn, FloatColumn]:
         at = np.flatnonzero(usable(block) & has_accelerometer(block))
-        felt = block.accelerometer_mps2[at] - (GRAVITY_MPS2 * self._pitch) * block.accel_mps2[at]
+        specific_mps2 = block.accelerometer_mps2[at] - (GRAVITY_MPS2 * self._pitch) * block.accel_mps2[at]
         out, state = outputs(len(at), 2), state_in(self._state)
-        columns = pack(felt + GRAVITY_MPS2 * block.mu[at], block.force_N[at])
+        columns = pack(specific_mps2 + GRAVITY_MPS2 * block.mu[at], block.force_N[at])
         learn_mass(*columns, self._filter, state, *out)
         self._state = state_out(state)
         masses = unpack(out[0])
         before = np.concatenate(([self._mass_kg], masses))[: len(masses)]
         if len(masses):
             self._mass_kg = float(masses[-1])
-        wider = self._inflation(block.force_N[at] - before * (felt + GRAVITY_MPS2 * block.mu[at]))
+        wider = self._inflation(block.force_N[at] - before * (specific_mps2 + GRAVITY_MPS2 * block.mu[at]))
         return at, np.stack((masses, np.minimum(np.sqrt(unpack(out[1]) * wider), self._spread)))
 
 
 @jit.kernel
 def learn_mass(
-    felt: Container,
+    specific_mps2: Container,
     force: Container,
     settings: MassFilter,
     state: Container,
     mass: Container,
     variance: Container,
 ) -> None:
-    """2014, eq. 17: one-parameter RLS of force = m felt, its gain times the correlation of the two."""
+    """2014, eq. 17: one-parameter RLS of F = m f (specific force), its gain times the correlation of both."""
     m, p, mean_x, mean_f, var_x, var_f, cross, s = state
     forgetting, beta, low, high, top = settings
-    for k in range(len(felt)):
-        x = felt[k]
+    for k in range(len(specific_mps2)):
+        x = specific_mps2[k]
         f = force[k]
         dx = x - mean_x
         df = f - mean_f

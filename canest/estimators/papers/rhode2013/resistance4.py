@@ -95,8 +95,8 @@ class Resistance4(MeasuredGrade):
 
     def _update(self, block: ModelBlock) -> EstimateBlock:
         limit = self.options.grade_limit
-        grade_at, grades, rows_at, felt, cosine = self._grades(block)
-        found = self._hold(grade_at, grades, *self._learn(block, rows_at, felt, cosine), len(block))
+        grade_at, grades, rows_at, specific_mps2, cosine = self._grades(block)
+        found = self._hold(grade_at, grades, *self._learn(block, rows_at, specific_mps2, cosine), len(block))
         return replace(found, grade=np.clip(found.grade, -limit, limit))
 
     def _grades(
@@ -118,16 +118,16 @@ class Resistance4(MeasuredGrade):
         direct = (has_accelerometer(block) & ~sensor)[use]
         sensed = np.where(direct, block.accelerometer_mps2[use], 0.0)
         by_sensor = sensed - (GRAVITY_MPS2 * self._pitch) * accel
-        felt = np.where(direct, by_sensor, accel + GRAVITY_MPS2 * slope * cosine)
-        return here, np.stack((measured[here], std[here])), use, felt, cosine
+        specific_mps2 = np.where(direct, by_sensor, accel + GRAVITY_MPS2 * slope * cosine)
+        return here, np.stack((measured[here], std[here])), use, specific_mps2, cosine
 
     def _learn(
-        self, block: ModelBlock, at: IntColumn, felt: FloatColumn, cosine: FloatColumn
+        self, block: ModelBlock, at: IntColumn, specific_mps2: FloatColumn, cosine: FloatColumn
     ) -> tuple[IntColumn, FloatColumn]:
         """Learn from the rows at ``at``; return their positions, mass and its std, shape (2, k)."""
         weight, aero = GRAVITY_MPS2 * cosine, block.aero_N[at]
         force = block.force_N[at] + aero
-        rows = np.stack((weight, felt, weight * block.speed_mps[at], aero, force), axis=1)
+        rows = np.stack((weight, specific_mps2, weight * block.speed_mps[at], aero, force), axis=1)
         if self._outliers is not None:
             at, rows = self._outliers(at, rows)
         a, b = np.ascontiguousarray(rows[:, :4]), rows[:, 4]

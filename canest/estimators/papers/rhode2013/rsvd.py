@@ -68,6 +68,54 @@ class Rsvd:
 
 
 @jit.kernel
+def orthogonalise(m: Container, v: Container, q: int) -> None:
+    """Rotate pairs of columns of ``m`` until all are orthogonal (one-sided Jacobi), and those of ``v`` alike.
+
+    m: q columns of length q + 1, v: q columns of length q, both column after column.
+    """
+    h = q + 1
+    sweep = 0
+    busy = True
+    while busy and sweep < MAX_SWEEPS:
+        busy = False
+        sweep += 1
+        for i in range(q - 1):
+            ci = i * h
+            for j in range(i + 1, q):
+                cj = j * h
+                alpha = 0.0
+                beta = 0.0
+                gamma = 0.0
+                for r in range(h):
+                    p = m[ci + r]
+                    o = m[cj + r]
+                    alpha += p * p
+                    beta += o * o
+                    gamma += p * o
+                if abs(gamma) > ORTHOGONAL * sqrt(alpha * beta):
+                    busy = True
+                    zeta = (beta - alpha) / (2.0 * gamma)
+                    if zeta >= 0.0:
+                        t = 1.0 / (zeta + sqrt(1.0 + zeta * zeta))
+                    else:
+                        t = -1.0 / (sqrt(1.0 + zeta * zeta) - zeta)
+                    c = 1.0 / sqrt(1.0 + t * t)
+                    d = c * t
+                    for r in range(h):
+                        p = m[ci + r]
+                        o = m[cj + r]
+                        m[ci + r] = c * p - d * o
+                        m[cj + r] = d * p + c * o
+                    vi = i * q
+                    vj = j * q
+                    for r in range(q):
+                        p = v[vi + r]
+                        o = v[vj + r]
+                        v[vi + r] = c * p - d * o
+                        v[vj + r] = d * p + c * o
+
+
+@jit.kernel
 def append_rows(
     rows: Container,
     count: int,
@@ -97,45 +145,7 @@ def append_rows(
                 m[j * h + i] = 0.0
             m[j * h + j] = scale * s[j]
             m[j * h + q] = a
-        sweep = 0
-        busy = True
-        while busy and sweep < MAX_SWEEPS:
-            busy = False
-            sweep += 1
-            for i in range(n):
-                ci = i * h
-                for j in range(i + 1, q):
-                    cj = j * h
-                    alpha = 0.0
-                    beta = 0.0
-                    gamma = 0.0
-                    for r in range(h):
-                        p = m[ci + r]
-                        o = m[cj + r]
-                        alpha += p * p
-                        beta += o * o
-                        gamma += p * o
-                    if abs(gamma) > ORTHOGONAL * sqrt(alpha * beta):
-                        busy = True
-                        zeta = (beta - alpha) / (2.0 * gamma)
-                        if zeta >= 0.0:
-                            t = 1.0 / (zeta + sqrt(1.0 + zeta * zeta))
-                        else:
-                            t = -1.0 / (sqrt(1.0 + zeta * zeta) - zeta)
-                        c = 1.0 / sqrt(1.0 + t * t)
-                        d = c * t
-                        for r in range(h):
-                            p = m[ci + r]
-                            o = m[cj + r]
-                            m[ci + r] = c * p - d * o
-                            m[cj + r] = d * p + c * o
-                        vi = i * q
-                        vj = j * q
-                        for r in range(q):
-                            p = v[vi + r]
-                            o = v[vj + r]
-                            v[vi + r] = c * p - d * o
-                            v[vj + r] = d * p + c * o
+        orthogonalise(m, v, q)
         last = 0
         for j in range(q):
             a = 0.0

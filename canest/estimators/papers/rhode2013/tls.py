@@ -30,7 +30,7 @@ def noise_covariance(name: str, options: Any) -> FloatColumn:
     """Return W of [phi1, phi2, y]: the identity for tls and rtls, from the options for gtls and rgtls.
 
     With W = I in SI units a force error of 1 N is as likely as an acceleration error of 1 m/s2, which for
-    a truck comes close to plain least squares; the generalized forms say what the errors are.
+    a truck comes close to plain least squares; the generalized forms state what the errors are.
     """
     if name in ("tls", "rtls"):
         return np.eye(3)

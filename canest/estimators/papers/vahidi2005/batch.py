@@ -13,8 +13,8 @@ class BatchLs(TwoParameter):
     """All rows since the start weigh the same; causal, since the estimate at k solves eq. 5 with n = k.
 
     The covariance is sigma^2 (sum phi phi^T)^-1 with sigma^2 = V / (n - 2). The spread of the bounds (or what
-    was remembered) joins as prior rows, which is what the numbers are made of until there is excitation; they
-    keep their own doubt, however small sigma is.
+    was saved) joins as prior rows, which is what the numbers are made of until there is excitation; they
+    keep their own variance, however small sigma is.
     """
 
     descriptions = (

@@ -105,7 +105,7 @@ def road_load(block: ModelBlock, mass_kg: float, grade: FloatColumn) -> RoadLoad
 
 
 def model_acceleration(block: ModelBlock, mass_kg: float, grade: FloatColumn, mu: float) -> FloatColumn:
-    """Return what eq. 1 says the acceleration should be, (n,), m/s2: the other curve of Figure 2."""
+    """Return the acceleration by eq. 1, (n,), m/s2: the other curve of Figure 2."""
     cosine = 1.0 / np.sqrt(1.0 + grade * grade)
     return np.asarray(block.force_N / mass_kg - GRAVITY_MPS2 * cosine * (grade + mu))
 

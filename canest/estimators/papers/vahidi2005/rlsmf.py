@@ -23,7 +23,7 @@ class RlsmfOptions(TwoParameterOptions):
 
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "2005-simulation": {"forgetting_mass": 1.0, "forgetting_grade": 0.8},
-        #: section 5.1 integrates; how far back its t0 lies is not said, so the window is this project's
+        #: section 5.1 integrates; how far back its t0 is, is not given, so the window is this project's
         "2005-experiment": {
             "forgetting_mass": 0.95,
             "forgetting_grade": 0.4,

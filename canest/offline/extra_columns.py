@@ -10,13 +10,14 @@ import numpy as np
 
 from canest.core.errors import UsageError
 from canest.core.frames import FloatColumn
-from canest.core.samples import GRAVITY_MPS2, STEP_S, EstimateBlock, ModelBlock
+from canest.core.samples import STEP_S, EstimateBlock, ModelBlock
+from canest.vehicle.residual import residual_N
 from canest.vehicle.role_sources import is_at_wheels, torque_role
 
 if TYPE_CHECKING:
     from canest.config import Config
 
-Compute = Callable[["ModelColumns", ModelBlock, EstimateBlock], FloatColumn]
+Compute = Callable[["ExtraColumns", ModelBlock, EstimateBlock], FloatColumn]
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,14 +27,6 @@ class Column:
     decimals: int
     meaning: str
     compute: Compute
-
-
-def residual_N(
-    mass_kg: FloatColumn, accel_mps2: FloatColumn, grade: FloatColumn, mu: FloatColumn, force_N: FloatColumn
-) -> FloatColumn:
-    """Return m (a + g sin(beta) + g mu cos(beta)) - F, all columns (n,)."""
-    cos = 1.0 / np.sqrt(1.0 + grade * grade)
-    return mass_kg * (accel_mps2 + GRAVITY_MPS2 * cos * (grade + mu)) - force_N
 
 
 def nearest_gear(per_torque_1pm: FloatColumn, config: Config) -> FloatColumn:
@@ -49,7 +42,7 @@ def nearest_gear(per_torque_1pm: FloatColumn, config: Config) -> FloatColumn:
     return np.where(engaged, gears[nearest], np.nan)
 
 
-class ModelColumns:
+class ExtraColumns:
     """A pipeline's listener that keeps columns until they are written.
 
     names: of `COLUMNS`, in the order of the file. Errors: UsageError for a name that there is not.
@@ -60,6 +53,11 @@ class ModelColumns:
         self.config = config
         self._held: dict[str, list[FloatColumn]] = {name: [] for name in self.names}
         self._distance_m = 0.0
+
+    @property
+    def decimals(self) -> dict[str, int]:
+        """Return how many decimals each column has in a text file."""
+        return {name: COLUMNS[name].decimals for name in self.names}
 
     def __call__(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
         """Take the next samples and their estimates."""
@@ -95,7 +93,7 @@ def _of_model(name: str) -> Compute:
     return lambda _, samples, __: getattr(samples, name)
 
 
-def _residual(_: ModelColumns, samples: ModelBlock, estimates: EstimateBlock) -> FloatColumn:
+def _residual(_: ExtraColumns, samples: ModelBlock, estimates: EstimateBlock) -> FloatColumn:
     residual = residual_N(estimates.mass_kg, samples.accel_mps2, estimates.grade, samples.mu, samples.force_N)
     return np.where(np.isfinite(samples.raw_force_N), residual, np.nan)
 
