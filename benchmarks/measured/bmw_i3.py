@@ -193,9 +193,7 @@ def main() -> None:
     config = load_config("bmw-i3")
     paths = {
         m.group(1): p
-        for p in files_in(
-            options.folder, lambda name: bool(NAME.match(name)), "trips, TripA01.csv or A01.csv"
-        )
+        for p in files_in(options, lambda name: bool(NAME.match(name)), "trips, TripA01.csv or A01.csv")
         if (m := NAME.match(p.name))
     }
     tables = {name: read_trip(path) for name, path in paths.items()}
@@ -214,7 +212,7 @@ def main() -> None:
         "and efficiency of the config are assumed, passengers are unknown, and the friction brake is not "
         "measured."
     )
-    made_by(page, "python benchmarks/measured/bmw_i3.py FOLDER -o docs/measured/bmw-i3.md")
+    made_by(page, options)
     page.text(f"{len(trips)} trips: {', '.join(trips)}.")
     write_masses(page, trips, names)
     write_diagnosis(page, tables, config)

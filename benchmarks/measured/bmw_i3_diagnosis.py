@@ -99,7 +99,7 @@ def write_found(page: Page, d: Diagnosis, wall_s: float, judged: int) -> None:
     for e in entries(d)[:10]:
         name = f"**{entry_name(e)}**" if e.selected else entry_name(e)
         rows.append((name, entry_value(e), f"{100 * e.explained:.1f} %", ", ".join(e.equivalent) or "-"))
-    page.table(("effect", "value ± std", "removes", "cannot be told from"), rows)
+    page.table(("effect", "value ± std", "removes", "cannot be separated from"), rows)
     page.text("Bold: added to the model. On the diagnosed trips, whole trips held out:")
     scores = [
         (label, f"{b} {interval(d.before, key)}", f"{a} {interval(d.after, key)}")

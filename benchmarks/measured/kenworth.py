@@ -1,4 +1,4 @@
-"""What half a minute of a real truck's bus can tell about its mass and its model, and what it cannot.
+"""What half a minute of a real truck's bus shows of its mass and its model, and what it cannot show.
 
     python benchmarks/measured/kenworth.py FOLDER -o docs/measured/kenworth.md
 
@@ -74,7 +74,7 @@ def write_masses(page: Page, runs: dict[str, dict[str, Estimates]], names: list[
 
 
 def write_diagnosis(page: Page, log: Path, config: Config) -> None:
-    """Write what the clean drive tells about the model."""
+    """Write what the clean drive shows of the model."""
     d, s = diagnose([log], config), replay(log, config).summary
     found = causes(d.problem)
     speed, torque = found["speed"].values, found["torque"].values
@@ -131,13 +131,14 @@ def main() -> None:
     config = load_config("kenworth")
     paths = {name: p for name in LOGS for p in sorted(options.folder.glob(f"{name}.log*"))[:1]}
     if "normal" not in paths:
-        raise SystemExit(f"{options.folder}: no normal.log, expected the logs of Truck_Sentry")
+        raise SystemExit(f"error: {options.folder}: no normal.log, expected the logs of Truck_Sentry")
     names = options.estimators
-    runs = {name: run(path, config, names, name) for name, path in paths.items()}
+    shown = list(paths)[: options.first]
+    runs = {name: run(paths[name], config, names, name) for name in shown}
     page = Page(options.output, "Half a minute of a Kenworth, measured")
     page.text("Three recordings of 30 s of one truck's J1939 bus, 23 to 55 km/h, gears 2 to 4.")
     page.text(LICENCE)
-    made_by(page, "python benchmarks/measured/kenworth.py tests/data/kenworth -o docs/measured/kenworth.md")
+    made_by(page, options, "tests/data/kenworth")
     write_masses(page, runs, names)
     write_diagnosis(page, paths["normal"], config)
     page.write()

@@ -162,7 +162,7 @@ def main() -> None:
     options = arguments(__doc__ or "", "recordings of an OBD-II logger")
     names = options.estimators
     config = load_config("obd-car")
-    paths = files_in(options.folder, lambda name: name.lower().endswith(".mf4"), "recordings, .MF4")
+    paths = files_in(options, lambda name: name.lower().endswith(".mf4"), "recordings, .MF4")
     found = {path: read(path, config, names) for path in paths}
     recordings = [r for r in found.values() if r is not None]
     page = Page(options.output, "A car over OBD-II, measured")
@@ -173,7 +173,7 @@ def main() -> None:
         "all files."
     )
     page.text(LICENCE)
-    made_by(page, "python benchmarks/measured/obd_car.py FOLDER -o docs/measured/obd-car.md")
+    made_by(page, options)
     write_masses(page, recordings, names)
     draw(page, recordings)
     page.section("Grade against altitude")

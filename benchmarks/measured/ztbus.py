@@ -9,6 +9,7 @@ ZTBus_compressed.zip all 1,409). Nothing has to be converted: configs/ztbus.yaml
 
 from __future__ import annotations
 
+import argparse
 import re
 from pathlib import Path
 from typing import NamedTuple
@@ -178,8 +179,9 @@ def draw_grade(page: Page, mission: Mission) -> None:
     page.figure(figure, "grade", "Estimated grade and the altitude's slope over the first ninety minutes")
 
 
-def write(page: Page, missions: list[Mission], names: list[str]) -> None:
+def write(page: Page, missions: list[Mission], options: argparse.Namespace) -> None:
     """Write the page."""
+    names = options.estimators
     fits = {name: fit(missions, name) for name in names}
     hours = sum(m.t_s[-1] - m.t_s[0] for m in missions) / 3600
     km = sum(m.way.metres[-1] for m in missions) / 1000
@@ -189,7 +191,7 @@ def write(page: Page, missions: list[Mission], names: list[str]) -> None:
         "relative truth."
     )
     page.text(ATTRIBUTION)
-    made_by(page, "python benchmarks/measured/ztbus.py FOLDER -o docs/measured/ztbus.md")
+    made_by(page, options)
     rides = sum(len(m.rides) for m in missions)
     listed = ", ".join(m.name for m in missions)
     page.text(
@@ -246,11 +248,11 @@ def write(page: Page, missions: list[Mission], names: list[str]) -> None:
 
 def main() -> None:
     options = arguments(__doc__ or "", "missions of ZTBus")
-    paths = files_in(options.folder, lambda name: bool(NAME.match(name)), "missions of ZTBus, B183_....csv")
+    paths = files_in(options, lambda name: bool(NAME.match(name)), "missions of ZTBus, B183_....csv")
     config = load_config("ztbus")
     missions = [read_mission(path, config, options.estimators) for path in paths]
     page = Page(options.output, "A trolleybus, measured")
-    write(page, missions, options.estimators)
+    write(page, missions, options)
     page.write()
 
 
