@@ -144,6 +144,7 @@ def figures(rows: list[Row]) -> list[tuple[str, str]]:
         return f"{sum(bool(r[key]) == wanted for r in mine)} of {len(mine)}"
 
     pairs = [r["named"] for r in rows if r["family"] == "pair"]
+    rows = [r | {"unstated": r["confident wrong"] and not r["open"]} for r in rows]
     return [
         ("clean drives that stay clean", share("clean", "clean")),
         ("single effects traced", share("single", "traced")),
@@ -152,6 +153,7 @@ def figures(rows: list[Row]) -> list[tuple[str, str]]:
         ("pairs: selected exactly", share("pair", "exact")),
         ("pairs: among the models as good", share("pair", "one of")),
         ("pairs: a confident wrong single effect", share("pair", "confident wrong")),
+        ("pairs: the same, and the other not stated as possible either", share("pair", "unstated")),
         ("pairs: one effect, its value more than 3 std off", share("pair", "beyond")),
         ("pairs: effects named, mean", f"{np.mean(pairs):.1f}" if pairs else "-"),
         ("pairs: both named, or stated as not ruled out", share("pair", "open")),
@@ -178,8 +180,10 @@ def page(rows: list[Row], command: str) -> str:
         "- Traced: the effect is the first that was added, or named as its equivalent.",
         "- Both named: each effect of a pair is added, named as an equivalent, or in a set stated as",
         "  about as likely.",
+        "- Not ruled out: the statement lists the effects that may be there in the size of an ordinary",
+        "  fault, whatever was found beside.",
         "- A confident wrong single effect: verdict `explained`, one effect beside the delay, and the other",
-        "  is not named. Its value may also hold for two effects that are named as one: the next row.",
+        "  is not named. Its value may also hold for two effects that are named as one: the last such row.",
         "",
         "## Every drive",
         "",
