@@ -161,6 +161,23 @@ def figures(rows: list[Row]) -> list[tuple[str, str]]:
     ]
 
 
+def _missed(rows: list[Row]) -> list[str]:
+    """Return the lines of the page that list what was not found, or found and not there."""
+    lines = []
+    for row in rows:
+        planted = " with ".join(row["planted"])
+        added = ", ".join(row["selected"]) or "nothing"
+        name = f"{row['family']} {row['seed']}"
+        if row["family"] == "clean" and not row["clean"]:
+            lines.append(f"- {name}: {added} added where nothing was planted.")
+        elif row["family"] == "single" and not row["right"]:
+            lines.append(f"- {name}: {planted} has another value, or is not what was added ({added}).")
+        elif row["family"] == "pair" and not row["stated"]:
+            beside = "both are listed as not ruled out" if row["open"] else "not both are listed"
+            lines.append(f"- {name}: {planted}, {row['verdict']}, added {added}; {beside}.")
+    return ["What this run misses:", "", *lines, ""] if lines else []
+
+
 def page(rows: list[Row], command: str) -> str:
     """Return the figures, and every drive, as a page of the docs."""
     lines = [
@@ -185,6 +202,7 @@ def page(rows: list[Row], command: str) -> str:
         "- A confident wrong single effect: verdict `explained`, one effect beside the delay, and the other",
         "  is not named. Its value may also hold for two effects that are named as one: the last such row.",
         "",
+        *_missed(rows),
         "## Every drive",
         "",
         "| drives | planted | reference | verdict | added | residual, N | named |",
