@@ -103,14 +103,14 @@ def end_of(e: Estimates) -> End:
     return End(float(e.mass_kg[at[-1]]), float(e.std_kg[at[-1]]), e.valid_share())
 
 
-def write_masses(page: Page, recordings: list[Recording], names: list[str]) -> None:
+def write_masses(page: Page, recordings: list[Recording], names: list[str], config: Config) -> None:
     """Write the masses of every file, and how far they lie apart."""
     long = [r for r in recordings if r.seconds >= LONG_S]
     page.section("Does the car weigh the same?")
     page.text(
         "The mass at the end of each file (of its last valid sample where there is one) and its standard "
-        "deviation, in kg, by `canest`. The guess of the reference torque is 7.5 % of each standard "
-        "deviation, and the same in all files."
+        "deviation, in kg, by `canest`. The guess of the reference torque is "
+        f"{config.vehicle.torque_accuracy_pct / 2:g} % of each standard deviation, and the same in all files."
     )
     rows = []
     for r in recordings:
@@ -174,7 +174,7 @@ def main() -> None:
     )
     page.text(LICENCE)
     made_by(page, options)
-    write_masses(page, recordings, names)
+    write_masses(page, recordings, names, config)
     draw(page, recordings)
     page.section("Grade against altitude")
     page.text(
@@ -192,8 +192,7 @@ def main() -> None:
     page.items([
         f"Refused, since signals come too seldom or are missing: {', '.join(refused) or 'none'}. "
         "`canest check` says which, and what a rate costs.",
-        "Neither brake nor pedal is known. Without propulsion nothing is learned, which is a quarter of the "
-        "driving.",
+        "Neither brake nor pedal is known, so nothing is learned without propulsion.",
     ])  # fmt: skip
     page.write()
 
