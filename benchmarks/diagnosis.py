@@ -64,7 +64,9 @@ def judge(case: Case, result: dict[str, Any]) -> Row:
         chosen.pop(DELAY, None)
         stated = [model - {DELAY} for model in stated]
     planted = set(case.planted)
-    named = set(chosen).union(*chosen.values(), *(stated if chosen else ()))
+    reported = result["verdict"] != "nothing-to-explain"
+    named = set(chosen).union(*chosen.values(), *(stated if reported else ()))
+    possible = named | set(result["not_excluded"])
     first = next(iter(chosen), None)
     values = {n: _value(entry, n) for n in planted & set(entry)}
     true = {n: v + (USUAL_DELAY_S if n == DELAY else 0.0) for n, v in case.planted.items()}
@@ -76,6 +78,8 @@ def judge(case: Case, result: dict[str, Any]) -> Row:
         "stated": planted <= named,
         "one of": planted in stated,
         "named": len(named),
+        "open": planted <= possible,
+        "open names": len(possible),
         "traced": bool(planted) and first is not None and bool(planted & ({first} | chosen[first])),
         "right": bool(off) and max(off.values()) < RIGHT and len(off) == len(planted),
         "confident wrong": single and not planted <= named,
@@ -140,6 +144,7 @@ def figures(rows: list[Row]) -> list[tuple[str, str]]:
         return f"{sum(bool(r[key]) == wanted for r in mine)} of {len(mine)}"
 
     pairs = [r["named"] for r in rows if r["family"] == "pair"]
+    rows = [r | {"unstated": r["confident wrong"] and not r["open"]} for r in rows]
     return [
         ("clean drives that stay clean", share("clean", "clean")),
         ("single effects traced", share("single", "traced")),
@@ -148,10 +153,29 @@ def figures(rows: list[Row]) -> list[tuple[str, str]]:
         ("pairs: selected exactly", share("pair", "exact")),
         ("pairs: among the models as good", share("pair", "one of")),
         ("pairs: a confident wrong single effect", share("pair", "confident wrong")),
+        ("pairs: the same, and the other not stated as possible either", share("pair", "unstated")),
         ("pairs: one effect, its value more than 3 std off", share("pair", "beyond")),
         ("pairs: effects named, mean", f"{np.mean(pairs):.1f}" if pairs else "-"),
+        ("pairs: both named, or stated as not ruled out", share("pair", "open")),
         ("brake and wind: a brake in the first sentence", share("brake and wind", "brake first")),
     ]
+
+
+def _missed(rows: list[Row]) -> list[str]:
+    """Return the lines of the page that list what was not found, or found and not there."""
+    lines = []
+    for row in rows:
+        planted = " with ".join(row["planted"])
+        added = ", ".join(row["selected"]) or "nothing"
+        name = f"{row['family']} {row['seed']}"
+        if row["family"] == "clean" and not row["clean"]:
+            lines.append(f"- {name}: {added} added where nothing was planted.")
+        elif row["family"] == "single" and not row["right"]:
+            lines.append(f"- {name}: {planted} has another value, or is not what was added ({added}).")
+        elif row["family"] == "pair" and not row["stated"]:
+            beside = "both are listed as not ruled out" if row["open"] else "not both are listed"
+            lines.append(f"- {name}: {planted}, {row['verdict']}, added {added}; {beside}.")
+    return ["What this run misses:", "", *lines, ""] if lines else []
 
 
 def page(rows: list[Row], command: str) -> str:
@@ -173,9 +197,12 @@ def page(rows: list[Row], command: str) -> str:
         "- Traced: the effect is the first that was added, or named as its equivalent.",
         "- Both named: each effect of a pair is added, named as an equivalent, or in a set stated as",
         "  about as likely.",
+        "- Not ruled out: the statement lists the effects that may be there in the size of an ordinary",
+        "  fault, whatever was found beside.",
         "- A confident wrong single effect: verdict `explained`, one effect beside the delay, and the other",
-        "  is not named. Its value may also hold for two effects that are named as one: the next row.",
+        "  is not named. Its value may also hold for two effects that are named as one: the last such row.",
         "",
+        *_missed(rows),
         "## Every drive",
         "",
         "| drives | planted | reference | verdict | added | residual, N | named |",

@@ -30,9 +30,11 @@ def test_source_passes(check: str) -> None:
     assert done.returncode == 0, f"{' '.join(command[2:])}\n{done.stdout}{done.stderr}"
 
 
-@pytest.mark.parametrize("script", sorted(p.name for p in (ROOT / "benchmarks").glob("*.py")))
+@pytest.mark.parametrize(
+    "script", sorted(p.relative_to(ROOT).as_posix() for p in (ROOT / "benchmarks").rglob("*.py"))
+)
 def test_benchmarks_ask_for_what_is_there(script: str) -> None:
     """They are run by hand, and their other imports may be missing."""
-    for node in ast.walk(ast.parse((ROOT / "benchmarks" / script).read_text(encoding="utf-8"))):
+    for node in ast.walk(ast.parse((ROOT / script).read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("canest"):
             exec(ast.unparse(node), {})

@@ -33,9 +33,9 @@ These are refused with file, line and key: unknown keys, numbers out of range, u
 and signals that no DBC has. `canest check` reports them without running anything. `--set dotted.key=value`
 overrides any key for one call.
 
-Start from a shipped config: `class8`, `class8-j1587`, `kenworth`, `bmw-i3`, `testcar` or `vcan`. Their names
-work wherever a path does. `canest config show NAME` prints one as a beginning of your own. This page is made
-by `python tools/config_page.py --write`.
+Start from a shipped config: `class8`, `class8-j1587`, `kenworth`, `bmw-i3`, `ztbus`, `obd-car`, `testcar`
+or `vcan`. Their names work wherever a path does. `canest config show NAME` prints one as a beginning of
+your own. This page is made by `python tools/config_page.py --write`.
 
 An editor with yaml-language-server (VS Code with its YAML extension, Neovim, Helix, ...) completes and checks
 keys as they are typed. Write the schema beside the config with `canest config schema > canest.schema.json`.

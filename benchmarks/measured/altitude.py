@@ -49,7 +49,8 @@ class GradeCheck(NamedTuple):
     """How grade and altitude agree, in degrees; NaN where there is nothing to compare.
 
     rms: of the difference over all windows. bias: mean of estimated less altitude's. revisited: as rms, over
-    windows with other passes. noise: of the altitude's slope there. rest: what is left of revisited without it.
+    windows with other passes. noise: of the altitude's slope there. rest: what is left of revisited without
+    it.
     repeated: scatter of the estimated slope between passes.
     """
 
@@ -94,7 +95,7 @@ def windows_of(way: Way, estimates: Estimates, length_m: float) -> Windows:
 
 
 class Passes(NamedTuple):
-    """Slopes of one window in every pass over it, the first its own; up is positive in the window's direction."""
+    """Slopes of one window in every pass over it, its own first; up is positive in the window's direction."""
 
     altitude: Column
     estimated: Column

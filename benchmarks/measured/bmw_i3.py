@@ -1,10 +1,10 @@
-"""Trips of an electric car, summer and winter: the first valid mass against the last, and what the model lacks.
+"""Trips of an electric car, summer and winter: first valid mass against the last, what the model lacks.
 
     python benchmarks/measured/bmw_i3.py FOLDER -o docs/measured/bmw-i3.md
 
 FOLDER holds the trips as published (TripA01.csv ... TripB38.csv) or as tables with the columns that
-configs/bmw-i3.yaml names (A01.csv ..., also compressed or .parquet); A: summer, B: winter. They are published as
-"Battery and Heating Data in Real Driving Cycles" (TU Munich):
+configs/bmw-i3.yaml names (A01.csv ..., also compressed or .parquet); A: summer, B: winter. They are
+published as "Battery and Heating Data in Real Driving Cycles" (TU Munich):
 https://ieee-dataport.org/open-access/battery-and-heating-data-real-driving-cycles
 No licence is stated with them, so that no part of them is in this project.
 """
@@ -153,9 +153,9 @@ def write_masses(page: Page, trips: dict[str, dict[str, dict[str, Estimates]]], 
     """Write first against last mass, every trip, and all methods side by side."""
     page.section("The first valid mass against the last")
     page.text(
-        "A trip's last valid mass is the best that is known of it. The first one is right if it lies within two of "
-        "its own standard deviations. *Middle half*: width of the middle half of the last masses, of their median; "
-        "one person is 5 % of this car."
+        "A trip's last valid mass is the best that is known of it. The first one is right if it lies within "
+        "two of its own standard deviations. *Middle half*: width of the middle half of the last masses, of "
+        "their median; one person is 5 % of this car."
     )
     page.table(
         ("method", "accelerometer", "trips in", "with a valid mass", "first within two std of the last",
@@ -183,7 +183,8 @@ def write_masses(page: Page, trips: dict[str, dict[str, dict[str, Estimates]]], 
         if len(known) > 3:
             low, high = min(known), max(known)
             table.append((f"`{name}`", f"{len(known)}", number(float(np.median(known))),
-                          number(middle_half_pct(known), 1, " %"), f"{number(low)} to {number(high)}"))  # fmt: skip
+                          number(middle_half_pct(known), 1, " %"),
+                          f"{number(low)} to {number(high)}"))  # fmt: skip
     page.table(("method, no accelerometer", "trips", "median, kg", "middle half", "all, kg"), table)
 
 
@@ -192,9 +193,7 @@ def main() -> None:
     config = load_config("bmw-i3")
     paths = {
         m.group(1): p
-        for p in files_in(
-            options.folder, lambda name: bool(NAME.match(name)), "trips, TripA01.csv or A01.csv"
-        )
+        for p in files_in(options, lambda name: bool(NAME.match(name)), "trips, TripA01.csv or A01.csv")
         if (m := NAME.match(p.name))
     }
     tables = {name: read_trip(path) for name, path in paths.items()}
@@ -206,12 +205,14 @@ def main() -> None:
     }
     page = Page(options.output, "An electric car, measured")
     page.text(
-        'Trips of a BMW i3 as decoded signals at 10 Hz (origin: "Battery and Heating Data in Real Driving Cycles", '
+        "Trips of a BMW i3 as decoded signals at 10 Hz (origin: "
+        '"Battery and Heating Data in Real Driving Cycles", '
         "TU Munich, [published at IEEE DataPort](https://ieee-dataport.org/open-access/"
-        "battery-and-heating-data-real-driving-cycles); no part of them is in this project). Ratio, radius and "
-        "efficiency of the config are assumed, passengers are unknown, and the friction brake is not measured."
+        "battery-and-heating-data-real-driving-cycles); no part of them is in this project). Ratio, radius "
+        "and efficiency of the config are assumed, passengers are unknown, and the friction brake is not "
+        "measured."
     )
-    made_by(page, "python benchmarks/measured/bmw_i3.py FOLDER -o docs/measured/bmw-i3.md")
+    made_by(page, options)
     page.text(f"{len(trips)} trips: {', '.join(trips)}.")
     write_masses(page, trips, names)
     write_diagnosis(page, tables, config)

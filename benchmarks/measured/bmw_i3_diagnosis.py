@@ -89,9 +89,9 @@ def write_found(page: Page, d: Diagnosis, wall_s: float, judged: int) -> None:
     """Write what was found on the trips that were diagnosed."""
     page.section("What the model lacks")
     page.text(
-        f"`canest diagnose` on every second trip by name ({len(d.problem.parts)} trips, {d.problem.rows:,} s with "
-        f"open gates, {wall_s:.0f} s of computing); the other {judged} are judged. There is no truth: the "
-        f"reference is {d.references[0].text}; the mass is free on every trip."
+        f"`canest diagnose` on every second trip by name ({len(d.problem.parts)} trips, {d.problem.rows:,} s "
+        f"with open gates, {wall_s:.0f} s of computing); the other {judged} are judged. There is no truth: "
+        f"the reference is {d.references[0].text}; the mass is free on every trip."
     )
     page.text(f"**{d.finding}** Verdict: {d.verdict}.")
     page.text(reference_limits(d.references))
@@ -99,7 +99,7 @@ def write_found(page: Page, d: Diagnosis, wall_s: float, judged: int) -> None:
     for e in entries(d)[:10]:
         name = f"**{entry_name(e)}**" if e.selected else entry_name(e)
         rows.append((name, entry_value(e), f"{100 * e.explained:.1f} %", ", ".join(e.equivalent) or "-"))
-    page.table(("effect", "value ± std", "removes", "cannot be told from"), rows)
+    page.table(("effect", "value ± std", "removes", "cannot be separated from"), rows)
     page.text("Bold: added to the model. On the diagnosed trips, whole trips held out:")
     scores = [
         (label, f"{b} {interval(d.before, key)}", f"{a} {interval(d.after, key)}")
@@ -112,10 +112,10 @@ def write_judged(page: Page, trips: list[Held]) -> None:
     """Write what the revised model does to trips that took no part."""
     page.section(f"On the {len(trips)} trips that took no part")
     page.text(
-        "Nothing is fitted here but the mass of each trip, which is free with either model. The second residual "
-        "leaves out what may be an error of the reference's grade. Temperature joined the effects that are tried "
-        "after earlier versions had been judged on these same trips, which showed summer and winter apart: its "
-        "coefficient is fitted without them, the idea is not, so the intervals flatter it."
+        "Nothing is fitted here but the mass of each trip, which is free with either model. The second "
+        "residual leaves out what may be an error of the reference's grade. Temperature joined the effects "
+        "that are tried after earlier versions had been judged on these same trips, which showed summer and "
+        "winter apart: its coefficient is fitted without them, the idea is not, so the intervals flatter it."
     )
     before, after = ([t.mass_kg[side] for t in trips] for side in (0, 1))
     std = [100 * statistics.stdev(m) / statistics.median(m) for m in (before, after)]

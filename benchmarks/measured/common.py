@@ -79,19 +79,31 @@ def arguments(doc: str, found: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="folder with the published files")
     parser.add_argument("-o", "--output", type=Path, required=True, help="page to write, NAME.md")
-    parser.add_argument("--estimators", nargs="*", default=[*OURS, *PAPERS], help="methods to run")
+    parser.add_argument(
+        "--estimators", nargs="+", default=[*OURS, *PAPERS], metavar="NAME",
+        help=f"methods to run, by default all: {', '.join([*OURS, *PAPERS])}",
+    )  # fmt: skip
+    parser.add_argument("--first", type=int, metavar="N", help="only the first N files, to try it")
     options = parser.parse_args()
     if not options.folder.is_dir():
-        sys.exit(f"{options.folder}: no such folder, expected one with {found}")
+        parser.error(f"{options.folder}: no such folder, expected one with {found}")
+    unknown = [name for name in options.estimators if name not in [*OURS, *PAPERS]]
+    if unknown:
+        parser.error(
+            f"--estimators: unknown {', '.join(unknown)}, expected some of {', '.join([*OURS, *PAPERS])}"
+        )
+    if OURS[0] not in options.estimators:  # it is in every figure
+        options.estimators.insert(0, OURS[0])
     return options
 
 
-def files_in(folder: Path, wanted: Callable[[str], bool], found: str) -> list[Path]:
-    """Return the files of a folder by name. found: what they are, for an error."""
+def files_in(options: argparse.Namespace, wanted: Callable[[str], bool], found: str) -> list[Path]:
+    """Return the files of the folder by name. found: what they are, for an error."""
+    folder: Path = options.folder
     files = sorted(p for p in folder.rglob("*") if _suffix(p) in SUFFIXES and wanted(p.name))
     if not files:
-        sys.exit(f"{folder}: no file there is of this data set, expected {found}")
-    return files
+        sys.exit(f"error: {folder}: no file there is of this data set, expected {found}")
+    return files[: options.first]
 
 
 def _suffix(path: Path) -> str:
@@ -203,7 +215,14 @@ def share(value: float) -> str:
     return f"{100 * value:.0f} %" if np.isfinite(value) else "-"
 
 
-def made_by(page: Page, command: str) -> None:
-    """Say which command and version made the page."""
+def made_by(page: Page, options: argparse.Namespace, folder: str = "FOLDER") -> None:
+    """Write which command and version made the page. folder: what stands for it in the command."""
+    command = (
+        f"python benchmarks/measured/{Path(sys.argv[0]).name} {folder} -o docs/measured/{page.path.name}"
+    )
+    if options.first:
+        command += f" --first {options.first}"
+    if options.estimators != [*OURS, *PAPERS]:
+        command += f" --estimators {' '.join(options.estimators)}"
     page.text(f"Made with canest {canest.__version__} by")
     page.code(command)

@@ -1,4 +1,4 @@
-"""What half a minute of a real truck's bus can tell about its mass and its model, and what it cannot.
+"""What half a minute of a real truck's bus shows of its mass and its model, and what it cannot show.
 
     python benchmarks/measured/kenworth.py FOLDER -o docs/measured/kenworth.md
 
@@ -28,8 +28,8 @@ LOGS = {
     "address_claim": "address claims injected",
 }
 LICENCE = (
-    "Data: [SystemsCyber/Truck_Sentry](https://github.com/SystemsCyber/Truck_Sentry), MIT licence; bundled with "
-    "the tests. Mass and grade are unknown, and half of `configs/kenworth.yaml` is assumed."
+    "Data: [SystemsCyber/Truck_Sentry](https://github.com/SystemsCyber/Truck_Sentry), MIT licence; bundled "
+    "with the tests. Mass and grade are unknown, and half of `configs/kenworth.yaml` is assumed."
 )
 
 
@@ -45,9 +45,9 @@ def write_masses(page: Page, runs: dict[str, dict[str, Estimates]], names: list[
     """Write the mass that each method ends with, and draw ours."""
     page.section("The mass")
     page.text(
-        "At the end of each recording, in kg, with the standard deviation that the method gives. A fit by hand to "
-        "20 s of the clean drive gave about 7.7 t, which is indicative at best. In the other two somebody injects "
-        "frames; the truck is the same."
+        "At the end of each recording, in kg, with the standard deviation that the method gives. A fit by "
+        "hand to 20 s of the clean drive gave about 7.7 t, which is indicative at best. In the other two "
+        "somebody injects frames; the truck is the same."
     )
     rows = []
     for name in names:
@@ -74,7 +74,7 @@ def write_masses(page: Page, runs: dict[str, dict[str, Estimates]], names: list[
 
 
 def write_diagnosis(page: Page, log: Path, config: Config) -> None:
-    """Write what the clean drive tells about the model."""
+    """Write what the clean drive shows of the model."""
     d, s = diagnose([log], config), replay(log, config).summary
     found = causes(d.problem)
     speed, torque = found["speed"].values, found["torque"].values
@@ -83,9 +83,9 @@ def write_diagnosis(page: Page, log: Path, config: Config) -> None:
     page.section("What the model lacks")
     page.text(f"**{d.finding}**")
     page.text(
-        f"`canest diagnose` ends with verdict `{d.verdict}` and an unchanged `revised.yaml`: nothing was tried, "
-        "nothing added. With enough effects to choose from something always fits so little driving, and nothing "
-        "is left to test it on."
+        f"`canest diagnose` ends with verdict `{d.verdict}` and an unchanged `revised.yaml`: nothing was "
+        "tried, nothing added. With enough effects to choose from something always fits so little driving, "
+        "and nothing is left to test it on."
     )
     residual = f"{d.before.residual_rms_N:,.0f} N {interval(d.before, 'residual_rms_N')}"
     page.table(
@@ -107,8 +107,8 @@ def write_diagnosis(page: Page, log: Path, config: Config) -> None:
     page.text(limits(d, float(speed.mean())))
     page.text(reference_limits(d.references))
     page.text(
-        f"At least {MIN_CHUNKS} blocks are needed before anything is tried; minutes at different speeds, and a "
-        "weighbridge ticket (`--mass`), are what would help most."
+        f"At least {MIN_CHUNKS} blocks are needed before anything is tried; minutes at different speeds, and "
+        "a weighbridge ticket (`--mass`), are what would help most."
     )
 
 
@@ -119,9 +119,9 @@ def limits(d: Diagnosis, kmh: float) -> str:
     least_N = 2.0 * d.before.residual_rms_N / np.sqrt(d.problem.chunks)
     wind = least_N / (v.air_density_kgpm3 * v.drag_area_m2 * kmh / 3.6)
     return (
-        f"With {d.problem.chunks} independent blocks, a steady force stands out of this residual only above about "
-        f"{least_N:,.0f} N (two standard errors). That is a headwind of {wind:.0f} m/s at the mean speed of "
-        f"{kmh:.0f} km/h, or a slope of {100 * least_N / d.problem.weight_N:.1f} % at the "
+        f"With {d.problem.chunks} independent blocks, a steady force stands out of this residual only above "
+        f"about {least_N:,.0f} N (two standard errors). That is a headwind of {wind:.0f} m/s at the mean "
+        f"speed of {kmh:.0f} km/h, or a slope of {100 * least_N / d.problem.weight_N:.1f} % at the "
         f"{d.problem.weight_N / GRAVITY_MPS2 / 1000:.1f} t that fit best."
     )
 
@@ -131,13 +131,14 @@ def main() -> None:
     config = load_config("kenworth")
     paths = {name: p for name in LOGS for p in sorted(options.folder.glob(f"{name}.log*"))[:1]}
     if "normal" not in paths:
-        raise SystemExit(f"{options.folder}: no normal.log, expected the logs of Truck_Sentry")
+        raise SystemExit(f"error: {options.folder}: no normal.log, expected the logs of Truck_Sentry")
     names = options.estimators
-    runs = {name: run(path, config, names, name) for name, path in paths.items()}
+    shown = list(paths)[: options.first]
+    runs = {name: run(paths[name], config, names, name) for name in shown}
     page = Page(options.output, "Half a minute of a Kenworth, measured")
     page.text("Three recordings of 30 s of one truck's J1939 bus, 23 to 55 km/h, gears 2 to 4.")
     page.text(LICENCE)
-    made_by(page, "python benchmarks/measured/kenworth.py tests/data/kenworth -o docs/measured/kenworth.md")
+    made_by(page, options, "tests/data/kenworth")
     write_masses(page, runs, names)
     write_diagnosis(page, paths["normal"], config)
     page.write()

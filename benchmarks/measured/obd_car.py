@@ -103,14 +103,14 @@ def end_of(e: Estimates) -> End:
     return End(float(e.mass_kg[at[-1]]), float(e.std_kg[at[-1]]), e.valid_share())
 
 
-def write_masses(page: Page, recordings: list[Recording], names: list[str]) -> None:
+def write_masses(page: Page, recordings: list[Recording], names: list[str], config: Config) -> None:
     """Write the masses of every file, and how far they lie apart."""
     long = [r for r in recordings if r.seconds >= LONG_S]
     page.section("Does the car weigh the same?")
     page.text(
         "The mass at the end of each file (of its last valid sample where there is one) and its standard "
-        "deviation, in kg, by `canest`. The guess of the reference torque is 7.5 % of each standard deviation, "
-        "and the same in all files."
+        "deviation, in kg, by `canest`. The guess of the reference torque is "
+        f"{config.vehicle.torque_accuracy_pct / 2:g} % of each standard deviation, and the same in all files."
     )
     rows = []
     for r in recordings:
@@ -162,23 +162,25 @@ def main() -> None:
     options = arguments(__doc__ or "", "recordings of an OBD-II logger")
     names = options.estimators
     config = load_config("obd-car")
-    paths = files_in(options.folder, lambda name: name.lower().endswith(".mf4"), "recordings, .MF4")
+    paths = files_in(options, lambda name: name.lower().endswith(".mf4"), "recordings, .MF4")
     found = {path: read(path, config, names) for path in paths}
     recordings = [r for r in found.values() if r is not None]
     page = Page(options.output, "A car over OBD-II, measured")
     page.text(
-        "A diesel car whose engine was asked for torque, speed and road speed (whole km/h) twice a second. The "
-        "logger has a satellite receiver (1 Hz) and inertial sensors (100 Hz, 0.125 m/s² steps). Nobody weighed "
-        "it, and nobody wrote down its reference torque, brakes or pedals. It must weigh the same in all files."
+        "A diesel car whose engine was asked for torque, speed and road speed (whole km/h) twice a second. "
+        "The logger has a satellite receiver (1 Hz) and inertial sensors (100 Hz, 0.125 m/s² steps). Nobody "
+        "weighed it, and nobody wrote down its reference torque, brakes or pedals. It must weigh the same in "
+        "all files."
     )
     page.text(LICENCE)
-    made_by(page, "python benchmarks/measured/obd_car.py FOLDER -o docs/measured/obd-car.md")
-    write_masses(page, recordings, names)
+    made_by(page, options)
+    write_masses(page, recordings, names, config)
     draw(page, recordings)
     page.section("Grade against altitude")
     page.text(
-        f"Mean grade over windows of {WINDOW_M:.0f} m beside the slope of the receiver's altitude, in degrees. "
-        "The altitude has an error of its own, which shows where the car comes by again (dashes: it does not)."
+        f"Mean grade over windows of {WINDOW_M:.0f} m beside the slope of the receiver's altitude, in "
+        "degrees. The altitude has an error of its own, which shows where the car comes by again (dashes: it "
+        "does not)."
     )
     checks = {
         f"`{name}`": grade_against_altitude([(r.way, r.runs[""][name]) for r in recordings], WINDOW_M)
@@ -190,7 +192,7 @@ def main() -> None:
     page.items([
         f"Refused, since signals come too seldom or are missing: {', '.join(refused) or 'none'}. "
         "`canest check` says which, and what a rate costs.",
-        "Neither brake nor pedal is known. Without propulsion nothing is learned, which is a quarter of the driving.",
+        "Neither brake nor pedal is known, so nothing is learned without propulsion.",
     ])  # fmt: skip
     page.write()
 

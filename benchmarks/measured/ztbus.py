@@ -9,6 +9,7 @@ ZTBus_compressed.zip all 1,409). Nothing has to be converted: configs/ztbus.yaml
 
 from __future__ import annotations
 
+import argparse
 import re
 from pathlib import Path
 from typing import NamedTuple
@@ -105,7 +106,7 @@ def samples_of(mission: Mission, e: Estimates) -> tuple[Column, Column, Column]:
 
 
 def rides_of(mission: Mission, e: Estimates, valid: bool) -> Column:
-    """Return passengers, mass and std at the end of each ride, (rides, 3). valid: of its last valid sample."""
+    """Return passengers, mass and std at each ride's end, (rides, 3). valid: of its last valid sample."""
     wanted = e.known & e.valid if valid else e.known
     rows = []
     for begin, end, count in mission.rides:
@@ -178,8 +179,9 @@ def draw_grade(page: Page, mission: Mission) -> None:
     page.figure(figure, "grade", "Estimated grade and the altitude's slope over the first ninety minutes")
 
 
-def write(page: Page, missions: list[Mission], names: list[str]) -> None:
+def write(page: Page, missions: list[Mission], options: argparse.Namespace) -> None:
     """Write the page."""
+    names = options.estimators
     fits = {name: fit(missions, name) for name in names}
     hours = sum(m.t_s[-1] - m.t_s[0] for m in missions) / 3600
     km = sum(m.way.metres[-1] for m in missions) / 1000
@@ -189,7 +191,7 @@ def write(page: Page, missions: list[Mission], names: list[str]) -> None:
         "relative truth."
     )
     page.text(ATTRIBUTION)
-    made_by(page, "python benchmarks/measured/ztbus.py FOLDER -o docs/measured/ztbus.md")
+    made_by(page, options)
     rides = sum(len(m.rides) for m in missions)
     listed = ", ".join(m.name for m in missions)
     page.text(
@@ -201,8 +203,8 @@ def write(page: Page, missions: list[Mission], names: list[str]) -> None:
         "own standard deviations of the best line. Samples are one a second."
     )
     page.table(
-        ("method", "valid, of the driving", "samples: correlation", "kg per passenger", "empty, t", "in 2 std",
-         "rides", "correlation", "kg per passenger", "in 2 std", "scatter, kg"),
+        ("method", "valid, of the driving", "samples: correlation", "kg per passenger", "empty, t",
+         "in 2 std", "rides", "correlation", "kg per passenger", "in 2 std", "scatter, kg"),
         [
             (f"`{name}`", share(f.valid), number(f.samples.correlation, 2), number(f.samples.slope),
              number(f.samples.intercept / 1000, 1), share(f.in_two_std), str(f.rides.points),
@@ -223,11 +225,11 @@ def write(page: Page, missions: list[Mission], names: list[str]) -> None:
     )  # fmt: skip
     page.section("Grade against altitude")
     page.text(
-        f"Mean grade over windows of {WINDOW_M:.0f} m beside the slope of the receiver's altitude, in degrees. "
-        "A satellite receiver wanders by metres in a minute. Where the bus comes by again, in either direction, "
-        "two passes see one road and two errors of the altitude. *Left* is what remains there without them. "
-        "An error that belongs to the place, as beside high houses, stays in it. The last column is the same "
-        "scatter of the estimate: it needs no altitude."
+        f"Mean grade over windows of {WINDOW_M:.0f} m beside the slope of the receiver's altitude, in "
+        "degrees. A satellite receiver wanders by metres in a minute. Where the bus comes by again, in "
+        "either direction, two passes see one road and two errors of the altitude. *Left* is what remains "
+        "there without them. An error that belongs to the place, as beside high houses, stays in it. The "
+        "last column is the same scatter of the estimate: it needs no altitude."
     )
     checks = {
         f"`{name}`": grade_against_altitude([(m.way, m.estimates[name]) for m in missions], WINDOW_M)
@@ -246,11 +248,11 @@ def write(page: Page, missions: list[Mission], names: list[str]) -> None:
 
 def main() -> None:
     options = arguments(__doc__ or "", "missions of ZTBus")
-    paths = files_in(options.folder, lambda name: bool(NAME.match(name)), "missions of ZTBus, B183_....csv")
+    paths = files_in(options, lambda name: bool(NAME.match(name)), "missions of ZTBus, B183_....csv")
     config = load_config("ztbus")
     missions = [read_mission(path, config, options.estimators) for path in paths]
     page = Page(options.output, "A trolleybus, measured")
-    write(page, missions, options.estimators)
+    write(page, missions, options)
     page.write()
 
 

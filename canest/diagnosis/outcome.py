@@ -31,6 +31,7 @@ def document(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str]) 
         "after": diagnosis.after.to_json(),
         "candidates": [e.to_json() for e in found],
         "models": models_of(diagnosis),
+        "not_excluded": diagnosis.not_excluded,
         "steps": [
             {"with": s.added.candidate.effect, "residual_rms_N": round(s.residual_rms_N, 2)}
             for s in diagnosis.steps
@@ -100,6 +101,7 @@ def empty_document(
         "after": dict(unknown),
         "candidates": [],
         "models": [],
+        "not_excluded": [],
         "steps": [],
         "not_tried": dict.fromkeys(all_effects(), TOO_LITTLE) | _unusable(),
         "unused_signals": [],

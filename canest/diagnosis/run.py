@@ -20,11 +20,12 @@ from canest.diagnosis.data.residual_windows import CHUNK_S
 from canest.diagnosis.search.bus_signals import Ranked, rank_bus_signals
 from canest.diagnosis.search.candidates import candidates_for
 from canest.diagnosis.search.choice import Tried
+from canest.diagnosis.search.exclusion import not_excluded
 from canest.diagnosis.search.held_out import Fold, Score, Step, score, steps_to, two_folds
 from canest.diagnosis.search.set_search import Search
 from canest.diagnosis.search.switches import SWITCH_ROLES, TRY_SIGNAL_SHARE, switching_roles, with_switches
-from canest.diagnosis.sentences import Statement, statement_of, too_short_statement
-from canest.diagnosis.verdict import little_left, verdict_of
+from canest.diagnosis.sentences import Context, Statement, statement_of, too_short_statement
+from canest.diagnosis.verdict import grade_part_N, little_left, verdict_of, within_usual
 from canest.logs.memory import MemoryLog
 from canest.pipeline.build import effects_of
 
@@ -55,6 +56,8 @@ class Diagnosis:
     ranked: list[Ranked]
     steps: list[Step]
     references: list[Reference]
+    #: effects that this data does not rule out in the size of an ordinary fault
+    not_excluded: list[str]
 
 
 def diagnose(
@@ -88,15 +91,22 @@ def diagnose(
         problem = search.problem
     progress("before and after", 0.8)
     before, after, search = _before_and_after(search)
+    hints = [r.name for r in ranked if r.explained > TRY_SIGNAL_SHARE and not r.repeats][:1]
     verdict = verdict_of(problem, search, before.score, after.score)
-    hints = [r.name for r in ranked[:1] if r.explained > TRY_SIGNAL_SHARE]
-    hidden_N = search.hidden_N() if search.all_hidden(tried) else None
-    sizes_N = before.score.residual_rms_N, after.score.residual_rms_N
-    statement = statement_of(
-        verdict, search.chosen, *sizes_N, rivals=search.rivals, hints=hints, hidden_N=hidden_N
+    possible = not_excluded(search)
+    context = Context(
+        rivals=search.rivals,
+        hints=hints,
+        hidden_N=search.hidden_N() if search.all_hidden(tried) else None,
+        grade_N=grade_part_N(problem),
+        delay=search.usual_delay,
+        usual=within_usual(problem, search),
+        not_excluded=possible,
     )
+    sizes_N = before.score.residual_rms_N, after.score.residual_rms_N
+    statement = statement_of(verdict, search.chosen, *sizes_N, context)
     progress("done", 1.0)
-    return _diagnosis(config, search, tried, ranked, (before, after), (verdict, statement))
+    return _diagnosis(config, search, tried, ranked, (before, after), (verdict, statement), possible)
 
 
 @dataclass(frozen=True)
@@ -115,8 +125,9 @@ def _diagnosis(
     ranked: list[Ranked],
     sides: tuple[_Side, _Side],
     outcome: tuple[str, Statement],
+    possible: Sequence[str] = (),
 ) -> Diagnosis:
-    """Return the whole. sides: before and after; outcome: verdict and statement."""
+    """Return the whole. sides: before and after; outcome: verdict and statement; possible: not excluded."""
     before, after = sides
     return Diagnosis(
         config=config,
@@ -135,6 +146,7 @@ def _diagnosis(
         ranked=ranked,
         steps=steps_to(search, after.score.residual_rms_N),
         references=[p.reference for p in search.problem.parts],
+        not_excluded=list(possible),
     )
 
 
@@ -164,7 +176,9 @@ def _before_and_after(search: Search) -> tuple[_Side, _Side, Search]:
     after = _Side(*score(problem, two_folds(problem, search)))
     if after.score.residual_rms_N >= before.score.residual_rms_N:
         # fitted on one half it makes the other worse: whatever it is, it must not go into a config
-        return before, before, search.without_choice()
+        bare = search.without_choice()
+        bare.rivals = search.rivals  # which are as likely is still worth a word
+        return before, before, bare
     return before, after, search
 
 

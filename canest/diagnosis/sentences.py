@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from canest.diagnosis.search.choice import Chosen
-from canest.diagnosis.search.set_search import FittedSet
+from canest.diagnosis.search.fitted_sets import FittedSet
 from canest.vehicle.effects import effect_class
 
 #: words of the first sentence at most
@@ -50,39 +51,54 @@ def describe_equivalents(chosen: Chosen) -> str:
     )
 
 
-def statement_of(
-    verdict: str,
-    chosen: Sequence[Chosen],
-    before_N: float,
-    after_N: float,
-    *,
-    rivals: Sequence[FittedSet] = (),
-    hints: Sequence[str] = (),
-    hidden_N: float | None = None,
-) -> Statement:
-    """Return what the report states.
+class Context(NamedTuple):
+    """What a statement needs beside the effects that were chosen.
 
     rivals: sets of effects that are as likely. hints: signals that the remainder goes with. hidden_N: what no
-    effect alone removes more of, where so.
+    effect alone removes more of, where so. grade_N: what the error of the grade's reference may make. delay:
+    of the torque, where it is usual and all that was found. usual: whether what is left is within the errors
+    that every drive has. not_excluded: effects that this data does not rule out.
     """
-    others = _others(chosen, rivals)
-    hint = (f"The remainder goes with {hints[0]}.",) if hints else ()
+
+    rivals: Sequence[FittedSet] = ()
+    hints: Sequence[str] = ()
+    hidden_N: float | None = None
+    grade_N: float = 0.0
+    delay: Chosen | None = None
+    usual: bool = False
+    not_excluded: Sequence[str] = ()
+
+
+def statement_of(
+    verdict: str, chosen: Sequence[Chosen], before_N: float, after_N: float, context: Context | None = None
+) -> Statement:
+    """Return what the report states."""
+    context = context or Context()
+    rivals = context.rivals
+    hint = (f"The remainder goes with {context.hints[0]}.",) if context.hints else ()
+    rest = (*_usually_late(context.delay), *_not_excluded(chosen, context))
     if verdict == "nothing-to-explain":
-        fits = f"What is left, {before_N:.0f} N, is what noise leaves."
-        return Statement("The model fits this data as well as its noise allows: nothing to add.", (fits,))
+        fits = (
+            f"Residual {before_N:.0f} N: noise, and what torque, tyres and wind are off by in every vehicle"
+        )
+        fits += f", and up to {context.grade_N:.0f} N of the grade's reference." if context.grade_N else "."
+        finding = "The model fits this data as well as usual errors allow: nothing to add."
+        return Statement(finding, (fits, *rest))
     if not chosen:
+        why = (f"Residual {before_N:.0f} N.", _why_none(context.hidden_N))
         return Statement(
             "Something is missing from the model, and none of the known effects explains it for certain.",
-            (f"Residual {before_N:.0f} N.", _why_none(hidden_N), *_as_likely(rivals), *hint),
+            (*why, *_as_likely(rivals), *rest, *hint),
         )
     lines = [
         f"{capitalised('; '.join(filter(None, (describe(c), describe_equivalents(c)))))}." for c in chosen
     ]
     change = f"Held-out residual {before_N:.0f} N before, {after_N:.0f} N after."
-    return Statement(_headline(verdict, chosen, others), (change, *lines, *_as_likely(rivals), *hint))
+    headline = _headline(verdict, chosen, _others(chosen, rivals), usual=context.usual)
+    return Statement(headline, (change, *lines, *_as_likely(rivals), *rest, *hint))
 
 
-def _headline(verdict: str, chosen: Sequence[Chosen], others: Sequence[str]) -> str:
+def _headline(verdict: str, chosen: Sequence[Chosen], others: Sequence[str], *, usual: bool) -> str:
     """Return the first sentence: every cause with what it may be instead, as many as there are words for."""
     causes = [c for c in chosen if not c.candidate.is_delay]
     if not causes:  # every engine reports late: it is no reason to look for others
@@ -90,8 +106,8 @@ def _headline(verdict: str, chosen: Sequence[Chosen], others: Sequence[str]) -> 
     causes.sort(key=_danger, reverse=True)
     end = {
         "explained": "explain{s} the residual.",
-        "partly": "explain{s} a part of the residual; the rest stays unexplained.",
-        "unexplained": "explain{s} little of the residual; most stays unexplained.",
+        "partly": f"explain{{s}} a part of the residual; {_of_the_rest('the rest', usual)}.",
+        "unexplained": f"explain{{s}} little of the residual; {_of_the_rest('most', usual)}.",
     }[verdict]
     for named in range(_NAMED, 0, -1):
         phrases = []
@@ -104,6 +120,11 @@ def _headline(verdict: str, chosen: Sequence[Chosen], others: Sequence[str]) -> 
         if len(text.split()) <= MAX_WORDS:
             return text
     return f"{capitalised(_one_of([causes[0].candidate.effect], 1, ''))} and others {end.format(s='')}"
+
+
+def _of_the_rest(name: str, usual: bool) -> str:
+    """Return the words for what is left. usual: it is within the errors that every drive has."""
+    return "the rest is within usual errors" if usual else f"{name} stays unexplained"
 
 
 def _danger(chosen: Chosen) -> int:
@@ -135,6 +156,26 @@ def _as_likely(rivals: Sequence[FittedSet]) -> tuple[str, ...]:
     sets = [" with ".join(effect_class(n).in_words() for n in by_urgency(r.names)) or "none" for r in rivals]
     more = f"; and {len(sets) - _SETS_NAMED} more" if len(sets) > _SETS_NAMED else ""
     return (f"About as likely: {'; '.join(sets[:_SETS_NAMED])}{more}.",)
+
+
+def _usually_late(delay: Chosen | None) -> tuple[str, ...]:
+    """Return the line about a delay of the torque that is no finding; none without one."""
+    if delay is None:
+        return ()
+    return (
+        f"Torque is reported {delay.value:.2g} ± {delay.std:.1g} s late, as engines do; `effects` may have "
+        f"it: {{effect: torque_delay, delay_s: {delay.value:.2g}}}.",
+    )
+
+
+def _not_excluded(chosen: Sequence[Chosen], context: Context) -> tuple[str, ...]:
+    """Return the line of effects that may be there as well; none where all are ruled out or named before."""
+    named = {name for rival in context.rivals for name in rival.names} if len(context.rivals) > 1 else set()
+    names = [n for n in by_urgency(context.not_excluded) if n not in named]
+    if not names:
+        return ()
+    listed = ", ".join(effect_class(n).in_words() for n in names)
+    return (f"Not ruled out in the size of an ordinary fault: {listed}.",)
 
 
 def _why_none(hidden_N: float | None) -> str:

@@ -14,6 +14,8 @@ from canest.diagnosis.search.set_search import Search
 
 #: what is left may wander this much (share of weight) and still count as explained: a slope of 0.04 %
 SMALL_REMAINDER = 4e-4
+#: standard deviations of the grade's error that a remainder may be, and still be that
+USUAL_SIGMAS = 2.0
 #: shares of the first residual's variance that make a verdict
 EXPLAINED_SHARE, PARTLY_SHARE = 0.95, 0.2
 #: more of the first residual than this, as RMS, is never called explained, whatever it looks like
@@ -24,13 +26,25 @@ def verdict_of(problem: Problem, search: Search, before: Score, after: Score) ->
     """Return `explained`, `partly`, `unexplained` or `nothing-to-explain`."""
     small = little_left(problem, search)
     if not search.chosen:
-        return "nothing-to-explain" if small else "unexplained"
+        nothing = small or (within_usual(problem, search) and not search.evident)
+        return "nothing-to-explain" if nothing else "unexplained"
     left = after.residual_rms_N / max(before.residual_rms_N, 1e-9)
     if after.residual_rms_N <= _noise_N(problem) or (
         left <= LARGE_SHARE_LEFT and (small or 1.0 - left**2 >= EXPLAINED_SHARE)
     ):
         return "explained"
     return "partly" if 1.0 - left**2 >= PARTLY_SHARE else "unexplained"
+
+
+def within_usual(problem: Problem, search: Search) -> bool:
+    """Return whether small errors, as every drive has them, leave no more than the grade's error."""
+    left_N = search.residual_N + search.usual_errors_N()
+    return _wanders_N(problem, left_N) <= max(SMALL_REMAINDER * problem.weight_N, grade_part_N(problem))
+
+
+def grade_part_N(problem: Problem) -> float:
+    """Return what the error of the grade's reference may make of a remainder, N."""
+    return USUAL_SIGMAS * float(np.sqrt((problem.grade_error_N() ** 2).mean()))
 
 
 def _noise_N(problem: Problem) -> float:
@@ -40,8 +54,12 @@ def _noise_N(problem: Problem) -> float:
 
 
 def _remainder_N(problem: Problem, search: Search) -> float:
-    """Return how much the remainder wanders from chunk to chunk, in N: noise averages out, causes do not."""
-    left = search.residual_N + _mass_part_N(problem, search)
+    """Return how much the remainder wanders from chunk to chunk, in N."""
+    return _wanders_N(problem, search.residual_N + _mass_part_N(problem, search))
+
+
+def _wanders_N(problem: Problem, left: FloatColumn) -> float:
+    """Return how much a residual (n,) wanders from chunk to chunk, N: noise averages out, causes do not."""
     sums = np.bincount(problem.chunk, weights=left)
     counts = np.maximum(np.bincount(problem.chunk), 1)
     means = sums / counts

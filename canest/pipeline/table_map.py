@@ -15,7 +15,7 @@ from canest.core.errors import LogError
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.table_block import TableBlock
 from canest.decode.value_table import Label, TextTable
-from canest.logs.base import SHOWN_CHARS
+from canest.logs.base import KNOWN_LOGS, SHOWN_CHARS
 from canest.logs.cells import number_of
 from canest.logs.format_detection import open_log
 from canest.logs.table_reader import TEXTS_KEPT
@@ -167,6 +167,11 @@ def wrong_kind(config: Config, log: LogReader) -> str:
     """Return why a config has no signal in a log of this kind, frames or table; '' where it may have."""
     columns = sum(source.column is not None for source in config.signals.values())
     if log.kind == "table" and not columns:
+        if log.format == "csv":  # any text may be read as one
+            return (
+                "the config maps only DBC signals, and this is a decoded table, or no log format that canest "
+                f"knows; those are {KNOWN_LOGS}"
+            )
         return "the config maps only DBC signals, and this log holds a decoded table"
     if log.kind == "frames" and columns == len(config.signals):
         return "the config maps only table columns, and this log holds frames"

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from importlib.util import find_spec
 
 import numpy as np
 
-from canest.core.errors import UsageError
 from canest.core.frames import FloatColumn, IntColumn
 from canest.road.fusion import fuse
 from canest.road.network import Network, Visits
 from canest.road.sphere import headings_of, positions_of
 from canest.road.table import RoadMap
 from canest.road.tracks import Drive, tracks_of
-from canest.system.installation import how_to_add
 
 DRIVES, PIECES, CELLS = "drives", "pieces of them", "cells of 25 m"
 STACKED, UNKNOWN, SELDOM = (
@@ -28,9 +25,8 @@ STACKED, UNKNOWN, SELDOM = (
 def build_map(drives: Iterable[Drive], *, least_passes: int = 1) -> RoadMap:
     """Return the map of drives, in their order. least_passes: cells with fewer are left out.
 
-    Errors: CanestError for too many drives, UsageError without scipy.
+    Errors: CanestError for too many drives.
     """
-    _require_scipy()
     counts: Counter[str] = Counter()
     network = Network()
     vehicles: dict[str, int] = {}
@@ -44,11 +40,6 @@ def build_map(drives: Iterable[Drive], *, least_passes: int = 1) -> RoadMap:
             days.append(drive.day)
     counts[PIECES] = network.tracks
     return _map(network, np.array(of_track, np.int64), np.array(days), counts, least_passes)
-
-
-def _require_scipy() -> None:
-    if find_spec("scipy") is None:
-        raise UsageError("a road map needs the package scipy", expected=how_to_add("map"))
 
 
 def _map(

@@ -308,6 +308,13 @@ def test_a_time_in_milliseconds_is_refused_at_once(canest, tmp_path):
         assert "20000 s from row to row" in done.err
 
 
+def test_an_unknown_text_is_not_called_a_table_for_certain(canest, tmp_path):
+    log = tmp_path / "odd.csv"
+    log.write_text("a;b;c\nx;y;z\n")
+    done = canest("replay", log, "-c", "class8")
+    assert done.code == 1 and "no log format that canest knows" in done.err and "Vehicle Spy" in done.err
+
+
 @pytest.mark.parametrize(
     ("roles", "message"),
     [

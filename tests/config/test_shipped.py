@@ -13,7 +13,7 @@ NAMES = sorted(p.stem for p in shipped("configs").glob("*.yaml"))
 
 
 def test_the_documented_ones_are_there() -> None:
-    assert {"class8", "class8-j1587", "kenworth", "bmw-i3", "vcan"} <= set(NAMES)
+    assert {"class8", "class8-j1587", "kenworth", "bmw-i3", "ztbus", "obd-car", "vcan"} <= set(NAMES)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -9,7 +9,7 @@ from canest.config import parse_config, read_databases
 from canest.config.sections import Source
 from canest.diagnosis.data.drive import Run
 from canest.diagnosis.data.residual_windows import windows_of
-from canest.diagnosis.search.bus_signals import Ranked, held_on_windows, signals_of
+from canest.diagnosis.search.bus_signals import Ranked, _repeats, held_on_windows, signals_of
 from canest.diagnosis.search.switches import with_switches
 from canest.pipeline.signal_map import decoder_for
 from canest.system.shipped_files import shipped
@@ -81,11 +81,20 @@ def test_a_signal_is_held_onto_windows_on_both_sides_of_a_clock_set_back():
     assert column == pytest.approx(5.0 * np.arange(100) + 2.0, abs=1.0)
 
 
+def test_a_signal_that_repeats_what_the_model_knows_is_the_cause_of_nothing():
+    """A navigation's speed and the driver's demand of torque went with what a wind had left."""
+    rng = np.random.default_rng(1)
+    known = np.column_stack([np.ones(300), rng.uniform(5, 25, 300), rng.normal(0, 500, 300)])
+    assert _repeats(known, 3.6 * known[:, 1] + rng.normal(0, 0.5, 300))
+    assert _repeats(known, 0.04 * known[:, 2] + 8.0)
+    assert not _repeats(known, (rng.uniform(size=300) > 0.5).astype(float))
+
+
 def test_a_signal_becomes_a_role_of_its_own_whatever_it_is_called():
     config = parse_config((shipped("configs") / "class8.yaml").read_text())
     assert "clutch_switch" not in config.signals and "pto_state" in config.signals
     columns = ["clutch_switch", "PTO_state", "Aircon [kW]", "aircon (kW)", "[/]"]
-    ranked = [Ranked(name, Source(column=name), 0.5, True) for name in columns]
+    ranked = [Ranked(name, Source(column=name), 0.5, True, False) for name in columns]
     extended = with_switches(config, ranked)
     new = {s.column: role for role, s in extended.signals.items() if role not in config.signals}
     roles = ["other_clutch_switch", "other_pto_state", "aircon_kw", "other_aircon_kw", "signal"]

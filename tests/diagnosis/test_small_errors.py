@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from canest.config import load_config
 from canest.diagnosis.data.least_squares import solve
-from canest.diagnosis.search.small_errors import variance_beside
+from canest.diagnosis.search.candidates import Candidate
+from canest.diagnosis.search.small_errors import usual_spread, variance_beside
 
 N, PER_CHUNK = 240, 8
 CHUNK = np.arange(N) // PER_CHUNK
@@ -49,3 +51,17 @@ def test_no_effect_and_no_small_error_are_no_trouble():
     nothing = np.zeros((N, 0))
     assert variance_beside(np.ones(N), nothing, CHUNK, {"e": np.ones(N)}, {"e": 1.0}).shape == (0,)
     assert variance_beside(np.ones(N), np.ones((N, 1)), CHUNK, {}, {}).tolist() == [0.0]
+
+
+def test_a_factor_on_all_traction_is_no_small_error_where_the_mass_is_free():
+    """Together they scaled every force of an electric car's trips to nothing, and with it the residual."""
+    vehicle = load_config("bmw-i3").vehicle
+    gain, wind = (
+        Candidate(name, name, parameter, confounded=confounded)
+        for name, parameter, confounded in (("torque_gain", "gain", True), ("headwind", "wind_mps", False))
+    )
+    assert set(usual_spread(vehicle, [gain, wind])) == {"headwind"}
+    assert set(usual_spread(vehicle, [Candidate("torque_gain", "torque_gain", "gain"), wind])) == {
+        "torque_gain",
+        "headwind",
+    }

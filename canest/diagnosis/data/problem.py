@@ -114,7 +114,11 @@ class Problem:
         return held_out(residual, self.beside_nuisance(columns), self.chunk)
 
     def reference_errors(self) -> dict[str, FloatColumn]:
-        """Return what steady errors of the reference do, whitened, per standard deviation (n,) each.
+        """Return what steady errors of the reference do, whitened, per standard deviation (n,) each."""
+        return {name: self.whiten(column) for name, column in self.reference_errors_N().items()}
+
+    def reference_errors_N(self) -> dict[str, FloatColumn]:
+        """Return what steady errors of the reference do, in N per standard deviation (n,) each.
 
         The accelerometer's bias and the body's pitch are known as well as the drive shows them: what is left
         of them looks like a steady force, and like inertia.
@@ -130,7 +134,20 @@ class Problem:
                 if np.any(column):
                     whole = np.zeros(self.rows)
                     whole[here] = column
-                    found[f"{name} of drive {i}"] = self.whiten(whole)
+                    found[f"{name} of drive {i}"] = whole
+        return found
+
+    def grade_error_N(self) -> FloatColumn:
+        """Return the standard deviation, N, that the error of the grade gives the mean of each block (k,)."""
+        found = np.zeros(self.chunks)
+        for i, part in enumerate(self.parts):
+            std_N = part.reference.sin_beta_std * GRAVITY_MPS2 * float(part.mass_w.mean())
+            chunk = self.chunk[self.drive == i]
+            metres = np.cumsum(part.speed_mps)  # a window is a second
+            for k in np.unique(chunk) if std_N else ():
+                along = metres[chunk == k]
+                shared = np.exp(-np.abs(along[:, None] - along) / part.reference.correlation_m)
+                found[k] = std_N * np.sqrt(shared.mean())
         return found
 
     def _nuisance(self) -> Matrix:

@@ -5,7 +5,7 @@ The answer is often there: a fan speed, a power take-off, a steering angle.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -22,7 +22,8 @@ from canest.decode.database import is_j1939
 from canest.decode.decoder import Decoder
 from canest.decode.groups import MAX_GROUPS, Want, build_groups, exact_id
 from canest.decode.j1939 import pgn_of, source_of
-from canest.diagnosis.data.least_squares import held_out
+from canest.diagnosis.data.drive import Run
+from canest.diagnosis.data.least_squares import Matrix, held_out
 from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.search.set_search import Search
 from canest.logs.format_detection import open_log
@@ -35,18 +36,24 @@ if TYPE_CHECKING:
 #: a signal must have spoken this often, and on this share of the windows
 MIN_SAMPLES, MIN_COVERAGE = 20, 0.8
 _STALE_S = 10.0
+#: a signal of which the model's own quantities leave less than this share repeats them
+REPEATED_SHARE = 0.2
 #: the null and the global address: a config can name neither as a source
 _NOBODY = {0xFE, 0xFF}
 
 
 @dataclass(frozen=True)
 class Ranked:
-    """One unused signal: where it is, and the share of the held-out remainder that it explains."""
+    """One unused signal: where it is, and the share of the held-out remainder that it explains.
+
+    repeats: it says what the model knows anyway, another speed or torque, and is the cause of nothing.
+    """
 
     name: str
     source: Source
     explained: float
     switches: bool
+    repeats: bool
 
 
 def rank_bus_signals(config: Config, problem: Problem, search: Search) -> list[Ranked]:
@@ -59,6 +66,7 @@ def rank_bus_signals(config: Config, problem: Problem, search: Search) -> list[R
     residual = problem.whiten(search.residual_N)
     base = search.local_matrix()
     left = held_out(residual, base, problem.chunk)
+    known = _known_columns(problem)
     total = float((left**2).sum())
     ranked, tried = [], 0
     for name in sorted(names):
@@ -75,7 +83,7 @@ def rank_bus_signals(config: Config, problem: Problem, search: Search) -> list[R
             share = 1.0 - float((held_out(residual, matrix, problem.chunk) ** 2).sum()) / total
             explained = max(explained, share)
         if explained > 0.01:
-            ranked.append(Ranked(name, source, explained, _switches(column)))
+            ranked.append(Ranked(name, source, explained, _switches(column), _repeats(known, column)))
     # of so many signals that have nothing to do with it, the best one explains about this much by chance
     chance = 2.0 * np.log(max(tried, 1)) / problem.rows
     return sorted((r for r in ranked if r.explained > chance), key=lambda r: -r.explained)[:20]
@@ -88,6 +96,32 @@ def _shapes(problem: Problem, column: FloatColumn) -> list[FloatColumn]:
     )
     scaled = (column - column.mean()) / (column.std() or 1.0)
     return [scaled * 100.0, scaled * lever * 10.0]
+
+
+def _known_columns(problem: Problem) -> Matrix:
+    """Return what the model knows of each window (n, k): speeds, accelerations, torque, gear and force."""
+
+    def column(of: Callable[[Run], FloatColumn]) -> FloatColumn:
+        return np.concatenate([p.windows.mean(np.nan_to_num(of(p.run))) for p in problem.parts])
+
+    quantities: list[Callable[[Run], FloatColumn]] = [
+        lambda run: run.samples.speed_mps,
+        lambda run: run.samples.accel_mps2,
+        lambda run: run.torque_Nm,
+        lambda run: run.gear,
+        lambda run: run.samples.force_per_torque_1pm,
+        lambda run: run.samples.speed_mps * run.samples.force_per_torque_1pm,
+        lambda run: run.samples.traction_N,
+    ]
+    return np.column_stack([np.ones(problem.rows), *map(column, quantities)])
+
+
+def _repeats(known: Matrix, column: FloatColumn) -> bool:
+    """Return whether a signal is a sum of what the model knows, but for a little."""
+    sizes = np.abs(known).max(axis=0)
+    taken, *_ = np.linalg.lstsq(known / np.where(sizes > 0, sizes, 1.0), column, rcond=1e-8)
+    left = column - known / np.where(sizes > 0, sizes, 1.0) @ taken
+    return bool(left.var() < REPEATED_SHARE * column.var())
 
 
 def _switches(column: FloatColumn) -> bool:

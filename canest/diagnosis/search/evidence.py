@@ -9,6 +9,9 @@ independent observations there are. Seconds of one block of driving share their 
 seconds over the inflation that their correlation causes. Two sets are compared by the difference: 2 log of
 the odds between them.
 
+A fault has a usual size, too: large faults are rarer than small ones. Otherwise two large effects that undo
+each other would pass for the explanation of what little they leave.
+
 Every vehicle has small errors that nobody declares, and every reference has its own. They have a known spread
 and are marginalised: each takes what it can of the residual, at the price of its prior. An effect within
 what they may do is therefore no evidence for anything.
@@ -31,6 +34,8 @@ from canest.diagnosis.search.candidates import Candidate
 #: sets whose criterion is this close to the best are not separated by the data, and an effect is taken where
 #: the criterion is better by this with it: odds of 20
 DECISIVE = 6.0
+#: an effect that is not there makes a set likelier by chance, by more than this (as 2 log) once in ten times
+CHANCE = 2.7
 #: effects of one set, beside the reporting delay
 MAX_EFFECTS = 5
 #: sets of two and more that are extended by one more effect
@@ -80,12 +85,31 @@ class Evidence:
         n = self.observations
         return float(n * np.log(max(left, 1e-12)) + parameters * np.log(n))
 
-    def of(self, residual: FloatColumn, columns: Sequence[FloatColumn]) -> float:
-        """Return the criterion of a set by its residual (n,) and its regressors (n,) at its values."""
+    def of(
+        self,
+        residual: FloatColumn,
+        columns: Sequence[FloatColumn],
+        values: Sequence[float],
+        scales: Sequence[float],
+    ) -> float:
+        """Return the criterion of a set by its residual (n,) and its regressors (n,) at its values.
+
+        scales: standard deviations of the values among faults.
+        """
         whole = np.column_stack([residual, *columns])
-        products = self.products(whole, whole)
+        prices = self.prices(scales)
+        at = np.array([1.0, *values])
+        pull = np.array([0.0, *prices]) * at
+        products = self.products(whole, whole) + np.diag([0.0, *prices])
+        products[0, :] += pull
+        products[:, 0] += pull
+        products[0, 0] += float(pull @ at)
         left, _ = _left(products, tuple(range(1, whole.shape[1])))
         return self.criterion(left, len(columns))
+
+    def prices(self, scales: Sequence[float]) -> FloatColumn:
+        """Return what a value of one costs, as squared residual: less likely the larger, (k,)."""
+        return np.asarray(self.noise / np.square(np.array(scales, np.float64)))
 
     def remainder(self, residual: FloatColumn) -> FloatColumn:
         """Return what small errors and nuisances leave of a residual (n,), both at their likeliest."""
@@ -177,7 +201,8 @@ def likely_sets(
     vehicle can have, or that has an effect twice, is left out.
     """
     whole = np.column_stack([residual, *columns])
-    products = evidence.products(whole, whole)
+    prices = evidence.prices([c.scale for c in candidates])
+    products = evidence.products(whole, whole) + np.diag([0.0, *prices])
     left, _ = _left(products, ())
     found = [ScoredSet((), evidence.criterion(left, 0), ())]
     last = found
@@ -197,12 +222,16 @@ def likely_sets(
     return sorted(found, key=lambda s: s.criterion)
 
 
-def without_idle_members(sets: Sequence[ScoredSet]) -> list[ScoredSet]:
-    """Return the sets in which every effect pays for itself: no set of fewer of them is as good."""
+def without_idle_members(sets: Sequence[ScoredSet], observations: float) -> list[ScoredSet]:
+    """Return the sets in which the data speaks for every effect, be it little.
+
+    Without it the set would be less likely by more than chance makes of an effect that is not there.
+    """
     by_members = {s.members: s.criterion for s in sets}
+    price = float(np.log(observations)) - CHANCE
 
     def idle(s: ScoredSet) -> bool:
         smaller = (tuple(m for m in s.members if m != gone) for gone in s.members)
-        return any(by_members.get(members, np.inf) <= s.criterion for members in smaller)
+        return any(by_members.get(members, np.inf) + price <= s.criterion for members in smaller)
 
     return [s for s in sets if not idle(s)]

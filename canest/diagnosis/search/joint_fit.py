@@ -15,6 +15,7 @@ from canest.diagnosis.data.problem import Problem
 from canest.diagnosis.search.candidates import Candidate
 from canest.diagnosis.search.choice import Chosen, Tried
 from canest.diagnosis.search.equivalence import Alternatives
+from canest.diagnosis.search.evidence import likeliest_errors
 from canest.diagnosis.search.small_errors import usual_spread, variance_beside
 from canest.diagnosis.search.value_fit import Prior, fit_on, refine, regressors
 from canest.vehicle.effects import Effect
@@ -45,8 +46,10 @@ class JointFit:
         self._on_candidate = on_candidate
         self.first_residual_N = problem.residual_N(self.base)
         self.first_whitened = problem.whiten(self.first_residual_N)
-        self.offered = [(c, self._regressor(c)) for c in self.candidates]
         self._spread = usual_spread(problem.parts[0].drive.config.vehicle, self.candidates)
+        #: what the small errors of every vehicle do, in N per standard deviation (n,) each
+        self.small_errors_N: dict[str, FloatColumn] = {}
+        self.offered = [(c, self._regressor(c)) for c in self.candidates]
         self.alternatives = Alternatives(problem, self.offered, self._spread)
         self.residual_N = self.first_residual_N
         #: the small errors that may be beside the chosen effects; None until the noise is known
@@ -59,6 +62,8 @@ class JointFit:
         moved_N = self.problem.residual_N([*self.base, c.make(step)]) - self.first_residual_N
         if np.abs(moved_N).max() < ROUNDING * self.problem.weight_N:
             moved_N[:] = 0.0  # nothing here depends on it (half-shaft torque knows no crank)
+        if c.label in self._spread:
+            self.small_errors_N[c.label] = self._spread[c.label] * moved_N / step
         return self.problem.whiten(moved_N / step)
 
     def alone(self) -> list[Tried]:
@@ -114,6 +119,26 @@ class JointFit:
         nothing = np.zeros((self.problem.rows, 0))
         return np.column_stack([nothing, *small, *self.problem.reference_errors().values()])
 
+    def usual_errors_N(self) -> FloatColumn:
+        """Return what small errors of vehicle and reference, and a free mass, add to the residual (n,), N.
+
+        Each is at its likeliest beside what is chosen.
+        """
+        assert self.prior is not None
+        residual, columns = self.current()
+        problem = self.problem
+        size, _ = likeliest_errors(
+            self.small_errors(), residual, problem.beside_nuisance(columns), self.prior.noise
+        )
+        own = [self.small_errors_N[c.label] for c, _ in self.offered if c.label in self._spread]
+        found = np.zeros(problem.rows)
+        for value, column in zip(size.tolist(), (*own, *problem.reference_errors_N().values()), strict=True):
+            found += value * column
+        if problem.nuisance.shape[1]:
+            left = residual + problem.whiten(found)
+            found += problem.nuisance_N @ solve(left, problem.nuisance, problem.chunk).values
+        return found
+
     def current(self) -> tuple[FloatColumn, list[FloatColumn]]:
         """Return the residual at the present values and the chosen effects' regressors there."""
         columns = regressors(self.problem, self.base, self.chosen, self.residual_N)
@@ -133,14 +158,17 @@ class JointFit:
         for i, chosen in enumerate(self.chosen):
             others = [c for j, c in enumerate(columns) if j != i]
             rest = [c.effect() for c in self.chosen if c is not chosen]
-            without = self.problem.whiten(self.problem.residual_N([*self.base, *rest]))
+            without_N = self.problem.residual_N([*self.base, *rest])
+            without = self.problem.whiten(without_N)
             missed = self.problem.held_out(without, others)
             missed_sum = float((missed**2).sum())
             more = missed_sum - float((left**2).sum())
             chosen.explained = more / total
             chosen.shifts = (self._slow_sum(missed) - self._slow_sum(left)) / slow_total
-            # a delay there always is: left out because it is small, it would be put down to the others
-            matters = chosen.candidate.is_delay or self.matters(more)
+            # as a force, since a steady one is small once an uncertain grade is filtered out. A delay there
+            # always is: left out because it is small, it would be put down to the others
+            force_N = float(np.sqrt(np.mean((without_N - self.residual_N) ** 2)))
+            matters = chosen.candidate.is_delay or force_N > self.hidden_N()
             chosen.needed = more / missed_sum if matters else 0.0
             chosen.equivalent = self.alternatives.instead_of(
                 chosen.candidate, columns[i], residual, without, others, left**2, missed_sum

@@ -28,39 +28,27 @@ from canest.diagnosis.search.evidence import (
     price_of,
     without_idle_members,
 )
+from canest.diagnosis.search.fitted_sets import FittedSet, commonest, widen_by_rivals
 from canest.diagnosis.search.joint_fit import TICK_STD_S, JointFit
 from canest.diagnosis.search.value_fit import Prior, refine, regressors
 
+#: every engine controller reports late: its cycle of 10 to 50 ms, what it averages over, a gateway. Up to
+#: this a delay is no finding, s
+USUAL_DELAY_S = 0.15
 #: an effect must remove this share of what is left of the held-out variance
 MIN_SHARE = 0.03
 #: and be so many standard deviations from neutral, all that small errors may do included
 MIN_SIGMAS = 1.0
-#: a small error that is larger than so many of its standard deviations is none
-LARGEST_SMALL = 2.0
+#: a small error that is larger than so many of its spreads, by so many of its standard deviations, is none
+LARGEST_SMALL, SIGNIFICANT_SIGMAS = 2.0, 2.0
 #: a delay is far from linear: its fit starts from the best of these
 DELAY_STARTS_S = (0.0, 0.06, 0.12, 0.2, 0.3, 0.4)
 #: sets whose values are fitted by the model, and how far they may be behind along straight lines
 MAX_FITTED, SHORTLISTED = 10, 15.0
-#: of sets this close the commonest is taken: odds below 3 are not worth a mention
-NO_DIFFERENCE = 2.0
 #: noise and correlation follow from the best set, and the best set from them: so many rounds settle that
 _ROUNDS = 3
 #: a regressor of which small errors and nuisances leave less than this share cannot be seen
 _VISIBLE = 1e-6
-
-
-@dataclass
-class FittedSet:
-    """A set of effects with fitted values, beside the reporting delay, and its criterion."""
-
-    chosen: list[Chosen]
-    criterion: float
-    price: float  #: the criterion, with what taking so many effects of so many costs
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Return the effects' names, each once."""
-        return tuple(dict.fromkeys(c.candidate.effect for c in self.chosen))
 
 
 @dataclass
@@ -74,12 +62,16 @@ class _Offers:
 class Search(JointFit):
     """A joint fit that chooses by itself what is in it.
 
-    rivals: sets of effects that the data does not separate from the best one, best first.
+    rivals: sets of effects that the data does not separate from the best one, best first. usual_delay: a
+    delay of the torque that is no finding, where nothing else was found; None without one. evident: whether
+    the data supports some set of effects, be it one that could not be taken.
     """
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
         self.rivals: list[FittedSet] = []
+        self.usual_delay: Chosen | None = None
+        self.evident = False
 
     def all_hidden(self, tried: Sequence[Tried]) -> bool:
         """Return whether some effect would remove a share, and the best of them too little to be noticed."""
@@ -99,15 +91,17 @@ class Search(JointFit):
         residual, columns = self.current()
         offers, evidence, sets = self._linear_sets(residual, columns)
         fitted = [self._fitted(s, offers, evidence) for s in self._shortlist(sets, offers)]
-        taken = self._commonest(fitted)
+        taken = commonest(fitted)
         self.chosen = [*self.chosen, *(Chosen(c.candidate, c.deviation) for c in taken.chosen)]
         self.refit()
         self._leave_out_errors_not_shown()
         self._add_errors_that_are_not_small()
         best = min(f.criterion for f in fitted)
+        self.evident = bool(taken.chosen)
         self.rivals = sorted((f for f in fitted if f.criterion <= best + DECISIVE), key=lambda f: f.criterion)
         self._prune()
-        self._widen_by_rivals(best)
+        widen_by_rivals(self.chosen, self.rivals, best)
+        self._leave_out_a_usual_delay()
 
     def without_choice(self) -> Search:
         """Return the same search with nothing selected."""
@@ -136,7 +130,7 @@ class Search(JointFit):
                 inflation_of(left, self.problem.chunk),
             )
         self.prior = Prior(errors, evidence.noise)
-        return offers, evidence, without_idle_members(sets)
+        return offers, evidence, without_idle_members(sets, evidence.observations)
 
     def _visible(self, evidence: Evidence) -> _Offers:
         offers = _Offers()
@@ -170,21 +164,10 @@ class Search(JointFit):
         chosen = [Chosen(offers.candidates[m], value) for m, value in members]
         residual_N = refine(self.problem, delay, chosen, self.prior)
         columns = regressors(self.problem, delay, chosen, residual_N)
-        criterion = evidence.of(self.problem.whiten(residual_N), columns)
+        values, scales = [c.deviation for c in chosen], [c.candidate.scale for c in chosen]
+        criterion = evidence.of(self.problem.whiten(residual_N), columns, values, scales)
         price = criterion + price_of(len(chosen), len(offers.candidates))
         return FittedSet(chosen, criterion, price)
-
-    def _commonest(self, fitted: Sequence[FittedSet]) -> FittedSet:
-        """Return, of the sets as good as the best one and not larger, the commonest."""
-        best = min(fitted, key=lambda f: f.price)
-        near = [
-            f
-            for f in fitted
-            if f.price <= best.price + NO_DIFFERENCE
-            and len(f.chosen) == len(best.chosen)
-            and all(c.candidate.possible(c.deviation) for c in f.chosen)
-        ]
-        return min(near or [best], key=lambda f: sum(c.candidate.rarity for c in f.chosen))
 
     def _leave_out_errors_not_shown(self) -> None:
         """Fit the values again beside those small errors of the vehicle only that this data shows.
@@ -214,7 +197,7 @@ class Search(JointFit):
         added = [
             Chosen(c, value * self._spread[c.label])
             for c, value, uncertain in zip(own, size.tolist(), std.tolist(), strict=False)
-            if abs(value) - uncertain > LARGEST_SMALL
+            if abs(value) - SIGNIFICANT_SIGMAS * uncertain > LARGEST_SMALL
             and not c.confounded
             and not any(c.repeats(o.candidate) for o in self.chosen)
             and c.possible(value * self._spread[c.label])
@@ -223,18 +206,15 @@ class Search(JointFit):
             self.chosen += added
             self.refit()
 
-    def _widen_by_rivals(self, best: float) -> None:
-        """Widen every standard deviation by how far the value is another one in sets that are as likely."""
-        for c in self.chosen:
-            weight, spread = 0.0, 0.0
-            for rival in self.rivals:
-                for other in rival.chosen:
-                    if other.candidate.label == c.candidate.label:
-                        likely = float(np.exp(-0.5 * (rival.criterion - best)))
-                        weight += likely
-                        spread += likely * (other.deviation - c.deviation) ** 2
-            if weight:
-                c.std = float(np.hypot(c.std, np.sqrt(spread / weight)))
+    def _leave_out_a_usual_delay(self) -> None:
+        """Choose nothing where all that was found is that torque is reported as late as engines report it.
+
+        The residual stays the one beside this delay: what is left of it is judged, and not the delay.
+        """
+        if len(self.chosen) == 1 and self.chosen[0].candidate.is_delay:
+            (delay,) = self.chosen
+            if delay.deviation - delay.std <= USUAL_DELAY_S:
+                self.usual_delay, self.chosen = delay, []
 
     def _best_start(self, c: Candidate) -> float:
         """Return the deviation, of those that a fit may start from, that leaves the smallest residual.

@@ -129,6 +129,9 @@ def _search_values(
     low, high = (np.array([getattr(i, end) - i.neutral for i in infos]) / steps for end in ("low", "high"))
     likely = prior.beside(rows) if prior is not None and prior.errors.size else lambda columns: columns
     free = np.linalg.qr(likely(problem.nuisance[rows]))[0]
+    # a large fault is less likely than a small one
+    noise = 0.0 if prior is None else prior.noise
+    price = np.sqrt(noise) * steps / np.array([c.candidate.scale for c in chosen])
 
     def beside(column: Matrix) -> Matrix:
         column = likely(column)
@@ -140,7 +143,7 @@ def _search_values(
         return problem.residual_N(effects_with(base, chosen))
 
     def left(values: FloatColumn) -> FloatColumn:
-        return beside(problem.whiten(put(values))[rows])
+        return np.concatenate((beside(problem.whiten(put(values))[rows]), price * values))
 
     at, known = np.full(len(chosen), np.inf), np.zeros((0, 0))
 
@@ -148,7 +151,8 @@ def _search_values(
         nonlocal at, known
         if np.abs(values - at).max() > _SAME_REGRESSORS:
             columns = regressors(problem, base, chosen, put(values))
-            at, known = values.copy(), beside(np.column_stack(columns)[rows] * steps)
+            changed = beside(np.column_stack(columns)[rows] * steps)
+            at, known = values.copy(), np.vstack((changed, np.diag(price)))
         return known
 
     start = np.clip(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from math import sqrt
+from math import inf, sqrt
 from typing import Any, ClassVar, Literal
 
 from canest.vehicle.effects.trials import DrivenData, Trial
@@ -27,7 +27,8 @@ class Parameter:
     neutral: the value of no effect. low, high: bounds of a config. step: a change that the model shows, for
     numerical derivatives. declared: the field of the config's ``vehicle`` that it adds to; the sum is never
     negative. usual, usual_share: half-width of what every vehicle has and nobody declares, as a number or as
-    a share of ``declared``; 0 for none.
+    a share of ``declared``; 0 for none. fault, fault_share: standard deviation of it among vehicles that have
+    it as a fault, likewise; 0 where any size within the bounds is as likely.
     """
 
     unit: str
@@ -38,6 +39,8 @@ class Parameter:
     declared: str = ""
     usual: float = 0.0
     usual_share: float = 0.0
+    fault: float = 0.0
+    fault_share: float = 0.0
 
     def lowest(self, vehicle: object) -> float:
         """Return the lower bound for a vehicle: no sum with what it declares is negative."""
@@ -47,6 +50,11 @@ class Parameter:
         """Return the standard deviation among vehicles and days (of an even distribution), 0 for none."""
         width = self.usual_share * float(getattr(vehicle, self.declared)) if self.usual_share else self.usual
         return width / sqrt(3.0)
+
+    def fault_std(self, vehicle: object) -> float:
+        """Return the standard deviation among vehicles that have it as a fault; infinite: not known."""
+        share = self.fault_share * float(getattr(vehicle, self.declared)) if self.fault_share else 0.0
+        return share or self.fault or inf
 
 
 @dataclass(frozen=True)

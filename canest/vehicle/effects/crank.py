@@ -27,7 +27,9 @@ class TorqueGain(Scaled):
     cause_quantity: ClassVar[str] = "torque"
     separated_by: ClassVar[str] = "a drive with much overrun, or a coast-down"
     scales_traction: ClassVar[bool] = True
-    parameters: ClassVar[dict[str, Parameter]] = {"gain": Parameter("", 1.0, 0.3, 2.0, 0.01, usual=0.02)}
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "gain": Parameter("", 1.0, 0.3, 2.0, 0.01, usual=0.02, fault=0.08)
+    }
     gain: float = 1.0
 
     def describe(self, std: float) -> str:
@@ -48,7 +50,9 @@ class TorqueOffset(Added):
     rarity: ClassVar[int] = 80
     cause_quantity: ClassVar[str] = "torque"
     separated_by: ClassVar[str] = "the same speeds in other gears"
-    parameters: ClassVar[dict[str, Parameter]] = {"torque_Nm": Parameter("Nm", 0.0, -1000.0, 1000.0, 10.0)}
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "torque_Nm": Parameter("Nm", 0.0, -1000.0, 1000.0, 10.0, fault=100.0)
+    }
     torque_Nm: float = 0.0
 
     def describe(self, std: float) -> str:
@@ -66,7 +70,7 @@ class TorqueDelay(Effect):
     text: ClassVar[str] = "torque reported this much later than it acts"
     rarity: ClassVar[int] = 10
     separated_by: ClassVar[str] = "throttle steps at very different speeds"
-    parameters: ClassVar[dict[str, Parameter]] = {"delay_s": Parameter("s", 0.0, 0.0, 1.0, 0.04)}
+    parameters: ClassVar[dict[str, Parameter]] = {"delay_s": Parameter("s", 0.0, 0.0, 1.0, 0.04, fault=0.2)}
     delay_s: float = 0.0
 
     def describe(self, std: float) -> str:
@@ -102,7 +106,9 @@ class RetarderUnreported(Effect):
     text: ClassVar[str] = "retarding torque at the crank while its cause is on"
     rarity: ClassVar[int] = 110
     separated_by: ClassVar[str] = "overrun with the retarder switched off"
-    parameters: ClassVar[dict[str, Parameter]] = {"torque_Nm": Parameter("Nm", 0.0, 0.0, 5000.0, 50.0)}
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "torque_Nm": Parameter("Nm", 0.0, 0.0, 5000.0, 50.0, fault=400.0)
+    }
     torque_Nm: float = 0.0
     #: pedal_up, brake, request, or the name of a role that is on (above 0.5) while it acts
     cause: str = "pedal_up"
@@ -140,7 +146,9 @@ class SwitchedLoad(Effect):
     separated_by: ClassVar[str] = "longer on and off times of its signal"
     several_by: ClassVar[str] = "signal"
     untried_reason: ClassVar[str] = "no signal of the bus that goes on and off explains anything"
-    parameters: ClassVar[dict[str, Parameter]] = {"power_kW": Parameter("kW", 0.0, 0.0, 400.0, 2.0)}
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "power_kW": Parameter("kW", 0.0, 0.0, 400.0, 2.0, fault=30.0)
+    }
     settings: ClassVar[dict[str, Parameter]] = {
         "threshold": Parameter("", 0.5, -1e6, 1e6, 0.1),
         "exponent": Parameter("", 0.0, -3.0, 3.0, 1.0),

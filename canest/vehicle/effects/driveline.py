@@ -24,7 +24,7 @@ class DrivelineLoss(Effect):
     separated_by: ClassVar[str] = "a drive with much overrun, or a coast-down"
     scales_traction: ClassVar[bool] = True
     several_by: ClassVar[str] = "gear"
-    parameters: ClassVar[dict[str, Parameter]] = {"loss": Parameter("", 0.0, -0.03, 0.5, 0.01)}
+    parameters: ClassVar[dict[str, Parameter]] = {"loss": Parameter("", 0.0, -0.03, 0.5, 0.01, fault=0.08)}
     loss: float = 0.0
     gear: int | None = None
 
@@ -61,7 +61,7 @@ class WheelRadius(Scaled):
     cause_quantity: ClassVar[str] = "torque"
     separated_by: ClassVar[str] = "a look at a navigation or undriven-axle speed"
     scales_traction: ClassVar[bool] = True
-    parameters: ClassVar[dict[str, Parameter]] = {"factor": Parameter("", 1.0, 0.7, 1.3, 0.005)}
+    parameters: ClassVar[dict[str, Parameter]] = {"factor": Parameter("", 1.0, 0.7, 1.3, 0.005, fault=0.03)}
     factor: float = 1.0
 
     def describe(self, std: float) -> str:
@@ -80,7 +80,9 @@ class RotatingInertia(Added):
     rarity: ClassVar[int] = 100
     separated_by: ClassVar[str] = "hard acceleration in low gears"
     parameters: ClassVar[dict[str, Parameter]] = {
-        "inertia_kgm2": Parameter("kgm2", 0.0, -1.0, 50.0, 0.5, "engine_inertia_kgm2")
+        "inertia_kgm2": Parameter(
+            "kgm2", 0.0, -1.0, 50.0, 0.5, "engine_inertia_kgm2", fault=4.0, fault_share=1.0
+        )
     }
     inertia_kgm2: float = 0.0
 
@@ -99,7 +101,7 @@ class WheelSlip(Effect):
     rarity: ClassVar[int] = 160
     separated_by: ClassVar[str] = "an undriven-axle speed"
     parameters: ClassVar[dict[str, Parameter]] = {
-        "slip_per_mps2": Parameter("s2/m", 0.0, 0.0, 0.2, 0.002, usual=0.006)
+        "slip_per_mps2": Parameter("s2/m", 0.0, 0.0, 0.2, 0.002, usual=0.006, fault=0.02)
     }
     slip_per_mps2: float = 0.0
     settings: ClassVar[dict[str, Parameter]] = {"mass_kg": Parameter("kg", 0.0, 50.0, 500_000.0, 1000.0)}

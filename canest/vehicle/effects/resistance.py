@@ -25,7 +25,7 @@ class Headwind(Added):
     cause_quantity: ClassVar[str] = "speed"
     separated_by: ClassVar[str] = "the same road in the other direction"
     parameters: ClassVar[dict[str, Parameter]] = {
-        "wind_mps": Parameter("m/s", 0.0, -30.0, 30.0, 1.0, usual=3.0)
+        "wind_mps": Parameter("m/s", 0.0, -30.0, 30.0, 1.0, usual=3.0, fault=6.0)
     }
     wind_mps: float = 0.0
 
@@ -47,7 +47,7 @@ class DragArea(Added):
     cause_quantity: ClassVar[str] = "speed"
     separated_by: ClassVar[str] = "a drive with long stretches at very different speeds"
     parameters: ClassVar[dict[str, Parameter]] = {
-        "cda_delta_m2": Parameter("m2", 0.0, -3.0, 20.0, 0.3, "drag_area_m2")
+        "cda_delta_m2": Parameter("m2", 0.0, -3.0, 20.0, 0.3, "drag_area_m2", fault_share=0.4)
     }
     cda_delta_m2: float = 0.0
 
@@ -69,7 +69,9 @@ class RollingResistance(Added):
     cause_quantity: ClassVar[str] = "speed"
     separated_by: ClassVar[str] = "the same road with another load"
     parameters: ClassVar[dict[str, Parameter]] = {
-        "crr_delta": Parameter("", 0.0, -0.02, 0.1, 0.0005, "rolling_resistance", usual_share=0.15)
+        "crr_delta": Parameter(
+            "", 0.0, -0.02, 0.1, 0.0005, "rolling_resistance", usual_share=0.15, fault_share=0.5
+        )
     }
     crr_delta: float = 0.0
 
@@ -88,7 +90,9 @@ class RollingResistanceSpeed(Effect):
     rarity: ClassVar[int] = 170
     cause_quantity: ClassVar[str] = "speed"
     separated_by: ClassVar[str] = "the same road in the other direction (wind turns round, tyres do not)"
-    parameters: ClassVar[dict[str, Parameter]] = {"crr_per_mps": Parameter("s/m", 0.0, -0.002, 0.005, 2e-5)}
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "crr_per_mps": Parameter("s/m", 0.0, -0.002, 0.005, 2e-5, fault=2e-4)
+    }
     crr_per_mps: float = 0.0
 
     def apply(self, c: ModelColumns) -> None:
@@ -117,7 +121,9 @@ class RollingResistanceTemperature(Effect):
     rarity: ClassVar[int] = 140
     separated_by: ClassVar[str] = "drives in summer and in winter"
     untried_reason: ClassVar[str] = "the ambient temperature is not known, or the same in all drives"
-    parameters: ClassVar[dict[str, Parameter]] = {"crr_per_K": Parameter("1/K", 0.0, -0.001, 0.001, 1e-5)}
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "crr_per_K": Parameter("1/K", 0.0, -0.001, 0.001, 1e-5, fault=3e-4)
+    }
     crr_per_K: float = 0.0
 
     @property
@@ -151,7 +157,7 @@ class RollingWarmup(Effect):
     cause_quantity: ClassVar[str] = "time"
     separated_by: ClassVar[str] = "a drive that starts warm"
     parameters: ClassVar[dict[str, Parameter]] = {
-        "crr_cold": Parameter("", 0.0, 0.0, 0.05, 0.0005),
+        "crr_cold": Parameter("", 0.0, 0.0, 0.05, 0.0005, fault=0.006),
         "tau_s": Parameter("s", 300.0, 10.0, 7200.0, 30.0),
     }
     crr_cold: float = 0.0
@@ -187,7 +193,9 @@ class BrakeDrag(Added):
     rarity: ClassVar[int] = 150
     cause_quantity: ClassVar[str] = "speed"
     separated_by: ClassVar[str] = "the same road with another load"
-    parameters: ClassVar[dict[str, Parameter]] = {"force_N": Parameter("N", 0.0, 0.0, 20000.0, 100.0)}
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "force_N": Parameter("N", 0.0, 0.0, 20000.0, 100.0, fault=1500.0)
+    }
     force_N: float = 0.0
 
     def describe(self, std: float) -> str:
@@ -204,7 +212,9 @@ class CorneringDrag(Effect):
     rarity: ClassVar[int] = 120
     cause_quantity: ClassVar[str] = "lateral_acceleration"
     separated_by: ClassVar[str] = "a drive with more curves"
-    parameters: ClassVar[dict[str, Parameter]] = {"coefficient_s2pm": Parameter("s2/m", 0.0, 0.0, 2.0, 0.005)}
+    parameters: ClassVar[dict[str, Parameter]] = {
+        "coefficient_s2pm": Parameter("s2/m", 0.0, 0.0, 2.0, 0.005, fault=0.06)
+    }
     coefficient_s2pm: float = 0.0
 
     @property
