@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import Annotated, NamedTuple, get_type_hints
+from typing import Annotated, NamedTuple
 
 from canest.core.samples import VehicleFacts
 from canest.estimators.default.model import WINDOW_S
@@ -76,7 +75,7 @@ class Constants(NamedTuple):
     answered_share: Annotated[float, Source("P_a", "1", "chosen: less makes a cruise less safe")] = 0.9
     driver_length_m: Annotated[float, Source("L_d", "m", "chosen: a habit is kept for ten minutes")] = 10e3
     response_std_share: Annotated[float, Source("s_xi", "1", "chosen: half or one and a half of it")] = 0.5
-    response_length_m: Annotated[float, Source("L_xi", "m", "chosen")] = 1000.0
+    response_length_m: Annotated[float, Source("L_xi", "m", "chosen: how long a driver answers alike")] = 1e3
     answer_curvature_1pm: Annotated[float, Source("k_d", "1/m", "chosen: a little more than a crest")] = 3e-4
     answer_noise_mps2: Annotated[float, Source("a_d", "m/s2", "chosen: noise of torque at low speed")] = 0.02
     # -- load
@@ -124,7 +123,7 @@ class Constants(NamedTuple):
         float, Source("c_0", "1", "chosen: one window in a hundred is anything, within 30 times its noise")
     ] = 3e-4
     likelihood_power: Annotated[
-        float, Source("p", "1", "measured: at 1 the masses of cruise drives are too sure")
+        float, Source("alpha", "1", "measured: at 1 the masses of cruise drives are too sure")
     ] = 0.5
     bias_wander_m2ps5: Annotated[float, Source("q_b", "(m/s2)2/s", "chosen: 0.05 m/s2 in an hour")] = 6e-7
     quiet_mps2: Annotated[float, Source("a_q", "m/s2", "measured: cost against accuracy")] = 0.02
@@ -145,13 +144,6 @@ class Constants(NamedTuple):
 
 
 CONSTANTS = Constants()
-
-
-def sources() -> Iterator[tuple[str, float, Source]]:
-    """Yield name, value and source of every constant."""
-    hints = get_type_hints(Constants, include_extras=True)
-    for name, value in CONSTANTS._asdict().items():
-        yield name, value, hints[name].__metadata__[0]
 
 
 class Vehicle(NamedTuple):
