@@ -131,6 +131,15 @@ def write_judged(page: Page, trips: list[Held]) -> None:
     )
 
 
+def _show(text: str, done: float) -> None:
+    print(
+        f"\rdiagnosis: {100 * done:3.0f} % {text:50}",
+        end="",
+        file=sys.stderr,
+        flush=True,
+    )
+
+
 def write_diagnosis(page: Page, tables: Mapping[str, Any], config: Config) -> None:
     """Diagnose every second trip, judge the others, and write both."""
     if len(tables) < 4:
@@ -141,7 +150,7 @@ def write_diagnosis(page: Page, tables: Mapping[str, Any], config: Config) -> No
     logs = {name: TableLog(table, name) for name, table in tables.items()}
     names = list(logs)
     begin = time.monotonic()
-    d = diagnose([logs[n] for n in names[0::2]], config)
+    d = diagnose([logs[n] for n in names[0::2]], config, progress=_show)
     wall_s = time.monotonic() - begin
     base = effects_of(config)
     sides = (list(base), list(effects_of(revised_config(d))))
