@@ -28,12 +28,13 @@ def changed_probability(seconds: float, stop_s: float) -> float:
 
 
 @jit.kernel
-def rough_probability(mix: Mixture, count: int) -> float:
-    """Return the probability that the road is rough."""
-    rough = 0.0
+def unusual_probability(mix: Mixture, count: int) -> float:
+    """Return the probability that the road is rough, or answers the torque: either explains much."""
+    unusual = 0.0
     for d in range(count):
-        rough += mix.weight[d] * m.IS_ROUGH[int(mix.mode[d])]
-    return rough
+        mode = int(mix.mode[d])
+        unusual += mix.weight[d] * max(m.IS_ROUGH[mode], m.ANSWERS[mode])
+    return unusual
 
 
 def _reopen(
