@@ -40,7 +40,10 @@ MECHANISMS = (
     Variant("stops too short for another load", {"shortest_stop_s": 0.0}),
     Variant("a load that drifts", {"steady_duration_s": NEVER}),
     Variant("another load where innovations surprise", {"surprise_limit": NEVER}),
-    Variant("another load where a road becomes rough", patch={"kernel.rough_probability": never_rough}),
+    Variant(
+        "another load where a road becomes rough or answers",
+        patch={"kernel.unusual_probability": never_rough},
+    ),
     Variant("another load in motion, for either reason", {"surprise_share": 0.0}),
     # -- the driver
     Variant("roads that answer the torque", {"answered_share": 0.0}),

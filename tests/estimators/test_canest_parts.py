@@ -267,7 +267,7 @@ def test_a_wide_mixture_is_summed_over_the_masses():
 
 def test_an_improbable_load_is_no_part_of_the_report():
     mix, t = mixture(2, loads=[0, 1])
-    mix.weight[0], mix.weight[1] = 0.99, 0.01
+    mix.weight[0], mix.weight[1] = 0.995, 0.005
     hypotheses.set_loads(mix, 2, t)
     report.leave_out(mix, 2, CONSTANTS.left_out_share, t)
     np.testing.assert_allclose(t.columns[2][:2], [1.0, 0.0])

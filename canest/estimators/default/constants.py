@@ -139,7 +139,9 @@ class Constants(NamedTuple):
     # -- hypotheses and report
     least_weight: Annotated[float, Source("P_min", "1", "measured: at 1e-3 modes are missing later")] = 3e-4
     merge_loss_nats: Annotated[float, Source("L_min", "nats", "chosen: cost against shape")] = 0.02
-    left_out_share: Annotated[float, Source("P_0", "1", "chosen: false alarms against loads that changed")] = 0.01
+    left_out_share: Annotated[
+        float, Source("P_0", "1", "chosen: false alarms against loads that changed")
+    ] = 0.01
     widest_normal: Annotated[float, Source("V_max", "1", "chosen: 1/u is nearly linear below")] = 0.1
 
 
