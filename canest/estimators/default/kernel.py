@@ -216,13 +216,13 @@ def run(
         height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S and not failed
         # -- other loads, other modes
         unknown_s, surprise = unseen_s, levels.surprise
-        if failed:  # what a faulty sensor or map has taught is worth nothing
+        changed = changed_probability(unseen_s, c.load_stop_s) if begins else 0.0
+        if failed or 1.0 - changed < c.left_out_share:  # nothing of what was learned holds
             take(t.prior, m.MODES, mix)
             count, begins = m.MODES, is_open
             unknown_s = surprise = 0.0
         elif begins and unseen_s >= c.shortest_stop_s:
             if p.learned > 0.0:
-                changed = changed_probability(unseen_s, c.load_stop_s)
                 count = open_load(mix, count, changed, False, 0.0, v, t)
             unknown_s = surprise = 0.0
         elif is_open and surprise > c.surprise_limit:
