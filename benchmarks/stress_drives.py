@@ -18,6 +18,8 @@ NIGHT_S = 8 * 3600
 MANOEUVRE_S, MANOEUVRE_MPS, MANOEUVRE_M, FREE_MPS = 60.0, 21.0, 168.0, 30.0
 #: phases of the manoeuvre, spread over so many metres
 PHASES, PHASES_M = 9, 200.0
+#: facts of a truck whose torque is stated as within 6 % (two standard deviations)
+STATED_6_PCT: Scenario = {"torque_accuracy": 0.03}
 _SHORT_STOPS = {"kind": "stop-and-go", "speeds_mps": [10.0, 15.0], "drive_s": [50, 80]}
 
 
@@ -92,24 +94,38 @@ def cruise(speed_mps: float, start_mps: float, **more: Any) -> Scenario:
     return {"kind": "cruise", "speed_mps": speed_mps, "start_mps": start_mps, "retarder": True, **more}
 
 
-def rough_road(seed: int) -> Scenario:
-    """Drive over a road with as much grade at every wavelength from 50 m to 3 km, 1.5 % RMS in all."""
-    rng = np.random.default_rng(seed)
+def rough(rng: np.random.Generator, grade_rms: float = 0.015) -> Scenario:
+    """Return a road with as much grade at every wavelength from 50 m to 3 km: a power law of the slope."""
     at_m = np.arange(0.0, 14000.0, 5.0)
     waves_m = np.geomspace(50.0, 3000.0, 24)
     phases = rng.uniform(0, 2 * np.pi, len(waves_m))
-    grade = 0.015 * np.sqrt(2 / len(waves_m)) * np.sin(2 * np.pi * at_m[:, None] / waves_m + phases).sum(1)
-    return truck(seed, road={"kind": "points", "at_m": at_m.tolist(), "grade": grade.round(5).tolist()})
+    waves = np.sin(2 * np.pi * at_m[:, None] / waves_m + phases).sum(1)
+    grade = grade_rms * np.sqrt(2 / len(waves_m)) * waves
+    return {"kind": "points", "at_m": at_m.tolist(), "grade": grade.round(5).tolist()}
+
+
+def rough_road(seed: int) -> Scenario:
+    """Drive over a rough road of 1.5 % RMS in all."""
+    return truck(seed, road=rough(np.random.default_rng(seed)))
+
+
+def looks_ahead(drive: Scenario, about_mps: float | None = None) -> Scenario:
+    """Return the drive by one who gathers speed 250 m before a climb, and lets it go before the crest.
+
+    about_mps: the speed on even road; None: as the given driver drives there.
+    """
+    first = simulate(drive).history
+    t, distance, grade, speed = (first[k][::400] for k in ("t_s", "distance_m", "grade", "speed_mps"))
+    ahead = np.interp(distance + 250.0, distance, grade)
+    wanted = (speed if about_mps is None else about_mps) + np.clip(70.0 * (ahead - grade), -3.0, 3.0)
+    driver = {"kind": "given", "firmness_1ps": 0.15, "retarder": True}
+    driver |= {"start_mps": drive["driver"].get("start_mps", 0.0)}
+    return drive | {"driver": {**driver, "at_s": t.tolist(), "speed_mps": wanted.round(2).tolist()}}
 
 
 def looking_ahead(seed: int) -> Scenario:
-    """Gather speed 250 m before a climb, and let it go before the crest."""
-    first = simulate(truck(seed, driver=cruise(21.0, 19.0))).history
-    t, distance, grade = (first[name][::400] for name in ("t_s", "distance_m", "grade"))
-    ahead = np.interp(distance + 250.0, distance, grade)
-    wanted = 21.0 + np.clip(70.0 * (ahead - grade), -3.0, 3.0)
-    driver = {"kind": "given", "start_mps": 19.0, "firmness_1ps": 0.15, "retarder": True}
-    return truck(seed, driver={**driver, "at_s": t.tolist(), "speed_mps": wanted.round(2).tolist()})
+    """Hold about 21 m/s, looking ahead."""
+    return looks_ahead(truck(seed, driver=cruise(21.0, 19.0)), 21.0)
 
 
 def with_effects(seed: int, *effects: Scenario, **changes: Any) -> Scenario:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -98,14 +98,27 @@ def text_table(groups: Sequence[Group], figures: Sequence[str]) -> Iterator[str]
         yield f"{about}{len(runs):5d}{numbers}"
 
 
-def page_table(groups: Sequence[Group], figures: Sequence[str]) -> list[str]:
-    """Return the lines of a table in Markdown; the estimator has a column if there are several."""
+def page_table(
+    groups: Sequence[Group], figures: Sequence[str], least: Mapping[str, float] | None = None
+) -> list[str]:
+    """Return the lines of a table in Markdown; the estimator has a column if there are several.
+
+    least: figure -> what it should reach; one that does not is bold.
+    """
     several = len({group.estimator for group in groups}) > 1
     titles = ["drives", *(["estimator"] if several else []), "accelerometer", *(HEADINGS[k] for k in figures)]
     lines = ["| " + " | ".join(titles) + " |", "|" + "---|" * len(titles)]
-    for drive, estimator, accelerometer, runs in groups:
-        cells = [drive or "**all**", *([f"`{estimator}`"] if several else [])]
-        cells.append("yes" if accelerometer else "no")
-        cells += ["" if np.isnan(v) else f"{v:.2f}" for v in pooled(runs, figures).values()]
+    for group in groups:
+        cells = [group.drive or "**all**", *([f"`{group.estimator}`"] if several else [])]
+        cells.append("yes" if group.accelerometer else "no")
+        missed = missing(group, least or {})
+        for key, value in pooled(group.runs, figures).items():
+            cell = "" if np.isnan(value) else f"{value:.2f}"
+            cells.append(f"**{cell}**" if key in missed else cell)
         lines.append("| " + " | ".join(cells) + " |")
     return lines
+
+
+def missing(group: Group, least: Mapping[str, float]) -> list[str]:
+    """Return the figures of a group that do not reach what they should, as printed."""
+    return [key for key, value in pooled(group.runs, list(least)).items() if round(value, 2) < least[key]]

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import calibration
 import numpy as np
 import stress
+from calibration_drives import INSIDE
 from judging import Drive, estimate_with, judge
 from patched import patched
 from stress_rows import BY_NAME
@@ -30,7 +31,7 @@ from canest.estimators.default.constants import CONSTANTS, Constants
 from canest.estimators.default.estimator import GaussianSum
 
 START_KG = 21000.0
-FAMILIES = {family.name: family for family in calibration.FAMILIES}
+FAMILIES = {family.name: family for family in INSIDE}
 NAMES = [*FAMILIES, *BY_NAME]
 DEFAULT = "default"
 FIGURES = ("rms_120", "in2", "grade_rms", "grade_in2", "valid", "valid_wrong")

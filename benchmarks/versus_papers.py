@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from calibration import FAMILIES, Family, draw
+from calibration import draw
+from calibration_drives import INSIDE, Family
 
 from canest.config.load import load_config
 from canest.core import jit
@@ -118,7 +119,7 @@ def main() -> None:
     options = parser.parse_args()
     jobs = [
         (f, options.seed + i)
-        for f in FAMILIES
+        for f in INSIDE
         if not f.name.startswith("cruise")
         for i in range(options.drives)
     ]
