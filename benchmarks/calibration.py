@@ -104,15 +104,15 @@ SECTIONS = {
     "inside": """\
 ## Inside the priors
 
-Torque gain, delay, wind and rolling resistance as the default estimator expects them, on roads of
-straight stretches. Aim: at least 93 % of masses and grades in 2 std.""",
+Errors, if any, are within what the default estimator expects, and grades are constant or change
+linearly. Aim: at least 93 % of masses and grades in 2 std.""",
     "outside": f"""\
 ## Outside the priors
 
-Ordinary driving with one thing the default estimator does not expect, and with all four: a torque gain
-of {100 * GAIN_STD:g} % std (in their facts `torque_accuracy_pct` is 6), torque that acts
-0 to {LONGEST_LAG_S:g} s before its report, a road whose slope has a power law from 50 m to 3 km, a driver
-who eases off before a crest. Aim: at least 95 % of masses and grades in 3 std.""",
+Ordinary driving where one thing is not as expected, and last all four. Torque has a gain of
+{100 * GAIN_STD:g} % std (stated: `torque_accuracy_pct` 6), or it acts 0 to {LONGEST_LAG_S:g} s before its
+report. The slope of the road has a power law from 50 m to 3 km, or the driver eases off before a
+crest. Aim: at least 95 % of masses and grades in 3 std.""",
 }
 
 

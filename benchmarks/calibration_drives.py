@@ -104,11 +104,12 @@ INSIDE = (
     Family("cruise*", _CRUISE, _CRUISE_ROAD, 400, True, (18000.0, 36000.0)),
 )
 
-#: true over reported torque (SPN 513): std from engine to engine and map to map
+#: true over reported torque (SPN 513), std. Chosen: 6 % at two std lies between the 5 % of the maximum and
+#: the 8 % of the value that 40 CFR 1065.915, table 1, allows
 GAIN_STD = 0.03
-#: longest time from torque to its report, s
+#: longest time from torque to its report, s; chosen
 LONGEST_LAG_S = 0.25
-#: grade of a rough road, between the two
+#: grade of a rough road, RMS, between the two; chosen
 ROUGH_RMS = (0.01, 0.02)
 
 OUTSIDE = (
