@@ -109,10 +109,10 @@ linearly. Aim: at least 93 % of masses and grades in 2 std.""",
     "outside": f"""\
 ## Outside the priors
 
-Ordinary driving where one thing is not as expected: a torque gain of {100 * GAIN_STD:g} % std (with
-`torque_accuracy_pct` stated as 6), torque that acts 0 to {LONGEST_LAG_S:g} s before its report, a road whose
-slope has a power law from 50 m to 3 km, a driver who eases off before a crest. The last has all
-four. Aim: at least 95 % of masses and grades in 3 std.""",
+Ordinary driving where one thing is not as expected, and last all four. Torque has a gain of
+{100 * GAIN_STD:g} % std (stated: `torque_accuracy_pct` 6), or it acts 0 to {LONGEST_LAG_S:g} s before its
+report. The slope of the road has a power law from 50 m to 3 km, or the driver eases off before a
+crest. Aim: at least 95 % of masses and grades in 3 std.""",
 }
 
 

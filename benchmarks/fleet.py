@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import gzip
 import lzma
+import math
 import os
 import resource
 import shutil
@@ -23,6 +24,11 @@ from pathlib import Path
 
 import numpy as np
 
+import canest as api
+from canest.core.frames import FrameBlock, IntColumn
+from canest.logs.candump_writer import candump_text
+from canest.logs.format_detection import open_log
+
 ROOT = Path(__file__).resolve().parent.parent
 VEHICLES = 40
 FORMATS = (".log", ".log.gz", ".log.xz", ".blf", ".asc")
@@ -34,18 +40,19 @@ def canest(*arguments: object) -> list[str]:
     return [sys.executable, "-m", "canest", *map(str, arguments)]
 
 
+def ten_minutes(frames: FrameBlock, minutes: float) -> FrameBlock:
+    """Return a drive, repeated until it lasts so many minutes."""
+    length_us = int(frames.t_us[-1] - frames.t_us[0])
+    times = [frames.t_us + n * (length_us + 20_000) for n in range(math.ceil(minutes * 60e6 / length_us))]
+    whole = FrameBlock.concatenate([FrameBlock(t_us, *_payload(frames)) for t_us in times])
+    return whole[: int(np.searchsorted(whole.t_us, whole.t_us[0] + minutes * 60e6))]
+
+
 def make_logs(folder: Path, count: int, minutes: float) -> tuple[Path, Path]:
     """Write logs of so many minutes, each at another time; return their folder and the manifest."""
-    import canest as api
-    from canest.core.frames import FrameBlock
-    from canest.logs.candump_writer import candump_text
-
-    drive = api.simulate(str(ROOT / "canest/simulation/scenarios/pulse-21t.yaml"))
-    base = drive.frames
-    length_us = int(base.t_us[-1] - base.t_us[0])
-    times = [base.t_us + n * (length_us + 20_000) for n in range(round(minutes * 60e6 / length_us) or 1)]
-    parts = [FrameBlock(t_us, base.can_id, base.length, base.data) for t_us in times]
-    frames = FrameBlock.concatenate(parts)
+    simulated = api.simulate(str(ROOT / "canest/simulation/scenarios/pulse-21t.yaml")).frames
+    measured = FrameBlock.concatenate(list(open_log(ROOT / "tests/data/kenworth/normal.log.xz")))
+    drives = {"class8": ten_minutes(simulated, minutes), "kenworth": ten_minutes(measured, minutes)}
     source = folder / "logs"
     made: dict[str, Path] = {}
     for number in range(count):
@@ -53,25 +60,31 @@ def make_logs(folder: Path, count: int, minutes: float) -> tuple[Path, Path]:
         path = source / f"truck-{vehicle}" / f"{number}{ending}"
         path.parent.mkdir(parents=True, exist_ok=True)
         # a few of each format are made, with a time of their own; the others are copies of these
-        like = made.get(f"{ending}{number // len(FORMATS) % 4}")
-        if like is not None:
-            shutil.copyfile(like, path)
+        kind = f"{config_of(vehicle)}{ending}{number // len(FORMATS) % 4}"
+        if kind in made:
+            shutil.copyfile(made[kind], path)
             continue
-        made[f"{ending}{number // len(FORMATS) % 4}"] = path
-        shifted = FrameBlock(
-            frames.t_us + number * DAY_S * 1_000_000, frames.can_id, frames.length, frames.data
-        )
-        _write(path, ending, shifted, candump_text)
-    config = folder / "truck.yaml"
-    config.write_text((ROOT / "configs/class8.yaml").read_text())
+        made[kind] = path
+        frames = drives[config_of(vehicle)]
+        shifted = FrameBlock(frames.t_us + number * DAY_S * 1_000_000, *_payload(frames))
+        _write(path, ending, shifted)
     manifest = folder / "fleet.csv"
-    rows = [f"truck-{v}/*,truck-{v},truck.yaml" for v in range(VEHICLES)]
+    rows = [f"truck-{v}/*,truck-{v},{config_of(v)}" for v in range(VEHICLES)]
     manifest.write_text("\n".join(["pattern,vehicle,config", *rows]) + "\n")
     return source, manifest
 
 
-def _write(path: Path, ending: str, frames: object, candump_text: object) -> None:
-    text = candump_text(frames)  # type: ignore[operator]
+def config_of(vehicle: int) -> str:
+    """Return the config of a truck: one of eight drives what was measured."""
+    return "kenworth" if vehicle % 8 == 7 else "class8"
+
+
+def _payload(frames: FrameBlock) -> tuple[IntColumn, ...]:
+    return frames.can_id, frames.length, frames.data
+
+
+def _write(path: Path, ending: str, frames: FrameBlock) -> None:
+    text = candump_text(frames)
     if ending in (".log", ".log.gz", ".log.xz"):
         pack = {".log": bytes, ".log.gz": gzip.compress, ".log.xz": lambda t: lzma.compress(t, preset=1)}[
             ending
@@ -97,8 +110,8 @@ def measure_logs(count: int, minutes: float, singles: int) -> None:
         chosen = [paths[i] for i in np.linspace(0, len(paths) - 1, singles).astype(int)]
         cpu_s, single_s = _children_s(), time.perf_counter()
         for path in chosen:
-            subprocess.run(canest("replay", path, "-c", manifest.with_name("truck.yaml")), check=True,
-                           stdout=subprocess.DEVNULL)  # fmt: skip
+            config = config_of(int(path.parent.name.split("-")[1]))
+            subprocess.run(canest("replay", path, "-c", config), check=True, stdout=subprocess.DEVNULL)
         cpu_single = (_children_s() - cpu_s) / singles * len(paths)
         wall_single = (time.perf_counter() - single_s) / singles * len(paths)
         whole, broken = Path(folder, "whole"), Path(folder, "broken")
