@@ -7,23 +7,12 @@ import logging
 import os
 import select
 import socket
-import sys
 from typing import Any
 
 from canest.config.bus import Bus
 from canest.core.frames import EXTENDED, ID_MASK
 from canest.system.installation import how_to_add
-
-# Where asammdf is installed, python-can imports it for its log formats: a second and 80 MB that a bus has no
-# need of. Hidden while python-can is imported for the first time, it is not found, which python-can accepts.
-_HIDDEN = "can" not in sys.modules and "asammdf" not in sys.modules
-if _HIDDEN:
-    sys.modules["asammdf"] = None  # type: ignore[assignment]
-try:
-    import can
-finally:
-    if _HIDDEN:
-        del sys.modules["asammdf"]
+from canest.system.python_can import can
 
 # The destructor of a bus whose constructor failed logs a warning at every attempt to open it. The exception
 # of the constructor has the reason, and is reported once.

@@ -92,7 +92,7 @@ class AscReader(PythonCanReader):
             if not line.holds_no_frame:
                 self._skip_line(number, line.current.strip())
             return None
-        import can  # wanted for odd lines only
+        from canest.system.python_can import can  # wanted for odd lines only
 
         try:
             message: Any = next(iter(can.ASCReader(io.StringIO(f"{_HEADER}{line.current}\n"))), None)

@@ -82,8 +82,9 @@ def quiet_messages(reader: Iterable[Any]) -> Iterator[Any]:
 
 def blf_reader(file: Any) -> Any:
     """Return python-can's reader of a BLF file, which ends at an object of size 0 as at other damage."""
-    import can
     from can.io.blf import BLFParseError
+
+    from canest.system.python_can import can  # heavy
 
     class Reader(can.BLFReader):
         def _parse_data(self, data: bytes) -> Iterator[can.Message]:
@@ -126,7 +127,7 @@ def sqlite_reader(path: str, log: Path) -> Any:
     1.3.2 and 1.3.7).
     Errors: LogError where `messages` is no table but a query, which need not have an end.
     """
-    import can
+    from canest.system.python_can import can  # heavy
 
     file = Path(path)
     size = file.stat().st_size
@@ -179,7 +180,7 @@ def _let_python_look() -> int:
 def find_asammdf() -> None:
     """Let python-can look for asammdf again.
 
-    It looks once, at its import, and `canest.bus.drivers` hides asammdf then, which no bus needs.
+    It looks once, at its import, and `canest.system.python_can` hides asammdf then.
     """
     from can.io import mf4
 

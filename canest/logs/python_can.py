@@ -102,7 +102,7 @@ class PythonCanReader(CountingReader):
             ) from None
 
     def _binary_messages(self, file: Any) -> Iterator[Any]:
-        import can
+        from canest.system.python_can import can  # heavy
 
         of_database = partial(sqlite_reader, log=self.path)
         make: Any = {".blf": blf_reader, ".mf4": can.MF4Reader, ".db": of_database}[self._suffix]
@@ -141,7 +141,7 @@ class PythonCanReader(CountingReader):
 
     def _text_messages(self) -> Iterator[Any]:
         """Iterate with a fresh reader behind every line that ends one; the header is read again each time."""
-        import can
+        from canest.system.python_can import can  # heavy
 
         kind = {".asc": can.ASCReader, ".trc": can.TRCReader, ".csv": can.CSVReader}[self._suffix]
         lines = self._lines = Lines(self._source, self._head, self._suffix, self._skip_line)

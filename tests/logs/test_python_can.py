@@ -18,6 +18,7 @@ from canest.core.errors import LogError
 from canest.core.frames import EXTENDED, REMOTE, FrameBlock
 from canest.logs import open_log
 from canest.logs.python_can import find_asammdf
+from tests.fresh_interpreter import output_of
 from tests.logs.helpers_logs import assert_same, read_all
 
 MF4_ONLY = pytest.mark.skipif(importlib.util.find_spec("asammdf") is None, reason="asammdf (extra: formats)")
@@ -257,3 +258,17 @@ def test_an_mf4_is_read_where_a_bus_was_used_before(tmp_path):
         [sys.executable, "-c", code, str(tmp_path / "drive.mf4")], capture_output=True, text=True, check=False
     )
     assert done.stdout.strip() == str(len(FRAMES)), done.stderr
+
+
+def test_an_odd_line_of_an_asc_log_does_not_bring_asammdf(tmp_path):
+    """python-can reads such a line, and would import asammdf: a second, and 80 MB of a fleet's worker."""
+    log = tmp_path / "odd.asc"
+    log.write_text(
+        "date Mon Feb 09 00:00:00.0 1970\nbase hex  timestamps absolute\n 0.861499 1  18EAFF31x       Rx   d 3 E9 FE 00\n"
+    )
+    code = f"""
+import sys
+from canest.logs.format_detection import open_log
+print(sum(map(len, open_log({str(log)!r}))), "can" in sys.modules, "asammdf" in sys.modules)
+"""
+    assert output_of(code).split() == ["1", "True", "False"]
