@@ -263,9 +263,8 @@ def test_an_mf4_is_read_where_a_bus_was_used_before(tmp_path):
 def test_an_odd_line_of_an_asc_log_does_not_bring_asammdf(tmp_path):
     """python-can reads such a line, and would import asammdf: a second, and 80 MB of a fleet's worker."""
     log = tmp_path / "odd.asc"
-    log.write_text(
-        "date Mon Feb 09 00:00:00.0 1970\nbase hex  timestamps absolute\n 0.861499 1  18EAFF31x       Rx   d 3 E9 FE 00\n"
-    )
+    with can.Logger(log) as writer:
+        writer(can.Message(timestamp=0.5, arbitration_id=0x18EAFF31, data=b"\xe9\xfe\x00"))
     code = f"""
 import sys
 from canest.logs.format_detection import open_log
