@@ -67,9 +67,8 @@ def play(
 
 
 def _open(interface: str, channel: str, bus: str) -> can.BusABC:
-    import can  # heavy
-
     from canest.bus.drivers import missing_driver
+    from canest.system.python_can import can  # heavy
 
     try:
         return can.Bus(interface=interface, channel=channel)

@@ -13,7 +13,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-import can
 import numpy as np
 
 from canest.config import load_config
@@ -29,6 +28,7 @@ from canest.node.estimate_frame import NOT_AVAILABLE_STATUS, Estimate, decode
 from canest.offline.scoring import Score
 from canest.pipeline.signal_map import decoder_for
 from canest.system.journal import Journal
+from canest.system.python_can import can
 
 if TYPE_CHECKING:
     from canest.config import Config

@@ -22,14 +22,14 @@ class BlfFrames:
     """
 
     def __init__(self, file: BinaryIO, path: Path) -> None:
-        from can.io.blf import BLFWriter
+        from canest.system.python_can import can  # heavy
 
         self._path = path
-        self._writer = BLFWriter(cast(Any, _KeptOpen(file)), channel=_CHANNEL + 1)
+        self._writer = can.BLFWriter(cast(Any, _KeptOpen(file)), channel=_CHANNEL + 1)
 
     def write(self, frames: FrameBlock) -> None:
         """Append the next frames. Errors: OutputError for one of more than eight bytes (CAN FD)."""
-        from can import Message
+        from canest.system.python_can import can  # loaded by now
 
         for t_us, can_id, length, word in zip(
             frames.t_us.tolist(), frames.can_id.tolist(), frames.length.tolist(), frames.data.tolist(),
@@ -42,7 +42,7 @@ class BlfFrames:
                 )  # fmt: skip
             if self._writer.start_timestamp is None and t_us < _FIRST_DATE_S * 1_000_000:
                 self._writer.start_timestamp = 0.0
-            message = Message(
+            message = can.Message(
                 timestamp=t_us / 1e6, arbitration_id=can_id & ID_MASK, channel=_CHANNEL,
                 is_extended_id=bool(can_id & EXTENDED), is_remote_frame=bool(can_id & REMOTE),
                 is_error_frame=bool(can_id & ERROR), dlc=length,

@@ -82,8 +82,6 @@ def quiet_messages(reader: Iterable[Any]) -> Iterator[Any]:
 
 def blf_reader(file: Any) -> Any:
     """Return python-can's reader of a BLF file, which ends at an object of size 0 as at other damage."""
-    from can.io.blf import BLFParseError
-
     from canest.system.python_can import can  # heavy
 
     class Reader(can.BLFReader):
@@ -95,7 +93,7 @@ def blf_reader(file: Any) -> Any:
 
         def _parse_until(self, data: bytes) -> Iterator[can.Message]:
             yield from super()._parse_data(data)
-            raise BLFParseError("an object of size 0")
+            raise can.io.blf.BLFParseError("an object of size 0")
 
     clipped: Any = _Clipped(file)
     return Reader(clipped)
