@@ -94,12 +94,19 @@ def statement_of(
         f"{capitalised('; '.join(filter(None, (describe(c), describe_equivalents(c)))))}." for c in chosen
     ]
     change = f"Held-out residual {before_N:.0f} N before, {after_N:.0f} N after."
-    headline = _headline(verdict, chosen, _others(chosen, rivals), usual=context.usual)
+    beside = _open_beside(chosen, context) if verdict == "explained" else []
+    headline = _headline(verdict, chosen, (_others(chosen, rivals), beside), usual=context.usual)
     return Statement(headline, (change, *lines, *_as_likely(rivals), *rest, *hint))
 
 
-def _headline(verdict: str, chosen: Sequence[Chosen], others: Sequence[str], *, usual: bool) -> str:
-    """Return the first sentence: every cause with what it may be instead, as many as there are words for."""
+def _headline(
+    verdict: str, chosen: Sequence[Chosen], besides: tuple[Sequence[str], Sequence[str]], *, usual: bool
+) -> str:
+    """Return the first sentence: every cause with what it may be instead, as many as there are words for.
+
+    besides: effects of sets as likely, and effects that may be there beside one cause.
+    """
+    others, beside = besides
     causes = [c for c in chosen if not c.candidate.is_delay]
     if not causes:  # every engine reports late: it is no reason to look for others
         causes, others = list(chosen), ()
@@ -117,8 +124,13 @@ def _headline(verdict: str, chosen: Sequence[Chosen], others: Sequence[str], *, 
         subject = ", and ".join(phrases) if any(" or " in p for p in phrases) else " and ".join(phrases)
         several = len(causes) > 1
         text = f"{capitalised(subject)} {end.format(s='' if several else 's')}"
-        if len(text.split()) <= MAX_WORDS:
-            return text
+        if len(text.split()) > MAX_WORDS:
+            continue
+        for most in range(_NAMED, 0, -1) if beside and not several else ():
+            longer = f"{text.removesuffix('.')}; {_one_of(beside, most, '')} may be there besides."
+            if len(longer.split()) <= MAX_WORDS:
+                return longer
+        return text
     return f"{capitalised(_one_of([causes[0].candidate.effect], 1, ''))} and others {end.format(s='')}"
 
 
@@ -147,6 +159,16 @@ def _others(chosen: Sequence[Chosen], rivals: Sequence[FittedSet]) -> list[str]:
     """Return the effects of sets as likely that are neither chosen nor named beside a choice."""
     named = {c.candidate.effect for c in chosen} | {n for c in chosen for n in alternatives(c)}
     return [n for rival in rivals for n in rival.names if n not in named]
+
+
+def _open_beside(chosen: Sequence[Chosen], context: Context) -> list[str]:
+    """Return the effects that this data does not rule out beside one cause, dangers first.
+
+    One effect that explains the residual is no proof that it is alone: what looks like a small error of
+    another one may be a fault.
+    """
+    named = {*_others(chosen, context.rivals), *(n for c in chosen for n in alternatives(c))}
+    return [n for n in by_urgency(context.not_excluded) if n not in named]
 
 
 def _as_likely(rivals: Sequence[FittedSet]) -> tuple[str, ...]:

@@ -153,6 +153,58 @@ def test_what_a_drive_cannot_rule_out_is_said_dangers_first():
     assert not any("Not ruled out" in d for d in statement_of("partly", [TYRES], 9.0, 5.0).details)
 
 
+def test_one_effect_that_explains_all_may_not_be_alone():
+    """A brake of 1,235 N and tyres worse with speed: the second looked like the wind that always blows."""
+    context = Context(not_excluded=["rolling_resistance_speed", "headwind", "rolling_resistance"])
+    brake = chosen("brake_drag", 1394.0, "rolling_resistance")
+    finding = statement_of("explained", [brake], 1640.0, 324.0, context).finding
+    assert finding == (
+        "A dragging brake or rolling resistance explains the residual; "
+        "wind or speed-dependent rolling resistance may be there besides."
+    )
+    assert "besides" not in statement_of("partly", [brake], 1640.0, 900.0, context).finding
+    two = [brake, chosen("torque_gain", -0.1)]
+    assert "besides" not in statement_of("explained", two, 1640.0, 324.0, context).finding
+
+
+def gears_of(gears, strength, seed=5):
+    """Return the best set where one gear of several has a loss, each in windows of its own."""
+    rng = np.random.default_rng(seed)
+    place = np.arange(400) % gears
+    columns = [np.where(place == g, -10.0, 0.0) for g in range(gears)]
+    noise = rng.normal(size=400)
+    noise -= sum(column * (column @ noise) / (column @ column) for column in columns)
+    residual = strength / np.sqrt(columns[0] @ columns[0]) * -columns[0] + noise
+    evidence = Evidence(np.zeros((400, 0)), np.zeros((400, 0)), 1.0, 1.0)
+    names = [
+        Candidate(f"driveline_loss gear {g}", "driveline_loss", "loss", (("gear", g),)) for g in range(gears)
+    ]
+    return likely_sets(evidence, residual, names, columns)
+
+
+def test_the_best_of_many_gears_is_judged_as_one_of_many():
+    """A loss of 1.8 % in gear 8 of a drive without any: among its gears one was likely to look so."""
+    one, ten = gears_of(1, 3.0), gears_of(10, 3.0)
+    single = next(s for s in ten if s.members == (0,))
+    assert one[0].members == (0,) and one[0].forms == 0.0
+    # nine gears without any evidence: the tenth is worth a tenth, and what they have by chance
+    assert single.forms == pytest.approx(2.0 * np.log(10.0), abs=0.4)
+    assert ten[0].members == () and gears_of(10, 6.0)[0].members == (0,)
+
+
+def test_forms_of_one_effect_that_fit_alike_cost_nothing():
+    """Cold tyres that warm up in 300 or in 600 s: whichever it is, it is the tyres."""
+    column = -1000.0 * np.exp(-np.arange(400) / 300.0)
+    evidence = Evidence(np.zeros((400, 0)), np.zeros((400, 0)), 1.0, 1.0)
+    names = [
+        Candidate(f"rolling_warmup tau {s} s", "rolling_warmup", "crr_cold", (("tau_s", s),))
+        for s in (300.0, 300.1)
+    ]
+    residual = -0.003 * column + np.random.default_rng(1).normal(size=400)
+    best = likely_sets(evidence, residual, names, [column, column])[0]
+    assert len(best.members) == 1 and best.forms == pytest.approx(0.0, abs=1e-6)
+
+
 def errors_of(wind_mps, crr, seed=3):
     """Return small errors (n, 2), a residual (n,) with these, and a drag area's column (n, 1) beside them."""
     rng = np.random.default_rng(seed)

@@ -55,6 +55,14 @@ class Candidate:
         return self.kind.rarity
 
     @property
+    def family(self) -> tuple[str, bool]:
+        """Return what it shares with its other forms: the effect, and whether it is of one gear, signal, stop.
+
+        A loss in all gears is not one of many: it has odds of its own beside those in one of the gears.
+        """
+        return self.effect, dict(self.shape).get(self.kind.several_by) is not None
+
+    @property
     def is_delay(self) -> bool:
         """Return whether it delays the torque; every engine controller has some delay."""
         return self.kind.stage == "sampling"

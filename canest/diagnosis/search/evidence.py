@@ -12,6 +12,10 @@ the odds between them.
 A fault has a usual size, too: large faults are rarer than small ones. Otherwise two large effects that undo
 each other would pass for the explanation of what little they leave.
 
+An effect may come in several forms: a loss in one of the gears, a warm-up of several durations, a load at one
+of the stops. They share the odds of one effect. The evidence for a set is therefore its mean over the forms of its effects:
+where the best of ten gears fits well and nine do not, it must do so tenfold.
+
 Every vehicle has small errors that nobody declares, and every reference has its own. They have a known spread
 and are marginalised: each takes what it can of the residual, at the price of its prior. An effect within
 what they may do is therefore no evidence for anything.
@@ -19,9 +23,11 @@ what they may do is therefore no evidence for anything.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
+from math import prod
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, lstsq
@@ -44,11 +50,15 @@ BEAM = 25
 
 @dataclass(frozen=True)
 class ScoredSet:
-    """A set of candidates, by their places in the list: its criterion (lower is better), its values."""
+    """A set of candidates, by their places in the list: its criterion (lower is better), its values.
+
+    forms: what of the criterion is the price for the other forms of its effects.
+    """
 
     members: tuple[int, ...]
     criterion: float
     values: tuple[float, ...]
+    forms: float = 0.0
 
 
 class Evidence:
@@ -219,7 +229,31 @@ def likely_sets(
                     grown[members] = ScoredSet(members, criterion, tuple(values.tolist()))
         last = sorted(grown.values(), key=lambda s: s.criterion)
         found += last
-    return sorted(found, key=lambda s: s.criterion)
+    return sorted(_averaged_over_forms(found, candidates), key=lambda s: s.criterion)
+
+
+def _averaged_over_forms(sets: Sequence[ScoredSet], candidates: Sequence[Candidate]) -> list[ScoredSet]:
+    """Return the sets, each with the price by which the best form of its effects has the mean's criterion.
+
+    Forms that no vehicle can have, and those of larger sets that were not looked at, are no evidence.
+    """
+    groups: dict[tuple[tuple[str, bool], ...], list[ScoredSet]] = {}
+    for s in sets:
+        groups.setdefault(tuple(sorted(candidates[m].family for m in s.members)), []).append(s)
+    found = []
+    for families, forms in groups.items():
+        possible = prod(_forms(candidates, family, times) for family, times in Counter(families).items())
+        criteria = np.array([s.criterion for s in forms])
+        odds = np.exp(-0.5 * (criteria - criteria.min())).sum()
+        price = 2.0 * float(np.log(possible / odds))
+        found += [replace(s, criterion=s.criterion + price, forms=price) for s in forms]
+    return found
+
+
+def _forms(candidates: Sequence[Candidate], family: tuple[str, bool], times: int) -> int:
+    """Return in how many forms an effect may be in a set so many times (a loss in two of the gears)."""
+    mine = [c for c in candidates if c.family == family]
+    return sum(not any(a.repeats(b) for a, b in combinations(some, 2)) for some in combinations(mine, times))
 
 
 def without_idle_members(sets: Sequence[ScoredSet], observations: float) -> list[ScoredSet]:

@@ -58,13 +58,18 @@ class _Offers:
     candidates: list[Candidate] = field(default_factory=list)
     columns: list[FloatColumn] = field(default_factory=list)
 
+    @property
+    def effects(self) -> int:
+        """Return how many effects they are, each in one form or more."""
+        return len({c.family for c in self.candidates})
+
 
 class Search(JointFit):
     """A joint fit that chooses by itself what is in it.
 
     rivals: sets of effects that the data does not separate from the best one, best first. usual_delay: a
     delay of the torque that is no finding, where nothing else was found; None without one. evident: whether
-    the data supports some set of effects, be it one that could not be taken.
+    the data supports some set of effects beyond what small errors do, be it one that could not be taken.
     """
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
@@ -97,7 +102,6 @@ class Search(JointFit):
         self._leave_out_errors_not_shown()
         self._add_errors_that_are_not_small()
         best = min(f.criterion for f in fitted)
-        self.evident = bool(taken.chosen)
         self.rivals = sorted((f for f in fitted if f.criterion <= best + DECISIVE), key=lambda f: f.criterion)
         self._prune()
         widen_by_rivals(self.chosen, self.rivals, best)
@@ -146,8 +150,7 @@ class Search(JointFit):
     def _shortlist(self, sets: list[ScoredSet], offers: _Offers) -> list[ScoredSet]:
         """Return the sets worth fitting: one of each combination of names, those that may be taken first."""
         best = sets[0].criterion
-        offered = len(offers.candidates)
-        by_price = sorted(sets, key=lambda s: s.criterion + price_of(len(s.members), offered))
+        by_price = sorted(sets, key=lambda s: s.criterion + price_of(len(s.members), offers.effects))
         short: list[ScoredSet] = []
         seen: set[tuple[str, ...]] = set()
         for s in [*by_price[:4], *(s for s in sets if s.criterion < best + SHORTLISTED)]:
@@ -165,8 +168,8 @@ class Search(JointFit):
         residual_N = refine(self.problem, delay, chosen, self.prior)
         columns = regressors(self.problem, delay, chosen, residual_N)
         values, scales = [c.deviation for c in chosen], [c.candidate.scale for c in chosen]
-        criterion = evidence.of(self.problem.whiten(residual_N), columns, values, scales)
-        price = criterion + price_of(len(chosen), len(offers.candidates))
+        criterion = evidence.of(self.problem.whiten(residual_N), columns, values, scales) + s.forms
+        price = criterion + price_of(len(chosen), offers.effects)
         return FittedSet(chosen, criterion, price)
 
     def _leave_out_errors_not_shown(self) -> None:
@@ -233,7 +236,10 @@ class Search(JointFit):
         return DELAY_STARTS_S[int(np.argmin(left))]
 
     def _prune(self) -> None:
-        """Drop what removes nothing that matters out of sample, then rank the rest by what they shift."""
+        """Drop what removes nothing that matters out of sample, then rank the rest by what they shift.
+
+        What is dropped was evident all the same, unless it is too small to notice or small errors make it.
+        """
         while self.chosen:
             self.weigh()
             outside = [c for c in self.chosen if not self._stands_out(c)]
@@ -241,13 +247,17 @@ class Search(JointFit):
             if not outside and weakest.needed >= MIN_SHARE:
                 break
             self.chosen.remove(weakest)
+            real = self._beyond_small_errors(weakest) and weakest.needed > 0.0
+            self.evident |= real and not weakest.candidate.is_delay
             self.refit()
+        self.evident |= any(not c.candidate.is_delay for c in self.chosen)
         self.chosen.sort(key=lambda c: -c.shifts)
 
     def _stands_out(self, c: Chosen) -> bool:
         """Return whether a value is one that a vehicle can have, and small errors alone would not make."""
-        if not c.candidate.possible(c.deviation):
-            return False
+        return c.candidate.possible(c.deviation) and self._beyond_small_errors(c)
+
+    def _beyond_small_errors(self, c: Chosen) -> bool:
         # a delay there always is, however uncertain; but one below what can be resolved is none
         least = TICK_STD_S if c.candidate.is_delay else MIN_SIGMAS * c.std
         return abs(c.deviation) > least
