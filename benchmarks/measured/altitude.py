@@ -2,6 +2,8 @@
 
 A receiver's altitude wanders by metres in a minute, so its slope over 200 m is wrong by a degree or so. How
 wrong is seen where the vehicle comes by again, in either direction: two passes see one road and two errors.
+The product of one estimate's differences from the altitudes of two passes has the error of the estimate
+squared, and of the altitudes' errors only what both passes share.
 """
 
 from __future__ import annotations
@@ -11,8 +13,9 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from common import Column, Estimates, number
+from common import Column, Estimates, line_through, number
 from scipy.spatial import cKDTree
+from scipy.stats import bootstrap
 
 #: a pass is another one if it is so much later
 APART_S = 300.0
@@ -20,6 +23,8 @@ APART_S = 300.0
 NEAR_M = 20.0
 #: a window that takes longer has a stop in it, in which a receiver's error wanders on
 LONGEST_S = 90.0
+#: windows that begin in one square of this size see one place, and count as one in an interval
+CELL_M = 500.0
 _EARTH_M = 6_371_008.8
 
 
@@ -95,10 +100,14 @@ def windows_of(way: Way, estimates: Estimates, length_m: float) -> Windows:
 
 
 class Passes(NamedTuple):
-    """Slopes of one window in every pass over it, its own first; up is positive in the window's direction."""
+    """Slopes of one window in every pass over it, its own first; up is positive in the window's direction.
+
+    direction: 1 as the window itself, -1 against it.
+    """
 
     altitude: Column
     estimated: Column
+    direction: Column
 
 
 def passes_of(way: Way, estimates: Estimates, windows: Windows, length_m: float) -> list[Passes]:
@@ -114,14 +123,14 @@ def passes_of(way: Way, estimates: Estimates, windows: Windows, length_m: float)
         windows.begin.astype(int), windows.altitude, windows.estimated, strict=True
     ):
         b = int(np.searchsorted(way.metres, way.metres[a] + length_m))
-        rows = [(altitude, estimated)]
+        rows = [(altitude, estimated, 1.0)]
         if tree is not None and np.isfinite(places[[a, b]]).all():
             ends = [known[tree.query_ball_point(places[k], NEAR_M)] for k in (a, b)]
             for sign, (first, last) in ((1.0, ends), (-1.0, ends[::-1])):
                 for i, j in _passes(way, a, first, last, length_m):
                     over_m = sign * (way.metres[j] - way.metres[i])
                     rise_m, climb_m = way.altitude_m[j] - way.altitude_m[i], climbed_m[j] - climbed_m[i]
-                    rows.append((rise_m / over_m, climb_m / over_m))
+                    rows.append((rise_m / over_m, climb_m / over_m, sign))
         found.append(Passes(*np.array(rows).T))
     return found
 
@@ -162,6 +171,99 @@ def grade_against_altitude(ways: Iterable[tuple[Way, Estimates]], length_m: floa
     bias = float(np.mean(every)) if every else np.nan
     degrees = (float(np.degrees(np.arctan(v))) for v in (rms, bias, revisited, own, rest, repeat))
     return GradeCheck(len(every), passes, *degrees)
+
+
+class RevisitCheck(NamedTuple):
+    """What passes over the same windows say of the estimate, in degrees but for the gain; NaN for nothing.
+
+    left: error of the estimate and what the altitudes of all passes share, from all pairs of passes; low,
+    high: its 90 % interval. same, opposite: the same from pairs of one direction, and of both.
+    repeated_same, repeated_opposite: scatter of the estimate between passes. gain, offset: altitude's mean
+    slope over the estimated one.
+    """
+
+    left: float
+    low: float
+    high: float
+    same: float
+    opposite: float
+    repeated_same: float
+    repeated_opposite: float
+    gain: float
+    offset: float
+
+
+def check_revisits(ways: Iterable[tuple[Way, Estimates]], length_m: float) -> RevisitCheck:
+    """Compare the estimates of all drives with the altitudes of all passes over the same windows."""
+    products, cells, points = [], [], []
+    same: tuple[list[float], list[float]] = ([], [])
+    opposite: tuple[list[float], list[float]] = ([], [])
+    for way, estimates in ways:
+        windows = windows_of(way, estimates, length_m)
+        passes = passes_of(way, estimates, windows, length_m)
+        for a, p in zip(windows.begin.astype(int), passes, strict=True):
+            n = len(p.altitude)
+            if n < 2:
+                continue
+            miss = p.estimated[0] - p.altitude
+            products.append((miss.sum() ** 2 - (miss**2).sum()) / (n * (n - 1)))
+            cells.append((way.east_m[a] // CELL_M, way.north_m[a] // CELL_M))
+            points.append((p.estimated[0], p.altitude.mean()))
+            for found, sign in ((same, 1.0), (opposite, -1.0)):
+                others = np.flatnonzero(p.direction[1:] == sign) + 1
+                if len(others):
+                    found[0].append(miss[0] * miss[others].mean())
+                    found[1].append(np.mean((p.estimated[0] - p.estimated[others]) ** 2) / 2)
+    if not products:
+        return RevisitCheck(*[np.nan] * 9)
+    line = line_through(*np.array(points).T)
+    slopes = (_root(products), *_interval(products, cells), _root(same[0]), _root(opposite[0]),
+              _root(same[1]), _root(opposite[1]))  # fmt: skip
+    degrees = (float(np.degrees(np.arctan(v))) for v in slopes)
+    return RevisitCheck(*degrees, line.slope, float(np.degrees(np.arctan(line.intercept))))
+
+
+def _root(squares: Any) -> float:
+    """Return the root of a mean that noise may make negative (then 0)."""
+    return float(np.sqrt(max(np.mean(squares), 0.0))) if len(squares) else np.nan
+
+
+def _interval(products: Sequence[float], cells: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Return the 90 % interval of the root of the mean, with whole places drawn anew."""
+    place = np.unique(np.array(cells), axis=0, return_inverse=True)[1].reshape(-1)
+    sums, counts = np.bincount(place, weights=products), np.bincount(place)
+    if len(sums) < 3:
+        return np.nan, np.nan
+
+    def mean(total: Column, count: Column, axis: int = -1) -> Column:
+        return np.asarray(total.sum(axis=axis) / count.sum(axis=axis))
+
+    found = bootstrap((sums, counts), mean, paired=True, confidence_level=0.9, method="percentile",
+                      random_state=np.random.default_rng(1))  # fmt: skip
+    low, high = found.confidence_interval
+    return _root([low]), _root([high])
+
+
+REVISIT_HEADER = (
+    "method",
+    "left, all pairs of passes",
+    "90 % interval",
+    "one direction",
+    "both directions",
+    "scatter of the estimate, one direction",
+    "both directions",
+    "altitude's slope per estimated",
+)
+
+
+def rows_of_revisits(checks: dict[str, RevisitCheck]) -> list[Sequence[str]]:
+    """Return a table row for each method."""
+    return [
+        (name, number(c.left, 2), f"{number(c.low, 2)} to {number(c.high, 2)}", number(c.same, 2),
+         number(c.opposite, 2), number(c.repeated_same, 2), number(c.repeated_opposite, 2),
+         f"{number(c.gain, 2)}, {c.offset:+.2f} degrees")
+        for name, c in checks.items()
+    ]  # fmt: skip
 
 
 def _rms(squares: Any) -> float:
