@@ -219,8 +219,8 @@ def check_revisits(ways: Iterable[tuple[Way, Estimates]], length_m: float) -> Re
     line = line_through(*np.array(points).T)
     slopes = (_root(products), *_interval(products, cells), _root(same[0]), _root(opposite[0]),
               _root(same[1]), _root(opposite[1]))  # fmt: skip
-    degrees = (float(np.degrees(np.arctan(v))) for v in slopes)
-    return RevisitCheck(*degrees, line.slope, float(np.degrees(np.arctan(line.intercept))))
+    *degrees, offset = (float(np.degrees(np.arctan(v))) for v in (*slopes, line.intercept))
+    return RevisitCheck(*[*degrees, line.slope, offset])
 
 
 def _root(squares: Any) -> float:

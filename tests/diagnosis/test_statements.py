@@ -1,5 +1,6 @@
 """What a diagnosis reports: one short sentence, dangers first, and never more than the data shows."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,6 +16,7 @@ from canest.diagnosis.search.evidence import (
     without_idle_members,
 )
 from canest.diagnosis.search.fitted_sets import FittedSet
+from canest.diagnosis.search.set_search import Search
 from canest.diagnosis.sentences import MAX_WORDS, Context, by_urgency, statement_of
 from canest.diagnosis.verdict import verdict_of
 from canest.vehicle.effects import EFFECTS
@@ -225,3 +227,25 @@ def test_how_large_a_small_error_is_comes_out_in_its_usual_spreads():
     size, std = likeliest_errors(*errors_of(5.0, 0.0), 0.36)
     assert size[0] == pytest.approx(5.0 / 1.7, abs=0.2) and size[0] - std[0] > 2.0
     assert abs(likeliest_errors(*errors_of(1.5, 0.0), 0.36)[0][0]) < 1.2
+
+
+@pytest.mark.parametrize(
+    ("effect", "deviation", "std", "needed", "force_N", "evident"),
+    [
+        ("torque_offset", 13.7, 23.0, 0.21, 118.0, False),  # what a step of the reported torque hides
+        ("retarder_unreported", 24.0, 13.7, 0.0, 40.0, False),  # too small to notice
+        ("cornering_drag", 0.0345, 0.0368, 0.23, 400.0, True),  # uncertain, and not small
+        ("torque_gain", -0.08, 0.02, 0.01, 900.0, True),  # of no use out of sample
+    ],
+)
+def test_what_is_dropped_for_being_small_leaves_nothing_to_explain(
+    effect, deviation, std, needed, force_N, evident
+):
+    """Three clean drives of sixty were called unexplained for a rounding of torque."""
+    search = object.__new__(Search)
+    dropped = replace(chosen(effect, deviation), std=std, needed=needed, force_N=force_N)
+    search.chosen, search.evident = [dropped], False
+    search.problem = SimpleNamespace(torque_step_N=196.0)
+    search.weigh = search.refit = lambda: None  # the values are those above
+    search._prune()
+    assert search.chosen == [] and search.evident is evident

@@ -56,7 +56,7 @@ class Candidate:
 
     @property
     def family(self) -> tuple[str, bool]:
-        """Return what it shares with its other forms: the effect, and whether it is of one gear, signal, stop.
+        """Return what its other forms share: the effect, and whether it is of one gear, signal or stop.
 
         A loss in all gears is not one of many: it has odds of its own beside those in one of the gears.
         """

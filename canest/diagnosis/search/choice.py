@@ -15,8 +15,8 @@ class Chosen:
     scatter: standard deviation by blocks of the drive, what is counted when it is chosen; std: with what the
     small errors of every vehicle add. explained: share of the first residual's held-out variance that comes
     back without it; shifts: of that variance averaged over seconds, which is what shifts mass and grade.
-    needed: share of what is then left that it removes. equivalent: candidates that would do as well in its
-    place.
+    needed: share of what is then left that it removes; force_N: RMS of the force it makes. equivalent:
+    candidates that would do as well in its place.
     """
 
     candidate: Candidate
@@ -27,6 +27,7 @@ class Chosen:
     equivalent: list[Candidate] = field(default_factory=list)
     scatter: float = 0.0
     shifts: float = 0.0
+    force_N: float = 0.0
 
     @property
     def value(self) -> float:

@@ -12,9 +12,9 @@ the odds between them.
 A fault has a usual size, too: large faults are rarer than small ones. Otherwise two large effects that undo
 each other would pass for the explanation of what little they leave.
 
-An effect may come in several forms: a loss in one of the gears, a warm-up of several durations, a load at one
-of the stops. They share the odds of one effect. The evidence for a set is therefore its mean over the forms of its effects:
-where the best of ten gears fits well and nine do not, it must do so tenfold.
+An effect may come in several forms: a loss in one of the gears, a warm-up of several durations, a load at
+one of the stops. They share the odds of one effect. The evidence for a set is therefore its mean over the
+forms of its effects: where the best of ten gears fits well and nine do not, it must do so tenfold.
 
 Every vehicle has small errors that nobody declares, and every reference has its own. They have a known spread
 and are marginalised: each takes what it can of the residual, at the price of its prior. An effect within

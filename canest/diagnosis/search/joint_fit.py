@@ -167,8 +167,8 @@ class JointFit:
             chosen.shifts = (self._slow_sum(missed) - self._slow_sum(left)) / slow_total
             # as a force, since a steady one is small once an uncertain grade is filtered out. A delay there
             # always is: left out because it is small, it would be put down to the others
-            force_N = float(np.sqrt(np.mean((without_N - self.residual_N) ** 2)))
-            matters = chosen.candidate.is_delay or force_N > self.hidden_N()
+            chosen.force_N = float(np.sqrt(np.mean((without_N - self.residual_N) ** 2)))
+            matters = chosen.candidate.is_delay or chosen.force_N > self.hidden_N()
             chosen.needed = more / missed_sum if matters else 0.0
             chosen.equivalent = self.alternatives.instead_of(
                 chosen.candidate, columns[i], residual, without, others, left**2, missed_sum

@@ -238,7 +238,8 @@ class Search(JointFit):
     def _prune(self) -> None:
         """Drop what removes nothing that matters out of sample, then rank the rest by what they shift.
 
-        What is dropped was evident all the same, unless it is too small to notice or small errors make it.
+        What is dropped was evident all the same, unless it is too small to notice, or small errors and the
+        rounding of torque make it: of the actual one and of friction, half a step each.
         """
         while self.chosen:
             self.weigh()
@@ -247,8 +248,8 @@ class Search(JointFit):
             if not outside and weakest.needed >= MIN_SHARE:
                 break
             self.chosen.remove(weakest)
-            real = self._beyond_small_errors(weakest) and weakest.needed > 0.0
-            self.evident |= real and not weakest.candidate.is_delay
+            real = self._beyond_small_errors(weakest) or weakest.force_N > self.problem.torque_step_N
+            self.evident |= real and weakest.needed > 0.0 and not weakest.candidate.is_delay
             self.refit()
         self.evident |= any(not c.candidate.is_delay for c in self.chosen)
         self.chosen.sort(key=lambda c: -c.shifts)
