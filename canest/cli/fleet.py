@@ -163,7 +163,7 @@ def run(
 
     request = Request(source, lake, manifest, settings, engine.workers, engine.dask, resume)
     with FleetProgress() as progress:
-        tally = run_fleet(request, progress.begin, progress.step)
+        tally = run_fleet(request, progress.begin, progress.step, progress.compiling)
     if json_path is not None:
         write_json(tally.to_json(), json_path)
     if json_path != "-":

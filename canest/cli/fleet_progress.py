@@ -35,6 +35,11 @@ class FleetProgress:
         self._count.__enter__()
         self._begin_s = self._line_s = time.monotonic()
 
+    def compiling(self) -> None:
+        """Say why nothing happens at first."""
+        text = "compiling the kernels: once after an installation, about a minute"
+        print(text, file=sys.stderr, flush=True)
+
     def step(self, outcome: Outcome) -> None:
         """Take note of a log that ended."""
         work = self._work.get(outcome.name, 0.0)

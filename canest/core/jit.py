@@ -18,6 +18,8 @@ from typing import Any, TypeVar
 F = TypeVar("F", bound=Callable[..., Any])
 
 _enabled = False
+#: what numba made of kernels in this process
+_dispatchers: list[Any] = []
 
 
 def available() -> bool:
@@ -50,6 +52,11 @@ def _nothing() -> None:
 def enabled() -> bool:
     """Return True when kernels run compiled."""
     return _enabled
+
+
+def kept_files() -> list[str]:
+    """Return the files in which numba keeps an index of each kernel that was compiled or loaded here."""
+    return [dispatcher._cache._cache_file._index_path for dispatcher in _dispatchers]
 
 
 class Kernel:
@@ -92,6 +99,7 @@ class Kernel:
             self._compiled = numba.njit(cache=True, error_model="numpy")(function)
             _once_for_all_literals(self._compiled)
             _keep_if_it_can_be(self._compiled)
+            _dispatchers.append(self._compiled)
         return self._compiled
 
     def content(self) -> str:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from canest.fleet.bundle import Bundle, code_version
 from canest.fleet.child import Children
+from canest.fleet.compiling import compile_kernels
 from canest.fleet.job import FleetJob, Outcome, Settings
 
 _children = Children()
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +35,8 @@ def run_batch(batch: Batch) -> list[Outcome] | Refused:
     """Return what became of the logs of a batch, in order."""
     if code_version() != batch.settings.version:
         return Refused(code_version())
+    if batch.settings.compiled:
+        compile_kernels(batch.bundles, lambda: _log.info("compiles the kernels, once after an installation"))
     with _children.one() as child:
         return [child.run(job, batch.bundles, batch.settings) for job in batch.jobs]
 

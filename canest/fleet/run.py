@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from canest.fleet.bundle import code_version
+from canest.fleet.compiling import compile_kernels
 from canest.fleet.job import Outcome, Settings
 from canest.fleet.lake import Lake
 from canest.fleet.local_engine import run_local
@@ -87,11 +88,15 @@ class Tally:
 
 
 def run_fleet(
-    request: Request, begun: Callable[[Mapping[str, float]], None], step: Callable[[Outcome], None]
+    request: Request,
+    begun: Callable[[Mapping[str, float]], None],
+    step: Callable[[Outcome], None],
+    compiling: Callable[[], None],
 ) -> Tally:
     """Run all logs and return what came of them; whatever is done stays done, however the run ends.
 
-    begun: called with the logs and how much work each is. step: called as each log ends.
+    begun: called with the logs and how much work each is. step: called as each log ends. compiling: called
+    where the kernels must be compiled first.
     Errors: CanestError, where the run as a whole cannot go on (a full disk, a config that is wrong).
     """
     require("pyarrow", "fsspec", why="canest fleet run")
@@ -104,7 +109,7 @@ def run_fleet(
     for outcome in plan.unmatched:
         tally.add(outcome)
         step(outcome)
-    with closing(_outcomes(request, plan, lake)) as outcomes:
+    with closing(_outcomes(request, plan, lake, compiling)) as outcomes:
         unreachable = 0
         for outcome in outcomes:
             if outcome.is_done:
@@ -127,13 +132,17 @@ def _compiling_pays(plan: Plan) -> bool:
     return text_bytes / TEXT_BYTES_PER_S > COMPILED_FROM_S * (os.cpu_count() or 1)
 
 
-def _outcomes(request: Request, plan: Plan, lake: Lake) -> Generator[Outcome, None, None]:
+def _outcomes(
+    request: Request, plan: Plan, lake: Lake, compiling: Callable[[], None]
+) -> Generator[Outcome, None, None]:
     # through a store everybody can write to, results need not pass here
     where = "" if lake.storage.is_local else lake.storage.url()
     settings = replace(request.settings, version=code_version(), lake=where, compiled=_compiling_pays(plan))
     if not plan.jobs:
         return
     if request.dask is None:
+        if settings.compiled:
+            compile_kernels(plan.bundles, compiling)
         yield from run_local(plan.jobs, plan.bundles, settings, request.workers)
         return
     from canest.fleet.dask_engine import run_on_dask  # dask is wanted for a cluster alone
