@@ -143,6 +143,8 @@ def _run_watched(arguments: list[str]) -> float:
         for task in Path(f"/proc/{process.pid}/task").glob("*/children"):
             for child in task.read_text().split():
                 try:
+                    if b"compiling_main" in Path(f"/proc/{child}/cmdline").read_bytes():
+                        continue  # it reads no fleet's log, and ends before the workers start
                     peak = max(peak, int(Path(f"/proc/{child}/statm").read_text().split()[1]))
                 except (OSError, IndexError):
                     continue
