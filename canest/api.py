@@ -207,7 +207,7 @@ def diagnose(
         >>> import canest
         >>> drive = canest.simulate("wheel-radius")  # worn tyres, which its config does not have
         >>> canest.diagnose(drive, drive.config, truth=drive.truth).finding
-        'Wheel radius explains the residual.'
+        'Wheel radius explains the residual; cornering drag may be there besides.'
     """
     from canest.interface.run import diagnosed  # with numba where it pays
 

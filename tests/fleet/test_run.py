@@ -171,7 +171,7 @@ def test_killed_in_the_middle_and_resumed_the_lake_is_that_of_an_undisturbed_run
         wait_for(lambda n=before: len(list(folder.glob("trips/*/*/*.parquet"))) > n)
         process.send_signal(number)
         _, err = process.communicate(timeout=30)
-        assert process.returncode
+        assert process.returncode, err.decode()
     assert b"logs are done and kept: the same command with --resume does the rest" in err
     done = run(logs, folder, manifest, "--resume")
     assert done.code == 0
