@@ -166,8 +166,9 @@ def test_killed_in_the_middle_and_resumed_the_lake_is_that_of_an_undisturbed_run
     for number in (signal.SIGKILL, signal.SIGINT):
         before = len(list(folder.glob("trips/*/*/*.parquet")))
         process = subprocess.Popen(
-            [*arguments, "--workers", "1", "--resume"], cwd=ROOT, stderr=subprocess.PIPE
-        )
+            [*arguments, "--workers", "1", "--resume"], cwd=ROOT, stderr=subprocess.PIPE,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 - a background job ignores it
+        )  # fmt: skip
         wait_for(lambda n=before: len(list(folder.glob("trips/*/*/*.parquet"))) > n)
         process.send_signal(number)
         _, err = process.communicate(timeout=30)
