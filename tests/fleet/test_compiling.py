@@ -18,6 +18,8 @@ RUN = (
     "from canest.cli.main import main; sys.exit(main())"
 )
 
+COMPILING = "compiling the kernels: once after an installation, about a minute"
+
 
 def compiled_run(logs: Path, lake: Path, manifest: Path, cache: Path) -> subprocess.CompletedProcess[str]:
     arguments = ["fleet", "run", logs, "-o", lake, "--manifest", manifest, "--workers", "2"]
@@ -33,7 +35,7 @@ def test_with_an_empty_cache_no_process_that_reads_logs_compiles(logs, manifest,
     cache = tmp_path / "cache"
     first = compiled_run(logs, tmp_path / "first", manifest, cache)
     assert first.returncode == 0, first.stderr
-    assert first.stderr.splitlines() == ["compiling the kernels: once after an installation, about a minute"]
+    assert first.stderr.splitlines()[0] == COMPILING
     (record,) = cache.glob("kernels-*.json")
     kept = [Path(file) for file in json.loads(record.read_text())]
     assert kept
@@ -42,10 +44,11 @@ def test_with_an_empty_cache_no_process_that_reads_logs_compiles(logs, manifest,
     files = [*cache.rglob("*.nbi"), *cache.rglob("*.nbc")]
     assert [file.name for file in files if file.stat().st_mtime_ns > end_ns] == []
     second = compiled_run(logs, tmp_path / "second", manifest, cache)
-    assert (second.returncode, second.stderr) == (0, "")
+    assert second.returncode == 0
+    assert COMPILING not in second.stderr
     kept[0].unlink()  # a cache that was cleaned is filled again
     third = compiled_run(logs, tmp_path / "third", manifest, cache)
-    assert third.stderr == first.stderr
+    assert third.stderr.splitlines()[0] == COMPILING
 
 
 @pytest.mark.slow
@@ -53,4 +56,6 @@ def test_where_the_cache_cannot_be_written_the_run_goes_on(logs, manifest, tmp_p
     cache = tmp_path / "cache"
     cache.write_text("no folder")
     done = compiled_run(logs, tmp_path / "lake", manifest, cache)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode == 0
+    assert COMPILING not in done.stderr
+    assert "Traceback" not in done.stderr
