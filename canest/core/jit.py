@@ -81,7 +81,8 @@ class Kernel:
     def interpreted(self) -> Callable[..., Any]:
         """The function as it stands; kernels that it calls are called straight."""
         if self._interpreted is None:
-            self._interpreted = self._bound("interpreted")
+            scope, called = self._source.__globals__, self._called("interpreted")
+            self._interpreted = self._copy({**scope, **called} if called else scope)
         return self._interpreted
 
     @property
@@ -90,7 +91,7 @@ class Kernel:
         if self._compiled is None:
             import numba
 
-            function = self._bound("compiled")
+            function = self._copy(dict(self._source.__globals__))
             # numba's cache looks at one file's age and at the name: a kernel that another file's change
             # has changed must not be taken from it
             function.__qualname__ = (
@@ -99,6 +100,7 @@ class Kernel:
             self._compiled = numba.njit(cache=True, error_model="numpy")(function)
             _once_for_all_literals(self._compiled)
             _keep_if_it_can_be(self._compiled)
+            _before_compiling(self._compiled, lambda: function.__globals__.update(self._called("compiled")))
             _dispatchers.append(self._compiled)
         return self._compiled
 
@@ -119,12 +121,14 @@ class Kernel:
                 parts.append(f"{name}={value!r}")
         return "\n".join(parts)
 
-    def _bound(self, form: str) -> FunctionType:
-        """Return the function with every kernel that it calls replaced by its ``form``."""
-        scope: Any = getattr(self._source, "__globals__", {})
-        for name, value in list(scope.items()):
-            if isinstance(value, Kernel) and name in self._source.__code__.co_names:
-                scope = {**scope, name: getattr(value, form)}
+    def _called(self, form: str) -> dict[str, Callable[..., Any]]:
+        """Return the ``form`` of every kernel that the function calls, by the name it has there."""
+        scope = self._source.__globals__
+        found = ((name, scope.get(name)) for name in self._source.__code__.co_names)
+        return {name: getattr(value, form) for name, value in found if isinstance(value, Kernel)}
+
+    def _copy(self, scope: dict[str, Any]) -> FunctionType:
+        """Return the function with other globals."""
         function = FunctionType(self._source.__code__, scope, self.__name__)
         function.__module__ = self._source.__module__
         return function
@@ -161,6 +165,24 @@ def _keep_if_it_can_be(dispatcher: Any) -> None:
             save(signature, compiled)
 
     cache.save_overload = save_or_not
+
+
+def _before_compiling(dispatcher: Any, bind: Callable[[], None]) -> None:
+    """Call ``bind`` when a kernel is not in numba's cache, that is, before the kernels it calls are needed.
+
+    What is loaded from the cache holds the code of all that it calls: dispatchers for these, some 60 in a
+    replay, would cost 10 ms.
+    """
+    cache = dispatcher._cache
+    load = cache.load_overload
+
+    def load_or_bind(signature: Any, context: Any) -> Any:
+        loaded = load(signature, context)
+        if loaded is None:
+            bind()
+        return loaded
+
+    cache.load_overload = load_or_bind
 
 
 def kernel(function: Callable[..., Any]) -> Kernel:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -70,6 +71,29 @@ def test_a_kernel_called_with_other_constants_is_not_compiled_again(tmp_path, mo
     module = importlib.import_module("indexed_kernel")
     assert module.run.compiled(np.array([1.0, 2.0])) == 21.0
     assert len(module.taken.compiled.signatures) == 1
+
+
+@pytest.mark.skipif(not jit.available(), reason="numba is not installed")
+def test_a_kernel_that_is_loaded_needs_no_dispatchers_for_those_it_calls(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "kept_kernel.py").write_text(INDEXED)
+
+    def kept(*arrays):
+        """Return the files of the kernels that calls compile or load, as in a process of their own."""
+        sys.modules.pop("kept_kernel", None)
+        run, before = importlib.import_module("kept_kernel").run, len(jit.kept_files())
+        assert [run.compiled(array) for array in arrays] == [21.0] * len(arrays)
+        return [Path(file) for file in jit.kept_files()[before:]]
+
+    double, single = np.array([1.0, 2.0]), np.array([1.0, 2.0], np.float32)
+    run, taken = kept(double)
+    assert kept(double) == [run]
+    assert kept(double, single) == [run, taken]  # compiled for another type: what it calls is as well
+    taken.unlink()
+    assert kept(double, single) == [run]
+    run.unlink()
+    assert kept(single) == [run, taken]
+    assert taken.exists()
 
 
 @pytest.mark.skipif(not jit.available(), reason="numba is not installed")
