@@ -38,6 +38,7 @@ CHORES_S = 1.0  #: period of everything but receiving, estimating and sending
 #: longest time between two estimates; a little more than the period of the default broadcast, so that its
 #: due time sets the pace
 LONGEST_WAIT_US = 230_000
+_OBJECTS_BETWEEN_COLLECTIONS = 100_000  #: a look at as many takes 35 ms, and delays ticks by that
 CLOSE_S = 0.5  #: SIGTERM has to be over within a second, whatever the disk does
 
 
@@ -98,6 +99,7 @@ class Daemon:
         self.notifier.ready()
         gc.collect()
         gc.freeze()  # what is here now lives as long as we do: later collections need not examine it
+        gc.set_threshold(min(gc.get_threshold()[0], _OBJECTS_BETWEEN_COLLECTIONS))
         try:
             while not self._stop.is_set():
                 self.step()
