@@ -24,20 +24,28 @@ _LEAST_VARIANCE, _FAR = 1e-24, 9.0
 _NEGLIGIBLE = 1e-6
 
 
+GROUPS = 4 * LOADS
+
+
+@jit.kernel
+def group_of(mix: Mixture, d: int) -> int:
+    return 4 * int(mix.load[d]) + int(mix.mode[d]) // ROADS
+
+
 @jit.kernel
 def weigh(mix: Mixture, count: int, power: float, t: Scratch) -> None:
     """Weigh the densities by their log likelihoods: modes within a load fully, loads by the power."""
-    weight, found, scale = mix.weight, mix.found, t.loads
+    weight, found, scale = mix.weight, mix.found, t.f
     top = -math.inf
     for d in range(count):
         top = max(top, found[d])
     for d in range(count):
         found[d] = math.exp(found[d] - top)
     total = 0.0
-    for k in range(LOADS):
+    for k in range(GROUPS):
         before = after = scale[k] = 0.0
         for d in range(count):
-            if mix.load[d] == k:
+            if group_of(mix, d) == k:
                 before += weight[d]
                 after += weight[d] * found[d]
         if after > 0.0:  # before (after / before)^power
@@ -45,7 +53,7 @@ def weigh(mix: Mixture, count: int, power: float, t: Scratch) -> None:
             scale[k] = likely / after
             total += likely
     for d in range(count):
-        weight[d] *= found[d] * scale[int(mix.load[d])] / total
+        weight[d] *= found[d] * scale[group_of(mix, d)] / total
 
 
 def _move(mix: Mixture, source: int, target: int) -> None:

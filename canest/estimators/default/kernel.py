@@ -284,7 +284,7 @@ def run(
         u = mean_inverse_mass(mix, count, v, t)
         leave_out(mix, count, c.left_out_share, t)
         mass = (given.mass_kg, given.mass_var, 0.0 if begins else given.windows)
-        if is_open:
+        if not still:
             mass = report_mass(count, best, mass, c, v, t)
         given = report_grade(mix, count, mass, ahead_m, c, v, t)
         p = Progress(
