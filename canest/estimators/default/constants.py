@@ -74,8 +74,6 @@ class Constants(NamedTuple):
     # -- driver
     answered_share: Annotated[float, Source("P_a", "1", "chosen: less makes a cruise less safe")] = 0.9
     driver_length_m: Annotated[float, Source("L_d", "m", "chosen: a habit is kept for ten minutes")] = 10e3
-    response_std_share: Annotated[float, Source("s_xi", "1", "chosen: half or one and a half of it")] = 0.5
-    response_length_m: Annotated[float, Source("L_xi", "m", "chosen: how long a driver answers alike")] = 1e3
     answer_curvature_1pm: Annotated[float, Source("k_d", "1/m", "chosen: a little more than a crest")] = 3e-4
     answer_noise_mps2: Annotated[float, Source("a_d", "m/s2", "chosen: noise of torque at low speed")] = 0.02
     # -- load
@@ -162,7 +160,6 @@ class Vehicle(NamedTuple):
     sensed_floor_mps2: float
     torque_std_Nm: float
     slip_per_mps2: float  #: of the driven wheels per m/s2 of traction
-    response: float  #: std of the driver's response, 1/kg
     overrun_share: float  #: force that the model lacks in overrun, as a share of the traction
     period_windows: float  #: windows between two reports of a slow signal
     power: float  #: of the likelihood: windows as long as a report period are less dependent
@@ -187,7 +184,6 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         sensed_floor_mps2=facts.accelerometer_step_mps2 / 2.0,
         torque_std_Nm=facts.torque_step_Nm / math.sqrt(12.0),
         slip_per_mps2=c.slip_per_mps2 if facts.slips else 0.0,
-        response=c.response_std_share * unknown,
         overrun_share=c.force_std_share if facts.overrun_share is None else facts.overrun_share,
         period_windows=period,
         power=c.likelihood_power,

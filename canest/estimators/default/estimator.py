@@ -94,7 +94,6 @@ class GaussianSum(Estimator):
             own = std.copy()
             own[at.U] = math.sqrt(u_var)
             own[at.CURVATURE] *= at.BENDS[mode]
-            own[at.RESPONSE] *= at.ANSWERS[mode]
             own[at.RATE] *= at.DRIFTS[mode]
             mix.x[mode], mix.P[mode] = mean, np.diag(own * own)
             mix.weight[mode], mix.mode[mode] = shares[mode], float(mode)
@@ -102,12 +101,12 @@ class GaussianSum(Estimator):
 
     def _prior(self, u: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return mean and std of every state but u, for an inverse mass."""
-        facts, c, v = self.facts, self.constants, self._vehicle
+        facts, c = self.facts, self.constants
         mean, std = np.zeros(at.STATES), np.zeros(at.STATES)
         mean[at.GRADE], std[at.GRADE] = facts.initial_grade or 0.0, c.grade_std
         mean[at.U] = u
         std[at.V], std[at.HEIGHT] = 10.0, 1.0
-        std[at.CURVATURE], std[at.RESPONSE] = c.curvature_std_1pm, v.response
+        std[at.CURVATURE] = c.curvature_std_1pm
         std[at.WIND], std[at.RATE] = c.wind_std_mps * u, c.drift_std_1ps * u
         std[at.DELAY], std[at.WINDUP] = c.delay_std_s * u, c.windup_std_s2 * u
         std[at.ROLLING] = facts.rolling_resistance_accuracy * facts.rolling_resistance

@@ -174,19 +174,17 @@ def keep(room: Mixture, made: int, i: int, modes: Any, fresh: Any) -> None:
 
 @jit.kernel
 def keep_states(mix: Mixture, count: int, made: int, fresh: Any, t: Scratch) -> None:
-    """Keep curvature, response and rate in the modes that have them. fresh: their prior variances."""
+    """Keep curvature and rate in the modes that have them. fresh: their prior variances."""
     room = t.room
-    bends, answers, drifts, _ = t.columns
+    bends, drifts = t.columns[0], t.columns[1]
     for k in range(made):
-        bends[k] = answers[k] = drifts[k] = 0.0
+        bends[k] = drifts[k] = 0.0
         for d in range(count):
             part, mode = t.share[k * MOST + d], int(mix.mode[d])
             if part > 0.0:  # what comes from modes without
                 bends[k] += part * (1.0 - m.BENDS[mode]) * fresh[0]
-                answers[k] += part * (1.0 - m.ANSWERS[mode]) * fresh[1]
-                drifts[k] += part * (1.0 - m.DRIFTS[mode]) * fresh[2]
+                drifts[k] += part * (1.0 - m.DRIFTS[mode]) * fresh[1]
     keep(room, made, m.CURVATURE, m.BENDS, bends)
-    keep(room, made, m.RESPONSE, m.ANSWERS, answers)
     keep(room, made, m.RATE, m.DRIFTS, drifts)
 
 
@@ -194,7 +192,7 @@ def keep_states(mix: Mixture, count: int, made: int, fresh: Any, t: Scratch) -> 
 def exchange(mix: Mixture, count: int, chains: Any, fresh: Any, least: float, t: Scratch) -> int:
     """Let the modes of each load exchange probability; returns the number of densities.
 
-    chains: `transitions`. t.loads: see `set_loads`. fresh: prior variances of curvature, response and rate.
+    chains: `transitions`. t.loads: see `set_loads`. fresh: prior variances of curvature and rate.
     """
     roads, drivers, loads = chains
     room = t.room

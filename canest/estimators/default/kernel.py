@@ -113,7 +113,7 @@ def change_modes(
     count = drop_impossible(mix, count, v, t)
     merge_alike(mix, count, c.merge_loss_nats, t)
     rate = c.drift_std_1ps * u
-    fresh = (c.curvature_std_1pm * c.curvature_std_1pm, v.response * v.response, rate * rate)
+    fresh = (c.curvature_std_1pm * c.curvature_std_1pm, rate * rate)
     left: int = exchange(mix, count, transitions(metres, driven_s, c), fresh, c.least_weight, t)
     return left
 
@@ -233,7 +233,7 @@ def run(
         mixed_m, mixed_s = p.mixed_m + metres, p.mixed_s + (0.0 if still else dt + min(w.gap_s, 10.0))
         if mixed_m >= c.exchange_every_m:
             wind = math.hypot(c.wind_std_mps, 0.5 * w.speed_mps * v.drag_share) * p.u
-            fade(mix, count, mixed_m, wind, c, v)
+            fade(mix, count, mixed_m, wind, c)
             drift(mix, count, mixed_s, t)
             count = change_modes(mix, count, mixed_m, mixed_s, p.u, c, v, t)
             mixed_m = mixed_s = 0.0

@@ -37,14 +37,9 @@ def unusual_probability(mix: Mixture, count: int) -> float:
     return unusual
 
 
-def _reopen(
-    mix: Mixture, d: int, answers: float, known_u: float, net_kg: float, v: Vehicle, t: Scratch
-) -> None:
+def _reopen(mix: Mixture, d: int, known_u: float, net_kg: float, v: Vehicle, t: Scratch) -> None:
     x, P = mix.x[d], mix.P[d]
     P[m.U] = P[:, m.U] = 0.0
-    x[m.RESPONSE] *= answers
-    P[m.RESPONSE] *= answers
-    P[:, m.RESPONSE] *= answers
     a = np.zeros(len(x))
     a[m.U], a[m.GRADE] = 1.0, net_kg
     for state in m.TIMES_U:
@@ -57,24 +52,18 @@ def _reopen(
 
 
 @jit.kernel_beside(_reopen)
-def reopen(
-    mix: Mixture, d: int, answers: float, known_u: float, net_kg: float, v: Vehicle, t: Scratch
-) -> None:
+def reopen(mix: Mixture, d: int, known_u: float, net_kg: float, v: Vehicle, t: Scratch) -> None:
     """Open the load of one density: x(u) = x + a (u - known_u), P = P without u + a Var(u) a'.
 
     a: 1 for u itself; x / known_u for what is times u; net_kg = (F - J dv/dt) / g for the grade, since
-    u F - g theta has been right whatever the load. answers: 0 where the road shall no longer answer, else 1.
+    u F - g theta has been right whatever the load.
     """
     x, P, a = mix.x, mix.P, t.K
     n = x.shape[1]
     for i in range(n):
         P[d, m.U, i] = 0.0
         P[d, i, m.U] = 0.0
-        P[d, m.RESPONSE, i] *= answers
         a[i] = 0.0
-    for i in range(n):
-        P[d, i, m.RESPONSE] *= answers
-    x[d, m.RESPONSE] *= answers
     a[m.U], a[m.GRADE] = 1.0, net_kg
     for state in m.TIMES_U:
         a[state] = x[d, state] / known_u
@@ -111,8 +100,7 @@ def open_load(
         mode = int(mix.mode[d])
         if mix.load[d] == base and mode < m.STEADY_MODES:
             move(mix, d, made)
-            answers = 0.0 if moving else 1.0
-            reopen(mix, made, answers, known_u, net_kg, v, t)
+            reopen(mix, made, known_u, net_kg, v, t)
             mix.load[made] = float(label)
             if moving:
                 mix.mode[made] = float(mode % m.ROADS)

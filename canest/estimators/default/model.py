@@ -24,16 +24,15 @@ GRADE = 1  #: apparent grade: sine of the slope plus the error of the rolling re
 HEIGHT = 2  #: m
 U = 3  #: inverse mass, 1/kg
 CURVATURE = 4  #: change of the grade per metre, 1/m; zero on a straight
-RESPONSE = 5  #: how the road answers a change of force, less u, 1/kg; zero where it does not
-WIND = 6  #: headwind times u, (m/s)/kg
-ROLLING = 7  #: error of the rolling resistance coefficient
-RATE = 8  #: drift of the inverse mass, 1/(kg s); zero where the load is steady
-DELAY = 9  #: remaining delay of the reported torque times u, s/kg
-WINDUP = 10  #: compliance of the driveline times u, s2/kg
-BIAS = 11  #: offset of the accelerometer, m/s2
-PITCH = 12  #: g times pitch of the body per m/s2
-STATES = 13
-STATES_WITHOUT_ACCELEROMETER = 11
+WIND = 5  #: headwind times u, (m/s)/kg
+ROLLING = 6  #: error of the rolling resistance coefficient
+RATE = 7  #: drift of the inverse mass, 1/(kg s); zero where the load is steady
+DELAY = 8  #: remaining delay of the reported torque times u, s/kg
+WINDUP = 9  #: compliance of the driveline times u, s2/kg
+BIAS = 10  #: offset of the accelerometer, m/s2
+PITCH = 11  #: g times pitch of the body per m/s2
+STATES = 12
+STATES_WITHOUT_ACCELEROMETER = 10
 #: products with the inverse mass
 TIMES_U = (WIND, DELAY, WINDUP)
 
@@ -43,7 +42,7 @@ ROADS = 3
 STRAIGHT, CURVED, ROUGH = range(ROADS)
 STEADY_MODES = 2 * ROADS
 MODES = 2 * STEADY_MODES
-#: which modes have a curvature, a rough road, a response, a drift (1 or 0)
+#: which modes have a curvature, a rough road, a driver whom the road answers, a drift (1 or 0)
 BENDS = (0.0, 1.0, 1.0) * 4
 IS_ROUGH = (0.0, 0.0, 1.0) * 4
 ANSWERS = ((0.0,) * ROADS + (1.0,) * ROADS) * 2

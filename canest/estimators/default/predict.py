@@ -19,7 +19,7 @@ from canest.estimators.default.model import MOST, Mixture, Scratch, Window
 _EVERYWHERE = (1.0,) * m.MODES
 _DRIFT = (m.RATE,)
 _CLIMB = (m.GRADE, m.ROLLING)
-_TRAVEL = (m.CURVATURE, m.U, m.RESPONSE)
+_TRAVEL = (m.CURVATURE, m.U)
 _ACCELERATE = (m.GRADE, m.WIND, m.U)
 
 
@@ -146,15 +146,14 @@ def climb(mix: Mixture, count: int, metres: float, wander: float, t: Scratch) ->
 def travel(
     mix: Mixture, count: int, metres: float, answered_kg: float, u: float, c: Constants, t: Scratch
 ) -> None:
-    """Let the road go on: theta <- theta + ds kappa + (dF / g)(u + xi), Q = r ds + (u dF / g)^2.
+    """Let the road go on: theta <- theta + ds kappa + (dF / g) u, Q = r ds + (u dF / g)^2.
 
     answered_kg: dF / g, of the modes in which the road answers.
     """
     if metres == 0.0 and answered_kg == 0.0:
         return
     for d in range(count):
-        change = answered_kg * m.ANSWERS[int(mix.mode[d])]
-        t.f[d], t.f[MOST + d], t.f[2 * MOST + d] = metres, change, change
+        t.f[d], t.f[MOST + d] = metres, answered_kg * m.ANSWERS[int(mix.mode[d])]
     propagate(mix, count, m.GRADE, _TRAVEL, t)
     for d in range(count):
         mode = int(mix.mode[d])
@@ -196,8 +195,8 @@ def accelerate(
 
 
 @jit.kernel
-def fade(mix: Mixture, count: int, metres: float, wind: float, c: Constants, v: Vehicle) -> None:
-    """Let wind, curvature and response fade over a distance. wind: std of the wind times u."""
+def fade(mix: Mixture, count: int, metres: float, wind: float, c: Constants) -> None:
+    """Let wind and curvature fade over a distance. wind: std of the wind times u."""
     left = math.exp(-metres / c.wind_length_m)
     decay(mix, count, m.WIND, left, wind * wind * (1.0 - left * left), _EVERYWHERE)
     left = math.exp(-metres / c.curvature_length_m)
@@ -209,5 +208,3 @@ def fade(mix: Mixture, count: int, metres: float, wind: float, c: Constants, v: 
         c.curvature_std_1pm * c.curvature_std_1pm * (1.0 - left * left),
         m.BENDS,
     )
-    left = math.exp(-metres / c.response_length_m)
-    decay(mix, count, m.RESPONSE, left, v.response * v.response * (1.0 - left * left), m.ANSWERS)
