@@ -14,12 +14,12 @@ import numpy as np
 
 from canest.core import jit
 from canest.estimators.default import model as m
-from canest.estimators.default.constants import Constants, Vehicle
+from canest.estimators.default.constants import Constants
 from canest.estimators.default.model import LOADS, MODES, MOST, ROADS, Mixture, Scratch
 from canest.estimators.default.predict import moments
 
-#: least variance of an inverse mass, against rounding, 1/kg2; and an impossible one, in variances
-_LEAST_VARIANCE, _FAR = 1e-24, 9.0
+#: least variance of an inverse mass, against rounding, 1/kg2
+_LEAST_VARIANCE = 1e-24
 #: share of a mixture that does not change it
 _NEGLIGIBLE = 1e-6
 
@@ -289,17 +289,3 @@ def merge_alike(mix: Mixture, count: int, least: float, t: Scratch) -> None:
                 if 0.5 * total * loss < least:
                     relabel(mix, count, i // 3, j // 3)
                     loads[i] = 0.0
-
-
-@jit.kernel
-def drop_impossible(mix: Mixture, count: int, v: Vehicle, t: Scratch) -> int:
-    """Remove loads, but for the likeliest, whose inverse mass lies three stds beyond the bounds."""
-    best, dropped = set_loads(mix, count, t), False
-    for k in range(0, 3 * LOADS, 3):
-        off = max(v.least_u - t.loads[k + 1], t.loads[k + 1] - v.most_u)
-        if t.loads[k] > 0.0 and k != 3 * best and off > 0.0 and off * off > _FAR * t.loads[k + 2]:
-            dropped = True
-            for d in range(count):
-                if mix.load[d] == k // 3:
-                    mix.weight[d] = 0.0
-    return prune(mix, count, _LEAST_VARIANCE) if dropped else count

@@ -11,7 +11,6 @@ from canest.estimators.default import model as m
 from canest.estimators.default.accelerometer import Comparison, compare
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.hypotheses import (
-    drop_impossible,
     exchange,
     merge_alike,
     prune,
@@ -107,10 +106,9 @@ def mean_inverse_mass(mix: Mixture, count: int, v: Vehicle, t: Scratch) -> float
 
 @jit.kernel
 def change_modes(
-    mix: Mixture, count: int, metres: float, driven_s: float, u: float, c: Constants, v: Vehicle, t: Scratch
+    mix: Mixture, count: int, metres: float, driven_s: float, u: float, c: Constants, t: Scratch
 ) -> int:
-    """Drop impossible loads, merge alike ones, let modes exchange probability; returns the densities."""
-    count = drop_impossible(mix, count, v, t)
+    """Merge alike loads, let modes exchange probability; returns the densities."""
     merge_alike(mix, count, c.merge_loss_nats, t)
     rate = c.drift_std_1ps * u
     fresh = (c.curvature_std_1pm * c.curvature_std_1pm, rate * rate)
@@ -227,7 +225,7 @@ def run(
             unknown_s = surprise = 0.0
         elif is_open and surprise > c.surprise_limit:
             net_kg = (w.force_N - w.rotating_kg * w.accel_mps2) / GRAVITY_MPS2
-            count = change_modes(mix, count, c.exchange_every_m, 0.0, p.u, c, v, t)
+            count = change_modes(mix, count, c.exchange_every_m, 0.0, p.u, c, t)
             count = open_load(mix, count, c.surprise_share, True, net_kg, v, t)
             surprise = 0.0
         mixed_m, mixed_s = p.mixed_m + metres, p.mixed_s + (0.0 if still else dt + min(w.gap_s, 10.0))
@@ -235,7 +233,7 @@ def run(
             wind = math.hypot(c.wind_std_mps, 0.5 * w.speed_mps * v.drag_share) * p.u
             fade(mix, count, mixed_m, wind, c)
             drift(mix, count, mixed_s, t)
-            count = change_modes(mix, count, mixed_m, mixed_s, p.u, c, v, t)
+            count = change_modes(mix, count, mixed_m, mixed_s, p.u, c, t)
             mixed_m = mixed_s = 0.0
         # -- predict and update every density
         fill(count, mix.found, 0.0)
