@@ -20,7 +20,7 @@ from canest.estimators.default.hypotheses import (
     weigh,
 )
 from canest.estimators.default.joining import Quiet, add_window, begin_sums, join, waits
-from canest.estimators.default.load import changed_probability, open_load, unusual_probability
+from canest.estimators.default.load import changed_probability, open_load
 from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Window
 from canest.estimators.default.noise import Levels, follow, lacking_force
 from canest.estimators.default.predict import accelerate, add, climb, drift, fade, fill, travel
@@ -67,7 +67,6 @@ class Progress(NamedTuple):
     height_known: float = 0.0
     climbed_m: float = 0.0  #: metres and seconds since the height followed the slope
     climbed_s: float = 0.0
-    unusual: float = 0.0  #: probability of a rough road, or one that answers the torque
 
 
 class Carried(NamedTuple):
@@ -168,7 +167,7 @@ def waited(p: Progress, unseen_s: float) -> Progress:
     """Return the progress with another time in which the load was not seen."""
     return Progress(
         p.alive, p.u, p.mixed_m, p.mixed_s, p.follows, p.force_N, p.slow_N, p.was_open, p.learned, unseen_s,
-        p.unseen, p.height_known, p.climbed_m, p.climbed_s, p.unusual,
+        p.unseen, p.height_known, p.climbed_m, p.climbed_s,
     )  # fmt: skip
 
 
@@ -271,10 +270,8 @@ def run(
             coasting(mix, count, w, c, t)
         # -- weigh, follow the noise, report
         weigh(mix, count, v.power, t)
-        unusual = unusual_probability(mix, count)
-        if is_open:  # what such a road explains, another load may explain as well
+        if is_open:
             surprise = max(surprise + nis - c.surprise_nis, 0.0)
-            surprise = math.inf if unusual > 0.5 and p.unusual <= 0.5 else surprise
         count = prune(mix, count, c.least_weight)
         if is_open:
             levels = follow(levels, surprise, nis, speed_surplus, sensed_surplus, sees, c, v)
@@ -290,7 +287,7 @@ def run(
             1.0 if is_open or w.retarding > 0.0 else 0.0, w.force_N,
             slow_N + dt * (w.traction_N - slow_N), w.open, 1.0 if is_open or p.learned > 0.0 else 0.0,
             unknown_s, 0.0 if sees else p.unseen + quiet.joined, 1.0 if measured or height_known else 0.0,
-            0.0 if measured else climbed_m, 0.0 if measured else climbed_s, unusual,
+            0.0 if measured else climbed_m, 0.0 if measured else climbed_s,
         )  # fmt: skip
         quiet = begin_sums(w, motion)
         write(out[k], given, 0.0, p, w.speed_mps, c, v)

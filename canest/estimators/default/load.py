@@ -27,16 +27,6 @@ def changed_probability(seconds: float, stop_s: float) -> float:
     return 1.0 - math.exp(-seconds / stop_s)
 
 
-@jit.kernel
-def unusual_probability(mix: Mixture, count: int) -> float:
-    """Return the probability that the road is rough, or answers the torque: either explains much."""
-    unusual = 0.0
-    for d in range(count):
-        mode = int(mix.mode[d])
-        unusual += mix.weight[d] * max(m.IS_ROUGH[mode], m.ANSWERS[mode])
-    return unusual
-
-
 def _reopen(mix: Mixture, d: int, known_u: float, net_kg: float, v: Vehicle, t: Scratch) -> None:
     x, P = mix.x[d], mix.P[d]
     P[m.U] = P[:, m.U] = 0.0
