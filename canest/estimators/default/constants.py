@@ -100,7 +100,6 @@ class Constants(NamedTuple):
     longest_rounding_s: Annotated[
         float, Source("t_q", "s", "chosen: how long a rounding error of the torque lasts")
     ] = 2.0
-    gust_m2ps: Annotated[float, Source("q_g", "m2/s", "chosen: gusts of 0.07 m/s for 5 s")] = 0.05
     slip_per_mps2: Annotated[
         float, Source("k_lambda", "s2/m", "literature: tyre stiffness 40 per unit slip (Gustafsson 1997)")
     ] = 0.0025
@@ -108,9 +107,8 @@ class Constants(NamedTuple):
         float, Source("s_v", "m/s", "chosen: a driveline's swing in one window")
     ] = 0.05
     first_noise_steps: Annotated[
-        float, Source("k_v", "1", "chosen: start of the level, in rounding errors")
+        float, Source("k_v", "1", "chosen: start of the level, and its bound, in rounding errors")
     ] = 20.0
-    most_noise: Annotated[float, Source("k_vm", "1", "chosen: more would hide faults of the model")] = 2.0
     noise_memory_windows: Annotated[float, Source("N_v", "1", "chosen: a minute of open gates")] = 300.0
     first_noise_windows: Annotated[float, Source("N_0", "1", "chosen: weight of the start")] = 10.0
     noise_dominates: Annotated[
@@ -180,7 +178,7 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         drag_share=facts.drag_area_accuracy,
         roll_share=facts.rolling_resistance_accuracy,
         speed_floor_mps=floor,
-        speed_loudest_mps=c.most_noise * max(c.first_noise_steps * floor, c.driveline_swing_mps),
+        speed_loudest_mps=max(c.first_noise_steps * floor, c.driveline_swing_mps),
         sensed_floor_mps2=facts.accelerometer_step_mps2 / 2.0,
         torque_std_Nm=facts.torque_step_Nm / math.sqrt(12.0),
         slip_per_mps2=c.slip_per_mps2 if facts.slips else 0.0,

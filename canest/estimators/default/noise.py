@@ -26,8 +26,8 @@ class Levels(NamedTuple):
 def lacking_force(w: Window, c: Constants, v: Vehicle) -> float:
     """Return the density of the force that the model lacks, N2 s.
 
-    A share of the traction; the rounding error of the torque, which lasts while it stands still; gusts; and
-    what a slow torque does between two reports T apart, of which only the ends are known: that of a Wiener
+    A share of the traction; the rounding error of the torque, which lasts while it stands still; and what
+    a slow torque does between two reports T apart, of which only the ends are known: that of a Wiener
     process, dF^2 T / 12 for a change dF (the variance of the integral of a Brownian bridge, by T).
     """
     step = v.torque_std_Nm * w.gear_1pm
@@ -35,9 +35,8 @@ def lacking_force(w: Window, c: Constants, v: Vehicle) -> float:
     lasts_s = min(max(_STEP_STD * step / max(moved, 1.0) * WINDOW_S, WINDOW_S), c.longest_rounding_s)
     share = c.force_std_share if w.traction_N > 0.0 else v.overrun_share
     lacking = share * w.traction_N
-    drag = w.drag_N_per_mps
     between = moved * moved * v.period_windows * WINDOW_S / 12.0
-    return between + lacking * lacking * WINDOW_S + step * step * lasts_s + drag * drag * c.gust_m2ps
+    return between + lacking * lacking * WINDOW_S + step * step * lasts_s
 
 
 @jit.kernel
