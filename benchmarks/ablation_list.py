@@ -19,16 +19,6 @@ def keep_nothing(mix: Any, count: int, i: int, mean: Any, variance: Any) -> None
     """Take the place of `predict.restore`."""
 
 
-def never_rough(mix: Any, count: int) -> float:
-    """Take the place of `load.rough_probability`."""
-    return 0.0
-
-
-def all_there(mix: Any, count: int, v: Any, t: Any) -> Any:
-    """Take the place of `hypotheses.drop_impossible`."""
-    return count
-
-
 def without_late(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
     """Take the place of `constants.vehicle_of`, for filtered states that are not late."""
     return vehicle_of(facts, late_s, c)._replace(late_s=0.0)
@@ -40,16 +30,10 @@ MECHANISMS = (
     Variant("stops too short for another load", {"shortest_stop_s": 0.0}),
     Variant("a load that drifts", {"steady_duration_s": NEVER}),
     Variant("another load where innovations surprise", {"surprise_limit": NEVER}),
-    Variant(
-        "another load where a road becomes rough or answers",
-        patch={"kernel.unusual_probability": never_rough},
-    ),
-    Variant("another load in motion, for either reason", {"surprise_share": 0.0}),
     # -- the driver
     Variant("roads that answer the torque", {"answered_share": 0.0}),
     Variant("drivers whom the road does not answer", {"answered_share": 1.0}),
     Variant("evidence of fast torque", {"answer_curvature_1pm": NEVER}),
-    Variant("state: response other than u", {"response_std_share": 0.0}),
     # -- the road and the wind
     Variant("curved roads", {"straight_length_m": NEVER}),
     Variant("rough roads", {"smooth_length_m": NEVER}),
@@ -73,7 +57,6 @@ MECHANISMS = (
     Variant("force lacking in overrun, more than in drive", facts={"overrun_share": None}),
     Variant("rounding errors of the torque", {"longest_rounding_s": 0.0}),
     Variant("rounding errors that last", {"longest_rounding_s": 0.2}),
-    Variant("gusts", {"gust_m2ps": 0.0}),
     Variant("noise levels that follow", {"noise_memory_windows": NEVER, "first_noise_windows": NEVER}),
     Variant("innovations of states left out of levels", {"noise_dominates": NEVER}),
     Variant("start of the level at a driveline's swing", {"driveline_swing_mps": 0.0}),
@@ -92,7 +75,6 @@ MECHANISMS = (
     Variant("faults of the accelerometer", patch={"accelerometer._FEWEST": NEVER}),
     # -- hypotheses and report
     Variant("merging of alike loads", {"merge_loss_nats": 0.0}),
-    Variant("impossible loads dropped", patch={"kernel.drop_impossible": all_there}),
     Variant("improbable loads left out", {"left_out_share": 0.0}),
     Variant("sums over nodes", {"widest_normal": NEVER}),
     Variant("grade where the vehicle is by now", patch={"estimator.vehicle_of": without_late}),

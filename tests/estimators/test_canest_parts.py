@@ -152,18 +152,20 @@ def test_a_hidden_force_leaves_the_density_of_the_mass():
     assert mix.P[0, m.GRADE, m.GRADE] < P[m.GRADE, m.GRADE]
 
 
-def test_densities_are_weighed_by_bayes_rule():
-    """Modes of one load by their likelihoods, loads by a power of theirs."""
-    mix, t = mixture(3, loads=[0, 0, 1])
+@pytest.mark.parametrize("lasts", ["load", "driver", "drift"])
+def test_densities_are_weighed_by_bayes_rule(lasts):
+    """Roads by their likelihoods, what lasts by a power of its own."""
+    other = {"load": 0, "driver": m.ROADS, "drift": m.STEADY_MODES}[lasts]
+    mix, t = mixture(3, loads=[0, 0, 1 if lasts == "load" else 0], modes=[0, m.CURVED, other])
     found = np.array([-1.0, -2.0, -0.5])
     for d in range(3):
         mix.found[d] = found[d]
     hypotheses.weigh(mix, 3, 0.5, t)
     likelihood = np.exp(found)
-    load_0 = likelihood[:2].sum() / 2  # given the load
-    loads = np.array([2 / 3 * np.sqrt(load_0), 1 / 3 * np.sqrt(likelihood[2])])
-    loads /= loads.sum()
-    expected = [*(loads[0] * likelihood[:2] / likelihood[:2].sum()), loads[1]]
+    first = likelihood[:2].sum() / 2  # given that it is the first
+    lasting = np.array([2 / 3 * np.sqrt(first), 1 / 3 * np.sqrt(likelihood[2])])
+    lasting /= lasting.sum()
+    expected = [*(lasting[0] * likelihood[:2] / likelihood[:2].sum()), lasting[1]]
     np.testing.assert_allclose(mix.weight[:3], expected)
 
 
@@ -178,12 +180,12 @@ def test_modes_exchange_probability_and_moments():
     """Two modes of one load: weights by the Markov chain, moments of what comes to each."""
     mix, t = mixture(2, modes=[0, m.ROUGH])
     x, P = mix.x[:2].copy(), mix.P[:2].copy()
-    for states in (m.CURVATURE, m.RESPONSE, m.RATE):
+    for states in (m.CURVATURE, m.RATE):
         x[:, states] = P[:, states] = P[:, :, states] = 0.0
     mix.x[:2], mix.P[:2] = x, P
     roads = (0.9, 0.0, 0.1, 0.0, 1.0, 0.0, 0.0, 0.3, 0.7)
     hypotheses.set_loads(mix, 2, t)
-    count = hypotheses.exchange(mix, 2, (roads, (1, 0, 0, 1), (1, 0, 0, 1)), (0.0, 0.0, 0.0), 1e-9, t)
+    count = hypotheses.exchange(mix, 2, (roads, (1, 0, 0, 1), (1, 0, 0, 1)), (0.0, 0.0), 1e-9, t)
     weights = {int(mix.mode[d]): mix.weight[d] for d in range(count)}
     assert weights == pytest.approx({0: 0.45, m.CURVED: 0.15, m.ROUGH: 0.05 + 0.35})
     rough = next(d for d in range(count) if mix.mode[d] == m.ROUGH)
@@ -198,7 +200,7 @@ def test_a_steady_load_has_no_rate_even_where_a_drifting_one_became_part_of_it()
     mix, t = mixture(2, modes=[0, m.STEADY_MODES])
     hypotheses.set_loads(mix, 2, t)
     chains = ((1, 0, 0, 0, 1, 0, 0, 0, 1), (1, 0, 0, 1), (0.5, 0.5, 0.5, 0.5))
-    count = hypotheses.exchange(mix, 2, chains, (0.0, 0.0, 0.0), 1e-9, t)
+    count = hypotheses.exchange(mix, 2, chains, (0.0, 0.0), 1e-9, t)
     assert count == 2
     for d in range(count):
         drifts = mix.mode[d] >= m.STEADY_MODES

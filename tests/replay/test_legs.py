@@ -220,13 +220,17 @@ def test_a_measured_bus_weighs_more_with_more_passengers(tmp_path):
     result = canest.replay(table, config)
     loads = [part for part in result.summary["legs"] if part["load"] is not None]
     assert len(loads) >= 3
-    known = table.dropna(subset="itcs_numberOfPassengers")
-    mean = []
-    for part in loads:
-        between = known[known["time_unix"].between(part["from_s"] - 30, part["to_s"])]
-        mean.append(between["itcs_numberOfPassengers"].mean())
-    # passengers are counted at stops, and a short leg may lie between two counts
-    counted = [(n, part["mass_kg"]) for n, part in zip(mean, loads, strict=True) if np.isfinite(n)]
-    assert max(counted)[1] == max(mass for _, mass in counted)
-    assert np.corrcoef(np.array(counted).T)[0, 1] > 0.8
     assert 18_500 < min(part["mass_kg"] for part in loads) < 22_500
+    # of the passengers counted at a stop, the last valid mass before the next count
+    known = table.dropna(subset="itcs_numberOfPassengers")
+    counted_s, passengers = known["time_unix"].to_numpy(), known["itcs_numberOfPassengers"].to_numpy()
+    rows = result.to_pandas()
+    t_s, mass_kg, valid = rows["t_s"].to_numpy(), rows["mass_kg"].to_numpy(), rows["status"] == "valid"
+    pairs = []
+    for count, begin, end in zip(passengers, counted_s, [*counted_s[1:], t_s[-1]], strict=True):
+        leg = np.flatnonzero(valid & (t_s > begin) & (t_s < end - 1))
+        if len(leg):
+            pairs.append((count, mass_kg[leg[-1]]))
+    assert len(pairs) >= 10
+    assert np.corrcoef(np.array(pairs).T)[0, 1] > 0.8
+    assert 55 < np.polyfit(*np.array(pairs).T, 1)[0] < 95  # kg per passenger

@@ -107,8 +107,9 @@ class Constants(NamedTuple):
         float, Source("s_v", "m/s", "chosen: a driveline's swing in one window")
     ] = 0.05
     first_noise_steps: Annotated[
-        float, Source("k_v", "1", "chosen: start of the level, and its bound, in rounding errors")
+        float, Source("k_v", "1", "chosen: start of the level, in rounding errors")
     ] = 20.0
+    most_noise: Annotated[float, Source("k_vm", "1", "measured: 1 is too little for a bus at 1 Hz")] = 2.0
     noise_memory_windows: Annotated[float, Source("N_v", "1", "chosen: a minute of open gates")] = 300.0
     first_noise_windows: Annotated[float, Source("N_0", "1", "chosen: weight of the start")] = 10.0
     noise_dominates: Annotated[
@@ -178,7 +179,7 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         drag_share=facts.drag_area_accuracy,
         roll_share=facts.rolling_resistance_accuracy,
         speed_floor_mps=floor,
-        speed_loudest_mps=max(c.first_noise_steps * floor, c.driveline_swing_mps),
+        speed_loudest_mps=c.most_noise * max(c.first_noise_steps * floor, c.driveline_swing_mps),
         sensed_floor_mps2=facts.accelerometer_step_mps2 / 2.0,
         torque_std_Nm=facts.torque_step_Nm / math.sqrt(12.0),
         slip_per_mps2=c.slip_per_mps2 if facts.slips else 0.0,

@@ -74,7 +74,8 @@ class GaussianSum(Estimator):
         """Set every density to its prior, for an inverse mass."""
         facts, c, v = self.facts, self.constants, self._vehicle
         self._mixture = self._densities(u, u_var)
-        levels = Levels(v.speed_loudest_mps * v.speed_loudest_mps, 4.0 * v.sensed_floor_mps2 * v.sensed_floor_mps2)
+        start = v.speed_loudest_mps / c.most_noise
+        levels = Levels(start * start, 4.0 * v.sensed_floor_mps2 * v.sensed_floor_mps2)
         guess = facts.initial_mass_kg or 1.0 / u
         report = Report(guess, guess * guess, facts.initial_grade or 0.0, c.grade_std * c.grade_std)
         progress = kernel.Progress(float(MODES), u)

@@ -1,8 +1,8 @@
 """Hypotheses: weighed by Bayes' rule, mixed where they meet, pruned where improbable.
 
 The modes of a load exchange probability like a Markov chain, and each becomes the normal density with the
-mean and covariance of what comes to it (interacting multiple models, Blom and Bar-Shalom 1988). Loads are
-weighed by a power of their likelihood, and two alike become one (Runnalls 2007).
+mean and covariance of what comes to it (interacting multiple models, Blom and Bar-Shalom 1988). What lasts
+is weighed by a power of its likelihood, and two loads alike become one (Runnalls 2007).
 """
 
 from __future__ import annotations
@@ -24,17 +24,19 @@ _LEAST_VARIANCE = 1e-24
 _NEGLIGIBLE = 1e-6
 
 
-GROUPS = 4 * LOADS
-
-
 @jit.kernel
-def group_of(mix: Mixture, d: int) -> int:
-    return 4 * int(mix.load[d]) + int(mix.mode[d]) // ROADS
+def lasting(mix: Mixture, d: int) -> int:
+    """Return the number of what a density says of load, drift and driver: all but the road."""
+    return m.LASTING * int(mix.load[d]) + int(mix.mode[d]) // ROADS
 
 
 @jit.kernel
 def weigh(mix: Mixture, count: int, power: float, t: Scratch) -> None:
-    """Weigh the densities by their log likelihoods: modes within a load fully, loads by the power."""
+    """Weigh the densities by their log likelihoods: roads fully, what lasts by the power.
+
+    Errors of windows that follow each other are alike, and add up while a hypothesis lasts; a road is soon
+    another.
+    """
     weight, found, scale = mix.weight, mix.found, t.f
     top = -math.inf
     for d in range(count):
@@ -42,10 +44,10 @@ def weigh(mix: Mixture, count: int, power: float, t: Scratch) -> None:
     for d in range(count):
         found[d] = math.exp(found[d] - top)
     total = 0.0
-    for k in range(GROUPS):
+    for k in range(m.LASTING * LOADS):
         before = after = scale[k] = 0.0
         for d in range(count):
-            if group_of(mix, d) == k:
+            if lasting(mix, d) == k:
                 before += weight[d]
                 after += weight[d] * found[d]
         if after > 0.0:  # before (after / before)^power
@@ -53,7 +55,7 @@ def weigh(mix: Mixture, count: int, power: float, t: Scratch) -> None:
             scale[k] = likely / after
             total += likely
     for d in range(count):
-        weight[d] *= found[d] * scale[group_of(mix, d)] / total
+        weight[d] *= found[d] * scale[lasting(mix, d)] / total
 
 
 def _move(mix: Mixture, source: int, target: int) -> None:

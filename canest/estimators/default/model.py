@@ -42,6 +42,8 @@ ROADS = 3
 STRAIGHT, CURVED, ROUGH = range(ROADS)
 STEADY_MODES = 2 * ROADS
 MODES = 2 * STEADY_MODES
+#: what a mode says besides the road: driver and drift
+LASTING = MODES // ROADS
 #: which modes have a curvature, a rough road, a driver whom the road answers, a drift (1 or 0)
 BENDS = (0.0, 1.0, 1.0) * 4
 IS_ROUGH = (0.0, 0.0, 1.0) * 4
