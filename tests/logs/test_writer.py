@@ -154,6 +154,26 @@ def test_an_mcap_holds_no_time_before_1970(tmp_path):
 
 
 @pytest.mark.skipif(importlib.util.find_spec("mcap") is None, reason="mcap (extra: mcap)")
+def test_what_rounds_to_zero_has_no_sign(tmp_path):
+    """A level road is level, whichever side of it the estimate is."""
+    from mcap.reader import make_reader
+
+    almost = estimates(20)
+    almost.grade[:] = -1e-9
+    texts = []
+    for name in ("est.csv", "est.mcap"):
+        with open_writer(tmp_path / name) as writer:
+            writer.write(almost)
+    with (tmp_path / "est.mcap").open("rb") as file:
+        texts += [message.data.decode() for _, _, message in make_reader(file).iter_messages()]
+    assert len(texts) == 20 and all('"grade":0.0,' in text for text in texts)
+    assert (
+        ",0.000000," in (tmp_path / "est.csv").read_text()
+        and "-0.0" not in (tmp_path / "est.csv").read_text()
+    )
+
+
+@pytest.mark.skipif(importlib.util.find_spec("mcap") is None, reason="mcap (extra: mcap)")
 def test_an_mcap_without_rows_can_be_read(tmp_path):
     from mcap.reader import make_reader
 
