@@ -37,25 +37,25 @@ def weigh(mix: Mixture, count: int, power: float, t: Scratch) -> None:
     Errors of windows that follow each other are alike, and add up while a hypothesis lasts; a road is soon
     another.
     """
-    weight, found, scale = mix.weight, mix.found, t.f
+    weight, found, before, after = mix.weight, mix.found, t.f, t.share
     top = -math.inf
     for d in range(count):
         top = max(top, found[d])
+    for k in range(m.LASTING * LOADS):
+        before[k] = after[k] = 0.0
     for d in range(count):
+        k = lasting(mix, d)
         found[d] = math.exp(found[d] - top)
+        before[k] += weight[d]
+        after[k] += weight[d] * found[d]
     total = 0.0
     for k in range(m.LASTING * LOADS):
-        before = after = scale[k] = 0.0
-        for d in range(count):
-            if lasting(mix, d) == k:
-                before += weight[d]
-                after += weight[d] * found[d]
-        if after > 0.0:  # before (after / before)^power
-            likely = before * math.exp(power * math.log(after / before))
-            scale[k] = likely / after
+        if after[k] > 0.0:  # before (after / before)^power
+            likely = before[k] * math.exp(power * math.log(after[k] / before[k]))
+            after[k] = likely / after[k]  # by which its densities count
             total += likely
     for d in range(count):
-        weight[d] *= found[d] * scale[lasting(mix, d)] / total
+        weight[d] *= found[d] * after[lasting(mix, d)] / total
 
 
 def _move(mix: Mixture, source: int, target: int) -> None:

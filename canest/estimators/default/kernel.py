@@ -270,10 +270,9 @@ def run(
             coasting(mix, count, w, c, t)
         # -- weigh, follow the noise, report
         weigh(mix, count, v.power, t)
-        if is_open:
-            surprise = max(surprise + nis - c.surprise_nis, 0.0)
         count = prune(mix, count, c.least_weight)
         if is_open:
+            surprise = max(surprise + nis - c.surprise_nis, 0.0)
             levels = follow(levels, surprise, nis, speed_surplus, sensed_surplus, sees, c, v)
         best = set_loads(mix, count, t)
         u = mean_inverse_mass(mix, count, v, t)
