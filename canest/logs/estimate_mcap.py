@@ -68,8 +68,7 @@ class McapEstimateWriter(EstimateWriter):
                 e.t_us.tolist(), e.status.tolist(), e.gate.tolist(), *lists, strict=True
             ):
                 numbers = {
-                    # inf - inf is NaN; + 0 makes -0.0 a zero, as in est.csv
-                    name: round(value, digits or None) + 0 if value - value == 0 else None
+                    name: round(value, digits or None) if value - value == 0 else None  # inf - inf is NaN
                     for (name, digits), value in zip(names, values, strict=True)
                 }
                 data = message(numbers, (status, STATUS_LABELS[status]), (gate, LABELS[gate]))

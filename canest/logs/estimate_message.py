@@ -61,7 +61,9 @@ def message(numbers: dict[str, float | None], status: tuple[int, str], gate: tup
     status, gate: code and name.
     """
     content: dict[str, Any] = {
-        name: value for name, value in numbers.items() if value is not None and isfinite(value)
+        name: value + 0  # -0.0 is a zero, as in est.csv
+        for name, value in numbers.items()
+        if value is not None and isfinite(value)
     }
     content["status"], content["gate"] = status[1], gate[1]
     content["status_code"], content["gate_code"] = status[0], gate[0]
