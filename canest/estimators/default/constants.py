@@ -123,8 +123,6 @@ class Constants(NamedTuple):
         float, Source("alpha", "1", "measured: at 1 the masses of cruise drives are too sure")
     ] = 0.5
     bias_wander_m2ps5: Annotated[float, Source("q_b", "(m/s2)2/s", "chosen: 0.05 m/s2 in an hour")] = 6e-7
-    quiet_mps2: Annotated[float, Source("a_q", "m/s2", "measured: cost against accuracy")] = 0.02
-    most_joined_windows: Annotated[float, Source("N_q", "1", "chosen: a second of windows is one")] = 5.0
     # -- closed gates
     hidden_force_share: Annotated[
         float, Source("k_c", "1", "chosen: a retarder's torque, a gearbox that closes")

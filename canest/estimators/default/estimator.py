@@ -18,7 +18,7 @@ from canest.estimators.default import model as at
 from canest.estimators.default.accelerometer import Comparison
 from canest.estimators.default.constants import CONSTANTS, Constants, gain_std, vehicle_of
 from canest.estimators.default.hypotheses import set_loads
-from canest.estimators.default.joining import Quiet
+from canest.estimators.default.joining import Joined
 from canest.estimators.default.model import LOADS, MODES, MOST, Mixture, Scratch
 from canest.estimators.default.noise import Levels
 from canest.estimators.default.report import Report
@@ -79,7 +79,7 @@ class GaussianSum(Estimator):
         guess = facts.initial_mass_kg or 1.0 / u
         report = Report(guess, guess * guess, facts.initial_grade or 0.0, c.grade_std * c.grade_std)
         progress = kernel.Progress(float(MODES), u)
-        self._carried = kernel.Carried(progress, levels, Comparison(), report, RoadUse(), Quiet())
+        self._carried = kernel.Carried(progress, levels, Comparison(), report, RoadUse(), Joined())
         self._windows = Windows(self._late_s)
         self._status = StatusTracker(facts.valid_std, bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
         self._last = np.zeros(kernel.OUTPUTS)

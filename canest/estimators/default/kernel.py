@@ -19,7 +19,7 @@ from canest.estimators.default.hypotheses import (
     transitions,
     weigh,
 )
-from canest.estimators.default.joining import Quiet, add_window, begin_sums, join, waits
+from canest.estimators.default.joining import Joined, add_window, begin_sums, join, waits
 from canest.estimators.default.load import changed_probability, open_load
 from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Window
 from canest.estimators.default.noise import Levels, follow, lacking_force
@@ -77,7 +77,7 @@ class Carried(NamedTuple):
     comparison: Comparison
     report: Report
     road: RoadUse
-    quiet: Quiet
+    joined: Joined
 
 
 def _window_at(rows: Any, k: int) -> Window:
@@ -189,7 +189,7 @@ def run(
     n: int, columns: Any, mix: Mixture, carried: Carried, c: Constants, v: Vehicle, t: Scratch, out: Any
 ) -> Carried:
     """Take n windows; out[k] holds what is known after window k (OUT_*). Returns what is carried on."""
-    p, levels, comparison, given, road, quiet = carried
+    p, levels, comparison, given, road, joined = carried
     count = int(p.alive)
     for k in range(n):
         w = window_at(columns, k)
@@ -198,13 +198,13 @@ def run(
         failed = comparison.faulty != was_faulty
         is_open, still = w.open > 0.0, w.stopped > 0.0
         begins = is_open and (p.was_open == 0.0 or w.gap_s > 0.0)
-        quiet = add_window(quiet, w, begins)
+        joined = add_window(joined, w, begins)
         unseen_s = p.unknown_s + w.gap_s + (WINDOW_S if still else 0.0)
         p = waited(p, unseen_s)
-        if not failed and waits(quiet, w, p.was_open > 0.0, p.u, levels.speed_var, c, v):
-            write(out[k], given, quiet.distance_m, p, w.speed_mps, c, v)
+        if not failed and waits(joined, w, p.was_open > 0.0, v):
+            write(out[k], given, joined.distance_m, p, w.speed_mps, c, v)
             continue
-        w, dt = join(quiet, w), WINDOW_S * quiet.joined
+        w, dt = join(joined, w), WINDOW_S * joined.windows
         # -- what has happened since the window before
         metres = w.distance_m + w.gap_s * max(w.speed_mps, 0.0)
         ahead_m = max(w.speed_mps, 0.0) * v.late_s
@@ -243,8 +243,8 @@ def run(
             climbed_m = climbed_s = 0.0
         if begins:
             forget_speed(mix, count, t)
-            if w.gap_s == 0.0 and not math.isnan(quiet.before_mps):
-                before = Ends(quiet.before_mps, w.begin_N, quiet.before_Nps)
+            if w.gap_s == 0.0 and not math.isnan(joined.before_mps):
+                before = Ends(joined.before_mps, w.begin_N, joined.before_Nps)
                 speed(mix, count, before, p.u, levels.speed_var, c, v, t)
         travel(mix, count, metres, answered_force(w, p) / GRAVITY_MPS2, p.u, c, t)
         motion, slow_N = w.accel_mps2, w.traction_N if begins else p.slow_N
@@ -261,7 +261,7 @@ def run(
         if measured:
             altitude(mix, count, w.altitude_m, height_known, c, t)
         sees = not math.isnan(w.sensed_mps2) and comparison.faulty == 0.0 and not still
-        sees = sees and p.unseen + quiet.joined >= _SEE_EVERY
+        sees = sees and p.unseen + joined.windows >= _SEE_EVERY
         if sees:
             sensed_surplus = accelerometer(mix, count, w, dt, levels.sensed_var, motion, c, t)
         if road.uses > 0.0:
@@ -285,9 +285,9 @@ def run(
             float(count), u, mixed_m, mixed_s,
             1.0 if is_open or w.retarding > 0.0 else 0.0, w.force_N,
             slow_N + dt * (w.traction_N - slow_N), w.open, 1.0 if is_open or p.learned > 0.0 else 0.0,
-            unknown_s, 0.0 if sees else p.unseen + quiet.joined, 1.0 if measured or height_known else 0.0,
+            unknown_s, 0.0 if sees else p.unseen + joined.windows, 1.0 if measured or height_known else 0.0,
             0.0 if measured else climbed_m, 0.0 if measured else climbed_s,
         )  # fmt: skip
-        quiet = begin_sums(w, motion)
+        joined = begin_sums(w)
         write(out[k], given, 0.0, p, w.speed_mps, c, v)
-    return Carried(p, levels, comparison, given, road, quiet)
+    return Carried(p, levels, comparison, given, road, joined)
