@@ -50,8 +50,7 @@ MECHANISMS = (
     Variant("wander of that bias", {"bias_wander_m2ps5": 0.0}),
     Variant("slip of the driven wheels", {"slip_per_mps2": 0.0}),
     Variant("torque that acts 0.08 s before its report", patch={"windows.SHIFT": 0, "estimator.SHIFT": 0}),
-    Variant("state: pitch", {"pitch_std_share": 0.0, "pitch_std_rad_per_mps2": 0.0}),
-    Variant("pitch", facts={"pitch_rad_per_mps2": 0.0}),
+    Variant("pitch of the body", facts={"pitch_rad_per_mps2": 0.0}),
     # -- noise
     Variant("force that the model lacks", {"force_std_share": 0.0}, facts={"overrun_share": 0.0}),
     Variant("force lacking in overrun, more than in drive", facts={"overrun_share": None}),
@@ -64,17 +63,14 @@ MECHANISMS = (
     Variant("heavy tails of the likelihood", {"likelihood_floor": NOTHING}),
     Variant("dependent windows (power 1)", {"likelihood_power": 1.0}),
     # -- windows and gated samples
-    Variant("joining of quiet windows", {"most_joined_windows": 1.0}),
     Variant("retarders, bends and dwells while gated", {"hidden_force_share": 1e6}),
     Variant("mass kept while gated", patch={"sensors.restore": keep_nothing}),
     Variant("coasting", edit=partial(without, "coasting_N")),
     Variant("altitude", edit=partial(without, "altitude_m")),
     Variant("wander of the altitude", {"altitude_wander_m2ps": 0.0}),
     Variant("accelerometer", edit=without_accelerometer),
-    Variant("accelerometer only every other window", patch={"kernel._SEE_EVERY": 1.0}),
     Variant("faults of the accelerometer", patch={"accelerometer._FEWEST": NEVER}),
     # -- hypotheses and report
-    Variant("merging of alike loads", {"merge_loss_nats": 0.0}),
     Variant("improbable loads left out", {"left_out_share": 0.0}),
     Variant("sums over nodes", {"widest_normal": NEVER}),
     Variant("grade where the vehicle is by now", patch={"estimator.vehicle_of": without_late}),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from canest.core.samples import VehicleFacts
+from canest.core.samples import GRAVITY_MPS2, VehicleFacts
 from canest.estimators.default.model import WINDOW_S
 
 
@@ -33,12 +33,6 @@ class Constants(NamedTuple):
         float,
         Source("p_0", "rad s2/m", "measured: trucks 0.01, cars and the gain of a sensor -0.003 to 0.003"),
     ] = 0.003
-    pitch_std_rad_per_mps2: Annotated[
-        float, Source("s_p", "rad s2/m", "chosen: where the config states none")
-    ] = 0.007
-    pitch_std_share: Annotated[
-        float, Source("s_p / p", "1", "chosen: a stated pitch depends on the load")
-    ] = 0.2
     altitude_std_m: Annotated[float, Source("s_h", "m", "chosen: a satellite receiver")] = 2.5
     wind_std_mps: Annotated[
         float, Source("s_w", "m/s", "chosen: a breeze of 4 m/s along half of the road")
@@ -80,7 +74,9 @@ class Constants(NamedTuple):
     load_stop_s: Annotated[
         float, Source("T_l", "s", "chosen: shorter loses `valid` at every traffic light")
     ] = 130.0
-    shortest_stop_s: Annotated[float, Source("T_0", "s", "chosen: nobody loads in less")] = 5.0
+    shortest_stop_s: Annotated[
+        float, Source("T_0", "s", "chosen: up to here a change is less probable than a miss of two std")
+    ] = 7.0
     drift_std_1ps: Annotated[float, Source("s_r", "1/s", "chosen: 9 kg/s of 20 t")] = 4.5e-4
     steady_duration_s: Annotated[
         float, Source("T_rb", "s", "measured: rarer is found late, more often makes a cruise wide")
@@ -133,7 +129,6 @@ class Constants(NamedTuple):
     ] = 0.03
     # -- hypotheses and report
     least_weight: Annotated[float, Source("P_min", "1", "measured: at 1e-3 modes are missing later")] = 3e-4
-    merge_loss_nats: Annotated[float, Source("L_min", "nats", "chosen: cost against shape")] = 0.02
     left_out_share: Annotated[
         float, Source("P_0", "1", "chosen: false alarms against loads that changed")
     ] = 0.01
@@ -161,6 +156,7 @@ class Vehicle(NamedTuple):
     period_windows: float  #: windows between two reports of a slow signal
     power: float  #: of the likelihood: windows as long as a report period are less dependent
     late_s: float  #: how much older than the samples the filtered states are
+    pitch: float  #: of the body, m/s2 of the accelerometer per m/s2
 
 
 def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
@@ -168,6 +164,7 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
     least, most = 1.0 / facts.mass_max_kg, 1.0 / facts.mass_min_kg
     unknown = math.sqrt(least * most)
     floor = facts.speed_step_mps / math.sqrt(12.0)
+    pitch = facts.pitch_rad_per_mps2
     period = float(math.ceil(facts.report_period_s / WINDOW_S - 1e-6))
     return Vehicle(
         least_u=least,
@@ -185,6 +182,7 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         period_windows=period,
         power=c.likelihood_power,
         late_s=late_s,
+        pitch=GRAVITY_MPS2 * (c.pitch_rad_per_mps2 if pitch is None else pitch),
     )
 
 

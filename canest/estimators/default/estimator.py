@@ -113,11 +113,6 @@ class GaussianSum(Estimator):
         if facts.has_road_map:
             std[at.ROLLING] = math.hypot(std[at.ROLLING], LEVEL_STD)
         std[at.BIAS] = c.bias_std_mps2
-        pitch = facts.pitch_rad_per_mps2
-        mean[at.PITCH] = GRAVITY_MPS2 * (c.pitch_rad_per_mps2 if pitch is None else pitch)
-        std[at.PITCH] = GRAVITY_MPS2 * (
-            c.pitch_std_rad_per_mps2 if pitch is None else max(c.pitch_std_share * pitch, 1e-4)
-        )
         n = at.STATES if facts.has_accelerometer else at.STATES_WITHOUT_ACCELEROMETER
         return mean[:n], std[:n]
 

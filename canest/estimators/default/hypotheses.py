@@ -2,7 +2,7 @@
 
 The modes of a load exchange probability like a Markov chain, and each becomes the normal density with the
 mean and covariance of what comes to it (interacting multiple models, Blom and Bar-Shalom 1988). What lasts
-is weighed by a power of its likelihood, and two loads alike become one (Runnalls 2007).
+is weighed by a power of its likelihood.
 """
 
 from __future__ import annotations
@@ -272,22 +272,3 @@ def relabel(mix: Mixture, count: int, before: int, after: int) -> None:
     for d in range(count):
         if mix.load[d] == before:
             mix.load[d] = float(after)
-
-
-@jit.kernel
-def merge_alike(mix: Mixture, count: int, least: float, t: Scratch) -> None:
-    """Make one load of two where that loses less than `least` nats of the density of u."""
-    set_loads(mix, count, t)
-    loads = t.loads
-    for i in range(3, 3 * LOADS, 3):
-        for j in range(0, i, 3):
-            if loads[i] > 0.0 and loads[j] > 0.0:
-                total = loads[i] + loads[j]
-                share, apart = loads[i] / total, loads[i + 1] - loads[j + 1]
-                both = share * loads[i + 2] + (1.0 - share) * (loads[j + 2] + share * apart * apart)
-                loss = (
-                    math.log(both) - share * math.log(loads[i + 2]) - (1.0 - share) * math.log(loads[j + 2])
-                )
-                if 0.5 * total * loss < least:
-                    relabel(mix, count, i // 3, j // 3)
-                    loads[i] = 0.0

@@ -12,7 +12,6 @@ from canest.estimators.default.accelerometer import Comparison, compare
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.hypotheses import (
     exchange,
-    merge_alike,
     prune,
     set_loads,
     take,
@@ -39,8 +38,6 @@ from canest.estimators.default.sensors import (
 )
 from canest.estimators.default.update import add_log_likelihood
 
-#: an accelerometer is used in every other window: its filter correlates neighbours
-_SEE_EVERY = 2.0
 #: after a gap this long the height is unknown, s; of a coasting further back the road is another, m
 _LOST_S, _FAR_M = 60.0, 100.0
 #: columns of the output, one row per window
@@ -63,7 +60,6 @@ class Progress(NamedTuple):
     was_open: float = 0.0
     learned: float = 0.0  #: 1 once a window was open
     unknown_s: float = 0.0  #: standing and missing time since the load was last taken up
-    unseen: float = 0.0  #: windows since the accelerometer was used
     height_known: float = 0.0
     climbed_m: float = 0.0  #: metres and seconds since the height followed the slope
     climbed_s: float = 0.0
@@ -107,8 +103,7 @@ def mean_inverse_mass(mix: Mixture, count: int, v: Vehicle, t: Scratch) -> float
 def change_modes(
     mix: Mixture, count: int, metres: float, driven_s: float, u: float, c: Constants, t: Scratch
 ) -> int:
-    """Merge alike loads, let modes exchange probability; returns the densities."""
-    merge_alike(mix, count, c.merge_loss_nats, t)
+    """Let modes exchange probability; returns the densities."""
     rate = c.drift_std_1ps * u
     fresh = (c.curvature_std_1pm * c.curvature_std_1pm, rate * rate)
     left: int = exchange(mix, count, transitions(metres, driven_s, c), fresh, c.least_weight, t)
@@ -167,7 +162,7 @@ def waited(p: Progress, unseen_s: float) -> Progress:
     """Return the progress with another time in which the load was not seen."""
     return Progress(
         p.alive, p.u, p.mixed_m, p.mixed_s, p.follows, p.force_N, p.slow_N, p.was_open, p.learned, unseen_s,
-        p.unseen, p.height_known, p.climbed_m, p.climbed_s,
+        p.height_known, p.climbed_m, p.climbed_s,
     )  # fmt: skip
 
 
@@ -261,9 +256,10 @@ def run(
         if measured:
             altitude(mix, count, w.altitude_m, height_known, c, t)
         sees = not math.isnan(w.sensed_mps2) and comparison.faulty == 0.0 and not still
-        sees = sees and p.unseen + joined.windows >= _SEE_EVERY
         if sees:
-            sensed_surplus = accelerometer(mix, count, w, dt, levels.sensed_var, motion, c, t)
+            sensed_surplus = accelerometer(
+                mix, count, w, dt, levels.sensed_var, v.pitch * motion, c, t
+            )
         if road.uses > 0.0:
             mapped_slope(mix, count, w.road_sine, cell_var(w), c, t)
         if not math.isnan(w.coast_mps2) and w.coast_back_s * w.speed_mps < _FAR_M:
@@ -285,7 +281,7 @@ def run(
             float(count), u, mixed_m, mixed_s,
             1.0 if is_open or w.retarding > 0.0 else 0.0, w.force_N,
             slow_N + dt * (w.traction_N - slow_N), w.open, 1.0 if is_open or p.learned > 0.0 else 0.0,
-            unknown_s, 0.0 if sees else p.unseen + joined.windows, 1.0 if measured or height_known else 0.0,
+            unknown_s, 1.0 if measured or height_known else 0.0,
             0.0 if measured else climbed_m, 0.0 if measured else climbed_s,
         )  # fmt: skip
         joined = begin_sums(w)

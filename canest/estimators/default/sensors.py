@@ -13,7 +13,7 @@ from canest.estimators.default.predict import add, fill, moments, restore
 from canest.estimators.default.update import add_log_likelihood, condition_on
 
 _SPEED = (m.V, m.DELAY, m.WINDUP)
-_SENSED = (m.GRADE, m.BIAS, m.PITCH)
+_SENSED = (m.GRADE, m.BIAS)
 _ALTITUDE = (m.HEIGHT,)
 _BALANCE = (m.GRADE, m.WIND, m.U)
 _COASTED = (m.GRADE, m.CURVATURE, m.WIND, m.U)
@@ -84,20 +84,20 @@ def forget_speed(mix: Mixture, count: int, t: Scratch) -> None:
 
 @jit.kernel
 def accelerometer(
-    mix: Mixture, count: int, w: Window, dt: float, r: float, motion: float, c: Constants, t: Scratch
+    mix: Mixture, count: int, w: Window, dt: float, r: float, squat: float, c: Constants, t: Scratch
 ) -> float:
-    """Update with an accelerometer: a_x - dv/dt = g theta + b + p dv/dt. Returns the mean surplus.
+    """Update with an accelerometer: a_x - dv/dt - p dv/dt = g theta + b. Returns the mean surplus.
 
-    motion: dv/dt by the model; while closed, that of the speed, whose error joins the noise.
+    squat: p dv/dt of the pitching body, dv/dt by the model; while closed, by the speed, whose error joins the
+    noise.
     """
-    fill(count, t.f, c.bias_wander_m2ps5 * max(dt, 2.0 * WINDOW_S))
+    fill(count, t.f, c.bias_wander_m2ps5 * dt)
     add(mix, count, m.BIAS, t.zeros, t.f)
-    r *= 2.0 * WINDOW_S / max(dt, 2.0 * WINDOW_S)  # neighbouring windows are one measurement
-    own = r
+    own = r = r * WINDOW_S / dt
     if w.open == 0.0:
         own += _ROCKING * w.accel_mps2 * w.accel_mps2
-    t.h[0], t.h[1], t.h[2] = GRAVITY_MPS2, 1.0, motion
-    condition_on(mix, count, _SENSED, w.sensed_mps2 - w.accel_mps2, own, c.outlier_nis, t)
+    t.h[0], t.h[1] = GRAVITY_MPS2, 1.0
+    condition_on(mix, count, _SENSED, w.sensed_mps2 - w.accel_mps2 - squat, own, c.outlier_nis, t)
     add_log_likelihood(mix, count, own, c.likelihood_floor, t)
     surplus: float = mean_surplus(mix, count, r, c, t)
     return surplus
