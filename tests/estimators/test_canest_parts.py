@@ -218,16 +218,6 @@ def test_pruning_keeps_what_is_probable():
     np.testing.assert_array_equal(mix.x[:3], x[[0, 3, 2]])
 
 
-@pytest.mark.parametrize(("apart", "alike"), [(1e-7, True), (3e-5, False)])
-def test_loads_become_one_where_they_are_alike(apart, alike):
-    mix, t = mixture(2, loads=[0, 1])
-    for d in range(2):
-        mix.x[d, m.U] = 1 / 20_000 + d * apart
-        mix.P[d, m.U, m.U] = (0.01 / 20_000) ** 2
-    hypotheses.merge_alike(mix, 2, CONSTANTS.merge_loss_nats, t)
-    assert (mix.load[0] == mix.load[1]) == alike
-
-
 def test_a_stop_changes_the_load_with_the_time_it_lasts():
     assert load.changed_probability(0.0, 60.0) == 0.0
     assert load.changed_probability(60.0, 60.0) == pytest.approx(1.0 - np.exp(-1.0))

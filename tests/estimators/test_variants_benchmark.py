@@ -74,9 +74,9 @@ def test_every_mechanism_changes_names_that_there_are(ablation, patching):
 
 def test_a_patch_holds_within_and_not_after(variants, patching, short):
     drive = variants.draw(short, 3)
-    whole, blind = variants.Variant("whole"), variants.Variant("patched", patch={"kernel._SEE_EVERY": 1e9})
+    whole, other = variants.Variant("whole"), variants.Variant("patched", patch={"sensors._ROCKING": 1e9})
     ends = []
-    for one in (whole, blind, whole):
+    for one in (whole, other, whole):
         with patching.patched(one.patch):
             estimates, _ = variants.estimate_with(one.make, drive, 21000.0, accelerometer=True)
         ends.append(float(estimates.grade[-1]))

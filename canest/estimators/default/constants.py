@@ -83,12 +83,12 @@ class Constants(NamedTuple):
     ] = 2000.0
     drift_duration_s: Annotated[float, Source("T_re", "s", "chosen: a spreader's round")] = 600.0
     surprise_limit: Annotated[
-        float, Source("S_max", "1", "chosen: one window at five standard deviations")
-    ] = 25.0
+        float, Source("S_max", "1", "chosen: one window at six standard deviations")
+    ] = 35.0
     surprise_nis: Annotated[float, Source("k_S", "1", "measured: at 2, rough driving is a surprise")] = 3.0
     surprise_share: Annotated[
-        float, Source("P_S", "1", "measured: at 5 % false alarms cost 8 points of `valid` on hills")
-    ] = 0.005
+        float, Source("P_S", "1", "measured: less finds a tipper late, more costs `valid` on hills")
+    ] = 0.02
     # -- noise
     force_std_share: Annotated[
         float, Source("k_F", "1", "chosen: a controller's torque, from moment to moment")
@@ -113,8 +113,8 @@ class Constants(NamedTuple):
     ] = 5.0
     outlier_nis: Annotated[float, Source("k_e", "1", "textbook: three standard deviations")] = 9.0
     likelihood_floor: Annotated[
-        float, Source("c_0", "1", "chosen: one window in a hundred is anything, within 30 times its noise")
-    ] = 3e-4
+        float, Source("c_0", "1", "chosen: one window in fifty is anything, within 30 times its noise")
+    ] = 6e-4
     likelihood_power: Annotated[
         float, Source("alpha", "1", "measured: at 1 the masses of cruise drives are too sure")
     ] = 0.5
@@ -126,7 +126,7 @@ class Constants(NamedTuple):
     hidden_windows: Annotated[float, Source("N_c", "1", "chosen: such an error lasts 5 s")] = 25.0
     coasting_std_mps2: Annotated[
         float, Source("s_c", "m/s2", "chosen: an open driveline, a rocking body")
-    ] = 0.03
+    ] = 0.02
     # -- hypotheses and report
     least_weight: Annotated[float, Source("P_min", "1", "measured: at 1e-3 modes are missing later")] = 3e-4
     left_out_share: Annotated[

@@ -194,9 +194,10 @@ def keep_states(mix: Mixture, count: int, made: int, fresh: Any, t: Scratch) -> 
 def exchange(mix: Mixture, count: int, chains: Any, fresh: Any, least: float, t: Scratch) -> int:
     """Let the modes of each load exchange probability; returns the number of densities.
 
-    chains: `transitions`. t.loads: see `set_loads`. fresh: prior variances of curvature and rate.
+    chains: `transitions`. fresh: prior variances of curvature and rate.
     """
     roads, drivers, loads = chains
+    set_loads(mix, count, t)
     room = t.room
     made = 0
     for load in range(LOADS):
@@ -264,11 +265,3 @@ def set_loads(mix: Mixture, count: int, t: Scratch) -> int:
         if loads[k] > loads[best]:
             best = k
     return best // 3
-
-
-@jit.kernel
-def relabel(mix: Mixture, count: int, before: int, after: int) -> None:
-    """Give the densities of one load to another: the next exchange makes one of them per mode."""
-    for d in range(count):
-        if mix.load[d] == before:
-            mix.load[d] = float(after)

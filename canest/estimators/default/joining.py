@@ -34,9 +34,7 @@ class Joined(NamedTuple):
 @jit.kernel
 def begin_sums(w: Window) -> Joined:
     """Return empty sums after an update with a window."""
-    return Joined(
-        0.0, 0.0, w.speed_mps, w.traction_Nps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan
-    )
+    return Joined(0.0, 0.0, w.speed_mps, w.traction_Nps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan)
 
 
 @jit.kernel

@@ -14,7 +14,7 @@ import numpy as np
 from canest.core import jit
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Vehicle
-from canest.estimators.default.hypotheses import move, prune, relabel, set_loads
+from canest.estimators.default.hypotheses import move, prune, set_loads
 from canest.estimators.default.model import LOADS, Mixture, Scratch
 
 #: a weight that is none
@@ -66,6 +66,14 @@ def reopen(mix: Mixture, d: int, known_u: float, net_kg: float, v: Vehicle, t: S
         x[d, i] += a[i] * (v.unknown_u - known_u)
         for j in range(n):
             P[d, i, j] += a[i] * v.unknown_var * a[j]
+
+
+@jit.kernel
+def relabel(mix: Mixture, count: int, before: int, after: int) -> None:
+    """Give the densities of one load to another: the next exchange makes one of them per mode."""
+    for d in range(count):
+        if mix.load[d] == before:
+            mix.load[d] = float(after)
 
 
 @jit.kernel
