@@ -48,7 +48,7 @@ PUBLISHED = {
     "ax_mps2": "Longitudinal Acceleration",
     "ambient_C": "Ambient Temperature",
 }
-SEASONS = {"A": "summer", "B": "winter"}
+SEASONS = {"A": "summer", "B": "winter", "AB": "both"}
 SENSED, UNSENSED = "with", "without"
 
 
@@ -112,11 +112,11 @@ def summary_rows(trips: dict[str, dict[str, dict[str, Estimates]]]) -> list[tupl
     rows = []
     for method in OURS:
         for sensor in (SENSED, UNSENSED):
-            for letter, season in SEASONS.items():
+            for letters, season in SEASONS.items():
                 found = [
                     first_and_last(runs[sensor][method])
                     for name, runs in trips.items()
-                    if name[0] == letter and method in runs[sensor]
+                    if name[0] in letters and method in runs[sensor]
                 ]
                 known = [f for f in found if np.isfinite(f.z)]
                 if not known:

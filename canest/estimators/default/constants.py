@@ -35,8 +35,8 @@ class Constants(NamedTuple):
     ] = 0.003
     altitude_std_m: Annotated[float, Source("s_h", "m", "chosen: a satellite receiver")] = 2.5
     wind_std_mps: Annotated[
-        float, Source("s_w", "m/s", "chosen: a breeze of 4 m/s along half of the road")
-    ] = 2.0
+        float, Source("s_w", "m/s", "chosen: 7 m/s within three; more makes a cruise wide")
+    ] = 2.3
     wind_length_m: Annotated[
         float, Source("L_w", "m", "chosen: a main road turns; less makes a cruise wide")
     ] = 20e3
@@ -126,7 +126,7 @@ class Constants(NamedTuple):
     hidden_windows: Annotated[float, Source("N_c", "1", "chosen: such an error lasts 5 s")] = 25.0
     coasting_std_mps2: Annotated[
         float, Source("s_c", "m/s2", "chosen: an open driveline, a rocking body")
-    ] = 0.02
+    ] = 0.03
     # -- hypotheses and report
     least_weight: Annotated[float, Source("P_min", "1", "measured: at 1e-3 modes are missing later")] = 3e-4
     left_out_share: Annotated[

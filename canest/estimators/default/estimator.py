@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canest.core import jit
-from canest.core.samples import GRAVITY_MPS2, STEP_S, STEP_US, EstimateBlock, ModelBlock, Status, VehicleFacts
+from canest.core.samples import STEP_S, STEP_US, EstimateBlock, ModelBlock, Status, VehicleFacts
 from canest.estimators.base import Estimator
 from canest.estimators.bounds import beyond_bound
 from canest.estimators.default import kernel

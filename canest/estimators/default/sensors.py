@@ -24,8 +24,8 @@ _LONGEST_DELAY_S = 0.1
 _UNKNOWN_V = 100.0
 #: an altitude this many variances off begins anew
 _FAR_OFF = 25.0
-#: what a body does that the pitch does not follow, share of the acceleration squared
-_ROCKING = 0.01
+#: what a body does that the pitch does not tell, share of the acceleration squared: 0.007 rad per m/s2
+_ROCKING = 0.005
 
 
 @jit.kernel
@@ -88,14 +88,12 @@ def accelerometer(
 ) -> float:
     """Update with an accelerometer: a_x - dv/dt - p dv/dt = g theta + b. Returns the mean surplus.
 
-    squat: p dv/dt of the pitching body, dv/dt by the model; while closed, by the speed, whose error joins the
-    noise.
+    squat: p dv/dt of the pitching body, dv/dt by the model; while closed, by the speed.
     """
     fill(count, t.f, c.bias_wander_m2ps5 * dt)
     add(mix, count, m.BIAS, t.zeros, t.f)
-    own = r = r * WINDOW_S / dt
-    if w.open == 0.0:
-        own += _ROCKING * w.accel_mps2 * w.accel_mps2
+    r *= WINDOW_S / dt
+    own = r + _ROCKING * w.accel_mps2 * w.accel_mps2
     t.h[0], t.h[1] = GRAVITY_MPS2, 1.0
     condition_on(mix, count, _SENSED, w.sensed_mps2 - w.accel_mps2 - squat, own, c.outlier_nis, t)
     add_log_likelihood(mix, count, own, c.likelihood_floor, t)
