@@ -12,6 +12,8 @@ from canest.core.section import MisplacedError, Number, Section, Whole
 
 #: reports that come more seldom leave a whole launch or stop between them, s
 SLOWEST_PERIOD_S = 2.0
+#: and of an accelerometer: the moments that it shows are no mean of what happened between them, s
+SLOWEST_ACCELEROMETER_S = 0.5
 Validity = Literal["j1939", "full", "source_address", "gear", "ascii"]
 
 

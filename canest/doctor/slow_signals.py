@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from canest.config.of_table import SLOW_S
-from canest.config.sections import SLOWEST_PERIOD_S
+from canest.config.sections import SLOWEST_ACCELEROMETER_S, SLOWEST_PERIOD_S
 from canest.core.roles import LASTING
 from canest.pipeline.build import behind_s
 from canest.vehicle.role_sources import speed_in_use
@@ -25,6 +25,11 @@ def slow_signal_hints(config: Config, reports: Iterable[RoleReport]) -> list[str
     speed = speed_in_use(config.signals, config.vehicle)
     for found in reports:
         rates_hz = [s.rate_hz for s in found.senders if s.rate_hz and s.valid]
+        if rates_hz and found.role == "longitudinal_accel" and max(rates_hz) * SLOWEST_ACCELEROMETER_S < 1.0:
+            hints.append(
+                f"signals.{found.role} comes once in {1.0 / max(rates_hz):.2g} s: such moments are no means; "
+                f"with period_s it is not used; expected every {SLOWEST_ACCELEROMETER_S:g} s or oftener"
+            )
         if not rates_hz or (found.role != speed and found.need != "needed") or found.role in LASTING:
             continue
         apart_s, stated_s = 1.0 / max(rates_hz), config.signals[found.role].period_s

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from canest.config.schema import Config
-from canest.config.sections import Source
+from canest.config.sections import SLOWEST_ACCELEROMETER_S, Source
 from canest.core.errors import ConfigError
 from canest.core.roles import BRAKES, LASTING, ROLES, TWO_STATE, conversion
 from canest.core.samples import VehicleFacts
@@ -203,6 +203,7 @@ def facts_of(config: Config) -> VehicleFacts:
     resolution = resolution_of(config)
     torque = torque_role(roles, v)
     speed = speed_in_use(roles, v)
+    sensor = config.signals.get(_ACCELEROMETER)
     slow = (config.signals[role].period_s for role in (torque, speed) if role in config.signals)
     return VehicleFacts(
         mass_min_kg=v.mass_min_kg,
@@ -214,7 +215,7 @@ def facts_of(config: Config) -> VehicleFacts:
         speed_step_mps=resolution["speed"],
         torque_step_Nm=resolution["torque"],
         accelerometer_step_mps2=resolution["accelerometer"],
-        has_accelerometer=_ACCELEROMETER in config.signals,
+        has_accelerometer=sensor is not None and (sensor.period_s or 0.0) <= SLOWEST_ACCELEROMETER_S,
         has_road_map=config.road_map is not None,
         filter_delay_s=delay_s(butterworth(config.filter.order, config.filter.cutoff_hz)) + behind_s(config),
         report_period_s=max((period or 0.0 for period in slow), default=0.0),

@@ -9,6 +9,8 @@ import pytest
 from canest.config import load_config, parse_config
 from canest.core.errors import ConfigError
 from canest.core.samples import VehicleFacts
+from canest.doctor.signal_report import RoleReport, Sender
+from canest.doctor.slow_signals import slow_signal_hints
 from canest.pipeline.build import build, facts_of
 from canest.simulation.data_sheet import known_config
 from canest.simulation.reading import load_scenario
@@ -106,3 +108,19 @@ def test_torque_in_eighths_of_a_percent_is_known_as_finely(tmp_path: Path) -> No
     )
     whole, eighths = (facts_of(load_config(c)).torque_step_Nm for c in ("class8", str(finer)))
     assert eighths == whole / 8.0
+
+
+@pytest.mark.parametrize(("period_s", "used"), [(None, True), (0.2, True), (0.5, True), (1.0, False)])
+def test_an_accelerometer_that_shows_moments_is_not_used(period_s: float | None, used: bool) -> None:
+    config = load_config("class8")
+    source = config.signals["longitudinal_accel"].model_copy(update={"period_s": period_s})
+    signals = {**config.signals, "longitudinal_accel": source}
+    assert facts_of(config.model_copy(update={"signals": signals})).has_accelerometer == used
+
+
+@pytest.mark.parametrize(("rate_hz", "said"), [(10.0, False), (2.0, False), (1.0, True)])
+def test_check_says_that_an_accelerometer_shows_moments(rate_hz: float, said: bool) -> None:
+    sender = Sender(None, rate_hz, 600, 600, 0, 0, 0)
+    report = RoleReport("longitudinal_accel", "", "optional", "", None, "m/s2", senders=[sender])
+    hints = slow_signal_hints(load_config("class8"), [report])
+    assert any("such moments are no means" in hint for hint in hints) == said

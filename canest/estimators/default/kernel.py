@@ -257,7 +257,9 @@ def run(
             altitude(mix, count, w.altitude_m, height_known, c, t)
         sees = not math.isnan(w.sensed_mps2) and comparison.faulty == 0.0 and not still
         if sees:
-            sensed_surplus = accelerometer(mix, count, w, dt, levels.sensed_var, v.pitch * motion, c, t)
+            sensed_surplus = accelerometer(
+                mix, count, w, dt, levels.sensed_var, v.pitch * motion, p.u, c, v, t
+            )
         if road.uses > 0.0:
             mapped_slope(mix, count, w.road_sine, cell_var(w), c, t)
         if not math.isnan(w.coast_mps2) and w.coast_back_s * w.speed_mps < _FAR_M:

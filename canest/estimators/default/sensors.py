@@ -84,16 +84,19 @@ def forget_speed(mix: Mixture, count: int, t: Scratch) -> None:
 
 @jit.kernel
 def accelerometer(
-    mix: Mixture, count: int, w: Window, dt: float, r: float, squat: float, c: Constants, t: Scratch
-) -> float:
+    mix: Mixture, count: int, w: Window, dt: float, r: float, squat: float, u: float, c: Constants,
+    v: Vehicle, t: Scratch,
+) -> float:  # fmt: skip
     """Update with an accelerometer: a_x - dv/dt - p dv/dt = g theta + b. Returns the mean surplus.
 
-    squat: p dv/dt of the pitching body, dv/dt by the model; while closed, by the speed.
+    squat: p dv/dt of the pitching body, dv/dt by the model; while closed, by the speed. Between two reports
+    of a slow signal the acceleration may have changed as the traction did. u: mean inverse mass.
     """
     fill(count, t.f, c.bias_wander_m2ps5 * dt)
     add(mix, count, m.BIAS, t.zeros, t.f)
     r *= WINDOW_S / dt
-    own = r + _ROCKING * w.accel_mps2 * w.accel_mps2
+    changed = u * (w.traction_N - w.begin_N) if v.period_windows > 1.0 else 0.0
+    own = r + _ROCKING * w.accel_mps2 * w.accel_mps2 + changed * changed
     t.h[0], t.h[1] = GRAVITY_MPS2, 1.0
     condition_on(mix, count, _SENSED, w.sensed_mps2 - w.accel_mps2 - squat, own, c.outlier_nis, t)
     add_log_likelihood(mix, count, own, c.likelihood_floor, t)
