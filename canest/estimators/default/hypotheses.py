@@ -244,9 +244,9 @@ def take(room: Mixture, count: int, mix: Mixture) -> None:
 
 @jit.kernel
 def set_loads(mix: Mixture, count: int, t: Scratch) -> int:
-    """Set weight, mean and variance of the inverse mass of every load, t.loads[3 k]; returns the likeliest.
+    """Set weight, mean and variance of the inverse mass of every load, t.loads[3 k]; returns the densest.
 
-    Leaves mean and variance of every density in t.columns[0] and [1].
+    That is the one in which the density of ln u is highest, weight * mean / std. Leaves mean and variance of every density in t.columns[0] and [1].
     """
     loads, us, u_vars = t.loads, t.columns[0], t.columns[1]
     moments(mix, count, m.U, us, u_vars)
@@ -257,11 +257,13 @@ def set_loads(mix: Mixture, count: int, t: Scratch) -> int:
         loads[k] += mix.weight[d]
         loads[k + 1] += mix.weight[d] * us[d]
         loads[k + 2] += mix.weight[d] * (us[d] * us[d] + u_vars[d])
-    best = 0
+    best, highest = 0, 0.0
     for k in range(0, 3 * LOADS, 3):
         if loads[k] > 0.0:
             mean = loads[k + 1] / loads[k]
-            loads[k + 1], loads[k + 2] = mean, max(loads[k + 2] / loads[k] - mean * mean, _LEAST_VARIANCE)
-        if loads[k] > loads[best]:
-            best = k
+            variance = max(loads[k + 2] / loads[k] - mean * mean, _LEAST_VARIANCE)
+            loads[k + 1], loads[k + 2] = mean, variance
+            height = loads[k] * mean / math.sqrt(variance)
+            if height > highest:
+                best, highest = k, height
     return best // 3

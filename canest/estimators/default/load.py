@@ -80,7 +80,7 @@ def relabel(mix: Mixture, count: int, before: int, after: int) -> None:
 def open_load(
     mix: Mixture, count: int, probability: float, moving: bool, net_kg: float, v: Vehicle, t: Scratch
 ) -> int:
-    """Give a share of the probability to an unknown load, a copy of the likeliest; returns the densities.
+    """Give a share of the probability to an unknown load, a copy of the densest; returns the densities.
 
     After a stop the loads that there are become one. In motion nothing is done where there is no room, and in
     the new load torque is the driver's own: what the old one takes for an answer of the road may be the load.

@@ -78,7 +78,7 @@ def sum_over_nodes(count: int, power: float, t: Scratch) -> tuple[float, float]:
 def report_mass(
     count: int, best: int, before: tuple[float, float, float], c: Constants, v: Vehicle, t: Scratch
 ) -> tuple[float, float, float]:
-    """Return the mass of the likeliest load, the variance about it, and the windows until the next sum.
+    """Return the mass of the densest load, the variance about it, and the windows until the next sum.
 
     Where they are narrow by the moments of u: M = (1 + V) / u, Var(M) = V M^2; else summed over the nodes.
     before: these three of the window before.
@@ -89,11 +89,10 @@ def report_mass(
     for d in range(count):
         u1 += share[d] * us[d]
         u2 += share[d] * (us[d] * us[d] + u_vars[d] / v.power)
-    likely = t.loads[best] > 0.5
-    centre = t.loads[best + 1] if likely else u1
+    centre = t.loads[best + 1]
     scale = max(centre, 0.1 * v.least_u)
     spread = max(u2 - 2.0 * centre * u1 + centre * centre, 0.0) / (scale * scale)
-    own = t.loads[best + 2] / (v.power * scale * scale) if likely else spread
+    own = t.loads[best + 2] / (v.power * scale * scale)
     inside = v.least_u < centre < v.most_u
     narrow = own < c.widest_normal * c.widest_normal and inside
     if spread < c.widest_normal * c.widest_normal and inside:
@@ -107,7 +106,7 @@ def report_mass(
         var = spread * mass * mass
     if not inside:  # beyond the bounds nothing is narrow
         var = max(var, spread * mass * mass)
-    if narrow and likely:
+    if narrow:
         mean, mass = mass, (1.0 + own) / centre
         var += (mass - mean) * (mass - mean)
     return mass, var, _EVERY
