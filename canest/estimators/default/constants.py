@@ -60,7 +60,7 @@ class Constants(NamedTuple):
     rough_length_m: Annotated[float, Source("L_rs", "m", "measured: at 2 km a rough road is forgotten")] = (
         10e3
     )
-    exchange_every_m: Annotated[float, Source("d_x", "m", "chosen: cost against delay")] = 30.0
+    exchange_every_s: Annotated[float, Source("t_x", "s", "chosen: cost against delay")] = 1.0
     altitude_wander_m2ps: Annotated[
         float, Source("q_h", "m2/s", "chosen: 3.5 m in a minute, a receiver's error")
     ] = 0.2

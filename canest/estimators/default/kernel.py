@@ -217,23 +217,24 @@ def run(
             if p.learned > 0.0:
                 count = open_load(mix, count, changed, False, 0.0, v, t)
             unknown_s = surprise = 0.0
-        elif is_open and surprise > c.surprise_limit:
-            net_kg = (w.force_N - w.rotating_kg * w.accel_mps2) / GRAVITY_MPS2
-            count = change_modes(mix, count, c.exchange_every_m, 0.0, p.u, c, t)
-            count = open_load(mix, count, c.surprise_share, True, net_kg, v, t)
-            surprise = 0.0
+        surprised = is_open and surprise > c.surprise_limit
         mixed_m, mixed_s = p.mixed_m + metres, p.mixed_s + (0.0 if still else dt + min(w.gap_s, 10.0))
-        if mixed_m >= c.exchange_every_m:
+        due = mixed_s >= c.exchange_every_s or surprised
+        if due:
             wind = math.hypot(c.wind_std_mps, 0.5 * w.speed_mps * v.drag_share) * p.u
             fade(mix, count, mixed_m, wind, c)
             drift(mix, count, mixed_s, t)
             count = change_modes(mix, count, mixed_m, mixed_s, p.u, c, t)
             mixed_m = mixed_s = 0.0
+        if surprised:
+            net_kg = (w.force_N - w.rotating_kg * w.accel_mps2) / GRAVITY_MPS2
+            count = open_load(mix, count, c.surprise_share, True, net_kg, v, t)
+            surprise = 0.0
         # -- predict and update every density
         fill(count, mix.found, 0.0)
         climbed_m, climbed_s = p.climbed_m + metres, p.climbed_s + dt + w.gap_s
         measured = not math.isnan(w.altitude_m)
-        if height_known and (measured or climbed_m > c.exchange_every_m):
+        if height_known and (measured or due):
             climb(mix, count, climbed_m, c.altitude_wander_m2ps * climbed_s, t)
             climbed_m = climbed_s = 0.0
         if begins:
