@@ -83,8 +83,8 @@ class Constants(NamedTuple):
     ] = 2000.0
     drift_duration_s: Annotated[float, Source("T_re", "s", "chosen: a spreader's round")] = 600.0
     surprise_limit: Annotated[
-        float, Source("S_max", "1", "chosen: one window at six standard deviations")
-    ] = 35.0
+        float, Source("S_max", "1", "chosen: one window at five standard deviations")
+    ] = 25.0
     surprise_nis: Annotated[float, Source("k_S", "1", "measured: at 2, rough driving is a surprise")] = 3.0
     surprise_share: Annotated[
         float, Source("P_S", "1", "measured: less finds a tipper late, more costs `valid` on hills")
