@@ -246,7 +246,8 @@ def take(room: Mixture, count: int, mix: Mixture) -> None:
 def set_loads(mix: Mixture, count: int, t: Scratch) -> int:
     """Set weight, mean and variance of the inverse mass of every load, t.loads[3 k]; returns the densest.
 
-    That is the one in which the density of ln u is highest, weight * mean / std. Leaves mean and variance of every density in t.columns[0] and [1].
+    That is the one in which the density of ln u is highest: weight * mean / std. Leaves mean and variance of
+    every density in t.columns[0] and [1].
     """
     loads, us, u_vars = t.loads, t.columns[0], t.columns[1]
     moments(mix, count, m.U, us, u_vars)
