@@ -125,7 +125,8 @@ A line needs its second end, so all signals are shown 1.2 periods of the slowest
 on a bus alike. Gates and mass come that much later. The grade is carried on to now, with a wider standard
 deviation. Give all slow signals their period, and those that are fast none. A report that is overdue closes
 the gate `stale` until it comes. Without `stale_s`, two reports are joined up to 2.5 periods apart. Signals
-that come more seldom than every 2 s are refused. `canest check` measures periods and proposes the lines.
+that come more seldom than every 2 s are refused. An accelerometer with a period beyond 0.5 s is not used,
+since the moments that it shows are no means. `canest check` measures periods and proposes the lines.
 """
 
 ROLES_TEXT = """

@@ -13,7 +13,7 @@ EXAMPLE = ROOT / "examples" / "canest-trailer-drag"
 MASS_KG, TRAILER_M2, SECONDS = 1500.0, 3.0, 240
 CONFIG = """
 vehicle:
-  name: car
+  name: van
   mass_min_kg: 800
   mass_max_kg: 4000
   wheel_radius_m: 0.3
@@ -22,7 +22,7 @@ vehicle:
   gear_ratios: {1: 10.0}
   driveline_efficiency: 1.0
   engine_inertia_kgm2: 0.0
-  drag_area_m2: 0.7
+  drag_area_m2: 2.5
   air_density_kgpm3: 1.2
   rolling_resistance: 0.01
 dbc: []
@@ -38,13 +38,13 @@ EFFECT = "effects: [{effect: trailer_drag, cda_delta_m2: 3.0}]\n"
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a drive with pulses of torque on the level; the trailer comes and goes every minute."""
     t_s = 0.02 * np.arange(50 * SECONDS)
-    torque_Nm = 90.0 + 50.0 * np.sign(np.sin(t_s * 0.7))
+    torque_Nm = 55.0 + 45.0 * np.sign(np.sin(t_s * 0.7))
     trailer = (t_s // 60) % 2
     v_mps = np.empty(len(t_s))
     v = 20.0
     for k in range(len(t_s)):
         v_mps[k] = v
-        force_N = torque_Nm[k] * 10.0 / 0.3 - 0.6 * (0.7 + TRAILER_M2 * trailer[k]) * v**2
+        force_N = torque_Nm[k] * 10.0 / 0.3 - 0.6 * (2.5 + TRAILER_M2 * trailer[k]) * v**2
         v += 0.02 * (force_N / MASS_KG - 0.01 * 9.80665)
     log = tmp_path_factory.mktemp("trailer") / "drive.csv"
     columns = np.column_stack((t_s, torque_Nm, v_mps, trailer))

@@ -34,6 +34,7 @@ from canest.estimators.default.sensors import (
     mapped_slope,
     mean_surplus,
     own_torque,
+    rocking_var,
     speed,
 )
 from canest.estimators.default.update import add_log_likelihood
@@ -258,9 +259,8 @@ def run(
             altitude(mix, count, w.altitude_m, height_known, c, t)
         sees = not math.isnan(w.sensed_mps2) and comparison.faulty == 0.0 and not still
         if sees:
-            sensed_surplus = accelerometer(
-                mix, count, w, dt, levels.sensed_var, v.pitch * motion, p.u, c, v, t
-            )
+            felt, rocking = w.sensed_mps2 - w.accel_mps2 - v.pitch * motion, rocking_var(w, p.u, v)
+            sensed_surplus = accelerometer(mix, count, felt, dt, levels.sensed_var, rocking, c, t)
         if road.uses > 0.0:
             mapped_slope(mix, count, w.road_sine, cell_var(w), c, t)
         if not math.isnan(w.coast_mps2) and w.coast_back_s * w.speed_mps < _FAR_M:

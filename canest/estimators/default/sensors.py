@@ -83,23 +83,30 @@ def forget_speed(mix: Mixture, count: int, t: Scratch) -> None:
 
 
 @jit.kernel
+def rocking_var(w: Window, u: float, v: Vehicle) -> float:
+    """Return the variance of what a body does that its pitch does not tell, (m/s2)2.
+
+    Between two reports of a slow signal the acceleration may have changed as the traction did.
+    u: mean inverse mass.
+    """
+    changed = u * (w.traction_N - w.begin_N) if v.period_windows > 1.0 else 0.0
+    return _ROCKING * w.accel_mps2 * w.accel_mps2 + changed * changed
+
+
+@jit.kernel
 def accelerometer(
-    mix: Mixture, count: int, w: Window, dt: float, r: float, squat: float, u: float, c: Constants,
-    v: Vehicle, t: Scratch,
-) -> float:  # fmt: skip
+    mix: Mixture, count: int, felt: float, dt: float, r: float, rocking: float, c: Constants, t: Scratch
+) -> float:
     """Update with an accelerometer: a_x - dv/dt - p dv/dt = g theta + b. Returns the mean surplus.
 
-    squat: p dv/dt of the pitching body, dv/dt by the model; while closed, by the speed. Between two reports
-    of a slow signal the acceleration may have changed as the traction did. u: mean inverse mass.
+    felt: the left side. r: variance of a window of 0.2 s. rocking: see `rocking_var`.
     """
     fill(count, t.f, c.bias_wander_m2ps5 * dt)
     add(mix, count, m.BIAS, t.zeros, t.f)
     r *= WINDOW_S / dt
-    changed = u * (w.traction_N - w.begin_N) if v.period_windows > 1.0 else 0.0
-    own = r + _ROCKING * w.accel_mps2 * w.accel_mps2 + changed * changed
     t.h[0], t.h[1] = GRAVITY_MPS2, 1.0
-    condition_on(mix, count, _SENSED, w.sensed_mps2 - w.accel_mps2 - squat, own, c.outlier_nis, t)
-    add_log_likelihood(mix, count, own, c.likelihood_floor, t)
+    condition_on(mix, count, _SENSED, felt, r + rocking, c.outlier_nis, t)
+    add_log_likelihood(mix, count, r + rocking, c.likelihood_floor, t)
     surplus: float = mean_surplus(mix, count, r, c, t)
     return surplus
 
