@@ -21,6 +21,7 @@ from canest.fleet.result_names import SUFFIX, is_part, log_id, log_of, part_of, 
 from canest.fleet.storage import Storage
 from canest.fleet.tables import SCHEMA_VERSION
 from canest.fleet.vehicle_lock import vehicle_lock
+from canest.system.atomic_file import is_temporary
 
 MARKER = "canest-lake.json"
 TRIPS_FOLDER, SAMPLES_FOLDER = "trips", "samples"
@@ -39,7 +40,8 @@ class Lake:
         """Return the lake of a folder, made where there is none. Errors: UsageError, OutputError."""
         lake = Lake(Storage.of(url))
         if not lake._marked():
-            if lake.storage.is_local and lake.storage.names(""):
+            strangers = lake.storage.is_local and any(map(_is_stranger, lake.storage.names("")))
+            if strangers and not lake._marked():  # another run may have begun it meanwhile
                 raise UsageError(
                     "is not empty and no lake",
                     where=url,
@@ -145,3 +147,8 @@ class Lake:
             for result in results:
                 log, _, key = result.partition("-")
                 self.results[log][key] = name
+
+
+def _is_stranger(name: str) -> bool:
+    """Return whether a file of a folder is no part of a lake that another run begins right now."""
+    return not is_temporary(name.rpartition("/")[2])

@@ -101,6 +101,11 @@ def unlink_unfinished() -> None:
         file.unlink()
 
 
+def is_temporary(name: str) -> bool:
+    """Return whether a file is one that grows here, by its name without a folder."""
+    return _TEMPORARY.fullmatch(name) is not None
+
+
 def remove_abandoned(folder: Path, *, once: bool = False) -> None:
     """Remove temporaries whose writer is gone. once: do nothing if this process did so before."""
     try:
@@ -111,7 +116,7 @@ def remove_abandoned(folder: Path, *, once: bool = False) -> None:
                     return
                 _cleaned.add((found.st_dev, found.st_ino))
         with os.scandir(folder) as entries:
-            names = [entry.name for entry in entries if _TEMPORARY.fullmatch(entry.name)]
+            names = [entry.name for entry in entries if is_temporary(entry.name)]
     except OSError:  # the write itself is going to fail with the reason
         return
     for name in names:

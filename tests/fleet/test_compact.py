@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from canest.core.errors import UsageError
 from canest.fleet import compact as compacting
 from canest.fleet.compact import compact
 from canest.fleet.job import Outcome
-from canest.fleet.lake import Lake
+from canest.fleet.lake import MARKER, Lake
 from canest.fleet.query import ask
 from canest.fleet.result_names import is_part, result_of
 from canest.fleet.storage import Storage
@@ -304,3 +305,29 @@ def test_a_user_joins_resumes_and_sees_what_changed(lake, logs, manifest, tmp_pa
     again = run(source, folder, manifest, "--resume")
     assert (again.tally["done"], again.tally["present"]) == (1, 10), again.err
     assert command("query", folder, sql).out.splitlines()[1] == "11,10.0"
+
+
+def test_a_lake_that_another_run_begins_is_that_runs_lake(tmp_path, monkeypatch):
+    """Its marker grows under a temporary name, and takes its own between two looks at the folder."""
+    folder = tmp_path / "lake"
+    folder.mkdir()
+    (folder / f".{MARKER}.canest-0123456789abcdef.part").write_bytes(b"{")
+    assert Lake.create(str(folder)).results == {}
+
+    begun = tmp_path / "begun"
+    whole = (folder / MARKER).read_bytes()
+    names = Storage.names
+
+    def meanwhile(self, below):
+        if not below:
+            begun.mkdir()
+            (begun / MARKER).write_bytes(whole)
+        return names(self, below)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Storage, "names", meanwhile)
+        Lake.create(str(begun))
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "thesis.tex").write_text("")
+    with pytest.raises(UsageError, match="is not empty and no lake"):
+        Lake.create(str(tmp_path / "other"))
