@@ -25,15 +25,17 @@ def slow_signal_hints(config: Config, reports: Iterable[RoleReport]) -> list[str
     speed = speed_in_use(config.signals, config.vehicle)
     for found in reports:
         rates_hz = [s.rate_hz for s in found.senders if s.rate_hz and s.valid]
-        if rates_hz and found.role == "longitudinal_accel" and max(rates_hz) * SLOWEST_ACCELEROMETER_S < 1.0:
-            hints.append(
-                f"signals.{found.role} comes once in {1.0 / max(rates_hz):.2g} s: such moments are no means; "
-                f"with period_s it is not used; expected every {SLOWEST_ACCELEROMETER_S:g} s or oftener"
-            )
-        if not rates_hz or (found.role != speed and found.need != "needed") or found.role in LASTING:
+        if not rates_hz:
             continue
         apart_s, stated_s = 1.0 / max(rates_hz), config.signals[found.role].period_s
         key = f"signals.{found.role}"
+        if found.role == "longitudinal_accel" and apart_s > SLOWEST_ACCELEROMETER_S:
+            hints.append(
+                f"{key} comes once in {apart_s:.2g} s: such moments are no means; "
+                f"with period_s it is not used; expected every {SLOWEST_ACCELEROMETER_S:g} s or oftener"
+            )
+        if (found.role != speed and found.need != "needed") or found.role in LASTING:
+            continue
         if apart_s > SLOWEST_PERIOD_S:
             hints.append(
                 f"{key} comes once in {apart_s:.2g} s: too seldom, since nobody knows what the vehicle does "

@@ -15,7 +15,7 @@ from canest.estimators.default.model import MODES, MOST, Mixture, Window
 N = m.STATES
 FAR = 1e9  #: no innovation is cut
 TRUCK = Vehicle(**{**dict.fromkeys(Vehicle._fields, 0.0), "least_u": 1 / 40_000, "most_u": 1 / 8_000,
-                   "unknown_u": 1 / 18_000, "unknown_var": (0.4 / 18_000) ** 2, "power": 0.5})  # fmt: skip
+                   "unknown_u": 1 / 18_000, "unknown_var": (0.4 / 18_000) ** 2})  # fmt: skip
 
 
 @pytest.fixture(autouse=True, params=["interpreted", "compiled"])

@@ -154,7 +154,6 @@ class Vehicle(NamedTuple):
     slip_per_mps2: float  #: of the driven wheels per m/s2 of traction
     overrun_share: float  #: force that the model lacks in overrun, as a share of the traction
     period_windows: float  #: windows between two reports of a slow signal
-    power: float  #: of the likelihood: windows as long as a report period are less dependent
     late_s: float  #: how much older than the samples the filtered states are
     pitch: float  #: of the body, m/s2 of the accelerometer per m/s2
 
@@ -180,7 +179,6 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         slip_per_mps2=c.slip_per_mps2 if facts.slips else 0.0,
         overrun_share=c.force_std_share if facts.overrun_share is None else facts.overrun_share,
         period_windows=period,
-        power=c.likelihood_power,
         late_s=late_s,
         pitch=GRAVITY_MPS2 * (c.pitch_rad_per_mps2 if pitch is None else pitch),
     )

@@ -266,7 +266,7 @@ def run(
         if not math.isnan(w.coast_mps2) and w.coast_back_s * w.speed_mps < _FAR_M:
             coasting(mix, count, w, c, t)
         # -- weigh, follow the noise, report
-        weigh(mix, count, v.power, t)
+        weigh(mix, count, c.likelihood_power, t)
         count = prune(mix, count, c.least_weight)
         if is_open:
             surprise = max(surprise + nis - c.surprise_nis, 0.0)

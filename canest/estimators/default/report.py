@@ -88,11 +88,11 @@ def report_mass(
     u1 = u2 = 0.0
     for d in range(count):
         u1 += share[d] * us[d]
-        u2 += share[d] * (us[d] * us[d] + u_vars[d] / v.power)
+        u2 += share[d] * (us[d] * us[d] + u_vars[d] / c.likelihood_power)
     centre = t.loads[best + 1]
     scale = max(centre, 0.1 * v.least_u)
     spread = max(u2 - 2.0 * centre * u1 + centre * centre, 0.0) / (scale * scale)
-    own = t.loads[best + 2] / (v.power * scale * scale)
+    own = t.loads[best + 2] / (c.likelihood_power * scale * scale)
     inside = v.least_u < centre < v.most_u
     narrow = own < c.widest_normal * c.widest_normal and inside
     if spread < c.widest_normal * c.widest_normal and inside:
@@ -100,7 +100,7 @@ def report_mass(
         return mass, spread * mass * mass, 0.0
     if before[2] > 1.0:
         return before[0], before[1], before[2] - 1.0
-    mass, var = sum_over_nodes(count, v.power, t)
+    mass, var = sum_over_nodes(count, c.likelihood_power, t)
     if mass <= 0.0:
         mass = 1.0 / min(max(centre, v.least_u), v.most_u)
         var = spread * mass * mass
@@ -149,7 +149,7 @@ def report_grade(
     t: Scratch,
 ) -> Report:  # fmt: skip
     """Return the grade where the vehicle is by now, and the mass."""
-    set_grades(mix, count, ahead_m, v.power, v, t)
+    set_grades(mix, count, ahead_m, c.likelihood_power, v, t)
     means, variances, share, bends = t.columns
     mean = square = slope = wander = 0.0
     for d in range(count):
