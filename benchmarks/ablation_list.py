@@ -10,6 +10,7 @@ from variants import Variant, without
 
 from canest.core.samples import VehicleFacts
 from canest.estimators.default.constants import Constants, Vehicle, vehicle_of
+from canest.estimators.default.model import ANSWERS
 
 #: a variance, limit, length or time that is never reached; and a likelihood that is none, but has a logarithm
 NEVER, NOTHING = 1e12, 1e-300
@@ -17,6 +18,11 @@ NEVER, NOTHING = 1e12, 1e-300
 
 def keep_nothing(mix: Any, count: int, i: int, mean: Any, variance: Any) -> None:
     """Take the place of `predict.restore`."""
+
+
+def never(w: Any, surprise: float, missing_mps: float, c: Constants) -> bool:
+    """Take the place of `load.brakes_unseen`."""
+    return False
 
 
 def without_late(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
@@ -30,10 +36,12 @@ MECHANISMS = (
     Variant("stops too short for another load", {"shortest_stop_s": 0.0}),
     Variant("a load that drifts", {"steady_duration_s": NEVER}),
     Variant("another load where innovations surprise", {"surprise_limit": NEVER}),
+    Variant("brakes that nobody reports", patch={"kernel.brakes_unseen": never}),
     # -- the driver
     Variant("roads that answer the torque", {"answered_share": 0.0}),
     Variant("drivers whom the road does not answer", {"answered_share": 1.0}),
     Variant("evidence of fast torque", {"answer_curvature_1pm": NEVER}),
+    Variant("rough roads that ask for any torque", patch={"model.ANSWERS_SLOWLY": ANSWERS}),
     # -- the road and the wind
     Variant("curved roads", {"straight_length_m": NEVER}),
     Variant("rough roads", {"smooth_length_m": NEVER}),

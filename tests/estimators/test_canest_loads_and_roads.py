@@ -11,7 +11,7 @@ from canest.core import jit
 from canest.core.samples import Status
 from canest.estimators.registry import create
 
-from .momentum import FACTS, flat, hills, steady, trip
+from .momentum import FACTS, flat, hills, pulses, steady, trip
 
 STATED = replace(FACTS, torque_accuracy=0.01, wheel_radius_accuracy=0.0025, rolling_resistance_accuracy=0.085)
 
@@ -49,6 +49,25 @@ def test_a_load_is_found_from_throttle_pulses(load_kg, accelerometer):
     e = run(drive)
     assert np.abs(drive.error(e))[-1000:].max() < 0.025
     assert (e.status[-1000:] == Status.VALID).all()
+
+
+@pytest.mark.parametrize("retarder_N", [2000.0, 4000.0, 8000.0])
+@pytest.mark.parametrize("load_kg", [14_000.0, 21_000.0, 30_000.0])
+def test_a_retarder_that_nobody_reports_is_no_other_load(load_kg, retarder_N):
+    def rolls_down(t, v):
+        return -0.03 if 120.0 <= t < 160.0 else pulses(t, v)
+
+    drive = trip(
+        300,
+        mass_kg=load_kg,
+        throttle=rolls_down,
+        road=lambda s: hills(s) - 0.015,
+        unreported=(125.0, 155.0, retarder_N),
+        accelerometer=True,
+    )
+    e = run(drive)
+    assert wrong_share(drive, e) < 0.01
+    assert np.abs(drive.error(e))[-1000:].max() < 0.05
 
 
 @pytest.mark.parametrize("loads", [(16_000.0, 30_000.0), (30_000.0, 17_000.0)])

@@ -125,8 +125,8 @@ class Constants(NamedTuple):
     ] = 0.1
     hidden_windows: Annotated[float, Source("N_c", "1", "chosen: such an error lasts 5 s")] = 25.0
     coasting_std_mps2: Annotated[
-        float, Source("s_c", "m/s2", "chosen: an open driveline, a rocking body")
-    ] = 0.03
+        float, Source("s_c", "m/s2", "chosen: drag of an open driveline, 300 N on 20 t")
+    ] = 0.015
     # -- hypotheses and report
     least_weight: Annotated[float, Source("P_min", "1", "measured: at 1e-3 modes are missing later")] = 3e-4
     left_out_share: Annotated[

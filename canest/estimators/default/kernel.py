@@ -19,7 +19,7 @@ from canest.estimators.default.hypotheses import (
     weigh,
 )
 from canest.estimators.default.joining import Joined, add_window, begin_sums, join, waits
-from canest.estimators.default.load import changed_probability, open_load
+from canest.estimators.default.load import brakes_unseen, changed_probability, in_overrun, open_load
 from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Window
 from canest.estimators.default.noise import Levels, follow, lacking_force
 from canest.estimators.default.predict import accelerate, add, climb, drift, fade, fill, travel
@@ -32,6 +32,7 @@ from canest.estimators.default.sensors import (
     coasting,
     forget_speed,
     mapped_slope,
+    mean_of,
     mean_surplus,
     own_torque,
     rocking_var,
@@ -61,6 +62,7 @@ class Progress(NamedTuple):
     was_open: float = 0.0
     learned: float = 0.0  #: 1 once a window was open
     unknown_s: float = 0.0  #: standing and missing time since the load was last taken up
+    braked: float = 0.0  #: 1 while a brake seems to act that nobody reports
     height_known: float = 0.0
     climbed_m: float = 0.0  #: metres and seconds since the height followed the slope
     climbed_s: float = 0.0
@@ -112,9 +114,9 @@ def change_modes(
 
 
 @jit.kernel
-def answered_force(w: Window, p: Progress) -> float:
+def answered_force(w: Window, is_open: bool, p: Progress) -> float:
     """Return the change of force over a window that a driver may have answered the road with, N."""
-    if w.open > 0.0:
+    if is_open:
         return w.traction_N - w.begin_N
     if w.retarding > 0.0 and p.follows > 0.0 and w.gap_s == 0.0:
         return w.force_N - p.force_N
@@ -148,7 +150,7 @@ def learn_open(
     add_log_likelihood(mix, count, r, c.likelihood_floor, t)
     nis, largest = 0.0, 0.0
     for d in range(count):
-        mix.found[d] += own * m.ANSWERS[int(mix.mode[d])]
+        mix.found[d] += own * m.ANSWERS_SLOWLY[int(mix.mode[d])]
         ratio = t.e[d] * t.e[d] / t.s[d]
         nis += mix.weight[d] * ratio
         largest = max(largest, ratio)
@@ -163,7 +165,7 @@ def waited(p: Progress, unseen_s: float) -> Progress:
     """Return the progress with another time in which the load was not seen."""
     return Progress(
         p.alive, p.u, p.mixed_m, p.mixed_s, p.follows, p.force_N, p.slow_N, p.was_open, p.learned, unseen_s,
-        p.height_known, p.climbed_m, p.climbed_s,
+        p.braked, p.height_known, p.climbed_m, p.climbed_s,
     )  # fmt: skip
 
 
@@ -192,7 +194,8 @@ def run(
         was_faulty = comparison.faulty
         comparison = compare(comparison, w.sensed_mps2, w.accel_mps2, w.speed_mps, v.speed_floor_mps)
         failed = comparison.faulty != was_faulty
-        is_open, still = w.open > 0.0, w.stopped > 0.0
+        braked = p.braked > 0.0 and in_overrun(w)
+        is_open, still = w.open > 0.0 and not braked, w.stopped > 0.0
         begins = is_open and (p.was_open == 0.0 or w.gap_s > 0.0)
         joined = add_window(joined, w, begins)
         unseen_s = p.unknown_s + w.gap_s + (WINDOW_S if still else 0.0)
@@ -243,15 +246,16 @@ def run(
             if w.gap_s == 0.0 and not math.isnan(joined.before_mps):
                 before = Ends(joined.before_mps, w.begin_N, joined.before_Nps)
                 speed(mix, count, before, p.u, levels.speed_var, c, v, t)
-        travel(mix, count, metres, answered_force(w, p) / GRAVITY_MPS2, p.u, c, t)
+        travel(mix, count, metres, answered_force(w, is_open, p) / GRAVITY_MPS2, p.u, c, t)
         motion, slow_N = w.accel_mps2, w.traction_N if begins else p.slow_N
-        nis = speed_surplus = sensed_surplus = 0.0
+        nis = missing = speed_surplus = sensed_surplus = 0.0
         if is_open:
             motion = accelerate(mix, count, w, dt, lacking_force(w, c, v), v, t)
             end = Ends(w.speed_mps, w.traction_N, w.traction_Nps)
             speed(mix, count, end, p.u, levels.speed_var, c, v, t)
             own = own_torque(w.traction_N - slow_N, p.u, w.speed_mps, c)
             lever = (1.0 + p.u * w.rotating_kg) / (dt * GRAVITY_MPS2)
+            missing = mean_of(mix.weight, count, t.e)
             nis, speed_surplus = learn_open(mix, count, own, lever, levels.speed_var, c, t)
         elif w.retarding > 0.0 or w.coarse > 0.0:
             closed_balance(mix, count, w, levels.speed_var, p.u, c, t)
@@ -270,6 +274,7 @@ def run(
         count = prune(mix, count, c.least_weight)
         if is_open:
             surprise = max(surprise + nis - c.surprise_nis, 0.0)
+            braked = sees and brakes_unseen(w, surprise, missing, c)
             levels = follow(levels, surprise, nis, speed_surplus, sensed_surplus, sees, c, v)
         best = set_loads(mix, count, t)
         u = mean_inverse_mass(mix, count, v, t)
@@ -281,8 +286,9 @@ def run(
         p = Progress(
             float(count), u, mixed_m, mixed_s,
             1.0 if is_open or w.retarding > 0.0 else 0.0, w.force_N,
-            slow_N + dt * (w.traction_N - slow_N), w.open, 1.0 if is_open or p.learned > 0.0 else 0.0,
-            unknown_s, 1.0 if measured or height_known else 0.0,
+            slow_N + dt * (w.traction_N - slow_N), 1.0 if is_open else 0.0,
+            1.0 if is_open or p.learned > 0.0 else 0.0, unknown_s, 1.0 if braked else 0.0,
+            1.0 if measured or height_known else 0.0,
             0.0 if measured else climbed_m, 0.0 if measured else climbed_s,
         )  # fmt: skip
         joined = begin_sums(w)

@@ -13,9 +13,9 @@ import numpy as np
 
 from canest.core import jit
 from canest.estimators.default import model as m
-from canest.estimators.default.constants import Vehicle
+from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.hypotheses import move, prune, set_loads
-from canest.estimators.default.model import LOADS, Mixture, Scratch
+from canest.estimators.default.model import LOADS, Mixture, Scratch, Window
 
 #: a weight that is none
 _NOTHING = 1e-300
@@ -25,6 +25,22 @@ _NOTHING = 1e-300
 def changed_probability(seconds: float, stop_s: float) -> float:
     """Return the probability that a load has changed in a stop of so many seconds."""
     return 1.0 - math.exp(-seconds / stop_s)
+
+
+@jit.kernel
+def in_overrun(w: Window) -> bool:
+    """Return whether the vehicle drives its engine all through a window."""
+    return w.begin_N <= 0.0 and w.traction_N <= 0.0
+
+
+@jit.kernel
+def brakes_unseen(w: Window, surprise: float, missing_mps: float, c: Constants) -> bool:
+    """Return whether a surprise may be a brake that nobody reports: the vehicle is too slow in overrun.
+
+    missing_mps: mean innovation of the speed. A lighter load would be as slow; once the vehicle is driven
+    again, only that one surprises.
+    """
+    return surprise > c.surprise_limit and missing_mps < 0.0 and in_overrun(w)
 
 
 def _reopen(mix: Mixture, d: int, known_u: float, net_kg: float, v: Vehicle, t: Scratch) -> None:
@@ -82,8 +98,7 @@ def open_load(
 ) -> int:
     """Give a share of the probability to an unknown load, a copy of the densest; returns the densities.
 
-    After a stop the loads that there are become one. In motion nothing is done where there is no room, and in
-    the new load torque is the driver's own: what the old one takes for an answer of the road may be the load.
+    After a stop the loads that there are become one. In motion nothing is done where there is no room.
     """
     base = set_loads(mix, count, t)
     known_u = min(max(t.loads[3 * base + 1], v.least_u), v.most_u)
@@ -95,13 +110,10 @@ def open_load(
     if label < 0:
         return count
     for d in range(count):
-        mode = int(mix.mode[d])
-        if mix.load[d] == base and mode < m.STEADY_MODES:
+        if mix.load[d] == base and mix.mode[d] < m.STEADY_MODES:
             move(mix, d, made)
             reopen(mix, made, known_u, net_kg, v, t)
             mix.load[made] = float(label)
-            if moving:
-                mix.mode[made] = float(mode % m.ROADS)
             total += mix.weight[d]
             made += 1
     for d in range(made if total > 0.0 else 0):
