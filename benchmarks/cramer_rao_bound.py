@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from canest.core.frames import BoolColumn, FloatColumn
 from canest.core.gates import Gate
 from canest.core.samples import GRAVITY_MPS2, STEP_S
+from canest.estimators.default.coasting import EARLY, SETTLES
 from canest.estimators.default.constants import CONSTANTS
 
 #: loads, uniform in their logarithm
@@ -108,8 +109,21 @@ def draw_road(rng: np.random.Generator, steepest: float) -> Road:
     return Road(sine, curved)
 
 
-def truth_of(drive: Drive, history: dict[str, FloatColumn], road: Road) -> Truth:
-    """Return what is true on a drive's samples. history: the simulation's records, with `t_s`."""
+def at_rest(coasts: BoolColumn) -> BoolColumn:
+    """Return where a driveline has been open for long enough to be at rest, and is not about to close."""
+    rest = coasts.copy()
+    for ticks in range(1, SETTLES + 1):
+        rest[ticks:] &= coasts[:-ticks]
+    for ticks in range(1, EARLY + 1):
+        rest[:-ticks] &= coasts[ticks:]
+    return rest
+
+
+def truth_of(drive: Drive, history: dict[str, FloatColumn], road: Road, at_once: bool = False) -> Truth:
+    """Return what is true on a drive's samples. history: the simulation's records, with `t_s`.
+
+    at_once: a driveline is at rest as soon as it opens or closes, so that its force is known.
+    """
     samples = drive.samples
     t = samples.t_us * 1e-6 - START_S
     speed, accel, distance, torque, engine = (
@@ -122,6 +136,8 @@ def truth_of(drive: Drive, history: dict[str, FloatColumn], road: Road) -> Truth
     rotating = 1.0 + samples.rotating_mass_kg / mass
     drives = np.isin(samples.gate, (Gate.OPEN, Gate.RECOVERY, Gate.RETARDER))
     per_force = 1.0 / (mass * rotating)
+    coasts = np.isfinite(samples.coasting_N)
+    known = drives | coasts if at_once else (drives & (samples.gate != Gate.RECOVERY)) | at_rest(coasts)
     by_torque = np.where(drives, samples.force_per_torque_1pm, 0.0) * per_force
     return Truth(
         mass_kg=mass,
@@ -134,7 +150,7 @@ def truth_of(drive: Drive, history: dict[str, FloatColumn], road: Road) -> Truth
         rotating=rotating,
         keeps=rounding_kept(torque),
         keeps_friction=rounding_kept(friction),
-        known=drives | np.isfinite(samples.coasting_N),
+        known=known,
         curved=road.curved[at],
     )
 

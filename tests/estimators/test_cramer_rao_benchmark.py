@@ -63,6 +63,13 @@ def test_without_a_known_force_no_mass_is_learned(bound):
     assert mass[-1] == pytest.approx(before, rel=1e-9)
 
 
+def test_a_driveline_is_at_rest_a_while_after_it_opens_until_it_is_about_to_close(bound):
+    coasts = np.zeros(60, np.bool_)
+    coasts[10:40] = True
+    coasts[45:55] = True  # too short
+    assert np.flatnonzero(bound.at_rest(coasts)).tolist() == list(range(16, 32))
+
+
 def test_a_road_is_no_steeper_than_is_asked_and_curved_where_it_says(bound):
     road = bound.draw_road(np.random.default_rng(1), 0.02)
     assert np.abs(road.sine).max() <= 0.02 + abs(road.sine[0])
@@ -74,8 +81,8 @@ def test_a_road_is_no_steeper_than_is_asked_and_curved_where_it_says(bound):
 def test_the_table_marks_what_is_beyond_twice_the_bound(cramer_rao):
     def run(mass):
         return {
-            "driver": "pulses", "seed": 1, "mass": mass, "mass bound": 1.0, "mass linear": 1.0, "grade": 1.0,
-            "grade bound": 1.0, "grade linear": 1.0,
+            "driver": "pulses", "seed": 1, "mass": mass, "mass bound": 1.0, "mass linear": 1.0,
+            "mass at once": 1.0, "grade": 1.0, "grade bound": 1.0, "grade linear": 1.0, "grade at once": 1.0,
         }  # fmt: skip
 
     def runs(mass, estimator):
