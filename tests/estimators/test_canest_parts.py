@@ -9,7 +9,7 @@ from canest.core import jit
 from canest.estimators.default import hypotheses, load, predict, report, sensors, update
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import CONSTANTS, Vehicle
-from canest.estimators.default.estimator import _room, _scratch
+from canest.estimators.default.estimator import _room, _space
 from canest.estimators.default.model import MODES, MOST, Mixture, Window
 
 N = m.STATES
@@ -44,7 +44,7 @@ def mixture(count, seed=0, modes=None, loads=None):
         mix.mode[d] = float(modes[d] if modes else 0)
         mix.load[d] = float(loads[d] if loads else 0)
     nodes = np.exp(np.linspace(np.log(TRUCK.least_u), np.log(TRUCK.most_u), 2001)).tolist()
-    return columns(mix), _scratch(_room(N), nodes)
+    return columns(mix), _space(_room(N), nodes)
 
 
 def dense(states, values):
@@ -54,7 +54,8 @@ def dense(states, values):
 
 
 def test_propagate_is_one_row_of_F():
-    mix, t = mixture(3)
+    mix, space = mixture(3)
+    t = space.scratch
     before, states = (mix.x[:3].copy(), mix.P[:3].copy()), (1, 4, 10)
     f = np.array([[0.3, -1.2, 0.7], [1.0, 0.0, 2.0], [-0.1, 0.2, 0.3]])
     for j in range(3):
@@ -81,7 +82,8 @@ def test_decay_keeps_the_stationary_variance():
 
 def test_the_speed_follows_newtons_law():
     """Row F of the speed against differences of dv = dt (u F - g mu - g theta - c omega) / (1 + u J)."""
-    mix, t = mixture(1)
+    mix, space = mixture(1)
+    t = space.scratch
     w = Window(**{**dict.fromkeys(Window._fields, 0.0), "force_N": 9_000.0, "roll_mps2": 0.06,
                   "rotating_kg": 900.0, "drag_N_per_mps": 110.0})  # fmt: skip
     x0 = dense((m.V, m.GRADE, m.U, m.WIND), (20.0, 0.01, 1 / 20_000, 2.0 / 20_000))
@@ -106,7 +108,8 @@ def test_the_speed_follows_newtons_law():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_condition_on_is_the_kalman_update(seed):
-    mix, t = mixture(2, seed)
+    mix, space = mixture(2, seed)
+    t = space.scratch
     before = mix.x[:2].copy(), mix.P[:2].copy()
     states, values, z, r = (0, 3, 5, 10), [1.0, 0.5, -2.0, 0.1], 1.7, 0.4
     t.h[:4] = np.array(values) if jit.enabled() else values
@@ -125,7 +128,8 @@ def test_condition_on_is_the_kalman_update(seed):
 def test_beyond_three_stds_an_outlier_moves_the_states_the_less_the_larger_it_is():
     moved = []
     for size in (3.0, 30.0):
-        mix, t = mixture(1)
+        mix, space = mixture(1)
+        t = space.scratch
         x, P = mix.x[0].copy(), mix.P[0].copy()
         t.h[0] = 1.0
         s = P[2, 2] + 0.4
@@ -136,14 +140,16 @@ def test_beyond_three_stds_an_outlier_moves_the_states_the_less_the_larger_it_is
 
 def test_a_gross_error_speaks_for_no_hypothesis():
     """ln (N(e; 0, s) + floor): two densities that both miss by far differ by next to nothing."""
-    mix, t = mixture(2)
+    mix, space = mixture(2)
+    t = space.scratch
     t.e[0], t.e[1], t.s[0], t.s[1] = 50.0, 60.0, 1.0, 1.0
     update.add_log_likelihood(mix, 2, 1.0, CONSTANTS.likelihood_floor, t)
     assert mix.found[0] == pytest.approx(mix.found[1], abs=1e-6)
 
 
 def test_a_hidden_force_leaves_the_density_of_the_mass():
-    mix, t = mixture(1)
+    mix, space = mixture(1)
+    t = space.scratch
     w = Window(**{**dict.fromkeys(Window._fields, 0.0), "force_N": -4_000.0, "accel_mps2": -0.4})
     u, P = mix.x[0, m.U], mix.P[0].copy()
     sensors.closed_balance(mix, 1, w, 1e-4, 1 / 20_000, CONSTANTS, t)
@@ -156,7 +162,8 @@ def test_a_hidden_force_leaves_the_density_of_the_mass():
 def test_densities_are_weighed_by_bayes_rule(lasts):
     """Roads by their likelihoods, what lasts by a power of its own."""
     other = {"load": 0, "driver": m.ROADS, "drift": m.STEADY_MODES}[lasts]
-    mix, t = mixture(3, loads=[0, 0, 1 if lasts == "load" else 0], modes=[0, m.CURVED, other])
+    mix, space = mixture(3, loads=[0, 0, 1 if lasts == "load" else 0], modes=[0, m.CURVED, other])
+    t = space.scratch
     found = np.array([-1.0, -2.0, -0.5])
     for d in range(3):
         mix.found[d] = found[d]
@@ -178,14 +185,15 @@ def test_transitions_are_probabilities():
 
 def test_modes_exchange_probability_and_moments():
     """Two modes of one load: weights by the Markov chain, moments of what comes to each."""
-    mix, t = mixture(2, modes=[0, m.ROUGH])
+    mix, space = mixture(2, modes=[0, m.ROUGH])
+    t = space.scratch
     x, P = mix.x[:2].copy(), mix.P[:2].copy()
     for states in (m.CURVATURE, m.RATE):
         x[:, states] = P[:, states] = P[:, :, states] = 0.0
     mix.x[:2], mix.P[:2] = x, P
     roads = (0.9, 0.0, 0.1, 0.0, 1.0, 0.0, 0.0, 0.3, 0.7)
     hypotheses.set_loads(mix, 2, t)
-    count = hypotheses.exchange(mix, 2, (roads, (1, 0, 0, 1), (1, 0, 0, 1)), (0.0, 0.0), 1e-9, t)
+    count = hypotheses.exchange(mix, 2, (roads, (1, 0, 0, 1), (1, 0, 0, 1)), (0.0, 0.0), 1e-9, space)
     weights = {int(mix.mode[d]): mix.weight[d] for d in range(count)}
     assert weights == pytest.approx({0: 0.45, m.CURVED: 0.15, m.ROUGH: 0.05 + 0.35})
     rough = next(d for d in range(count) if mix.mode[d] == m.ROUGH)
@@ -197,10 +205,11 @@ def test_modes_exchange_probability_and_moments():
 
 
 def test_a_steady_load_has_no_rate_even_where_a_drifting_one_became_part_of_it():
-    mix, t = mixture(2, modes=[0, m.STEADY_MODES])
+    mix, space = mixture(2, modes=[0, m.STEADY_MODES])
+    t = space.scratch
     hypotheses.set_loads(mix, 2, t)
     chains = ((1, 0, 0, 0, 1, 0, 0, 0, 1), (1, 0, 0, 1), (0.5, 0.5, 0.5, 0.5))
-    count = hypotheses.exchange(mix, 2, chains, (0.0, 0.0), 1e-9, t)
+    count = hypotheses.exchange(mix, 2, chains, (0.0, 0.0), 1e-9, space)
     assert count == 2
     for d in range(count):
         drifts = mix.mode[d] >= m.STEADY_MODES
@@ -226,7 +235,8 @@ def test_a_stop_changes_the_load_with_the_time_it_lasts():
 @pytest.mark.parametrize("moving", [False, True])
 def test_another_load_keeps_the_force_balance(moving):
     """u F - g theta has been right, whatever the load: it stays, and u is open."""
-    mix, t = mixture(1)
+    mix, space = mixture(1)
+    t = space.scratch
     mix.x[0, m.U], mix.x[0, m.GRADE] = 1 / 25_000, 0.02
     mix.P[0] *= 1e-12
     net_kg = 12_000.0 / 9.80665
@@ -244,13 +254,14 @@ def test_another_load_keeps_the_force_balance(moving):
 
 def test_a_wide_mixture_is_summed_over_the_masses():
     """One normal density of u, against a fine sum by numpy (uniform in log u, weight u)."""
-    mix, t = mixture(1)
+    mix, space = mixture(1)
+    t = space.scratch
     mean, std = 1 / 20_000, 0.2 / 20_000
     mix.x[0, m.U], mix.P[0, m.U, m.U] = mean, std * std
     hypotheses.set_loads(mix, 1, t)
     report.leave_out(mix, 1, 0.0, t)
-    found, var = report.sum_over_nodes(1, 1.0, t)
-    nodes = np.array(t.nodes)
+    found, var = report.sum_over_nodes(1, 1.0, space)
+    nodes = np.array(space.nodes)
     weight = nodes * np.exp(-0.5 * ((nodes - mean) / std) ** 2)
     expected = np.sum(weight / nodes) / weight.sum()
     assert found == pytest.approx(expected, rel=1e-6)
@@ -258,7 +269,8 @@ def test_a_wide_mixture_is_summed_over_the_masses():
 
 
 def test_an_improbable_load_is_no_part_of_the_report():
-    mix, t = mixture(2, loads=[0, 1])
+    mix, space = mixture(2, loads=[0, 1])
+    t = space.scratch
     mix.weight[0], mix.weight[1] = 0.995, 0.005
     hypotheses.set_loads(mix, 2, t)
     report.leave_out(mix, 2, CONSTANTS.left_out_share, t)

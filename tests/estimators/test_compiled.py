@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import sys
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 from canest.core import jit
+from canest.core.jit import borrowed
 
+COMPILES = pytest.mark.skipif(not jit.available(), reason="numba is not installed")
 CALLED = """import math
 
 import numpy as np
@@ -48,7 +52,7 @@ def run(x):
 """
 
 
-@pytest.mark.skipif(not jit.available(), reason="numba is not installed")
+@COMPILES
 def test_a_change_in_a_kernel_that_another_file_calls_is_seen(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     called, caller = tmp_path / "called_kernel.py", tmp_path / "calling_kernel.py"
@@ -64,7 +68,7 @@ def test_a_change_in_a_kernel_that_another_file_calls_is_seen(tmp_path, monkeypa
     assert found == [(3.0, 3.0), (31.0, 31.0), (61.0, 61.0), (9.0, 9.0)]
 
 
-@pytest.mark.skipif(not jit.available(), reason="numba is not installed")
+@COMPILES
 def test_a_kernel_called_with_other_constants_is_not_compiled_again(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "indexed_kernel.py").write_text(INDEXED)
@@ -73,7 +77,7 @@ def test_a_kernel_called_with_other_constants_is_not_compiled_again(tmp_path, mo
     assert len(module.taken.compiled.signatures) == 1
 
 
-@pytest.mark.skipif(not jit.available(), reason="numba is not installed")
+@COMPILES
 def test_a_kernel_that_is_loaded_needs_no_dispatchers_for_those_it_calls(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "kept_kernel.py").write_text(INDEXED)
@@ -96,7 +100,7 @@ def test_a_kernel_that_is_loaded_needs_no_dispatchers_for_those_it_calls(tmp_pat
     assert taken.exists()
 
 
-@pytest.mark.skipif(not jit.available(), reason="numba is not installed")
+@COMPILES
 def test_where_nothing_compiled_can_be_kept_kernels_run_interpreted(monkeypatch):
     """As in an installation that its user may not write to, with a home that is none."""
     from numba.core import caching
@@ -110,7 +114,7 @@ def test_where_nothing_compiled_can_be_kept_kernels_run_interpreted(monkeypatch)
         assert jit.enable(was) == was
 
 
-@pytest.mark.skipif(not jit.available(), reason="numba is not installed")
+@COMPILES
 def test_a_full_disk_costs_the_next_process_its_time_and_this_one_nothing(monkeypatch):
     from numba.core import caching
 
@@ -120,3 +124,39 @@ def test_a_full_disk_costs_the_next_process_its_time_and_this_one_nothing(monkey
     monkeypatch.setattr(caching.IndexDataCacheFile, "save", full)
     twice = jit.kernel(lambda x: 2.0 * x)
     assert twice.compiled(4.0) == 8.0
+
+
+class Held(NamedTuple):
+    """Arrays in a tuple, with a number beside them."""
+
+    columns: tuple[Any, Any]
+    table: Any
+    number: float
+
+
+@jit.kernel
+def doubled(held, column):
+    held, column = borrowed(held), borrowed(column)
+    for i in range(len(column)):
+        column[i] *= 2.0
+        held.columns[1][i] += column[i]
+        held.table[i, 0] = held.columns[0][i] * held.number
+    return held.table[0, 0]
+
+
+@pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=COMPILES)])
+def test_borrowed_arrays_are_the_callers_own_and_outlive_the_call(compiled):
+    jit.enable(compiled)
+    try:
+        for _ in range(3):  # an array whose users were counted wrongly would be freed
+            held = Held((np.arange(4.0), np.zeros(4)), np.zeros((4, 2)), 3.0)
+            column = np.ones(4)
+            users = [sys.getrefcount(array) for array in (column, held.table, held.columns[0])]
+            assert doubled(held, column) == 0.0
+            gc.collect()
+            assert column.tolist() == [2.0] * 4
+            assert held.columns[1].tolist() == [2.0] * 4
+            assert held.table[:, 0].tolist() == [0.0, 3.0, 6.0, 9.0]
+            assert users == [sys.getrefcount(array) for array in (column, held.table, held.columns[0])]
+    finally:
+        jit.enable(False)

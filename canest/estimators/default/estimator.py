@@ -19,7 +19,7 @@ from canest.estimators.default.accelerometer import Comparison
 from canest.estimators.default.constants import CONSTANTS, Constants, gain_std, vehicle_of
 from canest.estimators.default.hypotheses import set_loads
 from canest.estimators.default.joining import Joined
-from canest.estimators.default.model import LOADS, MODES, MOST, Mixture, Scratch
+from canest.estimators.default.model import LOADS, MODES, MOST, Mixture, Scratch, Space
 from canest.estimators.default.noise import Levels
 from canest.estimators.default.report import Report
 from canest.estimators.default.road_map import LEVEL_STD, RoadUse
@@ -142,7 +142,7 @@ class GaussianSum(Estimator):
             self._carried,
             self.constants,
             self._vehicle,
-            _scratch(self._unknown, self._nodes),
+            _space(self._unknown, self._nodes),
             rows,
         )
         self._mixture = Mixture(*mix[:2], *([float(x) for x in column] for column in mix[2:]))
@@ -204,7 +204,7 @@ class GaussianSum(Estimator):
         """Return the bound of the mass beyond which the driving leads, in a sentence."""
         if not self._last[kernel.OUT_LEARNED]:
             return ""
-        t = _scratch(self._unknown, [])
+        t = _space(self._unknown, []).scratch
         best = set_loads.interpreted(self._mixture, int(self._carried.progress.alive), t)
         return beyond_bound(float(t.loads[3 * best + 1]), float(t.loads[3 * best + 2]), self.facts)
 
@@ -249,13 +249,14 @@ def _given(mix: Mixture) -> Mixture:
     return Mixture(*mix[:2], *(_give(column) for column in mix[2:]))
 
 
-def _scratch(prior: Mixture, nodes: list[float]) -> Scratch:
+def _space(prior: Mixture, nodes: list[float]) -> Space:
     n = prior.x.shape[1]
     columns = tuple(_give([0.0] * MOST) for _ in range(4))
     h, f, K, e, s, zeros, loads, share = (
         _give([0.0] * size) for size in (8, 3 * MOST, n, MOST, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST)
     )
-    return Scratch(h, f, K, columns, e, s, zeros, loads, share, _given(_room(n)), _given(prior), _give(nodes))
+    scratch = Scratch(h, f, K, columns, e, s, zeros, loads)
+    return Space(scratch, share, _given(_room(n)), _given(prior), _give(nodes))
 
 
 def _plain(carried: kernel.Carried) -> kernel.Carried:

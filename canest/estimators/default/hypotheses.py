@@ -15,7 +15,7 @@ import numpy as np
 from canest.core import jit
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants
-from canest.estimators.default.model import LOADS, MODES, MOST, ROADS, Mixture, Scratch
+from canest.estimators.default.model import LOADS, MODES, MOST, ROADS, Mixture, Scratch, Space
 from canest.estimators.default.predict import moments
 
 #: least variance of an inverse mass, against rounding, 1/kg2
@@ -37,7 +37,7 @@ def weigh(mix: Mixture, count: int, power: float, t: Scratch) -> None:
     Errors of windows that follow each other are alike, and add up while a hypothesis lasts; a road is soon
     another.
     """
-    weight, found, before, after = mix.weight, mix.found, t.f, t.share
+    weight, found, before, after = mix.weight, mix.found, t.columns[0], t.columns[1]
     top = -math.inf
     for d in range(count):
         top = max(top, found[d])
@@ -118,9 +118,9 @@ def transitions(metres: float, driven_s: float, c: Constants) -> tuple[Any, Any,
     return roads, (1.0 - answers, answers, frees, 1.0 - frees), (1.0 - begins, begins, ends, 1.0 - ends)
 
 
-def _mix(mix: Mixture, count: int, made: int, t: Scratch) -> None:
-    shares = np.array(t.share[: made * MOST]).reshape(made, MOST)
-    y, R = t.room.x[:made], t.room.P[:made]
+def _mix(mix: Mixture, count: int, made: int, space: Space) -> None:
+    shares = np.array(space.share[: made * MOST]).reshape(made, MOST)
+    y, R = space.room.x[:made], space.room.P[:made]
     y[:], R[:] = 0.0, 0.0
     for d in range(count):
         y += shares[:, d, None] * mix.x[d]
@@ -130,9 +130,9 @@ def _mix(mix: Mixture, count: int, made: int, t: Scratch) -> None:
 
 
 @jit.kernel_beside(_mix)
-def mix_densities(mix: Mixture, count: int, made: int, t: Scratch) -> None:
-    """Give density k of the room mean and covariance of those of the mixture, by t.share[k * MOST + d]."""
-    x, P, y, R = mix.x, mix.P, t.room.x, t.room.P
+def mix_densities(mix: Mixture, count: int, made: int, space: Space) -> None:
+    """Give density k of the room mean and covariance of those of the mixture, by share[k * MOST + d]."""
+    x, P, y, R, share = mix.x, mix.P, space.room.x, space.room.P, space.share
     n = x.shape[1]
     for k in range(made):
         for i in range(n):
@@ -140,12 +140,12 @@ def mix_densities(mix: Mixture, count: int, made: int, t: Scratch) -> None:
             for j in range(n):
                 R[k, i, j] = 0.0
         for d in range(count):
-            part = t.share[k * MOST + d]
+            part = share[k * MOST + d]
             if part > 0.0:
                 for i in range(n):
                     y[k, i] += part * x[d, i]
         for d in range(count):
-            part = t.share[k * MOST + d]
+            part = share[k * MOST + d]
             if part > 0.0:
                 for i in range(n):
                     off = x[d, i] - y[k, i]
@@ -175,14 +175,14 @@ def keep(room: Mixture, made: int, i: int, modes: Any, fresh: Any) -> None:
 
 
 @jit.kernel
-def keep_states(mix: Mixture, count: int, made: int, fresh: Any, t: Scratch) -> None:
+def keep_states(mix: Mixture, count: int, made: int, fresh: Any, space: Space) -> None:
     """Keep curvature and rate in the modes that have them. fresh: their prior variances."""
-    room = t.room
-    bends, drifts = t.columns[0], t.columns[1]
+    room, share = space.room, space.share
+    bends, drifts = space.scratch.columns[0], space.scratch.columns[1]
     for k in range(made):
         bends[k] = drifts[k] = 0.0
         for d in range(count):
-            part, mode = t.share[k * MOST + d], int(mix.mode[d])
+            part, mode = share[k * MOST + d], int(mix.mode[d])
             if part > 0.0:  # what comes from modes without
                 bends[k] += part * (1.0 - m.BENDS[mode]) * fresh[0]
                 drifts[k] += part * (1.0 - m.DRIFTS[mode]) * fresh[1]
@@ -191,17 +191,17 @@ def keep_states(mix: Mixture, count: int, made: int, fresh: Any, t: Scratch) -> 
 
 
 @jit.kernel
-def exchange(mix: Mixture, count: int, chains: Any, fresh: Any, least: float, t: Scratch) -> int:
+def exchange(mix: Mixture, count: int, chains: Any, fresh: Any, least: float, space: Space) -> int:
     """Let the modes of each load exchange probability; returns the number of densities.
 
     chains: `transitions`. fresh: prior variances of curvature and rate.
     """
     roads, drivers, loads = chains
-    set_loads(mix, count, t)
-    room = t.room
+    set_loads(mix, count, space.scratch)
+    room, share, of_loads = space.room, space.share, space.scratch.loads
     made = 0
     for load in range(LOADS):
-        for mode in range(MODES if t.loads[3 * load] > 0.0 else 0):
+        for mode in range(MODES if of_loads[3 * load] > 0.0 else 0):
             total, at = 0.0, made * MOST
             for d in range(count):
                 part = 0.0
@@ -210,16 +210,16 @@ def exchange(mix: Mixture, count: int, chains: Any, fresh: Any, least: float, t:
                     part = mix.weight[d] * roads[ROADS * (own % ROADS) + mode % ROADS]
                     part *= drivers[2 * (own // ROADS % 2) + mode // ROADS % 2]
                     part *= loads[2 * (own // m.STEADY_MODES) + mode // m.STEADY_MODES]
-                t.share[at + d] = part
+                share[at + d] = part
                 total += part
             if total >= least:
                 for d in range(count):
-                    part = t.share[at + d] / total
-                    t.share[at + d] = part if part > _NEGLIGIBLE else 0.0
+                    part = share[at + d] / total
+                    share[at + d] = part if part > _NEGLIGIBLE else 0.0
                 room.weight[made], room.load[made], room.mode[made] = total, float(load), float(mode)
                 made += 1
-    mix_densities(mix, count, made, t)
-    keep_states(mix, count, made, fresh, t)
+    mix_densities(mix, count, made, space)
+    keep_states(mix, count, made, fresh, space)
     take(room, made, mix)
     left: int = prune(mix, made, least)
     return left

@@ -6,6 +6,7 @@ import math
 from typing import Any, NamedTuple
 
 from canest.core import jit
+from canest.core.jit import borrowed
 from canest.core.samples import GRAVITY_MPS2
 from canest.estimators.default import model as m
 from canest.estimators.default.accelerometer import Comparison, compare
@@ -20,7 +21,7 @@ from canest.estimators.default.hypotheses import (
 )
 from canest.estimators.default.joining import Joined, add_window, begin_sums, join, waits
 from canest.estimators.default.load import brakes_unseen, changed_probability, in_overrun, open_load
-from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Window
+from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Space, Window
 from canest.estimators.default.noise import Levels, follow, lacking_force
 from canest.estimators.default.predict import accelerate, add, climb, drift, fade, fill, travel
 from canest.estimators.default.report import Report, leave_out, report_grade, report_mass, unknown_load_var
@@ -87,9 +88,9 @@ def _window_at(rows: Any, k: int) -> Window:
 def window_at(c: Any, k: int) -> Window:
     """Return window k of the columns; interpreted, of rows."""
     return Window(
-        c[0][k], c[1][k], c[2][k], c[3][k], c[4][k], c[5][k], c[6][k], c[7][k], c[8][k], c[9][k],
-        c[10][k], c[11][k], c[12][k], c[13][k], c[14][k], c[15][k], c[16][k], c[17][k], c[18][k], c[19][k],
-        c[20][k], c[21][k], c[22][k], c[23][k], c[24][k], c[25][k],
+        c[0, k], c[1, k], c[2, k], c[3, k], c[4, k], c[5, k], c[6, k], c[7, k], c[8, k], c[9, k],
+        c[10, k], c[11, k], c[12, k], c[13, k], c[14, k], c[15, k], c[16, k], c[17, k], c[18, k], c[19, k],
+        c[20, k], c[21, k], c[22, k], c[23, k], c[24, k], c[25, k],
     )  # fmt: skip
 
 
@@ -104,12 +105,12 @@ def mean_inverse_mass(mix: Mixture, count: int, v: Vehicle, t: Scratch) -> float
 
 @jit.kernel
 def change_modes(
-    mix: Mixture, count: int, metres: float, driven_s: float, u: float, c: Constants, t: Scratch
+    mix: Mixture, count: int, metres: float, driven_s: float, u: float, c: Constants, space: Space
 ) -> int:
     """Let modes exchange probability; returns the densities."""
     rate = c.drift_std_1ps * u
     fresh = (c.curvature_std_1pm * c.curvature_std_1pm, rate * rate)
-    left: int = exchange(mix, count, transitions(metres, driven_s, c), fresh, c.least_weight, t)
+    left: int = exchange(mix, count, transitions(metres, driven_s, c), fresh, c.least_weight, space)
     return left
 
 
@@ -184,10 +185,12 @@ def write(
 
 @jit.kernel
 def run(
-    n: int, columns: Any, mix: Mixture, carried: Carried, c: Constants, v: Vehicle, t: Scratch, out: Any
+    n: int, columns: Any, mix: Mixture, carried: Carried, c: Constants, v: Vehicle, space: Space, out: Any
 ) -> Carried:
     """Take n windows; out[k] holds what is known after window k (OUT_*). Returns what is carried on."""
     p, levels, comparison, given, road, joined = carried
+    mix, space, columns, out = borrowed(mix), borrowed(space), borrowed(columns), borrowed(out)
+    t = space.scratch
     count = int(p.alive)
     for k in range(n):
         w = window_at(columns, k)
@@ -214,7 +217,7 @@ def run(
         unknown_s, surprise = unseen_s, levels.surprise
         changed = changed_probability(unseen_s, c.load_stop_s) if begins else 0.0
         if failed or 1.0 - changed < c.left_out_share:  # nothing of what was learned holds
-            take(t.prior, m.MODES, mix)
+            take(space.prior, m.MODES, mix)
             count, begins = m.MODES, is_open
             unknown_s = surprise = 0.0
         elif begins and unseen_s >= c.shortest_stop_s:
@@ -228,7 +231,7 @@ def run(
             wind = math.hypot(c.wind_std_mps, 0.5 * w.speed_mps * v.drag_share) * p.u
             fade(mix, count, mixed_m, wind, c)
             drift(mix, count, mixed_s, t)
-            count = change_modes(mix, count, mixed_m, mixed_s, p.u, c, t)
+            count = change_modes(mix, count, mixed_m, mixed_s, p.u, c, space)
             mixed_m = mixed_s = 0.0
         if surprised:
             net_kg = (w.force_N - w.rotating_kg * w.accel_mps2) / GRAVITY_MPS2
@@ -281,7 +284,7 @@ def run(
         leave_out(mix, count, c.left_out_share, t)
         mass = (given.mass_kg, given.mass_var, 0.0 if begins else given.windows)
         if not still:
-            mass = report_mass(count, best, mass, c, v, t)
+            mass = report_mass(count, best, mass, c, v, space)
         given = report_grade(mix, count, mass, ahead_m, c, v, t)
         p = Progress(
             float(count), u, mixed_m, mixed_s,

@@ -86,6 +86,12 @@ class Scratch(NamedTuple):
     s: Any  #: column: their variances
     zeros: Any  #: column that stays zero
     loads: Any  #: (3 * LOADS,) weight, mean and variance of u of every load
+
+
+class Space(NamedTuple):
+    """All room to work in. Steps that need little get the scratch alone: each array passed costs time."""
+
+    scratch: Scratch
     share: Any  #: (MODES * LOADS * MOST,) parts of every density in the densities of an exchange
     room: Mixture  #: those densities
     prior: Mixture  #: the MODES densities of an unknown load, with which all begins

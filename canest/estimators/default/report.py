@@ -15,7 +15,7 @@ from canest.core import jit
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.load import changed_probability
-from canest.estimators.default.model import LOADS, Mixture, Scratch
+from canest.estimators.default.model import LOADS, Mixture, Scratch, Space
 
 #: windows between two sums over the nodes
 _EVERY = 5.0
@@ -51,10 +51,10 @@ def leave_out(mix: Mixture, count: int, left_out: float, t: Scratch) -> None:
 
 
 @jit.kernel
-def sum_over_nodes(count: int, power: float, t: Scratch) -> tuple[float, float]:
+def sum_over_nodes(count: int, power: float, space: Space) -> tuple[float, float]:
     """Return mean and variance of 1/u over nodes uniform in ln u; zeros where all is beyond them."""
-    nodes = t.nodes
-    us, u_vars, share, _ = t.columns
+    nodes = space.nodes
+    us, u_vars, share, _ = space.scratch.columns
     total = first = second = 0.0
     for i in range(len(nodes)):
         density = 0.0
@@ -76,23 +76,24 @@ def sum_over_nodes(count: int, power: float, t: Scratch) -> tuple[float, float]:
 
 @jit.kernel
 def report_mass(
-    count: int, best: int, before: tuple[float, float, float], c: Constants, v: Vehicle, t: Scratch
+    count: int, best: int, before: tuple[float, float, float], c: Constants, v: Vehicle, space: Space
 ) -> tuple[float, float, float]:
     """Return the mass of the densest load, the variance about it, and the windows until the next sum.
 
     Where they are narrow by the moments of u: M = (1 + V) / u, Var(M) = V M^2; else summed over the nodes.
     before: these three of the window before.
     """
-    us, u_vars, share, _ = t.columns
+    us, u_vars, share, _ = space.scratch.columns
+    loads = space.scratch.loads
     best *= 3
     u1 = u2 = 0.0
     for d in range(count):
         u1 += share[d] * us[d]
         u2 += share[d] * (us[d] * us[d] + u_vars[d] / c.likelihood_power)
-    centre = t.loads[best + 1]
+    centre = loads[best + 1]
     scale = max(centre, 0.1 * v.least_u)
     spread = max(u2 - 2.0 * centre * u1 + centre * centre, 0.0) / (scale * scale)
-    own = t.loads[best + 2] / (c.likelihood_power * scale * scale)
+    own = loads[best + 2] / (c.likelihood_power * scale * scale)
     inside = v.least_u < centre < v.most_u
     narrow = own < c.widest_normal * c.widest_normal and inside
     if spread < c.widest_normal * c.widest_normal and inside:
@@ -100,7 +101,7 @@ def report_mass(
         return mass, spread * mass * mass, 0.0
     if before[2] > 1.0:
         return before[0], before[1], before[2] - 1.0
-    mass, var = sum_over_nodes(count, c.likelihood_power, t)
+    mass, var = sum_over_nodes(count, c.likelihood_power, space)
     if mass <= 0.0:
         mass = 1.0 / min(max(centre, v.least_u), v.most_u)
         var = spread * mass * mass
