@@ -81,7 +81,9 @@ class Constants(NamedTuple):
     steady_duration_s: Annotated[
         float, Source("T_rb", "s", "measured: rarer is found late, more often makes a cruise wide")
     ] = 2000.0
-    drift_duration_s: Annotated[float, Source("T_re", "s", "chosen: a spreader's round")] = 600.0
+    drift_duration_s: Annotated[
+        float, Source("T_re", "s", "chosen: a spreader's round; longer makes a cruise wide")
+    ] = 900.0
     surprise_limit: Annotated[
         float, Source("S_max", "1", "chosen: one window at five standard deviations")
     ] = 25.0
