@@ -11,6 +11,7 @@ from canest.core.samples import GRAVITY_MPS2
 from canest.estimators.default import model as m
 from canest.estimators.default.accelerometer import Comparison, compare
 from canest.estimators.default.constants import Constants, Vehicle
+from canest.estimators.default.driver import answered_force, own_torque
 from canest.estimators.default.hypotheses import (
     exchange,
     prune,
@@ -35,7 +36,6 @@ from canest.estimators.default.sensors import (
     mapped_slope,
     mean_of,
     mean_surplus,
-    own_torque,
     rocking_var,
     speed,
 )
@@ -112,16 +112,6 @@ def change_modes(
     fresh = (c.curvature_std_1pm * c.curvature_std_1pm, rate * rate)
     left: int = exchange(mix, count, transitions(metres, driven_s, c), fresh, c.least_weight, space)
     return left
-
-
-@jit.kernel
-def answered_force(w: Window, is_open: bool, p: Progress) -> float:
-    """Return the change of force over a window that a driver may have answered the road with, N."""
-    if is_open:
-        return w.traction_N - w.begin_N
-    if w.retarding > 0.0 and p.follows > 0.0 and w.gap_s == 0.0:
-        return w.force_N - p.force_N
-    return 0.0
 
 
 @jit.kernel
@@ -249,7 +239,8 @@ def run(
             if w.gap_s == 0.0 and not math.isnan(joined.before_mps):
                 before = Ends(joined.before_mps, w.begin_N, joined.before_Nps)
                 speed(mix, count, before, p.u, levels.speed_var, c, v, t)
-        travel(mix, count, metres, answered_force(w, is_open, p) / GRAVITY_MPS2, p.u, c, t)
+        answered_kg = answered_force(w, is_open, p.follows > 0.0, p.force_N) / GRAVITY_MPS2
+        travel(mix, count, metres, answered_kg, p.u, c, t)
         motion, slow_N = w.accel_mps2, w.traction_N if begins else p.slow_N
         nis = missing = speed_surplus = sensed_surplus = 0.0
         if is_open:
@@ -285,7 +276,8 @@ def run(
         mass = (given.mass_kg, given.mass_var, 0.0 if begins else given.windows)
         if not still:
             mass = report_mass(count, best, mass, c, v, space)
-        given = report_grade(mix, count, mass, ahead_m, c, v, t)
+        scatter = u * answered_kg
+        given = report_grade(mix, count, mass, ahead_m, scatter * scatter / max(metres, 0.1), c, v, t)
         p = Progress(
             float(count), u, mixed_m, mixed_s,
             1.0 if is_open or w.retarding > 0.0 else 0.0, w.force_N,

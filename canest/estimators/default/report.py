@@ -146,20 +146,25 @@ def set_grades(mix: Mixture, count: int, ahead_m: float, power: float, v: Vehicl
 
 @jit.kernel
 def report_grade(
-    mix: Mixture, count: int, mass: tuple[float, float, float], ahead_m: float, c: Constants, v: Vehicle,
-    t: Scratch,
+    mix: Mixture, count: int, mass: tuple[float, float, float], ahead_m: float, answer_1pm: float,
+    c: Constants, v: Vehicle, t: Scratch,
 ) -> Report:  # fmt: skip
-    """Return the grade where the vehicle is by now, and the mass."""
+    """Return the grade where the vehicle is by now, and the mass.
+
+    answer_1pm: variance that an answered grade gains per metre, by the torque of the last window.
+    """
     set_grades(mix, count, ahead_m, c.likelihood_power, v, t)
     means, variances, share, bends = t.columns
     mean = square = slope = wander = 0.0
     for d in range(count):
         if share[d] > 0.0:
-            rough = c.rough_wander_1pm if m.IS_ROUGH[int(mix.mode[d])] > 0.0 else c.smooth_wander_1pm
+            mode = int(mix.mode[d])
+            gains = c.rough_wander_1pm if m.IS_ROUGH[mode] > 0.0 else c.smooth_wander_1pm
+            gains += answer_1pm * m.ANSWERS[mode]
             mean += share[d] * means[d]
-            square += share[d] * (variances[d] + rough * ahead_m + means[d] * means[d])
+            square += share[d] * (variances[d] + gains * ahead_m + means[d] * means[d])
             slope += share[d] * bends[d]
-            wander += share[d] * rough
+            wander += share[d] * gains
     return Report(mass[0], mass[1], mean, max(square - mean * mean, 1e-10), slope, wander, mass[2])
 
 

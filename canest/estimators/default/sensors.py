@@ -64,18 +64,6 @@ def speed(
 
 
 @jit.kernel
-def own_torque(fast_N: float, u: float, speed_mps: float, c: Constants) -> float:
-    """Return how much less probable a change of torque is where it answers the road (log likelihood).
-
-    A road bends by about `usual_1pm`; what moves faster within a second is the driver's own. A free driver
-    may do anything, so slow changes speak for neither.
-    """
-    usual = GRAVITY_MPS2 * c.answer_curvature_1pm * max(speed_mps, 1.0)
-    ratio = u * u * fast_N * fast_N / (usual * usual + c.answer_noise_mps2 * c.answer_noise_mps2)
-    return -min(0.5 * max(ratio - 1.0, 0.0), 30.0)
-
-
-@jit.kernel
 def forget_speed(mix: Mixture, count: int, t: Scratch) -> None:
     """Begin a balance of momentum: no known force has led to the speed before it."""
     fill(count, t.f, _UNKNOWN_V)
