@@ -166,7 +166,7 @@ def write(
 ) -> None:
     """Write what is known after a window, the grade carried on since the last update."""
     row[OUT_MASS] = given.mass_kg
-    row[OUT_VAR] = given.mass_var + unknown_load_var(given.mass_kg, p.unknown_s, c, v)
+    row[OUT_VAR] = given.mass_var + unknown_load_var(given.mass_kg, p.unknown_s, p.braked > 0.0, c, v)
     row[OUT_GRADE] = given.grade + given.slope_1pm * since_m
     row[OUT_GRADE_VAR] = given.grade_var + given.wander_1pm * since_m
     row[OUT_SLOPE], row[OUT_WANDER] = given.slope_1pm, given.wander_1pm

@@ -169,10 +169,15 @@ def report_grade(
 
 
 @jit.kernel
-def unknown_load_var(mass: float, unknown_s: float, c: Constants, v: Vehicle) -> float:
-    """Return what a stop adds to the variance of the mass: P(changed) E[(M' - M)^2], M' log-uniform."""
+def unknown_load_var(mass: float, unknown_s: float, braked: bool, c: Constants, v: Vehicle) -> float:
+    """Return what a stop adds to the variance of the mass: P(changed) E[(M' - M)^2], M' log-uniform.
+
+    braked: a surprise waits for its explanation, see `load.brakes_unseen`.
+    """
     probability = changed_probability(unknown_s, c.load_stop_s)
-    if unknown_s <= c.shortest_stop_s or probability < c.left_out_share:
+    if braked:
+        probability = max(probability, c.surprise_share)
+    elif unknown_s <= c.shortest_stop_s or probability < c.left_out_share:
         return 0.0
     least, most = 1.0 / v.most_u, 1.0 / v.least_u
     width = math.log(most / least)
