@@ -20,7 +20,7 @@ def keep_nothing(mix: Any, count: int, i: int, mean: Any, variance: Any) -> None
     """Take the place of `predict.restore`."""
 
 
-def never(w: Any, surprise: float, missing_mps: float, c: Constants) -> bool:
+def never(w: Any, surprise: float, innovation_mps: float, c: Constants) -> bool:
     """Take the place of `load.brakes_unseen`."""
     return False
 

@@ -66,7 +66,8 @@ estimator reaches, to whom the curvature is noise of the same variance and corre
 
 Between two gears the vehicle coasts, and there the road shows without the mass. A driveline that opens
 swings, and one that is reported open has closed already. So the bound counts a coasting from 0.12 s after
-its begin to 0.16 s before its end, as the estimator does, and no sample of the dwell after a shift.
+its begin to 0.16 s before its end, as the estimator does, and no sample of the dwell after a closed gate.
+From that dwell the estimator takes some of its grade.
 `at once` is the bound as if a driveline were at rest at once: all of these samples count, as exactly as all
 others.
 

@@ -63,6 +63,7 @@ class Progress(NamedTuple):
     was_open: float = 0.0
     learned: float = 0.0  #: 1 once a window was open
     unknown_s: float = 0.0  #: standing and missing time since the load was last taken up
+    surprise: float = 0.0  #: cumulative sum of what innovations are more than usual
     braked: float = 0.0  #: 1 while a brake seems to act that nobody reports
     height_known: float = 0.0
     climbed_m: float = 0.0  #: metres and seconds since the height followed the slope
@@ -156,7 +157,7 @@ def waited(p: Progress, unseen_s: float) -> Progress:
     """Return the progress with another time in which the load was not seen."""
     return Progress(
         p.alive, p.u, p.mixed_m, p.mixed_s, p.follows, p.force_N, p.slow_N, p.was_open, p.learned, unseen_s,
-        p.braked, p.height_known, p.climbed_m, p.climbed_s,
+        p.surprise, p.braked, p.height_known, p.climbed_m, p.climbed_s,
     )  # fmt: skip
 
 
@@ -187,7 +188,7 @@ def run(
         was_faulty = comparison.faulty
         comparison = compare(comparison, w.sensed_mps2, w.accel_mps2, w.speed_mps, v.speed_floor_mps)
         failed = comparison.faulty != was_faulty
-        braked = p.braked > 0.0 and in_overrun(w)
+        braked = p.braked > 0.0 and (w.open == 0.0 or in_overrun(w))
         is_open, still = w.open > 0.0 and not braked, w.stopped > 0.0
         begins = is_open and (p.was_open == 0.0 or w.gap_s > 0.0)
         joined = add_window(joined, w, begins)
@@ -204,12 +205,13 @@ def run(
         failed = failed or road.lost > 0.0
         height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S and not failed
         # -- other loads, other modes
-        unknown_s, surprise = unseen_s, levels.surprise
+        unknown_s, surprise = unseen_s, p.surprise
         changed = changed_probability(unseen_s, c.load_stop_s) if begins else 0.0
         if failed or 1.0 - changed < c.left_out_share:  # nothing of what was learned holds
             take(space.prior, m.MODES, mix)
             count, begins = m.MODES, is_open
             unknown_s = surprise = 0.0
+            braked = False
         elif begins and unseen_s >= c.shortest_stop_s:
             if p.learned > 0.0:
                 count = open_load(mix, count, changed, False, 0.0, v, t)
@@ -224,8 +226,8 @@ def run(
             count = change_modes(mix, count, mixed_m, mixed_s, p.u, c, space)
             mixed_m = mixed_s = 0.0
         if surprised:
-            net_kg = (w.force_N - w.rotating_kg * w.accel_mps2) / GRAVITY_MPS2
-            count = open_load(mix, count, c.surprise_share, True, net_kg, v, t)
+            known_N = 0.0 if p.braked > 0.0 else w.force_N - w.rotating_kg * w.accel_mps2
+            count = open_load(mix, count, c.surprise_share, True, known_N / GRAVITY_MPS2, v, t)
             surprise = 0.0
         # -- predict and update every density
         fill(count, mix.found, 0.0)
@@ -242,14 +244,14 @@ def run(
         answered_kg = answered_force(w, is_open, p.follows > 0.0, p.force_N) / GRAVITY_MPS2
         travel(mix, count, metres, answered_kg, p.u, c, t)
         motion, slow_N = w.accel_mps2, w.traction_N if begins else p.slow_N
-        nis = missing = speed_surplus = sensed_surplus = 0.0
+        nis = innovation = speed_surplus = sensed_surplus = 0.0
         if is_open:
             motion = accelerate(mix, count, w, dt, lacking_force(w, c, v), v, t)
             end = Ends(w.speed_mps, w.traction_N, w.traction_Nps)
             speed(mix, count, end, p.u, levels.speed_var, c, v, t)
             own = own_torque(w.traction_N - slow_N, p.u, w.speed_mps, c)
             lever = (1.0 + p.u * w.rotating_kg) / (dt * GRAVITY_MPS2)
-            missing = mean_of(mix.weight, count, t.e)
+            innovation = mean_of(mix.weight, count, t.e)
             nis, speed_surplus = learn_open(mix, count, own, lever, levels.speed_var, c, t)
         elif w.retarding > 0.0 or w.coarse > 0.0:
             closed_balance(mix, count, w, levels.speed_var, p.u, c, t)
@@ -268,21 +270,21 @@ def run(
         count = prune(mix, count, c.least_weight)
         if is_open:
             surprise = max(surprise + nis - c.surprise_nis, 0.0)
-            braked = sees and brakes_unseen(w, surprise, missing, c)
-            levels = follow(levels, surprise, nis, speed_surplus, sensed_surplus, sees, c, v)
+            braked = sees and brakes_unseen(w, surprise, innovation, c)
+            levels = follow(levels, nis, speed_surplus, sensed_surplus, sees, c, v)
         best = set_loads(mix, count, t)
         u = mean_inverse_mass(mix, count, v, t)
         leave_out(mix, count, c.left_out_share, t)
         mass = (given.mass_kg, given.mass_var, 0.0 if begins else given.windows)
         if not still:
             mass = report_mass(count, best, mass, c, v, space)
-        scatter = u * answered_kg
+        scatter = p.u * answered_kg
         given = report_grade(mix, count, mass, ahead_m, scatter * scatter / max(metres, 0.1), c, v, t)
         p = Progress(
             float(count), u, mixed_m, mixed_s,
             1.0 if is_open or w.retarding > 0.0 else 0.0, w.force_N,
-            slow_N + dt * (w.traction_N - slow_N), 1.0 if is_open else 0.0,
-            1.0 if is_open or p.learned > 0.0 else 0.0, unknown_s, 1.0 if braked else 0.0,
+            slow_N + dt * (w.traction_N - slow_N), 1.0 if is_open and not braked else 0.0,
+            1.0 if is_open or p.learned > 0.0 else 0.0, unknown_s, surprise, 1.0 if braked else 0.0,
             1.0 if measured or height_known else 0.0,
             0.0 if measured else climbed_m, 0.0 if measured else climbed_s,
         )  # fmt: skip

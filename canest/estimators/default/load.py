@@ -29,18 +29,18 @@ def changed_probability(seconds: float, stop_s: float) -> float:
 
 @jit.kernel
 def in_overrun(w: Window) -> bool:
-    """Return whether the vehicle drives its engine all through a window."""
+    """Return whether the vehicle drives its engine at begin and end of a window."""
     return w.begin_N <= 0.0 and w.traction_N <= 0.0
 
 
 @jit.kernel
-def brakes_unseen(w: Window, surprise: float, missing_mps: float, c: Constants) -> bool:
+def brakes_unseen(w: Window, surprise: float, innovation_mps: float, c: Constants) -> bool:
     """Return whether a surprise may be a brake that nobody reports: the vehicle is too slow in overrun.
 
-    missing_mps: mean innovation of the speed. A lighter load would be as slow; once the vehicle is driven
+    innovation_mps: of the speed, mean. A lighter load would be as slow; once the vehicle is driven
     again, only that one surprises.
     """
-    return surprise > c.surprise_limit and missing_mps < 0.0 and in_overrun(w)
+    return surprise > c.surprise_limit and innovation_mps < 0.0 and in_overrun(w)
 
 
 def _reopen(mix: Mixture, d: int, known_u: float, net_kg: float, v: Vehicle, t: Scratch) -> None:

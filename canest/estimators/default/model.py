@@ -89,7 +89,7 @@ class Scratch(NamedTuple):
 
 
 class Space(NamedTuple):
-    """All room to work in. Steps that need little get the scratch alone: each array passed costs time."""
+    """All room to work in. Steps that need little get the scratch alone."""
 
     scratch: Scratch
     share: Any  #: (MODES * LOADS * MOST,) parts of every density in the densities of an exchange

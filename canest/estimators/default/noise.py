@@ -19,7 +19,6 @@ class Levels(NamedTuple):
     sensed_var: float  #: of the accelerometer, (m/s2)2
     windows: float = 0.0  #: open windows so far
     nis_sum: float = 0.0  #: sum of their normalised innovations squared
-    surprise: float = 0.0  #: cumulative sum of what these are more than usual
 
 
 @jit.kernel
@@ -41,8 +40,7 @@ def lacking_force(w: Window, c: Constants, v: Vehicle) -> float:
 
 @jit.kernel
 def follow(
-    levels: Levels, surprise: float, nis: float, speed: float, sensed: float, sees: bool, c: Constants,
-    v: Vehicle,
+    levels: Levels, nis: float, speed: float, sensed: float, sees: bool, c: Constants, v: Vehicle
 ) -> Levels:  # fmt: skip
     """Return the levels after an open window. nis, speed, sensed: mean NIS and surpluses."""
     windows = levels.windows + 1.0
@@ -52,4 +50,4 @@ def follow(
     sensed_var = levels.sensed_var
     if sees:
         sensed_var = max(sensed_var + sensed / memory, v.sensed_floor_mps2 * v.sensed_floor_mps2)
-    return Levels(speed_var, sensed_var, windows, levels.nis_sum + nis, surprise)
+    return Levels(speed_var, sensed_var, windows, levels.nis_sum + nis)

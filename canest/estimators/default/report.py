@@ -170,9 +170,10 @@ def report_grade(
 
 @jit.kernel
 def unknown_load_var(mass: float, unknown_s: float, braked: bool, c: Constants, v: Vehicle) -> float:
-    """Return what a stop adds to the variance of the mass: P(changed) E[(M' - M)^2], M' log-uniform.
+    """Return what a load that may have changed adds to the variance of the mass.
 
-    braked: a surprise waits for its explanation, see `load.brakes_unseen`.
+    It is P(changed) E[(M' - M)^2], M' log-uniform: after a stop, or while a surprise waits for its
+    explanation (braked, see `load.brakes_unseen`).
     """
     probability = changed_probability(unknown_s, c.load_stop_s)
     if braked:
