@@ -184,5 +184,5 @@ def test_a_restored_mass_is_kept_until_the_driving_contradicts_it():
     assert np.abs(drive.error(e))[-1000:].max() < 0.04
     estimator.restore(20_000.0, 400.0)
     e = estimator.update(drive.block)
-    assert np.abs(drive.error(e))[-1000:].max() < 0.08
+    assert np.abs(drive.error(e))[-1000:].max() < 0.06
     assert (np.abs(drive.error(e)) < 2 * e.mass_std_kg / drive.mass_kg)[-1000:].all()
