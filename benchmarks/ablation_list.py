@@ -10,7 +10,7 @@ from variants import Variant, without
 
 from canest.core.samples import VehicleFacts
 from canest.estimators.default.constants import Constants, Vehicle, vehicle_of
-from canest.estimators.default.model import ANSWERS
+from canest.estimators.default.driver import own_torque
 
 #: a variance, limit, length or time that is never reached; and a likelihood that is none, but has a logarithm
 NEVER, NOTHING = 1e12, 1e-300
@@ -23,6 +23,12 @@ def keep_nothing(mix: Any, count: int, i: int, mean: Any, variance: Any) -> None
 def never(w: Any, surprise: float, innovation_mps: float, c: Constants) -> bool:
     """Take the place of `load.brakes_unseen`."""
     return False
+
+
+def on_smooth_roads(fast_N: float, u: float, speed_mps: float, wander_1pm: float, c: Constants) -> float:
+    """Take the place of `driver.own_torque`."""
+    found: float = own_torque(fast_N, u, speed_mps, c.smooth_wander_1pm, c)
+    return found
 
 
 def without_late(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
@@ -41,7 +47,7 @@ MECHANISMS = (
     Variant("roads that answer the torque", {"answered_share": 0.0}),
     Variant("drivers whom the road does not answer", {"answered_share": 1.0}),
     Variant("evidence of fast torque", {"answer_curvature_1pm": NEVER}),
-    Variant("rough roads that ask for any torque", patch={"model.ANSWERS_SLOWLY": ANSWERS}),
+    Variant("rough roads that ask for more torque", patch={"kernel.own_torque": on_smooth_roads}),
     # -- the road and the wind
     Variant("curved roads", {"straight_length_m": NEVER}),
     Variant("rough roads", {"smooth_length_m": NEVER}),

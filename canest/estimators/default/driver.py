@@ -22,12 +22,14 @@ def answered_force(w: Window, is_open: bool, follows: bool, before_N: float) -> 
 
 
 @jit.kernel
-def own_torque(fast_N: float, u: float, speed_mps: float, c: Constants) -> float:
-    """Return how much less probable a change of torque is where it answers a smooth road (log likelihood).
+def own_torque(fast_N: float, u: float, speed_mps: float, wander_1pm: float, c: Constants) -> float:
+    """Return how much less probable a change of torque is where it answers the road (log likelihood).
 
-    Such a road bends by about `answer_curvature_1pm`; what moves faster within a second is the driver's own.
-    A free driver may do anything, so slow changes speak for neither.
+    In a second a road bends by about `answer_curvature_1pm`, and wanders by two standard deviations at most;
+    what moves faster is the driver's own. A free driver may do anything, so slow changes speak for neither.
     """
-    usual = GRAVITY_MPS2 * c.answer_curvature_1pm * max(speed_mps, 1.0)
-    ratio = u * u * fast_N * fast_N / (usual * usual + c.answer_noise_mps2 * c.answer_noise_mps2)
+    metres = max(speed_mps, 1.0)
+    bend = c.answer_curvature_1pm * metres
+    usual = GRAVITY_MPS2 * GRAVITY_MPS2 * (bend * bend + 4.0 * wander_1pm * metres)
+    ratio = u * u * fast_N * fast_N / (usual + c.answer_noise_mps2 * c.answer_noise_mps2)
     return -min(0.5 * max(ratio - 1.0, 0.0), 30.0)

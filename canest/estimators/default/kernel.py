@@ -133,16 +133,17 @@ def step_of_road(mix: Mixture, count: int, lever: float, c: Constants, t: Scratc
 
 @jit.kernel
 def learn_open(
-    mix: Mixture, count: int, own: float, lever: float, r: float, c: Constants, t: Scratch
+    mix: Mixture, count: int, own: tuple[float, float], lever: float, r: float, c: Constants, t: Scratch
 ) -> tuple[float, float]:
     """Weigh the hypotheses by an open window's speed and torque; returns NIS and surplus, in the mean.
 
-    own: see `own_torque`. lever: see `step_of_road`.
+    own: see `own_torque`, on a smooth and on a rough road. lever: see `step_of_road`.
     """
     add_log_likelihood(mix, count, r, c.likelihood_floor, t)
     nis, largest = 0.0, 0.0
     for d in range(count):
-        mix.found[d] += own * m.ANSWERS_SLOWLY[int(mix.mode[d])]
+        mode = int(mix.mode[d])
+        mix.found[d] += own[int(m.IS_ROUGH[mode])] * m.ANSWERS[mode]
         ratio = t.e[d] * t.e[d] / t.s[d]
         nis += mix.weight[d] * ratio
         largest = max(largest, ratio)
@@ -249,7 +250,11 @@ def run(
             motion = accelerate(mix, count, w, dt, lacking_force(w, c, v), v, t)
             end = Ends(w.speed_mps, w.traction_N, w.traction_Nps)
             speed(mix, count, end, p.u, levels.speed_var, c, v, t)
-            own = own_torque(w.traction_N - slow_N, p.u, w.speed_mps, c)
+            fast_N = w.traction_N - slow_N
+            own = (
+                own_torque(fast_N, p.u, w.speed_mps, c.smooth_wander_1pm, c),
+                own_torque(fast_N, p.u, w.speed_mps, c.rough_wander_1pm, c),
+            )
             lever = (1.0 + p.u * w.rotating_kg) / (dt * GRAVITY_MPS2)
             innovation = mean_of(mix.weight, count, t.e)
             nis, speed_surplus = learn_open(mix, count, own, lever, levels.speed_var, c, t)

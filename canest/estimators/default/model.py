@@ -47,8 +47,6 @@ LASTING = MODES // ROADS
 BENDS = (0.0, 1.0, 1.0) * 4
 IS_ROUGH = (0.0, 0.0, 1.0) * 4
 ANSWERS = ((0.0,) * ROADS + (1.0,) * ROADS) * 2
-#: in which an answer is a slow one: a rough road may ask for any torque
-ANSWERS_SLOWLY = ((0.0,) * ROADS + (1.0, 1.0, 0.0)) * 2
 DRIFTS = (0.0,) * STEADY_MODES + (1.0,) * STEADY_MODES
 #: loads at most: the one there was, and others that it may have become
 LOADS = 3
