@@ -9,9 +9,12 @@ reductions.
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import importlib.util
-from collections.abc import Callable
+import re
+import sys
+from collections.abc import Callable, Mapping
 from types import FunctionType, ModuleType
 from typing import Any, TypeVar
 
@@ -59,6 +62,19 @@ def enabled() -> bool:
 def kept_files() -> list[str]:
     """Return the files in which numba keeps an index of each kernel that was compiled or loaded here."""
     return [dispatcher._cache._cache_file._index_path for dispatcher in _dispatchers]
+
+
+def _layouts(annotations: Mapping[str, Any], scope: Mapping[str, Any]) -> set[str]:
+    """Return the fields of the named tuples in annotations, and of those within them."""
+    names = set(re.findall(r"\w+", " ".join(map(str, annotations.values()))))
+    kinds = (scope.get(name) for name in names)
+    return {text for kind in kinds if hasattr(kind, "_fields") for text in _layout(kind)}
+
+
+@functools.cache
+def _layout(kind: Any) -> set[str]:
+    within = _layouts(kind.__annotations__, vars(sys.modules[kind.__module__]))
+    return {f"{kind.__qualname__}={kind._fields!r}", *within}
 
 
 class Kernel:
@@ -110,6 +126,7 @@ class Kernel:
         """Return all that the compiled code depends on: its own, constants, and the kernels that it calls."""
         code, scope = self._source.__code__, self._source.__globals__
         parts = [repr(_OPTIONS), code.co_code.hex(), repr(code.co_consts), repr(code.co_names)]
+        parts += sorted(_layouts(self._source.__annotations__, scope))  # fields are compiled to their places
         for name in code.co_names:
             value = scope.get(name)
             if isinstance(value, Kernel):

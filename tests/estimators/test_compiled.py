@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import importlib
 import sys
+from collections import namedtuple
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +14,7 @@ import pytest
 
 from canest.core import jit
 from canest.core.jit import borrowed
+from canest.estimators.default.kernel import run
 
 COMPILES = pytest.mark.skipif(not jit.available(), reason="numba is not installed")
 CALLED = """import math
@@ -124,6 +126,19 @@ def test_a_full_disk_costs_the_next_process_its_time_and_this_one_nothing(monkey
     monkeypatch.setattr(caching.IndexDataCacheFile, "save", full)
     twice = jit.kernel(lambda x: 2.0 * x)
     assert twice.compiled(4.0) == 8.0
+
+
+def test_another_layout_of_a_tuple_that_a_kernel_takes_is_another_kernel():
+    """Compiled code takes a field by its place: what is kept is of no use where that is another's."""
+
+    def content(fields):
+        scope = {"Pair": namedtuple("Pair", fields)}
+        exec("def first(p: 'Pair') -> float:\n    return p.a", scope)
+        return jit.kernel(scope["first"]).content()
+
+    assert content("a b") == content("a b") != content("b a")
+    for within in ("first_noise_windows", "speed_first_mps", "unseen_s", "learned"):  # of what a loop takes
+        assert repr(within) in run.content()
 
 
 class Held(NamedTuple):
