@@ -14,6 +14,7 @@ import argparse
 from collections.abc import Sequence
 
 import numpy as np
+from ablation_changes import CHANCE, pays_on
 from ablation_list import MECHANISMS
 from tables import HEADINGS, Run, drive_count, page_head
 from variants import (
@@ -36,21 +37,15 @@ from variants import (
 
 #: what a set of drives is called, and which they are
 SETS = {"calibration": list(FAMILIES), "stress": [name for name in NAMES if name not in FAMILIES]}
-#: figures that are better where they are larger
-LARGER = ("in2", "grade_in2", "valid")
-#: what they are called in a list
-SHORT = {
-    "rms_120": "mass RMS", "in2": "mass in 2 std", "grade_rms": "grade RMS", "grade_in2": "grade in 2 std",
-    "valid": "valid", "valid_wrong": "valid but wrong",
-}  # fmt: skip
-#: standard errors of a mean difference that count as found, among so many
-FOUND = 3.0
 #: drives of a mechanism shown one by one, each way
 SHOWN = 2
 #: smaller changes of one drive are not shown, points
 SMALL = 0.1
 
-RARE = "What acts on one kind of drive only hardly shows in a mean: the last table has it."
+WHERE = """\
+Means over the drives of one kind, with the mechanism → without it, the most certain first (*with*: with
+accelerometer). Each is beyond chance by a t-test of the differences, at {chance:g} % for all tests of a
+mechanism together. What acts on few drives is beyond no test: the last table has single drives."""
 ABOUT = """\
 Each mechanism of `canest` switched off, one at a time, on {drives} simulated drives of the
 calibration and stress benchmarks: without accelerometer / with it. The first row is the whole
@@ -92,33 +87,6 @@ def table(runs: list[Run], found: list[tuple[str, Effect]], drives: Sequence[str
     return lines
 
 
-def what_pays(runs: list[Run], found: list[tuple[str, Effect]]) -> list[str]:
-    """Return the lines of a table: the figures that are worse without a mechanism, and those better.
-
-    After it those mechanisms without which no figure is certainly another.
-    """
-    lines = ["| without | drives | worse | better |", "|---|---|---|---|"]
-    idle = []
-    for name, _ in found:
-        before = len(lines)
-        for title, drives in SETS.items():
-            variants = by_variant(of_drives(runs, drives))
-            if not variants:
-                continue
-            one = effect(variants[DEFAULT], variants[name])
-            cells: tuple[list[str], list[str]] = ([], [])
-            for figure in FIGURES:
-                if one.is_certain(figure, FOUND):
-                    is_better = (one.differences[figure] > 0.0) == (figure in LARGER)
-                    text = difference(one, figure).replace("**", "")
-                    cells[is_better].append(f"{SHORT[figure]} {text}")
-            if any(cells):
-                lines.append(f"| {name} | {title} | {', '.join(cells[0])} | {', '.join(cells[1])} |")
-        if len(lines) == before:
-            idle.append(f"- {name}")
-    return [*lines, "", "Without these no figure changes so much:", "", *(idle or ["- none"])]
-
-
 def single_drives(runs: list[Run], found: list[tuple[str, Effect]]) -> list[str]:
     """Return the lines of a table: the drives whose mass RMS changes most, before and after."""
     lines = ["| without | worse, % | better, % |", "|---|---|---|"]
@@ -142,8 +110,8 @@ def page(runs: list[Run], found: list[tuple[str, Effect]], command: str) -> str:
     """Return the tables as a page of the docs."""
     about = ABOUT.format(drives=drive_count(runs))
     lines = page_head("Ablation", about, f"{command} -o docs/measured/ablation.md")
-    lines += ["## What pays", "", f"Mean differences beyond {FOUND:g} standard errors. {RARE}", ""]
-    lines += [*what_pays(runs, found), ""]
+    lines += ["## What pays, and where", "", WHERE.format(chance=100 * CHANCE), ""]
+    lines += [*pays_on(runs, [name for name, _ in found]), ""]
     for title, names in SETS.items():
         if of_drives(runs, names):
             lines += [f"## On the {title} drives", "", *table(runs, found, names), ""]
@@ -162,7 +130,7 @@ def main() -> None:
     runs = run_all(jobs_of(options, chosen), options.jobs)
     found = effects(runs, [mechanism.name for mechanism in chosen])
     print(default_line(by_variant(runs)[DEFAULT]))
-    print("\n".join(what_pays(runs, found)))
+    print("\n".join(pays_on(runs, [name for name, _ in found])))
     for names_of_set in SETS.values():
         if of_drives(runs, names_of_set):
             print("\n".join(table(runs, found, names_of_set)))
