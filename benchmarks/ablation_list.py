@@ -25,6 +25,11 @@ def never(w: Any, surprise: float, innovation_mps: float, c: Constants) -> bool:
     return False
 
 
+def gain_unknown(is_open: bool, v: Vehicle) -> bool:
+    """Take the place of `sensors.gain_is_known`."""
+    return False
+
+
 def on_smooth_roads(fast_N: float, u: float, speed_mps: float, wander_1pm: float, c: Constants) -> float:
     """Take the place of `driver.own_torque`."""
     found: float = own_torque(fast_N, u, speed_mps, c.smooth_wander_1pm, c)
@@ -64,10 +69,10 @@ MECHANISMS = (
     Variant("wander of that bias", {"bias_wander_m2ps5": 0.0}),
     Variant("slip of the driven wheels", {"slip_per_mps2": 0.0}),
     Variant("torque that acts 0.08 s before its report", patch={"windows.SHIFT": 0, "estimator.SHIFT": 0}),
+    Variant("noise of the speed kept from the accelerometer", patch={"kernel.gain_is_known": gain_unknown}),
     Variant("pitch of the body", facts={"pitch_rad_per_mps2": 0.0}),
     # -- noise
-    Variant("force that the model lacks", {"force_std_share": 0.0}, facts={"overrun_share": 0.0}),
-    Variant("force lacking in overrun, more than in drive", facts={"overrun_share": None}),
+    Variant("force that the model lacks", {"force_std_share": 0.0}),
     Variant("rounding errors of the torque", {"longest_rounding_s": 0.0}),
     Variant("rounding errors that last", {"longest_rounding_s": 0.2}),
     Variant("noise levels that follow", {"noise_memory_windows": NEVER, "first_noise_windows": NEVER}),

@@ -144,8 +144,6 @@ class VehicleFacts:
     torque_accuracy, wheel_radius_accuracy, rolling_resistance_accuracy, drag_area_accuracy: how well each is
         known, one standard deviation as a fraction of its value (2 % in the config is 0.01).
     slips: whether the speed is that of driven wheels, and no effect of the model has taken their slip off.
-    overrun_share: std of the force that the model lacks in overrun, as a share of the traction: the friction
-        of a combustion engine is known to a tenth, an electric motor as well as while it drives (None).
     valid_std: the mass may be valid while its standard deviation is below this fraction of it.
     """
 
@@ -167,5 +165,4 @@ class VehicleFacts:
     rolling_resistance_accuracy: float = 0.15
     drag_area_accuracy: float = 0.10
     slips: bool = True
-    overrun_share: float | None = 0.1
     valid_std: float = 0.045

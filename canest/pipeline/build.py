@@ -61,8 +61,6 @@ MISSED_PERIODS = 2.5
 LATE_PERIODS = 0.2
 _NOTHING_BETWEEN = ("gear", "gear_ratio", "selected_gear", "pto_state")
 _ACCELEROMETER = "longitudinal_accel"
-#: the friction of a combustion engine is known to this share of its torque in overrun, one standard deviation
-_OVERRUN_SHARE = 0.1
 
 
 class IntakeSpec(NamedTuple):
@@ -224,7 +222,6 @@ def facts_of(config: Config) -> VehicleFacts:
         rolling_resistance_accuracy=v.rolling_resistance_accuracy_pct / TWO_STD_PCT,
         drag_area_accuracy=v.drag_area_accuracy_pct / TWO_STD_PCT,
         slips=speed in DRIVEN_SPEEDS and all(entry.get("effect") != "wheel_slip" for entry in config.effects),
-        overrun_share=_OVERRUN_SHARE if torque == "engine_torque_pct" else None,
         valid_std=config.estimator.valid_std_pct / 100.0,
     )
 

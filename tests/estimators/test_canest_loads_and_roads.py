@@ -128,6 +128,24 @@ def test_a_rough_road_is_no_load(load_kg, accelerometer):
         assert not (e.status[later] == Status.VALID).any()
 
 
+def grade_rms_deg(drive, e):
+    off = np.degrees(np.arctan(e.grade) - np.arctan(drive.grade))[60 * 50 :]
+    return np.sqrt(np.mean(off**2))
+
+
+def test_a_sensor_finer_than_the_speeds_makes_no_road_rough():
+    """The noise of a speed acts on the speed's innovation, and must not act on the accelerometer's too."""
+    drive = trip(300, accelerometer=True, noise=3.0, sensed_noise_mps2=0.003)
+    e = run(drive, accelerometer_step_mps2=0.01, slips=False)
+    assert grade_rms_deg(drive, e) < 0.08
+    assert np.median(np.degrees(e.grade_std)[60 * 50 :]) < 0.15
+
+
+def test_an_accelerometer_does_not_feel_the_slip_of_driven_wheels():
+    drive = trip(300, accelerometer=True, slip_per_mps2=0.0025)
+    assert grade_rms_deg(drive, run(drive)) < 0.075
+
+
 def test_nothing_is_valid_after_hours_of_silence():
     drive = trip(120)
     late = np.where(np.arange(6000) >= 5000, 8 * 3_600_000_000, 0)

@@ -125,6 +125,27 @@ def test_condition_on_is_the_kalman_update(seed):
         np.testing.assert_allclose(mix.P[d], P - np.outer(K, K) * s, rtol=1e-9, atol=1e-10)
 
 
+def test_an_accelerometer_is_compared_with_the_speed_that_the_states_gained():
+    """Against the Kalman update of states and the process noise of one window, written as matrices."""
+    mix, space = mixture(1)
+    t = space.scratch
+    x, P = mix.x[0].copy(), mix.P[0].copy()
+    copied = np.eye(N)
+    copied[m.BEGIN] = copied[m.V]
+    x, P = copied @ x, copied @ P @ copied.T
+    sensors.remember_speed(mix, 1)
+    np.testing.assert_allclose(mix.x[0], x)
+    np.testing.assert_allclose(mix.P[0], P)
+    w = Window(**{**dict.fromkeys(Window._fields, 0.0), "begin_N": 1_000.0, "traction_N": 3_000.0})
+    sensors.set_gained(w, 0.4, t)
+    sensors.accelerometer(mix, 1, sensors.DRIVEN, 0.7, 0.4, (0.08, 0.02), CONSTANTS, t)
+    P[m.BIAS, m.BIAS] += 0.4 * CONSTANTS.bias_wander_m2ps5
+    h = dense((m.GRADE, m.BIAS, m.V, m.BEGIN, m.DELAY), (9.80665, 1.0, 2.5, -2.5, 5_000.0))
+    s = h @ P @ h + 0.08 * 0.2 / 0.4 + 0.02
+    expected = x + P @ h / s * (0.7 - h @ x) * min(1.0, 3.0 * np.sqrt(s) / abs(0.7 - h @ x)) ** 2
+    np.testing.assert_allclose(mix.x[0], expected, rtol=1e-6, atol=1e-9)
+
+
 def test_beyond_three_stds_an_outlier_moves_the_states_the_less_the_larger_it_is():
     moved = []
     for size in (3.0, 30.0):

@@ -23,57 +23,37 @@ class Constants(NamedTuple):
     # -- before the first sample
     grade_std: Annotated[float, Source("s_theta", "1", "chosen: country roads end at about 10 %")] = 0.03
     delay_std_s: Annotated[float, Source("s_delta", "s", "chosen: two cycles of an engine message")] = 0.04
-    windup_std_s2: Annotated[
-        float, Source("s_gamma", "s2", "chosen: larger takes fast torque away from the mass")
-    ] = 0.02
-    bias_std_mps2: Annotated[float, Source("s_b", "m/s2", "chosen: 1.8 degrees of tilt of the mounting")] = (
-        0.3
-    )
+    windup_std_s2: Annotated[float, Source("s_gamma", "s2", "chosen: more takes torque from the mass")] = 0.02
+    bias_std_mps2: Annotated[float, Source("s_b", "m/s2", "chosen: 1.8 degrees of tilt of a mounting")] = 0.3
     pitch_rad_per_mps2: Annotated[
         float,
         Source("p_0", "rad s2/m", "measured: trucks 0.01, cars and the gain of a sensor -0.003 to 0.003"),
     ] = 0.003
     altitude_std_m: Annotated[float, Source("s_h", "m", "chosen: a satellite receiver")] = 2.5
-    wind_std_mps: Annotated[
-        float, Source("s_w", "m/s", "chosen: 7 m/s within three; more makes a cruise wide")
-    ] = 2.3
-    wind_length_m: Annotated[
-        float, Source("L_w", "m", "chosen: a main road turns; less makes a cruise wide")
-    ] = 20e3
+    wind_std_mps: Annotated[float, Source("s_w", "m/s", "chosen: 7 m/s in three; more widens cruises")] = 2.3
+    wind_length_m: Annotated[float, Source("L_w", "m", "chosen: roads turn; less widens a cruise")] = 20e3
     unknown_load_share: Annotated[
         float, Source("k_u", "1", "measured: std of an unknown load, in its range of ln u; 0.3 is too narrow")
     ] = 0.7
     # -- road
-    curvature_std_1pm: Annotated[
-        float, Source("s_kappa", "1/m", "chosen: radius of 5 km, a country road")
-    ] = 2e-4
+    curvature_std_1pm: Annotated[float, Source("s_kappa", "1/m", "chosen: radius 5 km, country roads")] = 2e-4
     straight_length_m: Annotated[float, Source("L_s", "m", "chosen: shorter says less of the mass")] = 500.0
     curved_length_m: Annotated[float, Source("L_c", "m", "chosen: length of a crest")] = 150.0
-    curvature_length_m: Annotated[float, Source("L_kappa", "m", "chosen: a crest keeps its curvature")] = (
-        300.0
-    )
+    curvature_length_m: Annotated[float, Source("L_kappa", "m", "chosen: a crest keeps a curvature")] = 300.0
     smooth_wander_1pm: Annotated[float, Source("r_s", "1/m", "chosen: 0.3 % of grade in a kilometre")] = 1e-8
-    rough_wander_1pm: Annotated[
-        float, Source("r_r", "1/m", "measured: 1.5 % RMS at waves of 50 m and more")
-    ] = 6e-6
+    rough_wander_1pm: Annotated[float, Source("r_r", "1/m", "measured: 1.5 % RMS, waves from 50 m")] = 6e-6
     smooth_length_m: Annotated[float, Source("L_r", "m", "chosen: rough roads are rare")] = 20e3
-    rough_length_m: Annotated[float, Source("L_rs", "m", "measured: at 2 km a rough road is forgotten")] = (
-        10e3
-    )
+    rough_length_m: Annotated[float, Source("L_rs", "m", "measured: at 2 km rough is forgotten")] = 10e3
     exchange_every_s: Annotated[float, Source("t_x", "s", "chosen: cost against delay")] = 1.0
-    altitude_wander_m2ps: Annotated[
-        float, Source("q_h", "m2/s", "chosen: 3.5 m in a minute, a receiver's error")
-    ] = 0.2
+    altitude_wander_m2ps: Annotated[float, Source("q_h", "m2/s", "chosen: a receiver, 3.5 m a minute")] = 0.2
     road_step_nis: Annotated[float, Source("k_step", "1", "chosen: five standard deviations")] = 25.0
     # -- driver
     answered_share: Annotated[float, Source("P_a", "1", "chosen: less makes a cruise less safe")] = 0.9
     driver_length_m: Annotated[float, Source("L_d", "m", "chosen: a habit is kept for ten minutes")] = 10e3
-    answer_curvature_1pm: Annotated[float, Source("k_d", "1/m", "chosen: a little more than a crest")] = 3e-4
+    answer_curvature_1pm: Annotated[float, Source("k_d", "1/m", "chosen: little more than a crest")] = 3e-4
     answer_noise_mps2: Annotated[float, Source("a_d", "m/s2", "chosen: noise of torque at low speed")] = 0.02
     # -- load
-    load_stop_s: Annotated[
-        float, Source("T_l", "s", "chosen: shorter loses `valid` at every traffic light")
-    ] = 130.0
+    load_stop_s: Annotated[float, Source("T_l", "s", "chosen: less costs `valid` at every light")] = 130.0
     shortest_stop_s: Annotated[
         float, Source("T_0", "s", "chosen: up to here a change is less probable than a miss of two std")
     ] = 7.0
@@ -81,59 +61,42 @@ class Constants(NamedTuple):
     steady_duration_s: Annotated[
         float, Source("T_rb", "s", "measured: rarer is found late, more often makes a cruise wide")
     ] = 2000.0
-    drift_duration_s: Annotated[
-        float, Source("T_re", "s", "measured: at 900 one mass of a car drifts 17 % away")
-    ] = 600.0
-    surprise_limit: Annotated[
-        float, Source("S_max", "1", "chosen: one window at five standard deviations")
-    ] = 25.0
+    drift_duration_s: Annotated[float, Source("T_re", "s", "measured: at 900 a car is 17 % off")] = 600.0
+    surprise_limit: Annotated[float, Source("S_max", "1", "chosen: one window at five stds")] = 25.0
     surprise_nis: Annotated[float, Source("k_S", "1", "measured: at 2, rough driving is a surprise")] = 3.0
     surprise_share: Annotated[
         float, Source("P_S", "1", "measured: less finds a tipper late, more costs `valid` on hills")
     ] = 0.02
     # -- noise
-    force_std_share: Annotated[
-        float, Source("k_F", "1", "chosen: a controller's torque, from moment to moment")
-    ] = 0.02
-    longest_rounding_s: Annotated[
-        float, Source("t_q", "s", "chosen: how long a rounding error of the torque lasts")
-    ] = 2.0
+    force_std_share: Annotated[float, Source("k_F", "1", "chosen: a controller's momentary torque")] = 0.02
+    longest_rounding_s: Annotated[float, Source("t_q", "s", "measured: less is too sure of a car")] = 2.0
     slip_per_mps2: Annotated[
         float, Source("k_lambda", "s2/m", "literature: tyre stiffness 40 per unit slip (Gustafsson 1997)")
     ] = 0.0025
     driveline_swing_mps: Annotated[
-        float, Source("s_v", "m/s", "chosen: a driveline's swing in one window")
-    ] = 0.05
-    first_noise_steps: Annotated[
-        float, Source("k_v", "1", "chosen: start of the level, in rounding errors")
-    ] = 20.0
+        float,
+        Source("s_v", "m/s", "measured: a first level of 0.05 makes NIS 0.7, of 0.02 first masses too sure"),
+    ] = 0.038
+    first_noise_steps: Annotated[float, Source("k_v", "1", "chosen: first level, in rounding errors")] = 20.0
     most_noise: Annotated[float, Source("k_vm", "1", "measured: 1 is too little for a bus at 1 Hz")] = 2.0
     noise_memory_windows: Annotated[float, Source("N_v", "1", "chosen: a minute of open gates")] = 300.0
     first_noise_windows: Annotated[float, Source("N_0", "1", "chosen: weight of the start")] = 10.0
-    noise_dominates: Annotated[
-        float, Source("k_s", "1", "chosen: windows whose s is mostly the states' do not count")
-    ] = 5.0
+    noise_dominates: Annotated[float, Source("k_s", "1", "measured: without it a bus is less valid")] = 5.0
     outlier_nis: Annotated[float, Source("k_e", "1", "textbook: three standard deviations")] = 9.0
     likelihood_floor: Annotated[
         float, Source("c_0", "1", "chosen: one window in fifty is anything, within 30 times its noise")
     ] = 6e-4
-    likelihood_power: Annotated[
-        float, Source("alpha", "1", "measured: at 1 the masses of cruise drives are too sure")
-    ] = 0.5
+    likelihood_power: Annotated[float, Source("alpha", "1", "measured: at 1 cruises are too sure")] = 0.5
     bias_wander_m2ps5: Annotated[float, Source("q_b", "(m/s2)2/s", "chosen: 0.05 m/s2 in an hour")] = 6e-7
     # -- closed gates
-    hidden_force_share: Annotated[
-        float, Source("k_c", "1", "chosen: a retarder's torque, a gearbox that closes")
-    ] = 0.1
+    hidden_force_share: Annotated[float, Source("k_c", "1", "chosen: retarder, gearbox that closes")] = 0.1
     hidden_windows: Annotated[float, Source("N_c", "1", "chosen: such an error lasts 5 s")] = 25.0
     coasting_std_mps2: Annotated[
         float, Source("s_c", "m/s2", "chosen: drag of an open driveline, 300 N on 20 t")
     ] = 0.015
     # -- hypotheses and report
     least_weight: Annotated[float, Source("P_min", "1", "measured: at 1e-3 modes are missing later")] = 3e-4
-    left_out_share: Annotated[
-        float, Source("P_0", "1", "chosen: false alarms against loads that changed")
-    ] = 0.01
+    left_out_share: Annotated[float, Source("P_0", "1", "chosen: false alarms against new loads")] = 0.01
     widest_normal: Annotated[float, Source("V_max", "1", "chosen: 1/u is nearly linear below")] = 0.1
 
 
@@ -150,11 +113,10 @@ class Vehicle(NamedTuple):
     drag_share: float  #: std of the drag area, as a share
     roll_share: float  #: std of the rolling resistance, as a share
     speed_floor_mps: float
-    speed_loudest_mps: float
+    speed_first_mps: float  #: first noise level
     sensed_floor_mps2: float
     torque_std_Nm: float
     slip_per_mps2: float  #: of the driven wheels per m/s2 of traction
-    overrun_share: float  #: force that the model lacks in overrun, as a share of the traction
     period_windows: float  #: windows between two reports of a slow signal
     late_s: float  #: how much older than the samples the filtered states are
     pitch: float  #: of the body, m/s2 of the accelerometer per m/s2
@@ -175,11 +137,10 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         drag_share=facts.drag_area_accuracy,
         roll_share=facts.rolling_resistance_accuracy,
         speed_floor_mps=floor,
-        speed_loudest_mps=c.most_noise * max(c.first_noise_steps * floor, c.driveline_swing_mps),
+        speed_first_mps=max(c.first_noise_steps * floor, c.driveline_swing_mps),
         sensed_floor_mps2=facts.accelerometer_step_mps2 / 2.0,
         torque_std_Nm=facts.torque_step_Nm / math.sqrt(12.0),
         slip_per_mps2=c.slip_per_mps2 if facts.slips else 0.0,
-        overrun_share=c.force_std_share if facts.overrun_share is None else facts.overrun_share,
         period_windows=period,
         late_s=late_s,
         pitch=GRAVITY_MPS2 * (c.pitch_rad_per_mps2 if pitch is None else pitch),

@@ -20,7 +20,7 @@ from canest.estimators.default.constants import CONSTANTS, Constants, gain_std, 
 from canest.estimators.default.hypotheses import set_loads
 from canest.estimators.default.joining import Joined
 from canest.estimators.default.model import LOADS, MODES, MOST, Mixture, Scratch, Space
-from canest.estimators.default.noise import Levels
+from canest.estimators.default.noise import first_levels
 from canest.estimators.default.report import Report
 from canest.estimators.default.road_map import LEVEL_STD, RoadUse
 from canest.estimators.default.windows import COLUMNS, SHIFT, Windows
@@ -74,12 +74,10 @@ class GaussianSum(Estimator):
         """Set every density to its prior, for an inverse mass."""
         facts, c, v = self.facts, self.constants, self._vehicle
         self._mixture = self._densities(u, u_var)
-        start = v.speed_loudest_mps / c.most_noise
-        levels = Levels(start * start, 4.0 * v.sensed_floor_mps2 * v.sensed_floor_mps2)
         guess = facts.initial_mass_kg or 1.0 / u
         report = Report(guess, guess * guess, facts.initial_grade or 0.0, c.grade_std * c.grade_std)
         progress = kernel.Progress(float(MODES), u)
-        self._carried = kernel.Carried(progress, levels, Comparison(), report, RoadUse(), Joined())
+        self._carried = kernel.Carried(progress, first_levels(v), Comparison(), report, RoadUse(), Joined())
         self._windows = Windows(self._late_s)
         self._status = StatusTracker(facts.valid_std, bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
         self._last = np.zeros(kernel.OUTPUTS)

@@ -58,21 +58,19 @@ def weigh(mix: Mixture, count: int, power: float, t: Scratch) -> None:
         weight[d] *= found[d] * after[lasting(mix, d)] / total
 
 
-def _move(mix: Mixture, source: int, target: int) -> None:
-    for column in mix[:-1]:
-        column[target] = column[source]
+def _copy(source: Mixture, d: int, target: Mixture, e: int) -> None:
+    for column, into in zip(source[:-1], target[:-1], strict=True):
+        into[e] = column[d]
 
 
-@jit.kernel_beside(_move)
-def move(mix: Mixture, source: int, target: int) -> None:
-    """Copy one density over another."""
-    x, P = mix.x, mix.P
-    for i in range(x.shape[1]):
-        x[target, i] = x[source, i]
-        for j in range(x.shape[1]):
-            P[target, i, j] = P[source, i, j]
-    mix.weight[target], mix.load[target] = mix.weight[source], mix.load[source]
-    mix.mode[target] = mix.mode[source]
+@jit.kernel_beside(_copy)
+def copy(source: Mixture, d: int, target: Mixture, e: int) -> None:
+    """Copy density d of one mixture over density e of another, or of the same."""
+    for i in range(target.x.shape[1]):
+        target.x[e, i] = source.x[d, i]
+        for j in range(target.x.shape[1]):
+            target.P[e, i, j] = source.P[d, i, j]
+    target.weight[e], target.load[e], target.mode[e] = source.weight[d], source.load[d], source.mode[d]
 
 
 @jit.kernel
@@ -84,7 +82,7 @@ def prune(mix: Mixture, count: int, least: float) -> int:
         if weight[d] < least:
             count -= 1
             if d != count:
-                move(mix, count, d)
+                copy(mix, count, mix, d)
         else:
             total += weight[d]
             d += 1
@@ -225,21 +223,11 @@ def exchange(mix: Mixture, count: int, chains: Any, fresh: Any, least: float, sp
     return left
 
 
-def _take(room: Mixture, count: int, mix: Mixture) -> None:
-    for source, target in zip(room[:-1], mix[:-1], strict=True):
-        target[:count] = source[:count]
-
-
-@jit.kernel_beside(_take)
+@jit.kernel
 def take(room: Mixture, count: int, mix: Mixture) -> None:
     """Copy the densities of the room into the mixture."""
-    n = mix.x.shape[1]
     for d in range(count):
-        for i in range(n):
-            mix.x[d, i] = room.x[d, i]
-            for j in range(n):
-                mix.P[d, i, j] = room.P[d, i, j]
-        mix.weight[d], mix.load[d], mix.mode[d] = room.weight[d], room.load[d], room.mode[d]
+        copy(room, d, mix, d)
 
 
 @jit.kernel

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from canest.core import jit
 from canest.estimators.default.constants import Vehicle
-from canest.estimators.default.model import Window
+from canest.estimators.default.model import WINDOW_S, Window
 
 
 class Joined(NamedTuple):
@@ -29,12 +29,15 @@ class Joined(NamedTuple):
     drag_N_per_mps: float = 0.0
     sensed_mps2: float = 0.0
     altitude_m: float = math.nan  #: the latest of them
+    unseen_s: float = 0.0  #: standing and missing time since the load was last taken up
 
 
 @jit.kernel
-def begin_sums(w: Window) -> Joined:
-    """Return empty sums after an update with a window."""
-    return Joined(0.0, 0.0, w.speed_mps, w.traction_Nps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan)
+def begin_sums(w: Window, unseen_s: float) -> Joined:
+    """Return empty sums after an update with a window. unseen_s: what is left of that time."""
+    return Joined(
+        0.0, 0.0, w.speed_mps, w.traction_Nps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, unseen_s
+    )
 
 
 @jit.kernel
@@ -43,12 +46,13 @@ def add_window(q: Joined, w: Window, begins: bool) -> Joined:
     kept = 0.0 if begins or w.retarding > 0.0 or w.coarse > 0.0 else 1.0
     goes_on = kept * q.windows > 0.0
     return Joined(
-        kept * q.windows + 1.0, q.begin_N if goes_on else w.begin_N, w.speed_mps, w.traction_Nps,
-        q.last_mps, q.last_Nps,
+        kept * q.windows + 1.0, q.begin_N if goes_on else w.begin_N,
+        w.speed_mps, w.traction_Nps, q.last_mps, q.last_Nps,
         q.distance_m + w.distance_m, kept * q.force_N + w.force_N, kept * q.roll_mps2 + w.roll_mps2,
         kept * q.accels_mps2 + w.accel_mps2, kept * q.drag_N_per_mps + w.drag_N_per_mps,
         (kept * q.sensed_mps2 if kept > 0.0 else 0.0) + w.sensed_mps2,
         q.altitude_m if math.isnan(w.altitude_m) else w.altitude_m,
+        q.unseen_s + w.gap_s + (WINDOW_S if w.stopped > 0.0 else 0.0),
     )  # fmt: skip
 
 

@@ -23,20 +23,25 @@ from canest.estimators.default.hypotheses import (
 from canest.estimators.default.joining import Joined, add_window, begin_sums, join, waits
 from canest.estimators.default.load import brakes_unseen, changed_probability, in_overrun, open_load
 from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Space, Window
-from canest.estimators.default.noise import Levels, follow, lacking_force
+from canest.estimators.default.noise import Levels, first_levels, follow, lacking_force
 from canest.estimators.default.predict import accelerate, add, climb, drift, fade, fill, travel
 from canest.estimators.default.report import Report, leave_out, report_grade, report_mass, unknown_load_var
 from canest.estimators.default.road_map import RoadUse, cell_var, follow_road
 from canest.estimators.default.sensors import (
+    DRIVEN,
+    SENSED,
     accelerometer,
     altitude,
     closed_balance,
     coasting,
     forget_speed,
+    gain_is_known,
     mapped_slope,
     mean_of,
     mean_surplus,
+    remember_speed,
     rocking_var,
+    set_gained,
     speed,
 )
 from canest.estimators.default.update import add_log_likelihood
@@ -62,7 +67,6 @@ class Progress(NamedTuple):
     slow_N: float = 0.0  #: slow traction
     was_open: float = 0.0
     learned: float = 0.0  #: 1 once a window was open
-    unknown_s: float = 0.0  #: standing and missing time since the load was last taken up
     surprise: float = 0.0  #: cumulative sum of what innovations are more than usual
     braked: float = 0.0  #: 1 while a brake seems to act that nobody reports
     height_known: float = 0.0
@@ -154,23 +158,14 @@ def learn_open(
 
 
 @jit.kernel
-def waited(p: Progress, unseen_s: float) -> Progress:
-    """Return the progress with another time in which the load was not seen."""
-    return Progress(
-        p.alive, p.u, p.mixed_m, p.mixed_s, p.follows, p.force_N, p.slow_N, p.was_open, p.learned, unseen_s,
-        p.surprise, p.braked, p.height_known, p.climbed_m, p.climbed_s,
-    )  # fmt: skip
-
-
-@jit.kernel
 def write(
-    row: Any, given: Report, since_m: float, p: Progress, speed_mps: float, c: Constants, v: Vehicle
+    row: Any, given: Report, q: Joined, p: Progress, speed_mps: float, c: Constants, v: Vehicle
 ) -> None:
     """Write what is known after a window, the grade carried on since the last update."""
     row[OUT_MASS] = given.mass_kg
-    row[OUT_VAR] = given.mass_var + unknown_load_var(given.mass_kg, p.unknown_s, p.braked > 0.0, c, v)
-    row[OUT_GRADE] = given.grade + given.slope_1pm * since_m
-    row[OUT_GRADE_VAR] = given.grade_var + given.wander_1pm * since_m
+    row[OUT_VAR] = given.mass_var + unknown_load_var(given.mass_kg, q.unseen_s, p.braked > 0.0, c, v)
+    row[OUT_GRADE] = given.grade + given.slope_1pm * q.distance_m
+    row[OUT_GRADE_VAR] = given.grade_var + given.wander_1pm * q.distance_m
     row[OUT_SLOPE], row[OUT_WANDER] = given.slope_1pm, given.wander_1pm
     row[OUT_LEARNED], row[OUT_SPEED], row[OUT_LIVE] = p.learned, max(speed_mps, 0.0), p.alive
 
@@ -193,10 +188,8 @@ def run(
         is_open, still = w.open > 0.0 and not braked, w.stopped > 0.0
         begins = is_open and (p.was_open == 0.0 or w.gap_s > 0.0)
         joined = add_window(joined, w, begins)
-        unseen_s = p.unknown_s + w.gap_s + (WINDOW_S if still else 0.0)
-        p = waited(p, unseen_s)
         if not failed and waits(joined, w, p.was_open > 0.0, v):
-            write(out[k], given, joined.distance_m, p, w.speed_mps, c, v)
+            write(out[k], given, joined, p, w.speed_mps, c, v)
             continue
         w, dt = join(joined, w), WINDOW_S * joined.windows
         # -- what has happened since the window before
@@ -206,17 +199,18 @@ def run(
         failed = failed or road.lost > 0.0
         height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S and not failed
         # -- other loads, other modes
-        unknown_s, surprise = unseen_s, p.surprise
+        unseen_s, surprise = joined.unseen_s, p.surprise
         changed = changed_probability(unseen_s, c.load_stop_s) if begins else 0.0
         if failed or 1.0 - changed < c.left_out_share:  # nothing of what was learned holds
             take(space.prior, m.MODES, mix)
             count, begins = m.MODES, is_open
-            unknown_s = surprise = 0.0
+            unseen_s = surprise = 0.0
             braked = False
+            levels = first_levels(v) if failed else levels
         elif begins and unseen_s >= c.shortest_stop_s:
             if p.learned > 0.0:
                 count = open_load(mix, count, changed, False, 0.0, v, t)
-            unknown_s = surprise = 0.0
+            unseen_s = surprise = 0.0
         surprised = is_open and surprise > c.surprise_limit
         mixed_m, mixed_s = p.mixed_m + metres, p.mixed_s + (0.0 if still else dt + min(w.gap_s, 10.0))
         due = mixed_s >= c.exchange_every_s or surprised
@@ -247,6 +241,8 @@ def run(
         motion, slow_N = w.accel_mps2, w.traction_N if begins else p.slow_N
         nis = innovation = speed_surplus = sensed_surplus = 0.0
         if is_open:
+            if mix.x.shape[1] == m.STATES:
+                remember_speed(mix, count)
             motion = accelerate(mix, count, w, dt, lacking_force(w, c, v), v, t)
             end = Ends(w.speed_mps, w.traction_N, w.traction_Nps)
             speed(mix, count, end, p.u, levels.speed_var, c, v, t)
@@ -264,8 +260,13 @@ def run(
             altitude(mix, count, w.altitude_m, height_known, c, t)
         sees = not math.isnan(w.sensed_mps2) and comparison.faulty == 0.0 and not still
         if sees:
-            felt, rocking = w.sensed_mps2 - w.accel_mps2 - v.pitch * motion, rocking_var(w, p.u, v)
-            sensed_surplus = accelerometer(mix, count, felt, dt, levels.sensed_var, rocking, c, t)
+            rocking = rocking_var(w, p.u, v)
+            felt, var = w.sensed_mps2 - v.pitch * motion, (levels.sensed_var, rocking)
+            if gain_is_known(is_open, v):
+                set_gained(w, dt, t)
+                sensed_surplus = accelerometer(mix, count, DRIVEN, felt, dt, var, c, t)
+            else:
+                sensed_surplus = accelerometer(mix, count, SENSED, felt - w.accel_mps2, dt, var, c, t)
         if road.uses > 0.0:
             mapped_slope(mix, count, w.road_sine, cell_var(w), c, t)
         if not math.isnan(w.coast_mps2) and w.coast_back_s * w.speed_mps < _FAR_M:
@@ -289,10 +290,10 @@ def run(
             float(count), u, mixed_m, mixed_s,
             1.0 if is_open or w.retarding > 0.0 else 0.0, w.force_N,
             slow_N + dt * (w.traction_N - slow_N), 1.0 if is_open and not braked else 0.0,
-            1.0 if is_open or p.learned > 0.0 else 0.0, unknown_s, surprise, 1.0 if braked else 0.0,
+            1.0 if is_open or p.learned > 0.0 else 0.0, surprise, 1.0 if braked else 0.0,
             1.0 if measured or height_known else 0.0,
             0.0 if measured else climbed_m, 0.0 if measured else climbed_s,
         )  # fmt: skip
-        joined = begin_sums(w)
-        write(out[k], given, 0.0, p, w.speed_mps, c, v)
+        joined = begin_sums(w, unseen_s)
+        write(out[k], given, joined, p, w.speed_mps, c, v)
     return Carried(p, levels, comparison, given, road, joined)

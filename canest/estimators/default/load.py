@@ -14,7 +14,7 @@ import numpy as np
 from canest.core import jit
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants, Vehicle
-from canest.estimators.default.hypotheses import move, prune, set_loads
+from canest.estimators.default.hypotheses import copy, prune, set_loads
 from canest.estimators.default.model import LOADS, Mixture, Scratch, Window
 
 #: a weight that is none
@@ -111,7 +111,7 @@ def open_load(
         return count
     for d in range(count):
         if mix.load[d] == base and mix.mode[d] < m.STEADY_MODES:
-            move(mix, d, made)
+            copy(mix, d, mix, made)
             reopen(mix, made, known_u, net_kg, v, t)
             mix.load[made] = float(label)
             total += mix.weight[d]

@@ -30,7 +30,8 @@ RATE = 7  #: drift of the inverse mass, 1/(kg s); zero where the load is steady
 DELAY = 8  #: remaining delay of the reported torque times u, s/kg
 WINDUP = 9  #: compliance of the driveline times u, s2/kg
 BIAS = 10  #: offset of the accelerometer, m/s2
-STATES = 11
+BEGIN = 11  #: speed where the window began, m/s
+STATES = 12
 STATES_WITHOUT_ACCELEROMETER = 10
 #: products with the inverse mass
 TIMES_U = (WIND, DELAY, WINDUP)

@@ -32,10 +32,16 @@ def lacking_force(w: Window, c: Constants, v: Vehicle) -> float:
     step = v.torque_std_Nm * w.gear_1pm
     moved = abs(w.traction_N - w.begin_N)
     lasts_s = min(max(_STEP_STD * step / max(moved, 1.0) * WINDOW_S, WINDOW_S), c.longest_rounding_s)
-    share = c.force_std_share if w.traction_N > 0.0 else v.overrun_share
-    lacking = share * w.traction_N
+    lacking = c.force_std_share * w.traction_N
     between = moved * moved * v.period_windows * WINDOW_S / 12.0
     return between + lacking * lacking * WINDOW_S + step * step * lasts_s
+
+
+@jit.kernel
+def first_levels(v: Vehicle) -> Levels:
+    """Return the levels with which all begins."""
+    sensed = 2.0 * v.sensed_floor_mps2
+    return Levels(v.speed_first_mps * v.speed_first_mps, sensed * sensed, 0.0, 0.0)
 
 
 @jit.kernel
@@ -45,7 +51,7 @@ def follow(
     """Return the levels after an open window. nis, speed, sensed: mean NIS and surpluses."""
     windows = levels.windows + 1.0
     memory = min(c.noise_memory_windows, c.first_noise_windows + windows)
-    floor, loudest = v.speed_floor_mps, v.speed_loudest_mps
+    floor, loudest = v.speed_floor_mps, c.most_noise * v.speed_first_mps
     speed_var = min(max(levels.speed_var + speed / memory, floor * floor), loudest * loudest)
     sensed_var = levels.sensed_var
     if sees:

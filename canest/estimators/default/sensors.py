@@ -12,8 +12,9 @@ from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Wi
 from canest.estimators.default.predict import add, fill, moments, restore
 from canest.estimators.default.update import add_log_likelihood, condition_on
 
+SENSED = (m.GRADE, m.BIAS)
+DRIVEN = (m.GRADE, m.BIAS, m.V, m.BEGIN, m.DELAY)
 _SPEED = (m.V, m.DELAY, m.WINDUP)
-_SENSED = (m.GRADE, m.BIAS)
 _ALTITUDE = (m.HEIGHT,)
 _BALANCE = (m.GRADE, m.WIND, m.U)
 _COASTED = (m.GRADE, m.CURVATURE, m.WIND, m.U)
@@ -63,6 +64,26 @@ def speed(
     condition_on(mix, count, _SPEED, end.speed_mps * (1.0 - slip), r, c.outlier_nis, t)
 
 
+def _remember(mix: Mixture, count: int) -> None:
+    x, P = mix.x[:count], mix.P[:count]
+    x[:, m.BEGIN] = x[:, m.V]
+    P[:, m.BEGIN] = P[:, m.V]
+    P[:, :, m.BEGIN] = P[:, :, m.V]
+
+
+@jit.kernel_beside(_remember)
+def remember_speed(mix: Mixture, count: int) -> None:
+    """Keep the speed where a window begins."""
+    x, P = mix.x, mix.P
+    n = x.shape[1]
+    for d in range(count):
+        x[d, m.BEGIN] = x[d, m.V]
+        for i in range(n):
+            P[d, m.BEGIN, i] = P[d, m.V, i]
+        for i in range(n):
+            P[d, i, m.BEGIN] = P[d, i, m.V]
+
+
 @jit.kernel
 def forget_speed(mix: Mixture, count: int, t: Scratch) -> None:
     """Begin a balance of momentum: no known force has led to the speed before it."""
@@ -82,19 +103,37 @@ def rocking_var(w: Window, u: float, v: Vehicle) -> float:
 
 
 @jit.kernel
-def accelerometer(
-    mix: Mixture, count: int, felt: float, dt: float, r: float, rocking: float, c: Constants, t: Scratch
-) -> float:
-    """Update with an accelerometer: a_x - dv/dt - p dv/dt = g theta + b. Returns the mean surplus.
+def gain_is_known(is_open: bool, v: Vehicle) -> bool:
+    """Return whether the states know the speed gained in a window: its force is known, not only a line."""
+    return is_open and v.period_windows <= 1.0
 
-    felt: the left side. r: variance of a window of 0.2 s. rocking: see `rocking_var`.
+
+@jit.kernel
+def set_gained(w: Window, dt: float, t: Scratch) -> None:
+    """Set the levers of a window's mean acceleration: (v1 - v0 + delta dT) / dt.
+
+    Unlike the measured one it has no noise of the speeds, which acts on accelerometer and speed alike and
+    would look like a rough road.
+    """
+    t.h[2], t.h[3], t.h[4] = 1.0 / dt, -1.0 / dt, (w.traction_N - w.begin_N) / dt
+
+
+@jit.kernel
+def accelerometer(
+    mix: Mixture, count: int, states: Any, felt: float, dt: float, var: tuple[float, float],
+    c: Constants, t: Scratch,
+) -> float:  # fmt: skip
+    """Update with an accelerometer: a_x - p dv/dt = g theta + b + dv/dt. Returns the mean surplus.
+
+    states: `DRIVEN`, after `set_gained`; or `SENSED`, where the speeds' dv/dt is subtracted. felt: the left
+    side. var: variance of a window of 0.2 s, and see `rocking_var`.
     """
     fill(count, t.f, c.bias_wander_m2ps5 * dt)
     add(mix, count, m.BIAS, t.zeros, t.f)
-    r *= WINDOW_S / dt
+    r = var[0] * WINDOW_S / dt
     t.h[0], t.h[1] = GRAVITY_MPS2, 1.0
-    condition_on(mix, count, _SENSED, felt, r + rocking, c.outlier_nis, t)
-    add_log_likelihood(mix, count, r + rocking, c.likelihood_floor, t)
+    condition_on(mix, count, states, felt, r + var[1], c.outlier_nis, t)
+    add_log_likelihood(mix, count, r + var[1], c.likelihood_floor, t)
     surplus: float = mean_surplus(mix, count, r, c, t)
     return surplus
 

@@ -20,16 +20,15 @@ from canest.estimators.default.model import Mixture, Scratch
 def _condition_on(
     mix: Mixture, count: int, states: Any, z: float, r: float, outlier: float, t: Scratch
 ) -> None:
-    x, P = mix.x[:count], mix.P[:count]
-    e = np.full(count, z)
-    K = np.zeros(x.shape)
-    for lever, state in zip(t.h, states, strict=False):
-        e -= lever * x[:, state]
-        K += lever * P[:, state]
-    s = np.full(count, r)
-    for lever, state in zip(t.h, states, strict=False):
-        s += lever * K[:, state]
-    np.maximum(s, r, out=s)
+    x, P, h = mix.x[:count], mix.P[:count], np.array(t.h[: len(states)])[:, None]
+    K = np.add.reduce(P.take(states, axis=1) * h, axis=1)  # like all sums here one after the other
+    terms = np.empty((len(states) + 1, count))
+    terms[0] = z
+    np.multiply(x.T.take(states, axis=0), h, out=terms[1:])
+    e = np.subtract.reduce(terms)
+    terms[0] = r
+    np.multiply(K.T.take(states, axis=0), h, out=terms[1:])
+    s = np.maximum(np.add.reduce(terms), r)
     t.e[:count], t.s[:count] = e.tolist(), s.tolist()
     root = 1.0 / np.sqrt(np.maximum(s, e * e / outlier))
     gain = e * root
