@@ -58,15 +58,15 @@ def certain_changes(runs: Sequence[Run], name: str) -> list[Change]:
 
     By a t-test of the differences on the drives of one kind, at `CHANCE` divided by the number of tests.
     """
-    kinds = [(EVERY, False), (EVERY, True)]
-    kinds += list(dict.fromkeys((run["drive"], run["accelerometer"]) for run in runs))
+    mine = [run for run in runs if run["variant"] in (DEFAULT, name)]
+    kinds = dict.fromkeys((drive, run["accelerometer"]) for run in mine for drive in (EVERY, run["drive"]))
     tests = len(kinds) * len(FIGURES)
     found = []
     for kind in kinds:
         both = by_variant(
-            [r for r in runs if kind[0] in (EVERY, r["drive"]) and kind[1] == r["accelerometer"]]
+            [run for run in mine if kind[0] in (EVERY, run["drive"]) and kind[1] == run["accelerometer"]]
         )
-        for figure in FIGURES if both else ():
+        for figure in FIGURES:
             before, after = (np.array([run[figure] for run in both[v]], float) for v in (DEFAULT, name))
             known = np.isfinite(before) & np.isfinite(after)
             off = (after - before)[known]

@@ -78,9 +78,9 @@ class Effect(NamedTuple):
         sizes = [abs(self.differences[figure]) for figure in SHARES]
         return max((size for size in sizes if not np.isnan(size)), default=0.0)
 
-    def is_certain(self, figure: str, errors: float = 2.0) -> bool:
-        """Return whether a difference is larger than so many of its standard errors."""
-        return abs(self.differences[figure]) > errors * self.errors[figure]
+    def is_certain(self, figure: str) -> bool:
+        """Return whether a difference is larger than two of its standard errors."""
+        return abs(self.differences[figure]) > 2.0 * self.errors[figure]
 
 
 def changed(constants: Constants, values: Mapping[str, float]) -> Constants:

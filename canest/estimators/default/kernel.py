@@ -260,8 +260,7 @@ def run(
             altitude(mix, count, w.altitude_m, height_known, c, t)
         sees = not math.isnan(w.sensed_mps2) and comparison.faulty == 0.0 and not still
         if sees:
-            rocking = rocking_var(w, p.u, v)
-            felt, var = w.sensed_mps2 - v.pitch * motion, (levels.sensed_var, rocking)
+            felt, var = w.sensed_mps2 - v.pitch * motion, (levels.sensed_var, rocking_var(w, p.u, v))
             if gain_is_known(is_open, v):
                 set_gained(w, dt, t)
                 sensed_surplus = accelerometer(mix, count, DRIVEN, felt, dt, var, c, t)
