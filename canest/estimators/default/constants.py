@@ -65,8 +65,9 @@ class Constants(NamedTuple):
     surprise_limit: Annotated[float, Source("S_max", "1", "chosen: one window at five stds")] = 25.0
     surprise_nis: Annotated[float, Source("k_S", "1", "measured: at 2, rough driving is a surprise")] = 3.0
     surprise_share: Annotated[
-        float, Source("P_S", "1", "measured: less finds a tipper late, more costs `valid` on hills")
-    ] = 0.02
+        float,
+        Source("P_S", "1", "measured: at the limit; less finds a tipper late, more costs `valid` on hills"),
+    ] = 0.009
     # -- noise
     force_std_share: Annotated[float, Source("k_F", "1", "chosen: a controller's momentary torque")] = 0.02
     longest_rounding_s: Annotated[float, Source("t_q", "s", "measured: less is too sure of a car")] = 2.0

@@ -12,16 +12,15 @@ from canest.estimators.default import model as m
 from canest.estimators.default.accelerometer import Comparison, compare
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.driver import answered_force, own_torque
-from canest.estimators.default.hypotheses import (
-    exchange,
-    prune,
-    set_loads,
-    take,
-    transitions,
-    weigh,
-)
+from canest.estimators.default.hypotheses import exchange, prune, set_loads, take, transitions, weigh
 from canest.estimators.default.joining import Joined, add_window, begin_sums, join, waits
-from canest.estimators.default.load import brakes_unseen, changed_probability, in_overrun, open_load
+from canest.estimators.default.load import (
+    brakes_unseen,
+    changed_probability,
+    in_overrun,
+    open_load,
+    surprise_probability,
+)  # fmt: skip
 from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Space, Window
 from canest.estimators.default.noise import Levels, first_levels, follow, lacking_force
 from canest.estimators.default.predict import accelerate, add, climb, drift, fade, fill, travel
@@ -222,7 +221,9 @@ def run(
             mixed_m = mixed_s = 0.0
         if surprised:
             known_N = 0.0 if p.braked > 0.0 else w.force_N - w.rotating_kg * w.accel_mps2
-            count = open_load(mix, count, c.surprise_share, True, known_N / GRAVITY_MPS2, v, t)
+            count = open_load(
+                mix, count, surprise_probability(surprise, c), True, known_N / GRAVITY_MPS2, v, t
+            )
             surprise = 0.0
         # -- predict and update every density
         fill(count, mix.found, 0.0)

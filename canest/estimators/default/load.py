@@ -28,6 +28,12 @@ def changed_probability(seconds: float, stop_s: float) -> float:
 
 
 @jit.kernel
+def surprise_probability(surprise: float, c: Constants) -> float:
+    """Return the probability that a load has changed in motion: a road explains a larger surprise less."""
+    return min(c.surprise_share * surprise / c.surprise_limit, 0.5)
+
+
+@jit.kernel
 def in_overrun(w: Window) -> bool:
     """Return whether the vehicle drives its engine at begin and end of a window."""
     return w.begin_N <= 0.0 and w.traction_N <= 0.0

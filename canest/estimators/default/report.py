@@ -177,7 +177,7 @@ def unknown_load_var(mass: float, unknown_s: float, braked: bool, c: Constants, 
     """
     probability = changed_probability(unknown_s, c.load_stop_s)
     if braked:
-        probability = max(probability, c.surprise_share)
+        probability = max(probability, 2.0 * c.left_out_share)
     elif unknown_s <= c.shortest_stop_s or probability < c.left_out_share:
         return 0.0
     least, most = 1.0 / v.most_u, 1.0 / v.least_u
