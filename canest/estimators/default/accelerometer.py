@@ -37,9 +37,11 @@ class Comparison(NamedTuple):
 
 
 @jit.kernel
-def compare(c: Comparison, sensed: float, accel: float, speed: float, rounding_mps: float) -> Comparison:
+def compare(
+    c: Comparison, sensed: float, accel: float, speed: float, gap_s: float, rounding_mps: float
+) -> Comparison:
     """Return the comparison after one more window. rounding_mps: std of the speed within its resolution."""
-    if math.isnan(sensed) or speed <= _MOVING_MPS:
+    if math.isnan(sensed) or speed <= _MOVING_MPS or gap_s > 0.0:
         return Comparison(0.0, 0.0, 0.0, c.sensed_before, math.nan, c.squares, c.products, c.faulty)
     sum_sensed, sum_accel, windows = c.sensed + sensed, c.accel + accel, c.windows + 1.0
     squares, products, faulty = c.squares, c.products, c.faulty

@@ -103,6 +103,9 @@ class Constants(NamedTuple):
 
 CONSTANTS = Constants()
 
+#: no signal is finer than this, m/s and m/s2: noise levels stay above zero
+_FINEST = 1e-4
+
 
 class Vehicle(NamedTuple):
     """What the loop needs of the vehicle, and of its signals' resolution."""
@@ -127,7 +130,7 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
     """Return what the loop needs of a vehicle."""
     least, most = 1.0 / facts.mass_max_kg, 1.0 / facts.mass_min_kg
     unknown = math.sqrt(least * most)
-    floor = facts.speed_step_mps / math.sqrt(12.0)
+    floor = max(facts.speed_step_mps, _FINEST) / math.sqrt(12.0)
     pitch = facts.pitch_rad_per_mps2
     period = float(math.ceil(facts.report_period_s / WINDOW_S - 1e-6))
     return Vehicle(
@@ -139,7 +142,7 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         roll_share=facts.rolling_resistance_accuracy,
         speed_floor_mps=floor,
         speed_first_mps=max(c.first_noise_steps * floor, c.driveline_swing_mps),
-        sensed_floor_mps2=facts.accelerometer_step_mps2 / 2.0,
+        sensed_floor_mps2=max(facts.accelerometer_step_mps2, _FINEST) / 2.0,
         torque_std_Nm=facts.torque_step_Nm / math.sqrt(12.0),
         slip_per_mps2=c.slip_per_mps2 if facts.slips else 0.0,
         period_windows=period,

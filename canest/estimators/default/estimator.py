@@ -156,12 +156,11 @@ class GaussianSum(Estimator):
         """
         n = len(block)
         ticks = block.t_us // STEP_US
-        first = int(ticks[0]) if n and self._last_tick is None else self._last_tick or 0
-        last_ticks = np.concatenate(([first], ticks[ends]))
-        if len(ends):
+        if n and self._last_tick is None:
+            self._last_tick = int(ticks[0])
+        last_ticks = np.concatenate(([self._last_tick or 0], ticks[ends]))
+        if n:
             self._last_tick = int(last_ticks[-1])
-        elif self._last_tick is None and n:
-            self._last_tick = first
         counts = np.diff(np.concatenate(([0], ends, [n])))
         rows = np.repeat(np.arange(len(known)), counts)
         table = known[rows].T
@@ -204,7 +203,8 @@ class GaussianSum(Estimator):
             return ""
         t = _space(self._unknown, []).scratch
         best = set_loads.interpreted(self._mixture, int(self._carried.progress.alive), t)
-        return beyond_bound(float(t.loads[3 * best + 1]), float(t.loads[3 * best + 2]), self.facts)
+        u, u_var = t.loads[3 * best + 1], t.loads[3 * best + 2] / self.constants.likelihood_power
+        return beyond_bound(float(u), float(u_var), self.facts)
 
     def consistency(self) -> dict[str, float]:
         """Return the mean normalised innovation squared (1 when honest), and over how many windows."""
@@ -215,11 +215,12 @@ class GaussianSum(Estimator):
     def restore(self, mass_kg: float, mass_std_kg: float) -> None:
         """Start from a remembered mass with its (already widened) standard deviation."""
         u = min(max(1.0 / mass_kg, self._vehicle.least_u), self._vehicle.most_u)
-        self._begin(u, (mass_std_kg * u * u) ** 2)
+        own = max(mass_std_kg**2 - (self._gain * mass_kg) ** 2, (1e-3 * mass_kg) ** 2)
+        self._begin(u, self.constants.likelihood_power * own * u**4)
         self._last[kernel.OUT_LEARNED] = 1.0
-        self._last[kernel.OUT_MASS], self._last[kernel.OUT_VAR] = mass_kg, mass_std_kg**2
+        self._last[kernel.OUT_MASS], self._last[kernel.OUT_VAR] = mass_kg, own
         progress = self._carried.progress._replace(learned=1.0)
-        report = self._carried.report._replace(mass_kg=mass_kg, mass_var=mass_std_kg**2)
+        report = self._carried.report._replace(mass_kg=mass_kg, mass_var=own)
         self._carried = self._carried._replace(progress=progress, report=report)
 
 

@@ -211,9 +211,12 @@ def exchange(mix: Mixture, count: int, chains: Any, fresh: Any, least: float, sp
                 share[at + d] = part
                 total += part
             if total >= least:
+                kept = 0.0
                 for d in range(count):
-                    part = share[at + d] / total
-                    share[at + d] = part if part > _NEGLIGIBLE else 0.0
+                    share[at + d] = share[at + d] if share[at + d] > _NEGLIGIBLE * total else 0.0
+                    kept += share[at + d]
+                for d in range(count):
+                    share[at + d] /= kept
                 room.weight[made], room.load[made], room.mode[made] = total, float(load), float(mode)
                 made += 1
     mix_densities(mix, count, made, space)

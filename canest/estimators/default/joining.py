@@ -43,7 +43,8 @@ def begin_sums(w: Window, unseen_s: float) -> Joined:
 @jit.kernel
 def add_window(q: Joined, w: Window, begins: bool) -> Joined:
     """Return the sums with one more window. What was closed before it is no part of a balance of forces."""
-    kept = 0.0 if begins or w.retarding > 0.0 or w.coarse > 0.0 else 1.0
+    hidden = w.retarding > 0.0 or w.coarse > 0.0 or (w.open == 0.0 and w.stopped == 0.0)
+    kept = 0.0 if begins or hidden else 1.0
     goes_on = kept * q.windows > 0.0
     return Joined(
         kept * q.windows + 1.0, q.begin_N if goes_on else w.begin_N,

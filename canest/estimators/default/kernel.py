@@ -48,9 +48,9 @@ from canest.estimators.default.update import add_log_likelihood
 #: after a gap this long the height is unknown, s; of a coasting further back the road is another, m
 _LOST_S, _FAR_M = 60.0, 100.0
 #: columns of the output, one row per window
-OUTPUTS = 9
+OUTPUTS = 8
 (
-    OUT_MASS, OUT_VAR, OUT_GRADE, OUT_GRADE_VAR, OUT_SLOPE, OUT_WANDER, OUT_LEARNED, OUT_SPEED, OUT_LIVE,
+    OUT_MASS, OUT_VAR, OUT_GRADE, OUT_GRADE_VAR, OUT_SLOPE, OUT_WANDER, OUT_LEARNED, OUT_SPEED,
 ) = range(OUTPUTS)  # fmt: skip
 
 
@@ -166,7 +166,7 @@ def write(
     row[OUT_GRADE] = given.grade + given.slope_1pm * q.distance_m
     row[OUT_GRADE_VAR] = given.grade_var + given.wander_1pm * q.distance_m
     row[OUT_SLOPE], row[OUT_WANDER] = given.slope_1pm, given.wander_1pm
-    row[OUT_LEARNED], row[OUT_SPEED], row[OUT_LIVE] = p.learned, max(speed_mps, 0.0), p.alive
+    row[OUT_LEARNED], row[OUT_SPEED] = p.learned, max(speed_mps, 0.0)
 
 
 @jit.kernel
@@ -181,7 +181,7 @@ def run(
     for k in range(n):
         w = window_at(columns, k)
         was_faulty = comparison.faulty
-        comparison = compare(comparison, w.sensed_mps2, w.accel_mps2, w.speed_mps, v.speed_floor_mps)
+        comparison = compare(comparison, w.sensed_mps2, w.accel_mps2, w.speed_mps, w.gap_s, v.speed_floor_mps)
         failed = comparison.faulty != was_faulty
         braked = p.braked > 0.0 and (w.open == 0.0 or in_overrun(w))
         is_open, still = w.open > 0.0 and not braked, w.stopped > 0.0
@@ -198,21 +198,22 @@ def run(
         failed = failed or road.lost > 0.0
         height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S and not failed
         # -- other loads, other modes
-        unseen_s, surprise = joined.unseen_s, p.surprise
+        unseen_s, surprise, opened = joined.unseen_s, p.surprise, False
         changed = changed_probability(unseen_s, c.load_stop_s) if begins else 0.0
         if failed or 1.0 - changed < c.left_out_share:  # nothing of what was learned holds
             take(space.prior, m.MODES, mix)
             count, begins = m.MODES, is_open
             unseen_s = surprise = 0.0
-            braked = False
+            braked = height_known = False
             levels = first_levels(v) if failed else levels
         elif begins and unseen_s >= c.shortest_stop_s:
             if p.learned > 0.0:
                 count = open_load(mix, count, changed, False, 0.0, v, t)
+                opened = True
             unseen_s = surprise = 0.0
         surprised = is_open and surprise > c.surprise_limit
         mixed_m, mixed_s = p.mixed_m + metres, p.mixed_s + (0.0 if still else dt + min(w.gap_s, 10.0))
-        due = mixed_s >= c.exchange_every_s or surprised
+        due = mixed_s >= c.exchange_every_s or surprised or opened
         if due:
             wind = math.hypot(c.wind_std_mps, 0.5 * w.speed_mps * v.drag_share) * p.u
             fade(mix, count, mixed_m, wind, c)
@@ -244,7 +245,7 @@ def run(
         if is_open:
             if mix.x.shape[1] == m.STATES:
                 remember_speed(mix, count)
-            motion = accelerate(mix, count, w, dt, lacking_force(w, c, v), v, t)
+            motion = accelerate(mix, count, w, dt, lacking_force(w, c, v), p.u, v, t)
             end = Ends(w.speed_mps, w.traction_N, w.traction_Nps)
             speed(mix, count, end, p.u, levels.speed_var, c, v, t)
             fast_N = w.traction_N - slow_N
@@ -289,7 +290,7 @@ def run(
         p = Progress(
             float(count), u, mixed_m, mixed_s,
             1.0 if is_open or w.retarding > 0.0 else 0.0, w.force_N,
-            slow_N + dt * (w.traction_N - slow_N), 1.0 if is_open and not braked else 0.0,
+            w.traction_N + math.exp(-dt) * (slow_N - w.traction_N), 1.0 if is_open and not braked else 0.0,
             1.0 if is_open or p.learned > 0.0 else 0.0, surprise, 1.0 if braked else 0.0,
             1.0 if measured or height_known else 0.0,
             0.0 if measured else climbed_m, 0.0 if measured else climbed_s,

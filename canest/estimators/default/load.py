@@ -14,11 +14,8 @@ import numpy as np
 from canest.core import jit
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants, Vehicle
-from canest.estimators.default.hypotheses import copy, prune, set_loads
+from canest.estimators.default.hypotheses import copy, set_loads
 from canest.estimators.default.model import LOADS, Mixture, Scratch, Window
-
-#: a weight that is none
-_NOTHING = 1e-300
 
 
 @jit.kernel
@@ -49,7 +46,8 @@ def brakes_unseen(w: Window, surprise: float, innovation_mps: float, c: Constant
     return surprise > c.surprise_limit and innovation_mps < 0.0 and in_overrun(w)
 
 
-def _reopen(mix: Mixture, d: int, known_u: float, net_kg: float, v: Vehicle, t: Scratch) -> None:
+def _reopen(mix: Mixture, d: int, net_kg: float, v: Vehicle, t: Scratch) -> None:
+    known_u = min(max(float(mix.x[d, m.U]), v.least_u), v.most_u)
     x, P = mix.x[d], mix.P[d]
     P[m.U] = P[:, m.U] = 0.0
     a = np.zeros(len(x))
@@ -64,7 +62,7 @@ def _reopen(mix: Mixture, d: int, known_u: float, net_kg: float, v: Vehicle, t: 
 
 
 @jit.kernel_beside(_reopen)
-def reopen(mix: Mixture, d: int, known_u: float, net_kg: float, v: Vehicle, t: Scratch) -> None:
+def reopen(mix: Mixture, d: int, net_kg: float, v: Vehicle, t: Scratch) -> None:
     """Open the load of one density: x(u) = x + a (u - known_u), P = P without u + a Var(u) a'.
 
     a: 1 for u itself; x / known_u for what is times u; net_kg = (F - J dv/dt) / g for the grade, since
@@ -72,6 +70,7 @@ def reopen(mix: Mixture, d: int, known_u: float, net_kg: float, v: Vehicle, t: S
     """
     x, P, a = mix.x, mix.P, t.K
     n = x.shape[1]
+    known_u = min(max(x[d, m.U], v.least_u), v.most_u)
     for i in range(n):
         P[d, m.U, i] = 0.0
         P[d, i, m.U] = 0.0
@@ -91,38 +90,30 @@ def reopen(mix: Mixture, d: int, known_u: float, net_kg: float, v: Vehicle, t: S
 
 
 @jit.kernel
-def relabel(mix: Mixture, count: int, before: int, after: int) -> None:
-    """Give the densities of one load to another: the next exchange makes one of them per mode."""
-    for d in range(count):
-        if mix.load[d] == before:
-            mix.load[d] = float(after)
-
-
-@jit.kernel
 def open_load(
     mix: Mixture, count: int, probability: float, moving: bool, net_kg: float, v: Vehicle, t: Scratch
 ) -> int:
     """Give a share of the probability to an unknown load, a copy of the densest; returns the densities.
 
-    After a stop the loads that there are become one. In motion nothing is done where there is no room.
+    After a stop the loads that there are become one: an exchange has to follow. In motion nothing is done
+    where there is no room.
     """
-    base = set_loads(mix, count, t)
-    known_u = min(max(t.loads[3 * base + 1], v.least_u), v.most_u)
-    label, made, total = -1, count, 0.0
+    base, label = set_loads(mix, count, t), -1
     for k in range(LOADS):
         if k != base and (t.loads[3 * k] == 0.0 or not moving):
             label = k
-            relabel(mix, count, k, base)
     if label < 0:
         return count
+    made, total = count, 0.0
     for d in range(count):
-        if mix.load[d] == base and mix.mode[d] < m.STEADY_MODES:
+        if not moving:
+            mix.load[d] = float(base)
+        if mix.load[d] == base:
             copy(mix, d, mix, made)
-            reopen(mix, made, known_u, net_kg, v, t)
+            reopen(mix, made, net_kg, v, t)
             mix.load[made] = float(label)
             total += mix.weight[d]
             made += 1
-    for d in range(made if total > 0.0 else 0):
+    for d in range(made):
         mix.weight[d] *= 1.0 - probability if d < count else probability / total
-    left: int = prune(mix, made, _NOTHING)
-    return left
+    return made

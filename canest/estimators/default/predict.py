@@ -153,30 +153,30 @@ def travel(
     if metres == 0.0 and answered_kg == 0.0:
         return
     for d in range(count):
-        t.f[d], t.f[MOST + d] = metres, answered_kg * m.ANSWERS[int(mix.mode[d])]
+        t.f[d], t.f[MOST + d] = min(metres, c.curvature_length_m), answered_kg * m.ANSWERS[int(mix.mode[d])]
     propagate(mix, count, m.GRADE, _TRAVEL, t)
     for d in range(count):
         mode = int(mix.mode[d])
         scatter = u * answered_kg * m.ANSWERS[mode]
         wander = c.rough_wander_1pm if m.IS_ROUGH[mode] > 0.0 else c.smooth_wander_1pm
-        t.f[d] = wander * metres + scatter * scatter
+        t.f[d] = min(wander * metres, c.grade_std * c.grade_std) + scatter * scatter
     add(mix, count, m.GRADE, t.zeros, t.f)
 
 
 @jit.kernel
 def accelerate(
-    mix: Mixture, count: int, w: Window, dt: float, lacking: float, v: Vehicle, t: Scratch
+    mix: Mixture, count: int, w: Window, dt: float, lacking: float, u_mean: float, v: Vehicle, t: Scratch
 ) -> float:
     """Let the force act: v <- v + dt a, a = (u F - g mu - g theta - c omega) / (1 + u J).
 
     F of this row: da/dtheta = -g / (1 + u J), da/domega = -c / (1 + u J), da/du = (F - J a) / (1 + u J).
-    lacking: density of the force that the model lacks. Returns the mean acceleration.
+    lacking: density of the force that the model lacks. u_mean: mean inverse mass. Returns the acceleration.
     """
     us, grades, winds, unused = t.columns
     moments(mix, count, m.U, us, unused)
     moments(mix, count, m.GRADE, grades, unused)
     moments(mix, count, m.WIND, winds, unused)
-    gained, mean, mean_u = t.columns[3], 0.0, 0.0
+    gained, mean = t.columns[3], 0.0
     for d in range(count):
         u = min(max(us[d], v.least_u), v.most_u)
         part = dt / (1.0 + u * w.rotating_kg)
@@ -186,9 +186,8 @@ def accelerate(
         # what the row adds by its states, and must not
         gained[d] = dv - (t.f[d] * grades[d] + t.f[MOST + d] * winds[d] + t.f[2 * MOST + d] * u)
         mean += mix.weight[d] * dv / dt
-        mean_u += mix.weight[d] * u
     propagate(mix, count, m.V, _ACCELERATE, t)
-    lever = mean_u / (1.0 + mean_u * w.rotating_kg)
+    lever = u_mean / (1.0 + u_mean * w.rotating_kg)
     fill(count, t.f, lever * lever * lacking * dt)
     add(mix, count, m.V, gained, t.f)
     return mean

@@ -55,11 +55,12 @@ def sum_over_nodes(count: int, power: float, space: Space) -> tuple[float, float
     """Return mean and variance of 1/u over nodes uniform in ln u; zeros where all is beyond them."""
     nodes = space.nodes
     us, u_vars, share, _ = space.scratch.columns
+    half = 0.5 * (nodes[1] / nodes[0] - 1.0)  # of the way between two: a narrower density would fall through
     total = first = second = 0.0
     for i in range(len(nodes)):
         density = 0.0
         for d in range(count):
-            variance = u_vars[d] / power
+            variance = u_vars[d] / power + (half * us[d]) * (half * us[d])
             off = nodes[i] - us[d]
             distance = off * off / variance
             if share[d] > 0.0 and distance < 40.0:
@@ -178,7 +179,7 @@ def unknown_load_var(mass: float, unknown_s: float, braked: bool, c: Constants, 
     probability = changed_probability(unknown_s, c.load_stop_s)
     if braked:
         probability = max(probability, 2.0 * c.left_out_share)
-    elif unknown_s <= c.shortest_stop_s or probability < c.left_out_share:
+    elif unknown_s <= c.shortest_stop_s:
         return 0.0
     least, most = 1.0 / v.most_u, 1.0 / v.least_u
     width = math.log(most / least)

@@ -54,7 +54,8 @@ def follow_road(road: RoadUse, given: Report, w: Window, metres: float, ahead_m:
     s = given.grade_var + cell_var(w)
     wide = s + _OTHER_STD * _OTHER_STD
     log_factor = 0.5 * (e * e / wide - e * e / s + math.log(wide / s))
-    right = road.right + (1.0 - road.right) * since_m / _WRONG_M - road.right * since_m / _RIGHT_M
+    rest = _RIGHT_M / (_RIGHT_M + _WRONG_M)  # of a map of which nothing is known any more
+    right = rest + (road.right - rest) * math.exp(-since_m / _WRONG_M - since_m / _RIGHT_M)
     right = min(max(right, 0.01), 0.99)
     odds = right / (1.0 - right) * math.exp(min(max(log_factor, -_MOST), _MOST))
     right = odds / (1.0 + odds)

@@ -22,7 +22,7 @@ _MAP = (m.GRADE, m.ROLLING)
 #: bounds of the delay at which its lever is taken, s
 _LONGEST_DELAY_S = 0.1
 #: variance of a speed that no known force has led to, (m/s)2
-_UNKNOWN_V = 100.0
+_UNKNOWN_V = 1e4
 #: an altitude this many variances off begins anew
 _FAR_OFF = 25.0
 #: what a body does that the pitch does not tell, share of the acceleration squared: 0.007 rad per m/s2

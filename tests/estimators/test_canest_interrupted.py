@@ -1,0 +1,159 @@
+"""What interrupts a drive: missing samples, stops, restarts. Nothing that was not seen may teach anything."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from canest.core.gates import Gate
+from canest.core.samples import Status
+from canest.estimators.default import hypotheses, joining, road_map
+from canest.estimators.default import model as m
+from canest.estimators.default.accelerometer import Comparison, compare
+from canest.estimators.default.constants import CONSTANTS
+from canest.estimators.default.estimator import GaussianSum, _space
+from canest.estimators.default.model import Window
+from canest.estimators.default.report import Report, sum_over_nodes
+
+from . import synthetic
+from .momentum import FACTS, flat, steady, trip
+from .test_canest_parts import mixture
+
+NOTHING = Window(**dict.fromkeys(Window._fields, 0.0))
+
+
+def with_gap(block, sample, seconds):
+    t_us = block.t_us.copy()
+    t_us[sample:] += round(seconds * 1e6)
+    return replace(block, t_us=t_us)
+
+
+@pytest.mark.parametrize("gap_s", [300, 3_600, 20_000, 80_000])
+def test_after_a_gap_in_motion_no_wrong_mass_is_valid(gap_s):
+    """The road of the missing hours is any road, and its variance has a bound: else only rounding is left."""
+    drive = trip(150.0, road=flat, seed=2)
+    estimates = GaussianSum("canest", FACTS).update(with_gap(drive.block, 3_000, gap_s))
+    after = slice(3_000, None)
+    wrong = np.abs(estimates.mass_kg[after] / drive.mass_kg[after] - 1.0) > 0.08
+    assert not (wrong & (estimates.status[after] == Status.VALID)).any()
+    assert np.nanmax(np.abs(estimates.grade[after])) < 0.1
+
+
+def test_after_a_long_stop_no_height_is_known():
+    """At the level of the sea as anywhere: the first altitude is no hill that has been climbed."""
+    drive = trip(760.0, road=flat, throttle=steady, stops=[(60.0, 680.0)], altitude=True, seed=3).block
+    ends = []
+    for level_m in (10.0, 500.0):
+        block = replace(drive, altitude_m=drive.altitude_m - drive.altitude_m[0] + level_m)
+        ends.append(GaussianSum("canest", FACTS).update(block))
+    np.testing.assert_allclose(ends[0].mass_kg[-1], ends[1].mass_kg[-1], rtol=1e-6)
+    np.testing.assert_allclose(ends[0].grade[-1], ends[1].grade[-1], atol=1e-6)
+
+
+def test_restarts_do_not_widen_the_mass():
+    block = trip(200.0, road=flat, seed=2).block
+    estimator = GaussianSum("canest", FACTS)
+    estimator.update(block[:6_000])
+    first = estimator.snapshot()
+    known = first
+    for _ in range(3):
+        estimator = GaussianSum("canest", FACTS)
+        estimator.restore(known["mass_kg"], known["mass_std_kg"])
+        estimates = estimator.update(block[6_000:6_030])
+        assert estimates.mass_std_kg[0] == pytest.approx(known["mass_std_kg"], rel=1e-6)
+        known = estimator.snapshot()
+    assert known["mass_std_kg"] == pytest.approx(first["mass_std_kg"], rel=0.05)
+
+
+def test_a_mass_may_be_restored_as_exact():
+    estimator = GaussianSum("canest", FACTS)
+    estimator.restore(20_000.0, 0.0)
+    estimates = estimator.update(trip(30.0, seed=2).block)
+    assert np.isfinite(estimates.grade).all()
+    assert np.isfinite(estimates.mass_kg).all()
+
+
+def test_stops_one_after_the_other_leave_room_for_every_load():
+    """Each opens a load, and 0.2 s of motion are too short for modes to exchange by themselves."""
+    block = synthetic.drive(seconds=320.0, noise_mps2=0.02).block
+    is_open = np.zeros(len(block), bool)
+    is_open[20:30] = True
+    for stop in range(1, 11):
+        is_open[stop * 1_500 : stop * 1_500 + 10] = True
+    gate = np.where(is_open, Gate.OPEN, Gate.LOW_SPEED).astype(np.uint8)
+    estimator = GaussianSum("canest", synthetic.FACTS)
+    for i in range(0, len(block), 10):
+        estimator.update(replace(block, gate=gate, stopped=~is_open)[i : i + 10])
+        assert estimator._carried.progress.alive <= m.LOADS * m.MODES
+
+
+def test_a_gap_is_no_change_that_an_accelerometer_should_have_shown():
+    comparison = Comparison()
+    for sensed, accel, gap_s in [(0.78, 0.0, 0.0)] * 5 + [(1.3, 1.3, 60.0)] + [(1.3, 1.3, 0.0)] * 10:
+        comparison = compare.interpreted(comparison, sensed, accel, 10.0, gap_s, 0.001)
+    assert comparison.faulty == 0.0
+
+
+def test_a_map_that_fits_after_a_gap_is_not_lost():
+    road = road_map.RoadUse(right=0.985, trusted=1.0)
+    given = Report(21_000.0, 1e4, 0.01, 1e-5)
+    w = NOTHING._replace(road_sine=0.01, road_std=1e-3)
+    road = road_map.follow_road.interpreted(road, given, w, 10_000.0, 0.0)
+    assert road.lost == 0.0
+    assert road.right > 0.9
+
+
+def test_a_slower_vehicle_after_a_gap_is_no_surprise():
+    drive = synthetic.drive(seconds=160.0, noise_mps2=0.02).block
+    speed = drive.speed_mps + 4.0 - drive.speed_mps[4_000:].min()
+    speed[:4_000] += 50.0
+    block = with_gap(replace(drive, speed_mps=speed, raw_speed_mps=speed), 4_000, 5.0)
+    estimator = GaussianSum("canest", replace(synthetic.FACTS, slips=False))
+    estimator.update(block[:4_000])
+    for i in range(4_000, 4_100, 10):
+        estimator.update(block[i : i + 10])
+        assert estimator._carried.progress.surprise < 1.0
+
+
+def test_a_stop_is_no_part_of_the_motion_after_it():
+    """Standing windows wait; the first that moves, with a gate closed, must not take their mean."""
+    q = joining.begin_sums.interpreted(NOTHING, 0.0)
+    standing, rolling = NOTHING._replace(stopped=1.0), NOTHING._replace(sensed_mps2=0.7, distance_m=0.3)
+    for _ in range(50):
+        q = joining.add_window.interpreted(q, standing, False)
+    q = joining.add_window.interpreted(q, rolling, False)
+    assert q.windows == 1.0
+    assert q.sensed_mps2 == 0.7
+    assert q.unseen_s == pytest.approx(50 * m.WINDOW_S)
+
+
+def test_an_exchange_loses_nothing():
+    """States that all densities share are the same after it, however small the parts that are left out."""
+    mix, space = mixture(m.MODES, modes=list(range(m.MODES)))
+    for d in range(m.MODES):
+        mix.x[d, m.U], mix.P[d, m.U] = 1.0 / 20_000, 0.0
+        mix.P[d, :, m.U] = 0.0
+    chains = hypotheses.transitions.interpreted(4.0, 1.0, CONSTANTS)
+    made = hypotheses.exchange.interpreted(mix, m.MODES, chains, (0.0, 0.0), CONSTANTS.least_weight, space)
+    np.testing.assert_allclose(mix.x[:made, m.U], 1.0 / 20_000, rtol=1e-12)
+
+
+@pytest.mark.parametrize("known_kg", [19_700.0, 20_000.0, 20_300.0])
+def test_a_load_narrower_than_the_nodes_is_summed_as_it_is(known_kg):
+    """Two loads, one of them known to 0.8 %: the sum over 48 nodes against one over 4,800."""
+    estimator = GaussianSum("canest", FACTS)
+    sums = []
+    for fine in (1, 100):
+        width = math.log(FACTS.mass_max_kg / FACTS.mass_min_kg)
+        count = fine * len(estimator._nodes)
+        nodes = np.exp((np.arange(count) + 0.5) * width / count) / FACTS.mass_max_kg
+        space = _space(estimator._unknown, nodes.tolist())
+        us, variances, shares, _ = space.scratch.columns
+        us[:2], shares[:2] = [1.0 / known_kg, 1.0 / 30_000.0], [0.7, 0.3]
+        variances[:2] = [(0.008 / known_kg) ** 2, (0.25 / 30_000.0) ** 2]
+        mean, var = sum_over_nodes.interpreted(2, 1.0, space)
+        sums.append((mean, math.sqrt(var)))
+    np.testing.assert_allclose(sums[0], sums[1], rtol=0.02)
