@@ -52,5 +52,8 @@ class Estimator(ABC):
         """Return what is worth keeping over a restart: at least mass_kg, mass_std_kg (JSON types)."""
         return {}
 
-    def restore(self, mass_kg: float, mass_std_kg: float) -> None:  # noqa: B027
-        """Start from a saved mass and its (already widened) standard deviation."""
+    def restore(self, mass_kg: float, mass_std_kg: float, unseen_s: float = 0.0) -> None:  # noqa: B027
+        """Start from a saved mass and its standard deviation.
+
+        unseen_s: time since then in which the load may have changed and nobody saw it (0: none).
+        """

@@ -1,4 +1,4 @@
-"""When the driving contradicts a bound of the mass: the posterior lies beyond it, significantly."""
+"""What the bounds of the mass say: when the driving contradicts one, and what an unseen stop may change."""
 
 from __future__ import annotations
 
@@ -8,6 +8,17 @@ from canest.core.samples import VehicleFacts
 
 #: 99.9 % of a normal density lie below so many standard deviations
 SIGNIFICANT = 3.09
+#: a stop that nobody saw may have changed the load: this share of the spread of an unknown one at once,
+#: growing with the time to all of it
+STOP_SHARE, STOP_TIME_S = 0.05, 8 * 3600.0
+
+
+def unseen_std_kg(unseen_s: float, facts: VehicleFacts) -> float:
+    """Return what an unseen stop adds to the std of a mass, for an estimator with one density."""
+    if unseen_s <= 0.0:
+        return 0.0
+    share = max(STOP_SHARE, 1.0 - math.exp(-unseen_s / STOP_TIME_S))
+    return share * (facts.mass_max_kg - facts.mass_min_kg) / math.sqrt(12.0)
 
 
 def beyond_bound(u: float, u_var: float, facts: VehicleFacts) -> str:

@@ -54,3 +54,18 @@ class StatusTracker:
         status = np.where(learned & ~np.isnan(mass_kg), Status.CONVERGING, Status.UNESTIMATED)
         status[run >= self._hold] = Status.VALID
         return status.astype(np.uint8)
+
+
+def none_begins(
+    status: NDArray[np.uint8], stale: BoolColumn, was_valid: bool
+) -> tuple[NDArray[np.uint8], bool]:
+    """Return statuses of n samples, none of which becomes `valid` on a stale one: silence confirms nothing.
+
+    was_valid: whether the last sample that was not stale was valid; the new one is returned as well.
+    """
+    if not len(status):
+        return status, was_valid
+    index = np.maximum.accumulate(np.where(stale, -1, np.arange(len(status))))
+    confirmed = np.where(index >= 0, status[index] == Status.VALID, was_valid)
+    status = np.where(stale & (status == Status.VALID) & ~confirmed, Status.CONVERGING, status)
+    return status.astype(np.uint8), bool(confirmed[-1])

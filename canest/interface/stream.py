@@ -63,6 +63,9 @@ class Pipeline:
         """Return what is worth keeping over a restart: at least mass_kg and mass_std_kg once known."""
         return self._inner.snapshot()
 
-    def restore(self, mass_kg: float, mass_std_kg: float) -> None:
-        """Start from a saved mass and its standard deviation, both in kg."""
-        self._inner.restore(mass_kg, mass_std_kg)
+    def restore(self, mass_kg: float, mass_std_kg: float, unseen_s: float = 0.0) -> None:
+        """Start from a saved mass and its standard deviation, both in kg.
+
+        unseen_s: time since then in which the load may have changed and nobody saw it (0: none).
+        """
+        self._inner.restore(mass_kg, mass_std_kg, unseen_s)

@@ -6,6 +6,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from canest.config.schema import Config
@@ -28,6 +29,13 @@ def file_name(config: Config) -> str:
     return f"learned-{config.bus.file_name}.json"
 
 
+def elapsed_s() -> float:
+    """Return a time in s that no clock's adjustment changes, and that goes on while the machine sleeps."""
+    if hasattr(time, "CLOCK_BOOTTIME"):
+        return time.clock_gettime(time.CLOCK_BOOTTIME)
+    return time.monotonic()
+
+
 class MassStore:
     """Keeps the last valid mass and writes it to the state file; a disk that fails does not end the daemon.
 
@@ -39,8 +47,11 @@ class MassStore:
         background: Background,
         journal: Journal,
         clock_s: Callable[[], float] = time.time,
+        steady_s: Callable[[], float] = elapsed_s,
     ) -> None:
-        self._config, self._background, self._journal, self._clock_s = config, background, journal, clock_s
+        self._config, self._background, self._journal = config, background, journal
+        self._clock_s, self._steady_s = clock_s, steady_s
+        self._learned_s: float | None = None  # by the steady clock; None: before this start
         self.path = state_dir(config) / file_name(config)
         self.learned: state.Learned | None = None
         self._fingerprint = state.fingerprint(config)
@@ -58,13 +69,13 @@ class MassStore:
         self.initialise(pipeline)
 
     def initialise(self, pipeline: Pipeline) -> None:
-        """Start a pipeline from the learned mass, with its standard deviation widened (`widened_std_kg`)."""
+        """Start a pipeline from the learned mass, and the time in which nobody saw the load."""
         learned = self.learned
         if learned is None:
             return
         now_s = self._clock_s()
-        std_kg = state.widened_std_kg(learned, self._config, now_s)
-        pipeline.restore(learned.mass_kg, std_kg)
+        std_kg = state.widened_std_kg(learned, self._config)
+        pipeline.restore(learned.mass_kg, std_kg, state.unseen_s(learned, now_s))
         self._journal.notice(
             "mass-restored",
             mass_kg=round(learned.mass_kg),
@@ -79,9 +90,9 @@ class MassStore:
         pipeline: the new one, started from the mass; None where the old one goes on.
         """
         self.save()
-        new = MassStore(config, self._background, self._journal, self._clock_s)
+        new = MassStore(config, self._background, self._journal, self._clock_s, self._steady_s)
         if self.learned is not None and new._key == self._key:
-            new.learned = self.learned
+            new.learned, new._learned_s = self.learned, self._learned_s
             if pipeline is not None:
                 new.initialise(pipeline)
         elif pipeline is not None:
@@ -98,6 +109,7 @@ class MassStore:
             and math.isfinite(mass_std_kg)
             and mass_std_kg > 0
         ):
+            self._learned_s = self._steady_s()
             self.learned = state.Learned(
                 self._key,
                 self._fingerprint,
@@ -109,7 +121,10 @@ class MassStore:
             )
 
     def save(self) -> None:
-        """Queue the state file for writing."""
+        """Queue the state file for writing, with the age that the mass has whatever the wall clock did."""
         learned = self.learned
         if self._config.service.learn == "on+save" and learned is not None:
+            if self._learned_s is not None:
+                saved_s = self._clock_s() - (self._steady_s() - self._learned_s)
+                learned = replace(learned, saved_s=max(saved_s, 0.0))
             self._background.submit("state", lambda: state.save(self.path, learned), newest_only=True)

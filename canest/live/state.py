@@ -22,10 +22,6 @@ VERSION = 1  #: of the file; another one is never restored
 _MAX_BYTES = 65_536
 _CLOCK_TOLERANCE_S = 60.0  #: a file this far in the future is a clock's adjustment, not a mistake
 
-#: A stop may change the load. It adds a share of the standard deviation of a mass that is anywhere between
-#: empty and full: STOP_SHARE at once, growing with the time since the state was saved to all of it in days.
-STOP_SHARE = 0.05
-STOP_TIME_S = 8 * 3600.0
 #: nobody stops, unloads and drives on in less; after a longer pause the load is uncertain
 DRIVING_ON_S = 120.0
 #: the same load weighs this much more or less under another config (effects, radius, efficiency)
@@ -120,17 +116,17 @@ def peek(path: Path) -> Learned | None:
     return learned
 
 
-def widened_std_kg(learned: Learned, config: Config, now_s: float) -> float:
-    """Return the standard deviation to restart with: widened by age, by a stop and by another config."""
+def unseen_s(learned: Learned, now_s: float) -> float:
+    """Return the time in which the load may have changed unseen: that since saved, if a stop fits in."""
     age_s = max(0.0, now_s - learned.saved_s)
-    spread_kg = (config.vehicle.mass_max_kg - config.vehicle.mass_min_kg) / math.sqrt(12.0)
-    stop_share = 0.0
-    if learned.standing or age_s > DRIVING_ON_S:
-        stop_share = max(STOP_SHARE, 1.0 - math.exp(-age_s / STOP_TIME_S))
+    return age_s if learned.standing or age_s > DRIVING_ON_S else 0.0
+
+
+def widened_std_kg(learned: Learned, config: Config) -> float:
+    """Return the standard deviation to restart with: widened by the restart and by another config."""
     parts = [
         learned.mass_std_kg,
         config.service.restore_std * learned.mass_kg,
-        stop_share * spread_kg,
         CONFIG_CHANGE_STD * learned.mass_kg if learned.config != fingerprint(config) else 0.0,
     ]
     return math.hypot(*parts)

@@ -68,11 +68,11 @@ class AssumedConstantsCheck:
         return sorted(set(found))
 
 
-def carry_over(fresh: Estimator, mass_kg: float, restored: tuple[float, float] | None) -> Estimator:
+def carry_over(fresh: Estimator, mass_kg: float, restored: tuple[float, float, float] | None) -> Estimator:
     """Return the fresh estimator, started from the mass that is left after a wrong assumed constant.
 
-    mass_kg: learned with that constant, a guess from now on (NaN for none). restored: mass and std in kg
-    that a restart gave the stream; they win.
+    mass_kg: learned with that constant, a guess from now on (NaN for none). restored: mass and std in kg,
+    and the unseen time in s, that a restart gave the stream; they win.
     """
     if restored is not None:
         fresh.restore(*restored)

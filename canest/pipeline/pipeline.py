@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -17,9 +18,10 @@ import numpy as np
 from canest.config.schema import Config
 from canest.core.estimates import Estimates
 from canest.core.frames import FloatColumn, FrameBlock, IntColumn
-from canest.core.gates import LABELS
+from canest.core.gates import LABELS, Gate
 from canest.core.samples import EstimateBlock, ModelBlock
 from canest.decode.decoder import Decoder
+from canest.estimators.status import none_begins
 from canest.grid.clock import Clock
 from canest.grid.grid import Feed, Grid, GridBlock
 from canest.pipeline.assumed_constants import carry_over
@@ -59,7 +61,8 @@ class Pipeline:
         gate = self.estimator.wants_excitation_gate
         self._model = ModelStream(spec.model, spec.assumed, excitation_gate=gate, road=spec.road)
         self._listener, self._tick_listener = listener, tick_listener
-        self._restored: tuple[float, float] | None = None
+        self._restored: tuple[float, float, float] | None = None
+        self._was_valid = False
         self._mass_kg = math.nan
         self.gates: Counter[str] = Counter()
         self.samples = 0
@@ -100,10 +103,13 @@ class Pipeline:
             self._emit(self._grid.ticks_until(self.clock.last_us, inclusive=True), done)
         return Estimates.concatenate(done)
 
-    def restore(self, mass_kg: float, mass_std_kg: float) -> None:
-        """Start from a mass that was learned before a restart."""
-        self._restored = mass_kg, mass_std_kg
-        self.estimator.restore(mass_kg, mass_std_kg)
+    def restore(self, mass_kg: float, mass_std_kg: float, unseen_s: float = 0.0) -> None:
+        """Start from a mass that was learned before a restart.
+
+        unseen_s: time since then in which the load may have changed and nobody saw it.
+        """
+        self._restored = mass_kg, mass_std_kg, unseen_s
+        self.estimator.restore(mass_kg, mass_std_kg, unseen_s)
 
     def snapshot(self) -> dict[str, Any]:
         """Return what the estimator wants to keep over a restart (JSON types)."""
@@ -163,6 +169,8 @@ class Pipeline:
 
     def _estimate(self, samples: ModelBlock, done: list[Estimates]) -> None:
         e = self.estimator.update(samples)
+        status, self._was_valid = none_begins(e.status, samples.gate == Gate.STALE, self._was_valid)
+        e = replace(e, status=status)
         if self._listener is not None:
             self._listener(samples, e)
         counts = np.bincount(samples.gate).tolist()

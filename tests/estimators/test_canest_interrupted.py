@@ -76,6 +76,25 @@ def test_a_mass_may_be_restored_as_exact():
     assert np.isfinite(estimates.mass_kg).all()
 
 
+@pytest.mark.parametrize("unseen_s", [30.0, 130.0, 600.0, 7_200.0])
+def test_after_a_stop_that_nobody_saw_the_old_load_is_not_valid(unseen_s):
+    """A restart in a depot: 30 t were saved, and 12 t drive off."""
+    drive = trip(150.0, mass_kg=12_000.0, stops=[(0.0, 20.0)], seed=3)
+    estimator = GaussianSum("canest", FACTS)
+    estimator.restore(30_000.0, 900.0, unseen_s)
+    estimates = estimator.update(drive.block)
+    wrong = np.abs(drive.error(estimates)) > 0.08
+    assert not (wrong & (estimates.status == Status.VALID)).any()
+    assert (estimates.status[2_500:4_500] == Status.VALID).all()
+
+
+def test_without_a_stop_the_mass_is_valid_at_once():
+    drive = trip(60.0, mass_kg=30_000.0, seed=3)
+    estimator = GaussianSum("canest", FACTS)
+    estimator.restore(30_000.0, 900.0)
+    assert (estimator.update(drive.block).status[150:] == Status.VALID).all()
+
+
 def test_stops_one_after_the_other_leave_room_for_every_load():
     """Each opens a load, and 0.2 s of motion are too short for modes to exchange by themselves."""
     block = synthetic.drive(seconds=320.0, noise_mps2=0.02).block

@@ -98,7 +98,7 @@ def test_the_speed_follows_newtons_law():
         if state is not None:
             P[state, state] = step**2
         mix.x[0], mix.P[0] = x0, P
-        predict.accelerate(mix, 1, w, 0.2, 0.0, TRUCK, t)
+        predict.accelerate(mix, 1, w, 0.2, 0.0, 1 / 20_000, TRUCK, t)
         assert mix.x[0, m.V] == pytest.approx(moved(x0))
         if state is not None:
             ahead = x0 + dense((state,), (step,))

@@ -381,12 +381,12 @@ def run_state(data: bytes) -> None:
     assert "\n" not in restored.message
     if restored.learned is None:
         return
-    std_kg = state.widened_std_kg(restored.learned, config, now_s)
+    std_kg = state.widened_std_kg(restored.learned, config)
     assert math.isfinite(std_kg)
     assert std_kg > 0
     assert config.vehicle.mass_min_kg <= restored.learned.mass_kg <= config.vehicle.mass_max_kg
     pipeline = Pipeline(config)
-    pipeline.restore(restored.learned.mass_kg, std_kg)
+    pipeline.restore(restored.learned.mass_kg, std_kg, state.unseen_s(restored.learned, now_s))
     check_estimates(config, pipeline.push(_drive()[:400]))
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from canest.core import jit
 from canest.core.samples import STEP_S, EstimateBlock, ModelBlock, Status, VehicleFacts
 from canest.estimators.base import Estimator
-from canest.estimators.bounds import beyond_bound
+from canest.estimators.bounds import beyond_bound, unseen_std_kg
 from canest.estimators.canest_0_1 import kernel, output
 from canest.estimators.canest_0_1 import states as at
 from canest.estimators.canest_0_1.noise import SWING_MPN
@@ -231,9 +231,9 @@ class Canest(Estimator):
             "windows": count,
         }
 
-    def restore(self, mass_kg: float, mass_std_kg: float) -> None:
-        """Start from a remembered mass with its (already widened) standard deviation."""
-        self._begin(mass_kg, mass_std_kg)
+    def restore(self, mass_kg: float, mass_std_kg: float, unseen_s: float = 0.0) -> None:
+        """Start from a remembered mass with its standard deviation, widened by an unseen stop."""
+        self._begin(mass_kg, math.hypot(mass_std_kg, unseen_std_kg(unseen_s, self.facts)))
         self._memory[at.LEARNED] = 1.0
         self._memory[at.EFFORT] = REMEMBERED
         self._memory[at.BEFORE_U] = 1.0 / mass_kg

@@ -21,7 +21,7 @@ from canest.estimators.default.hypotheses import set_loads
 from canest.estimators.default.joining import Joined
 from canest.estimators.default.model import LOADS, MODES, MOST, Mixture, Scratch, Space
 from canest.estimators.default.noise import first_levels
-from canest.estimators.default.report import Report
+from canest.estimators.default.report import Report, unknown_load_var
 from canest.estimators.default.road_map import LEVEL_STD, RoadUse
 from canest.estimators.default.windows import COLUMNS, SHIFT, Windows
 from canest.estimators.description import Description
@@ -212,16 +212,18 @@ class GaussianSum(Estimator):
         nis = levels.nis_sum / levels.windows if levels.windows else float("nan")
         return {"nis": nis, "windows": levels.windows}
 
-    def restore(self, mass_kg: float, mass_std_kg: float) -> None:
-        """Start from a remembered mass with its (already widened) standard deviation."""
+    def restore(self, mass_kg: float, mass_std_kg: float, unseen_s: float = 0.0) -> None:
+        """Start from a remembered mass with its standard deviation; unseen time counts as standing."""
         u = min(max(1.0 / mass_kg, self._vehicle.least_u), self._vehicle.most_u)
         own = max(mass_std_kg**2 - (self._gain * mass_kg) ** 2, (1e-3 * mass_kg) ** 2)
         self._begin(u, self.constants.likelihood_power * own * u**4)
         self._last[kernel.OUT_LEARNED] = 1.0
-        self._last[kernel.OUT_MASS], self._last[kernel.OUT_VAR] = mass_kg, own
+        changed = unknown_load_var.interpreted(mass_kg, unseen_s, False, self.constants, self._vehicle)
+        self._last[kernel.OUT_MASS], self._last[kernel.OUT_VAR] = mass_kg, own + changed
         progress = self._carried.progress._replace(learned=1.0)
         report = self._carried.report._replace(mass_kg=mass_kg, mass_var=own)
-        self._carried = self._carried._replace(progress=progress, report=report)
+        joined = self._carried.joined._replace(unseen_s=unseen_s)
+        self._carried = self._carried._replace(progress=progress, report=report, joined=joined)
 
 
 def _mode_shares(c: Constants) -> list[float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from canest.core.frames import FloatColumn
 from canest.core.samples import VehicleFacts
+from canest.estimators.bounds import unseen_std_kg
 from canest.estimators.chunked import ChunkedEstimator
 from canest.estimators.options import parse
 from canest.estimators.status import StatusTracker
@@ -38,6 +40,6 @@ class LearnedMass(ChunkedEstimator):
         mass, std = float(self._held[0, 0]), float(self._held[1, 0])
         return {"mass_kg": mass, "mass_std_kg": std} if self._confirmed else {}
 
-    def restore(self, mass_kg: float, mass_std_kg: float) -> None:
-        """Start from a saved mass and its (already widened) standard deviation."""
-        self._begin(mass_kg, mass_std_kg)
+    def restore(self, mass_kg: float, mass_std_kg: float, unseen_s: float = 0.0) -> None:
+        """Start from a saved mass and its standard deviation, widened by an unseen stop."""
+        self._begin(mass_kg, math.hypot(mass_std_kg, unseen_std_kg(unseen_s, self.facts)))

@@ -8,6 +8,7 @@ gives r' = d' - (k1 + 1) r - k2 sgn(e) + e', which decays for k2 above the rate 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2, STEP_S, EstimateBlock, ModelBlock, Status, VehicleFacts
+from canest.estimators.bounds import unseen_std_kg
 from canest.estimators.chunked import ChunkedEstimator
 from canest.estimators.description import Description, option
 from canest.estimators.kernel_arrays import Container, outputs, pack, state_in, state_out, unpack
@@ -78,9 +80,9 @@ class Dgo(ChunkedEstimator):
         self._mass_kg = min(max(mass_kg, self.facts.mass_min_kg), self.facts.mass_max_kg)
         self._mass_std_kg = std_kg
 
-    def restore(self, mass_kg: float, mass_std_kg: float) -> None:
+    def restore(self, mass_kg: float, mass_std_kg: float, unseen_s: float = 0.0) -> None:
         """Assume a saved mass."""
-        self._assume(mass_kg, mass_std_kg)
+        self._assume(mass_kg, math.hypot(mass_std_kg, unseen_std_kg(unseen_s, self.facts)))
 
     def _update(self, block: ModelBlock) -> EstimateBlock:
         rows, n = Rows(block, self._before), len(block)
