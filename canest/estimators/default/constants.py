@@ -57,7 +57,9 @@ class Constants(NamedTuple):
     shortest_stop_s: Annotated[
         float, Source("T_0", "s", "chosen: up to here a change is less probable than a miss of two std")
     ] = 7.0
-    drift_std_1ps: Annotated[float, Source("s_r", "1/s", "chosen: 9 kg/s of 20 t")] = 4.5e-4
+    drift_std_1ps: Annotated[
+        float, Source("s_r", "1/s", "measured: 7 kg/s of 20 t; more makes masses of a bus wander")
+    ] = 3.5e-4
     steady_duration_s: Annotated[
         float, Source("T_rb", "s", "measured: rarer is found late, more often makes a cruise wide")
     ] = 2000.0
