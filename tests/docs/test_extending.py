@@ -21,6 +21,11 @@ def test_the_table_of_effects_is_made_from_the_classes():
     assert all(f"| `{name}` |" in text for name in EFFECTS)
 
 
+def test_the_table_of_constants_is_made_from_the_code():
+    tool = runpy.run_path(str(ROOT / "tools" / "constants_table.py"))
+    assert tool["table"]() in tool["PAGE"].read_text(encoding="utf-8"), "tools/constants_table.py --write"
+
+
 def test_the_effect_on_the_page_is_one_and_is_the_examples():
     source = next(s for s in re.findall(r"```python\n(.*?)```", EXTENDING, re.DOTALL) if "TrailerDrag" in s)
     space: dict[str, object] = {"__name__": "page"}

@@ -40,8 +40,8 @@ class Constants(NamedTuple):
     straight_length_m: Annotated[float, Source("L_s", "m", "chosen: shorter says less of the mass")] = 500.0
     curved_length_m: Annotated[float, Source("L_c", "m", "chosen: length of a crest")] = 150.0
     curvature_length_m: Annotated[float, Source("L_kappa", "m", "chosen: a crest keeps a curvature")] = 300.0
-    smooth_wander_1pm: Annotated[float, Source("r_s", "1/m", "chosen: 0.3 % of grade in a kilometre")] = 1e-8
-    rough_wander_1pm: Annotated[float, Source("r_r", "1/m", "measured: 1.5 % RMS, waves from 50 m")] = 6e-6
+    smooth_wander_1pm: Annotated[float, Source("q_s", "1/m", "chosen: 0.3 % of grade in a kilometre")] = 1e-8
+    rough_wander_1pm: Annotated[float, Source("q_r", "1/m", "measured: 1.5 % RMS, waves from 50 m")] = 6e-6
     smooth_length_m: Annotated[float, Source("L_r", "m", "chosen: rough roads are rare")] = 20e3
     rough_length_m: Annotated[float, Source("L_rs", "m", "measured: at 2 km rough is forgotten")] = 10e3
     exchange_every_s: Annotated[float, Source("t_x", "s", "chosen: cost against delay")] = 1.0
