@@ -112,7 +112,7 @@ def replay(
         channel=channel,
         reported=reported,
     )
-    score = reference.score() if reference is not None and reference.known else None
+    score = reference.score(settled=True) if reference is not None and reference.known else None
     last: Estimates | None = None
     with closing(run.reader), _opened(output, more) as writer:
         for estimates in run.estimates(progress):

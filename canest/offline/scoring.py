@@ -31,9 +31,11 @@ class Reference(NamedTuple):
         """Return whether there is anything to compare with."""
         return self.truth is not None or self.mass_kg is not None
 
-    def score(self) -> Score:
-        """Return a fresh score against it."""
-        return Score(self.truth, self.mass_kg, self.after_s)
+    def score(self, *, settled: bool = False) -> Score:
+        """Return a fresh score against it. settled: it counts the settled samples, of an empty log none."""
+        score = Score(self.truth, self.mass_kg, self.after_s)
+        score.settled_samples = 0 if settled else None
+        return score
 
 
 class ErrorSum:

@@ -82,6 +82,28 @@ class TestBike:
         assert "SPN 513" in summary["reason"]
 
 
+class TestWithoutSamples:
+    TABLE = "t_s,speed,torque\n"
+
+    @pytest.mark.parametrize("content", ["", TABLE])
+    def test_a_truth_costs_no_result(self, canest, tmp_path, content):
+        log = tmp_path / ("a.csv" if content else "a.log")
+        log.write_text(content)
+        config = tmp_path / "c.yaml"
+        config.write_text(
+            "vehicle: {name: a, mass_min_kg: 1000, mass_max_kg: 2000, wheel_radius_m: 0.3, drag_area_m2: 1, "
+            "final_drive: 4, driveline_efficiency: 0.9, rolling_resistance: 0.01}\ndbc: []\nsignals:\n"
+            "  engine_torque: {column: torque, unit: Nm}\n  vehicle_speed: {column: speed, unit: km/h}\n"
+        )
+        files = ("--json", tmp_path / "a.json", "--report", tmp_path / "a.html")
+        done = canest("replay", log, "-c", config if content else "class8", "--mass", "21000", *files)
+        assert done.code == 0, done.err
+        assert "because" in done.out
+        errors = json.loads((tmp_path / "a.json").read_text())["errors"]
+        assert errors["settled"]["samples"] == 0 and errors["mass_rms_pct"] is None
+        assert (tmp_path / "a.html").is_file()
+
+
 class TestBundledDrive:
     def test_errors_against_truth(self, canest):
         done = canest("replay", DRIVE, "-c", "class8", "--truth", TRUTH, "--json", "-")
