@@ -13,6 +13,7 @@ from canest.core.errors import CanestError
 from canest.fleet.bundle import Bundle
 from canest.fleet.job import Settings
 from canest.fleet.tables import SCHEMA_VERSION
+from canest.system.result_files import utf8
 
 _PIECE_BYTES = 1 << 20
 
@@ -23,7 +24,7 @@ def result_key(revision: str, bundle: Bundle, vehicle: str, settings: Settings) 
         revision, bundle.digest, bundle.name, __version__, SCHEMA_VERSION, vehicle, settings.samples_hz,
         settings.positions,
     )  # fmt: skip
-    return hashlib.blake2b("\n".join(map(str, parts)).encode(), digest_size=8).hexdigest()
+    return hashlib.blake2b(utf8("\n".join(map(str, parts))), digest_size=8).hexdigest()
 
 
 def content_digest(path: Path) -> str:

@@ -9,13 +9,15 @@ import hashlib
 import posixpath
 from collections.abc import Iterable, Mapping
 
+from canest.system.result_files import utf8
+
 SUFFIX = ".parquet"
 _PART = "part-"
 
 
 def log_id(name: str) -> str:
     """Return what stands for a log's path in names of files."""
-    return hashlib.blake2b(name.encode("utf-8", "surrogateescape"), digest_size=6).hexdigest()
+    return hashlib.blake2b(utf8(name), digest_size=6).hexdigest()
 
 
 def result_of(log: str, key: str) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 
 from canest import __version__
 from canest.fleet.packages import require
+from canest.system.result_files import utf8
 
 SCHEMA_VERSION = 3
 _FLOAT, _SHORT, _INT, _TEXT, _WORD, _TIME = "float64", "float32", "int64", "string", "word", "time"
@@ -93,7 +94,10 @@ class TableWriter:
 
     def write(self, columns: Mapping[str, Sequence[Any] | Any]) -> None:
         """Append rows: column -> values (n,), NaN and None for nothing."""
-        arrays = [self._pa.array(columns[field.name], field.type, from_pandas=True) for field in self._schema]
+        arrays = [
+            self._pa.array(_as_utf8(columns[field.name]), field.type, from_pandas=True)
+            for field in self._schema
+        ]
         batch = self._pa.Table.from_arrays(arrays, schema=self._schema)
         self._writer.write_table(batch)
         self.rows += batch.num_rows
@@ -102,6 +106,13 @@ class TableWriter:
         """Complete the file and return it."""
         self._writer.close()
         return self._buffer.getvalue()
+
+
+def _as_utf8(values: Sequence[Any] | Any) -> Sequence[Any] | Any:
+    """Return a column with its texts as `utf8`: Arrow refuses a name that is none."""
+    if not isinstance(values, list):
+        return values
+    return [utf8(value).decode() if isinstance(value, str) else value for value in values]
 
 
 def trips_file(rows: Sequence[Mapping[str, Any]], metadata: Mapping[str, str]) -> bytes:

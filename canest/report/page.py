@@ -145,7 +145,7 @@ def rows_html(table: Table) -> str:
         link = table.links[number] if table.links else ""
         cells_ = [escape(cell) for cell in row]
         if link and cells_:
-            cells_[0] = f'<a href="{quote(link)}">{cells_[0]}</a>'
+            cells_[0] = f'<a href="{quote(link, errors="surrogateescape")}">{cells_[0]}</a>'
         kinds = ["left" if column in table.left else "" for column in range(len(row))]
         if tone and kinds:
             kinds[-1] = f"{kinds[-1]} {tone}".strip()

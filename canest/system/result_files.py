@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO, Protocol
@@ -49,14 +49,25 @@ def open_result(path: Path) -> ResultFile:
     return Stream(path) if special or _is_open_already(path) else AtomicFile(path)
 
 
-def write_results(contents: dict[Path, bytes]) -> None:
-    """Write files of which all appear, or (disk full, no permission) none. Errors: OutputError."""
+def utf8(text: str) -> bytes:
+    r"""Return text as UTF-8. A byte of a file's name that is none is written as Python does: \udcff.
+
+    JSON, YAML and a terminal's output have it the same way.
+    """
+    return text.encode("utf-8", "backslashreplace")
+
+
+def write_results(contents: Mapping[Path, str | bytes]) -> None:
+    """Write files (text as `utf8`) of which all appear, or (disk full, no permission) none.
+
+    Errors: OutputError.
+    """
     results: dict[Path, ResultFile] = {}
     try:
         for path, content in contents.items():
             with output_errors(path):
                 results[path] = open_result(path)
-                results[path].file.write(content)
+                results[path].file.write(utf8(content) if isinstance(content, str) else content)
                 results[path].file.flush()
         for path, result in results.items():
             with output_errors(path):
@@ -68,8 +79,8 @@ def write_results(contents: dict[Path, bytes]) -> None:
 
 
 def write_result(path: str | Path, content: str | bytes) -> None:
-    """Write one file (text as UTF-8). Errors: OutputError."""
-    write_results({Path(path): content.encode() if isinstance(content, str) else content})
+    """Write one file (text as `utf8`). Errors: OutputError."""
+    write_results({Path(path): content})
 
 
 @contextmanager

@@ -77,9 +77,9 @@ def _together(directory: Path, content: dict[str, Any], config: str, page: Page)
     report = directory / REPORT_NAME
     text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
     contents = {
-        directory / JSON_NAME: text.encode(),
-        directory / CONFIG_NAME: config.encode(),
-        report: page.render(str(report)).encode(),
+        directory / JSON_NAME: text,
+        directory / CONFIG_NAME: config,
+        report: page.render(str(report)),
     }
     write_results(contents)
     return list(contents)
