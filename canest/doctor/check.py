@@ -32,7 +32,8 @@ from canest.doctor.slow_signals import delay_notes, slow_signal_hints
 from canest.doctor.stretches import Samples
 from canest.doctor.switches import SwitchCheck
 from canest.doctor.torque_samples import TorqueSampleCheck
-from canest.doctor.warnings import log_warnings, stale_warnings, stream_warnings
+from canest.doctor.warnings import stale_warnings, stream_warnings
+from canest.logs.log_warnings import log_warnings
 from canest.pipeline.build import model_spec, stale_limit_s
 from canest.pipeline.pipeline import Pipeline
 from canest.pipeline.signal_map import J1939_DATABASE, decoder_for, wants_of

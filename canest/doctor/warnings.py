@@ -1,4 +1,4 @@
-"""What a user should know beside the numbers: what could not be read, decoded or accepted."""
+"""What a user should know beside the numbers: what could not be decoded or accepted."""
 
 from __future__ import annotations
 
@@ -13,34 +13,12 @@ if TYPE_CHECKING:
 
     from canest.config import Config
     from canest.grid.clock import Clock
-    from canest.logs.base import LogReader
     from canest.pipeline.intake import Intake
     from canest.pipeline.pipeline import Pipeline
 
-_LINES_SHOWN = 3
 _ADDRESSES_SHOWN = 8
 #: a role that was stale for less, as before its first value, is not worth a word
 _STALE_LEAST_S, _STALE_SHARE = 1.0, 0.01
-
-
-def log_warnings(reader: LogReader) -> list[str]:
-    """Return what was wrong with a log that has been read to its end, one sentence each."""
-    notes = [f"line {number} skipped: {reason}: {text!r}" for number, text, reason in
-             reader.skipped[:_LINES_SHOWN]]  # fmt: skip
-    if reader.skipped_lines > _LINES_SHOWN:
-        numbers = ", ".join(str(number) for number, _, _ in reader.skipped[_LINES_SHOWN:])
-        unnamed = reader.skipped_lines - len(reader.skipped)
-        more = f" and {unnamed:,} after them" if unnamed else ""
-        notes.append(f"{reader.skipped_lines - _LINES_SHOWN:,} more lines skipped: {numbers}{more}")
-    notes += reader.remarks
-    if reader.truncated:
-        notes.append(f"the log ends before it should: {reader.truncated_reason}")
-    if reader.channel is None and len(reader.channels) > 1:
-        notes.append(
-            f"{len(reader.channels)} interfaces taken as one bus: {reader.channels_text()}; "
-            "--channel NAME takes one"
-        )
-    return notes
 
 
 def interleaved_clocks(clock: Clock) -> str:

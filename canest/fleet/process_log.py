@@ -12,7 +12,7 @@ from typing import Any
 from canest.core import jit
 from canest.core.errors import CanestError
 from canest.doctor.reasons import why_unestimated
-from canest.doctor.warnings import log_warnings, stream_warnings
+from canest.doctor.warnings import stream_warnings
 from canest.fleet import vehicle_names
 from canest.fleet.bundle import Bundle
 from canest.fleet.job import Bundles, FleetJob, Outcome, Settings
@@ -25,6 +25,7 @@ from canest.fleet.tables import trips_file
 from canest.fleet.trips import trip_rows
 from canest.fleet.vin import vin_of
 from canest.logs.budget import log_budget
+from canest.logs.log_warnings import log_warnings
 from canest.offline.legs import Legs
 from canest.offline.replay import LogRun
 

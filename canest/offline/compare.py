@@ -14,10 +14,11 @@ from canest.core import jit
 from canest.core.estimates import Estimates
 from canest.core.frames import FloatColumn, FrameBlock
 from canest.core.samples import RATE_HZ, ModelBlock, Status
-from canest.doctor.warnings import log_warnings, stream_warnings
+from canest.doctor.warnings import stream_warnings
 from canest.estimators import registry
 from canest.estimators.base import Estimator
 from canest.grid.grid import Grid, GridBlock
+from canest.logs.log_warnings import log_warnings
 from canest.offline.replay import compiling_pays
 from canest.offline.scoring import Reference, Score
 from canest.pipeline.assumed_constants import carry_over

@@ -17,10 +17,11 @@ from canest.core.table_block import TableBlock
 from canest.decode.database import overlap_warnings
 from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.reasons import why_unestimated
-from canest.doctor.warnings import log_warnings, stale_warnings, stream_warnings
+from canest.doctor.warnings import stale_warnings, stream_warnings
 from canest.logs.compression import ARCHIVE_SUFFIXES
 from canest.logs.estimate_file import Decimals, EstimateWriter
 from canest.logs.estimate_writer import open_writer
+from canest.logs.log_warnings import log_warnings
 from canest.logs.memory import MemoryLog
 from canest.offline.leg import Leg
 from canest.offline.legs import Legs, Motion

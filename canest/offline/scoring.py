@@ -145,16 +145,19 @@ class Score:
         return mass_kg, grade
 
     def notes(self) -> list[str]:
-        """Return that the truth is of another time than the estimates, nothing where it is not."""
-        if self._truth is None or self._span_us is None:
+        """Return what was wrong with the truth's table, and that it is of another time than the estimates."""
+        if self._truth is None:
             return []
+        notes = list(self._truth.notes)
+        if self._span_us is None:
+            return notes
         (begin, end), (first, last) = self._truth.t_us[[0, -1]].tolist(), self._span_us
-        if begin <= last + TRUTH_REACH_US and first <= end + TRUTH_REACH_US:
-            return []
-        return [
-            f"the truth is of another time, t_s {begin / 1e6:.0f} to {end / 1e6:.0f}, than the log's "
-            f"{first / 1e6:.0f} to {last / 1e6:.0f}"
-        ]
+        if begin > last + TRUTH_REACH_US or first > end + TRUTH_REACH_US:
+            notes.append(
+                f"the truth is of another time, t_s {begin / 1e6:.0f} to {end / 1e6:.0f}, than the log's "
+                f"{first / 1e6:.0f} to {last / 1e6:.0f}"
+            )
+        return notes
 
     def beyond(self, least_kg: float, most_kg: float) -> list[str]:
         """Return that the truth has a mass which the vehicle cannot have, nothing where it has none."""

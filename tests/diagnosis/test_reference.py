@@ -84,6 +84,9 @@ def test_a_mass_that_is_given_wins_over_the_table_which_needs_no_other_column(tm
     assert set(document.mass_kg.tolist()) == {8000.0}
     document = reference_for(drive, run, truth=truth)
     assert np.nanmin(document.mass_kg) >= 7000 and np.isnan(document.mass_kg[-1]) and document.grade is None
+    assert document.notes == ()
+    truth.write_text("t_s,mass_kg\n0,7000\n10,7500\n20,75OO\n")
+    assert "first in row 4: '75OO'" in reference_for(drive, run, truth=truth).notes[0]
 
 
 @pytest.mark.parametrize("gap", [None, 31])

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from canest.core import jit
 from canest.core.errors import LogError
 from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
-from canest.doctor.warnings import log_warnings
 from canest.logs import open_log
 from canest.logs.base import SKIPPED_SHOWN
 from canest.logs.candump import CandumpParser
+from canest.logs.log_warnings import log_warnings
 from tests.logs.helpers_logs import DATA, FRAMES, assert_same, log_form, one_by_one, read_all, screen_form
 
 

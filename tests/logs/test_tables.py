@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from canest.core.errors import LogError
-from canest.doctor.warnings import log_warnings
 from canest.logs import LogReader, TableBlock, open_log
 from canest.logs.line_splitting import LINE_CHARS_MAX
+from canest.logs.log_warnings import log_warnings
 from canest.logs.truth import read_truth
 
 
@@ -240,6 +240,22 @@ class TestTruth:
         assert truth.mass_kg is not None and truth.mass_kg.tolist() == [1, 3, 2, 5]
 
     @pytest.mark.parametrize(
+        ("text", "notes"),
+        [
+            ("t_s;grade\n0;0,02\n1;-0,3\n", []),
+            ("t_s,grade,mass_kg\n0,,7000\n1,,7000\n", []),
+            ("t_s,grade\n0,0.1\n1,0.1\n2,0,1\n", ["line 4 skipped: 3 cells where the header has 2: '2,0,1'"]),
+            ("t_s,mass_kg\n0,7000\n1,7 000\n2,7000\n", ["column mass_kg: 1 cells hold text"]),
+            ("t_s,grade\n0,0.1\n1,nan\n", ["one row alone has a number, at t_s 0.000"]),
+            ("t_s,grade\n0,0.1\n1,-5\n", ["grade 5 is steeper than any road: another unit"]),
+        ],
+    )
+    def test_what_can_hardly_be_meant_is_noted(self, tmp_path, text, notes):
+        found = read_truth(write(tmp_path / "t.csv", text)).notes
+        assert len(found) == len(notes)
+        assert all(note.startswith(f"truth: {start}") for note, start in zip(found, notes, strict=True))
+
+    @pytest.mark.parametrize(
         ("text", "message"),
         [
             ("t_s,speed\n0,1\n", "neither grade nor mass_kg"),
@@ -247,6 +263,7 @@ class TestTruth:
             ("t_s,grade\n", "no truth"),
             ("t_s,mass_kg\n5,7000\n6,\n7,0\n8,-1\n", r": row 3 \(t_s 7\.000\): mass_kg: .*found '0', exp"),
             ("", "no truth"),
+            ("t_s,grade\n5,nan\n6,x\n", "no row has a number in grade; .*first in row 3: 'x'"),
             ("(1.000000) can0 123#11\n", "no truth"),
         ],
     )

@@ -77,6 +77,12 @@ class TestScore:
             score.add(some_estimates([1010] * 4, [0] * 4, first_us=first_us))
         assert score.mass_samples == 4 + 2 and score.notes() == []
 
+    def test_what_was_wrong_with_the_table_of_the_truth_is_noted(self):
+        score = Score(Truth(np.array([0, 1]), np.zeros(2), None, ("truth: line 3 skipped",)))
+        assert score.notes() == ["truth: line 3 skipped"]
+        score.add(some_estimates([1000] * 10, [0] * 10, first_us=1_700_000_000_000_000))
+        assert [note[:9] for note in score.notes()] == ["truth: li", "the truth"]
+
     def test_a_truth_of_the_time_before_a_clock_set_back_is_of_this_time(self):
         score = Score(Truth(np.array([3_600_000_000, 3_700_000_000]), np.zeros(2), None), None, 5)
         score.add(some_estimates([1010] * 4, [0] * 4, first_us=3_600_000_000))

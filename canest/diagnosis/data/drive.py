@@ -16,9 +16,10 @@ from canest.core.frames import BoolColumn, FloatColumn, MonotonicClock
 from canest.core.samples import STEP_US, ModelBlock
 from canest.core.table_block import TableBlock
 from canest.doctor.reasons import why_no_time
-from canest.doctor.warnings import log_warnings, stream_warnings
+from canest.doctor.warnings import stream_warnings
 from canest.grid.grid import Feed, Grid, GridBlock
 from canest.logs.log_names import log_name
+from canest.logs.log_warnings import log_warnings
 from canest.logs.memory import MemoryLog
 from canest.pipeline.build import grid_spec, intake_spec, model_spec
 from canest.pipeline.intake import Intake

@@ -41,7 +41,7 @@ class Problem:
         #: logs that cannot be used at all, and why
         self.failed = list(failed)
         #: log -> what a user should know of it, where there is anything
-        self.notes = {str(d.path): d.notes for d, _, _ in drives if d.notes}
+        self.notes = {str(d.path): found for d, ref, _ in drives if (found := [*d.notes, *ref.notes])}
         #: logs that take no part, and why
         self.left_out = [
             f"{p.drive.path}: only {p.windows.count} s with open gates"

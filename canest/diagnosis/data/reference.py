@@ -44,7 +44,7 @@ class Reference:
     mass_kg (n,) or None when unknown; NaN where the truth has none, as in grade. sin_beta (n,),
     already passed through the model's filter, and sin_beta_std (scalar): 0 where it is known, large where
     it is not observed; correlation_m: distance over which its error keeps its value. kind: a name for the
-    report.
+    report. notes: what was wrong with the truth's table.
     """
 
     kind: str
@@ -57,6 +57,7 @@ class Reference:
     #: what the accelerometer's bias (m/s2) and the body's pitch (rad per m/s2) may still be off by
     bias_std_mps2: float = 0.0
     pitch_std: float = 0.0
+    notes: tuple[str, ...] = ()
 
 
 def reference_for(
@@ -68,9 +69,12 @@ def reference_for(
     """
     n = len(run.samples)
     mass = None if mass_kg is None else np.full(n, float(mass_kg))
+    notes: tuple[str, ...] = ()
     if truth is not None:
         shown_us = run.samples.t_us - round(run.behind_s * 1e6)
-        true_mass, grade = Score(read_truth(truth)).truth_at(shown_us)
+        known = read_truth(truth)
+        notes = known.notes
+        true_mass, grade = Score(known).truth_at(shown_us)
         has_mass, has_grade = np.isfinite(true_mass).any(), np.isfinite(grade).any()
         if not (has_grade or has_mass):
             begin, end = run.samples.t_us[[0, -1]] * 1e-6
@@ -80,12 +84,12 @@ def reference_for(
             mass = true_mass
         if has_grade:
             sin_beta = drive.filtered(np.sin(np.arctan(filled(grade))), run)
-            return Reference("truth", "known grade", mass, sin_beta, 0.0, grade=grade)
+            return Reference("truth", "known grade", mass, sin_beta, 0.0, grade=grade, notes=notes)
     sensed = _slope_sensor(drive, run) or _altitude_and_accelerometer(drive, run)
     if sensed is not None:
-        return replace(sensed, mass_kg=mass)
+        return replace(sensed, mass_kg=mass, notes=notes)
     text = "nothing but the bus: the grade is only known to change slowly with distance"
-    return Reference("none", text, mass, np.zeros(n), 0.03)
+    return Reference("none", text, mass, np.zeros(n), 0.03, notes=notes)
 
 
 def filled(column: FloatColumn) -> FloatColumn:
