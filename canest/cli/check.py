@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from canest.cli.options import ConfigChoice, config_option, grouped, log_budget_option, override_options
+from canest.cli.options import (
+    ConfigChoice,
+    Number,
+    config_option,
+    grouped,
+    log_budget_option,
+    override_options,
+)
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -30,9 +37,7 @@ Nothing is ever sent. With --strict the exit code is 1 when something stops the 
 @click.argument("log", required=False, metavar="[LOG]")
 @config_option()
 @click.option("--live", is_flag=True, help="Listen to the bus that the config names.")
-@click.option(
-    "--seconds", type=click.FloatRange(0.1), default=10.0, show_default=True, help="How long to listen."
-)
+@click.option("--seconds", type=Number(0.1), default=10.0, show_default=True, help="How long to listen.")
 @click.option("--json", "json_path", metavar="PATH", help="Write the findings as JSON ('-': to stdout).")
 @click.option("--strict", is_flag=True, help="Exit with 1 when something stops the estimator.")
 @click.option("--channel", metavar="NAME", help="Use this interface of the log only.")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from canest.cli.options import changes, override_options
+from canest.cli.options import Number, changes, override_options
 from canest.system import terminal
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ _COLOURS = {"valid": "green", "converging": "yellow"}
 @click.command(epilog=EPILOG)
 @click.option(
     "--speed",
-    type=click.FloatRange(0.1, 60),
+    type=Number(0.1, 60),
     default=20.0,
     show_default=True,
     metavar="FACTOR",

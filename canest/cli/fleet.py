@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from canest.cli.options import CONFIG_HELP, grouped, log_budget_option
+from canest.cli.options import CONFIG_HELP, Number, grouped, log_budget_option
 from canest.cli.repeated_options import Group
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def command() -> None:
 @click.option(
     "--memory",
     "memory_mb",
-    type=click.FloatRange(100),
+    type=Number(100),
     metavar="MB",
     default=1000,
     show_default=True,
@@ -130,7 +130,7 @@ def command() -> None:
 @click.option(
     "--timeout",
     "timeout_s",
-    type=click.FloatRange(1),
+    type=Number(1),
     metavar="S",
     help="End the process of a log that takes longer (default: 300, and 60 more per 25 MB).",
 )

@@ -6,7 +6,7 @@ import time
 
 import click
 
-from canest.cli.options import config_option, load
+from canest.cli.options import Number, config_option, load
 from canest.core.errors import printable
 from canest.system import terminal
 
@@ -26,7 +26,7 @@ Any machine on the bus can watch: nothing is needed but the broadcast, and nothi
 @click.argument("bus", required=False, metavar="[INTERFACE:CHANNEL]")
 @config_option(required=False)
 @click.option("--pgn", type=str, metavar="PGN", help="Group of the broadcast (default 0xFF5A).")
-@click.option("--for", "seconds", type=float, metavar="S", help="Stop after this many seconds.")
+@click.option("--for", "seconds", type=Number(0), metavar="S", help="Stop after this many seconds.")
 def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: float | None) -> None:
     """Watch mass and grade live, from the broadcast alone."""
     from contextlib import nullcontext

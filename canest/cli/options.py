@@ -18,22 +18,25 @@ F = TypeVar("F", bound=Callable[..., Any])
 CONFIG_HELP = "Config file, or the name of a shipped one (class8, kenworth, bmw-i3, ...)."
 
 
-class Number(click.types.FloatParamType):
-    """A finite number, not below ``least``. unit: for the message, where it is easily mistaken."""
+class Number(click.FloatRange):
+    """A finite number from ``least`` to ``most``. unit: for the message, where it is easily mistaken."""
 
-    def __init__(self, least: float, unit: str = "") -> None:
-        self._least, self._unit = least, unit and f" {unit}"
+    def __init__(self, least: float, most: float | None = None, unit: str = "") -> None:
+        super().__init__(least, most)
+        end = "on" if most is None else f"to {most:g}"
+        self._expected = f"a number from {least:g} {unit and unit + ' '}{end}"
+        self._least, self._most = least, math.inf if most is None else most
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the number; anything else is a usage error."""
-        number: float = super().convert(value, param, ctx)
-        if not self._least <= number < math.inf:
-            self.fail(f"found {number:g}, expected a number from {self._least:g}{self._unit} on.", param, ctx)
+        number: float = click.FLOAT.convert(value, param, ctx)
+        if not (self._least <= number <= self._most and math.isfinite(number)):
+            self.fail(f"found {number:g}, expected {self._expected}.", param, ctx)
         return number
 
 
 #: a mass given in tonnes is the mistake to catch
-MASS = Number(50.0, "kg")
+MASS = Number(50, unit="kg")
 
 
 # named tuples: `dataclasses` would be a tenth of what the help of a command costs
@@ -168,7 +171,7 @@ def log_budget_option(function: F) -> F:
 def truth_options(function: F) -> F:
     """Add the options that give the right answer."""
     for option in (
-        click.option("--after", "after_s", type=Number(0.0), default=60.0, show_default=True, metavar="S",
+        click.option("--after", "after_s", type=Number(0), default=60.0, show_default=True, metavar="S",
                      help="Count errors from this many seconds after the first sample on."),
         click.option("--mass", "mass_kg", type=MASS, metavar="KG", help="The true mass, if constant."),
         click.option("--truth", metavar="CSV", help="Table with t_s and grade or mass_kg or both; "

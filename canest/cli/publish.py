@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import click
 
 from canest.cli.live_source import Source, source_options, token_of
-from canest.cli.options import grouped
+from canest.cli.options import Number, grouped
 from canest.cli.repeated_options import Group
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def command() -> None:
 )
 @click.option("--topic", metavar="BASE", help="Base of all topics (default: canest/ and the vehicle's name).")
 @click.option(
-    "--rate", "rate_hz", type=click.FloatRange(0.01, 50), default=1.0, show_default=True, metavar="HZ",
+    "--rate", "rate_hz", type=Number(0.01, 50), default=1.0, show_default=True, metavar="HZ",
     help="Estimates a second at most; the daemon gives broadcast.rate_hz.",
 )  # fmt: skip
 @click.option("--home-assistant", is_flag=True, help="Announce the sensors to Home Assistant (discovery).")
@@ -171,7 +171,7 @@ def foxglove(
     help="grpc://HOST[:PORT], or grpcs:// for TLS.",
 )  # fmt: skip
 @click.option(
-    "--rate", "rate_hz", type=click.FloatRange(0.01, 50), default=1.0, show_default=True, metavar="HZ",
+    "--rate", "rate_hz", type=Number(0.01, 50), default=1.0, show_default=True, metavar="HZ",
     help="Estimates a second at most; the daemon gives broadcast.rate_hz.",
 )  # fmt: skip
 @click.option("--ca", metavar="FILE", help="CA of the databroker's certificate (default: those of gRPC).")

@@ -77,6 +77,29 @@ def test_demo_names_the_option_that_is_wrong(canest):
     assert done.err.startswith("error: --initial-mass: no mass of this vehicle, found 3, expected 7000 to")
 
 
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ("demo --speed nan", "from 0.1 to 60."),
+        ("demo --speed 61", "from 0.1 to 60."),
+        ("check -c class8 --live --seconds nan", "from 0.1 on."),
+        ("check -c class8 --live --seconds inf", "from 0.1 on."),
+        ("monitor virtual:a --for nan", "from 0 on."),
+        ("monitor virtual:a --for -1", "from 0 on."),
+        ("publish mqtt --broker mqtt://localhost --rate nan", "from 0.01 to 50."),
+        ("publish kuksa --rate nan", "from 0.01 to 50."),
+        ("fleet run logs -o lake --memory nan", "from 100 on."),
+        ("fleet run logs -o lake --timeout inf", "from 1 on."),
+        ("compare a.log -c class8 --mass 9", "from 50 kg on."),
+    ],
+)
+def test_a_number_that_cannot_be_is_refused(canest, arguments, expected):
+    done = canest(*arguments.split())
+    *_, option, given = arguments.split()
+    assert done.code == 2
+    assert f"'{option}': found {given}, expected a number {expected}" in done.err
+
+
 def test_compare_and_diagnose_warn_of_the_log_as_replay_does(canest, tmp_path):
     lines = lzma.decompress(KENWORTH.read_bytes()).splitlines(keepends=True)
     late = [line.replace(b"(0", b"(9", 1) for line in lines[-200:]]
