@@ -7,6 +7,8 @@ from canest.estimators.registry import BUILT_IN
 ACCURACY = "two standard deviations, %; default: "
 RECOVERY = "stays closed this long after its cause has cleared, s"
 ENABLED = "false: this gate never closes"
+RELATIVE = "a relative path is below {} of systemd, else below the daemon's working directory"
+IN_STATE, IN_RUNTIME = RELATIVE.format("$STATE_DIRECTORY"), RELATIVE.format("$RUNTIME_DIRECTORY")
 
 MEANINGS: dict[str, str] = {
     "road_map": "grade that earlier drives found, a file of `canest map build`; needs a position on the bus",
@@ -91,12 +93,12 @@ MEANINGS: dict[str, str] = {
     "service.save_every_s": "how often what was learned is saved, s",
     "service.restore_std": "least relative standard deviation of a restored mass",
     "service.metrics_file": "Prometheus text file for node_exporter; null: canest.prom in the runtime "
-    "directory under systemd, else none",
+    f"directory under systemd, else none; {IN_RUNTIME}",
     "service.metrics_port": "port on which the same is served over HTTP",
-    "service.record": "candump log of everything received",
-    "service.log_estimates": "est.csv of every estimate, 50 Hz",
+    "service.record": f"candump log of everything received; {IN_STATE}",
+    "service.log_estimates": f"est.csv of every estimate, 50 Hz; {IN_STATE}",
     "service.residual_dir": "bounded recording for `canest diagnose --recorded`; null: in the state "
-    "directory under systemd, else none",
+    f"directory under systemd, else none; {IN_STATE}",
     "service.residual_max_mb": "bound of that recording, MB",
 }
 

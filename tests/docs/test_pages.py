@@ -8,6 +8,7 @@ import runpy
 import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -125,6 +126,12 @@ def test_every_estimator_and_command_has_its_line():
     assert [name for name in BUILT_IN if f"`{name}`" not in estimators] == []
     readme = (ROOT / "README.md").read_text()
     assert [name for name in COMMANDS if f"canest {name}" not in readme] == []
+
+
+def test_every_extra_has_its_row_in_the_readme():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    readme = (ROOT / "README.md").read_text()
+    assert [name for name in extras if f"\n| `{name}` | " not in readme] == []
 
 
 def test_result_columns_in_the_readme_are_the_writers():
