@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import stat
 from collections.abc import Hashable, Iterable
 from pathlib import Path
@@ -48,6 +49,18 @@ def require_files(outputs: Iterable[Named]) -> None:
                 require_regular(Path(path))
         except OSError as error:
             raise UsageError(f"{path} {error.strerror or error}", where=name) from None
+
+
+def require_writable(outputs: Iterable[tuple[str, Path]]) -> None:
+    """Refuse files that this user may not write, or whose directory it may not make. Errors: UsageError.
+
+    A full disk is no reason: it may have room later. Stands below `require_files`.
+    """
+    for name, path in outputs:
+        there = next(place for place in (path, *path.parents) if place.exists())
+        if not os.access(there, os.W_OK | os.X_OK if there.is_dir() else os.W_OK):
+            where, expected = f"{name}: {path}", f"permission to write {there}"
+            raise UsageError("cannot be written", where=where, expected=expected)
 
 
 def _identity(path: Path) -> Hashable | None:

@@ -51,7 +51,7 @@ def command(
     if log_estimates is not None:
         changes.append(f"service.log_estimates={_quoted(log_estimates)}")
 
-    from canest.cli.output_conflicts import config_files, keep_apart, require_files
+    from canest.cli.output_conflicts import config_files, keep_apart, require_files, require_writable
     from canest.live.daemon import Daemon
     from canest.live.mass_store import place
 
@@ -68,6 +68,7 @@ def command(
     files = [(key, place(name, folder)) for key, name, folder in written if name is not None]
     keep_apart(config_files(chosen.name, config), files)
     require_files(files)
+    require_writable((key, path) for key, path in files if key != "service.metrics_file")
     daemon = Daemon(config, config_name=chosen.name, reload=read_config)
     if port is None:
         daemon.run()

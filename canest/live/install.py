@@ -131,7 +131,9 @@ def install(
             _note_unreadable([unit, done.config, *(folder / n for n in databases)], root, done)
     except OSError as error:
         raise OutputError(
-            f"cannot be written ({error.strerror})", where=str(error.filename or unit), expected="root: sudo"
+            f"cannot be written ({error.strerror})",
+            where=str(error.filename or unit),
+            expected="root: sudo" if isinstance(error, PermissionError) else "",
         ) from error
     if root == Path("/"):
         _reload_systemd(done)

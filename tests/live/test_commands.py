@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -389,4 +390,28 @@ def test_a_config_of_before_that_is_refused_is_reported(tmp_path, capsys, truck)
 def test_a_place_that_cannot_be_written_is_one_plain_error(tmp_path, capsys, truck):
     (tmp_path / "etc").write_text("a file")
     assert run(["install-service", "--install", "-c", str(truck), "--root", str(tmp_path)]) == 1
-    assert "cannot be written" in capsys.readouterr().err
+    assert "cannot be written (Not a directory)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("number", "advice"), [(errno.EACCES, True), (errno.ENOSPC, False)])
+def test_root_is_the_advice_for_a_lack_of_permission_alone(
+    tmp_path, capsys, truck, monkeypatch, number, advice
+):
+    def fail(path, content):
+        raise OSError(number, os.strerror(number), str(path))
+
+    monkeypatch.setattr("canest.live.install.write_atomically", fail)
+    assert run(["install-service", "--install", "-c", str(truck), "--root", str(tmp_path)]) == 1
+    assert ("expected root: sudo" in capsys.readouterr().err) is advice
+
+
+@pytest.mark.parametrize("option", ["record", "log-estimates"])
+def test_a_recording_into_a_place_without_permission_is_refused_at_the_start(
+    tmp_path, capsys, monkeypatch, option
+):
+    monkeypatch.setattr(os, "access", lambda place, mode: place != tmp_path)
+    path = tmp_path / "new" / "seen"
+    assert run(["run", "-c", "vcan", f"--{option}", str(path)]) == 2
+    errors = capsys.readouterr().err
+    assert f"service.{option.replace('-', '_')}: {path}: cannot be written, " in errors
+    assert errors.endswith(f"expected permission to write {tmp_path}\n")
