@@ -16,7 +16,7 @@ from canest.doctor.warnings import stream_warnings
 from canest.fleet import vehicle_names
 from canest.fleet.bundle import Bundle
 from canest.fleet.job import Bundles, FleetJob, Outcome, Settings
-from canest.fleet.manifest import Rule
+from canest.fleet.manifest import VIN_MARK, Rule
 from canest.fleet.recording import CALENDAR_END_US, EPOCH_US, Recording
 from canest.fleet.result_key import content_digest, result_key
 from canest.fleet.result_names import SUFFIX, result_of
@@ -98,6 +98,10 @@ def choose_by_vin(rules: Sequence[tuple[Rule, str]], path: Path) -> tuple[str, s
         return "no rule of the manifest fits the VIN in the log"
     if reader.found:
         return f"the log carries {len(set(reader.found.values()))} different VINs, and none of the engine"
+    if any(not rule.pattern.startswith(VIN_MARK) for rule, _ in rules):  # it fits, but for the vehicle
+        return (
+            "the log carries no VIN: name its vehicle in the column vehicle of a manifest (--manifest FILE)"
+        )
     return "no rule of the manifest fits, and the log carries no VIN"
 
 

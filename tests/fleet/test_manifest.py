@@ -95,7 +95,11 @@ def test_what_no_vin_decides_is_not_guessed(tmp_path):
     several = vin_log(tmp_path, (0x0B, VIN), (0x21, "1XKYDP9X0EJ400000"))
     assert choose_by_vin(rules, several) == "the log carries 2 different VINs, and none of the engine"
     (tmp_path / "none.log").write_text("(1.000000) can0 18FEF100#0000000000000000\n")
-    assert choose_by_vin(rules, tmp_path / "none.log").endswith("and the log carries no VIN")
+    # -c CONFIG is this rule alone: no manifest is blamed
+    way_out = choose_by_vin(rules, tmp_path / "none.log")
+    assert way_out.startswith("the log carries no VIN: name its vehicle in the column vehicle of a manifest")
+    by_vin = [(Rule("vin:1FUJ*", "truck", "c"), "C")]
+    assert choose_by_vin(by_vin, tmp_path / "none.log").endswith("and the log carries no VIN")
 
 
 def test_vins_are_hashed_with_a_key_and_fleet_numbers_are_not(tmp_path):

@@ -120,7 +120,7 @@ def test_vehicles_are_told_by_their_vin_which_no_file_of_the_lake_has_unless_ask
     asked = ("-c", "kenworth", "--json", "-")
     done = command("run", source, "-o", tmp_path / "hashed", *asked, environment=home)
     assert (done.tally["done"], done.code) == (1, 1), done.err
-    assert "no rule: b.log: no rule of the manifest fits, and the log carries no VIN" in done.err
+    assert "no rule: b.log: the log carries no VIN: name its vehicle in the column vehicle" in done.err
     files = files_of(tmp_path / "hashed")
     assert not any(VIN.encode() in content or VIN in name for name, content in files.items())
     assert rows(tmp_path / "hashed", "select vehicle from trips")[1].startswith("vin-")
