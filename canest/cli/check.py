@@ -67,9 +67,9 @@ def command(
     doctor = Doctor(config)
     title = _config_line(chosen.name, config)
     if log is None and not live:
-        from canest.decode.database import overlap_warnings
+        from canest.doctor.config_warnings import config_warnings
 
-        notes = overlap_warnings(config.databases)
+        notes = config_warnings(config)
         _write_json(json_path, chosen.name, {"signals": len(config.signals), "notes": notes})
         if json_path != "-":
             print("\n".join([title, *(f"note  {note}" for note in notes)]))

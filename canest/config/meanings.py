@@ -107,7 +107,8 @@ SOURCE_MEANINGS: dict[str, str] = {
     "signal": "DBC signal of that message",
     "source": "J1939 source address that counts; null: the first one with valid values",
     "column": "instead of message and signal: column of a decoded table",
-    "unit": "unit of the source, where no DBC gives it (tables)",
+    "unit": "unit of the source, where no DBC gives it (tables) or the DBC's is wrong; null: the DBC's, else "
+    "the role's",
     "delay_s": "the value describes the vehicle this much earlier than it is stamped, s",
     "period_s": "time between two reports of a slow signal, s, which are then joined "
     "([slow signals](#slow-signals)); null: the last one is held",

@@ -70,7 +70,8 @@ def config_of_table(
 
 def _source(role: str, step_s: float, unit: str | None) -> dict[str, Any]:
     source: dict[str, Any] = {"column": role}
-    if unit is not None:
+    unit = unit or (ROLES[role].unit if role in ROLES else None)  # a name of a role promises its unit
+    if unit:
         source["unit"] = unit
     if step_s > SLOW_S and role in ROLES:
         source["period_s"] = min(step_s, SLOWEST_PERIOD_S)

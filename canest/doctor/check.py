@@ -12,8 +12,9 @@ from canest.core.roles import ROLES
 from canest.core.samples import STATUS_LABELS
 from canest.core.table_block import TableBlock
 from canest.decode import j1939
-from canest.decode.database import find_signal, is_j1939, overlap_warnings
+from canest.decode.database import find_signal, is_j1939
 from canest.decode.per_sender import PerSender
+from canest.doctor.config_warnings import config_warnings
 from canest.doctor.consistency import ConsistencyCheck
 from canest.doctor.differing_masses import ROLE, differing
 from canest.doctor.missing_signals import missing_signal_warnings
@@ -165,7 +166,7 @@ class Doctor:
             status=self._status,
             stops=stops,
             hints=[hint for hint in hints if hint != stops],
-            notes=overlap_warnings(self.config.databases)
+            notes=config_warnings(self.config)
             + ([] if log is None else log_warnings(log) + self._tables.warnings())
             + stream_warnings(self.pipeline.intake, self.pipeline.stuck_ticks)
             + stale_warnings(self.config, self.pipeline)

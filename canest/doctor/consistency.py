@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from canest.core.frames import FloatColumn, IntColumn
-from canest.core.roles import RADPS_PER_RPM, UNITS
+from canest.core.roles import RADPS_PER_RPM
 from canest.doctor.gear_table import GearFit, table_line
+from canest.doctor.speed_units import SPEED_TOLERANCE, mistaken_unit
 from canest.doctor.stretches import Samples, Stretches, at
 
 if TYPE_CHECKING:
@@ -20,8 +21,6 @@ MIN_MPS = 5.0
 MIN_PAIRS, MOST_PAIRS = 100, 3000
 #: pairs that a gear of a proposed table needs
 FEW_PAIRS = 20
-#: speeds that differ by less are worn tyres and rounding
-SPEED_TOLERANCE = 0.03
 #: a gear has one ratio; a clutch or converter that slips has many, whose middle half spreads further
 RATIO_SPREAD = 0.05
 #: reference torques that differ by less are rounding
@@ -126,7 +125,7 @@ class ConsistencyCheck:
         self._compare(self._stretches.rest())
         v = self._vehicle
         hints = self._speed_hints() + self._ratio_hints() + self._table_hints()
-        hints += self._unknown_gears()
+        hints += self._unknown_gears() + self._one_gear_hints()
         received, declared = self._reference_Nm, v.reference_torque_Nm
         if received is not None and declared is not None and abs(received / declared - 1) > TORQUE_TOLERANCE:
             use = (
@@ -175,6 +174,28 @@ class ConsistencyCheck:
             f"{self._at_radius()}: {table_line(measured)}{counted}"
         )
 
+    def _one_gear_hints(self) -> list[str]:
+        """Return that a vehicle of one gear turns as it does when a speed is taken in another unit."""
+        v = self._vehicle
+        if not v.has_one_gear or not self._by_gear or (v.gear_ratios and self._fit is None):
+            return []
+        measured = self._measured() if self._fit is None else self._fit.measured()
+        if len(measured) != 1:
+            return []
+        (turns,), declared = measured.values(), next(iter(v.gear_ratios.values()), 1.0)
+        hint = self._unit_hint(turns / declared)
+        return [hint] if hint else []
+
+    def _unit_hint(self, times: float) -> str:
+        """Return which unit makes the engine turn so many times as often as the road has it, '' for none."""
+        mistaken = mistaken_unit(1.0 / times)
+        if self._turns_of not in ROAD_SPEEDS or not mistaken:
+            return ""
+        return (
+            f"{self._turns_of} is {1.0 / times:.3g} times what the engine gives, as it is when {mistaken}: "
+            f"look at the unit of signals.{self._turns_of}"
+        )
+
     def _against(self) -> str:
         if self._turns_of in ROAD_SPEEDS:
             return self._turns_of.replace("_", " ")
@@ -195,7 +216,7 @@ class ConsistencyCheck:
             times = radius_m / v.wheel_radius_m
             if abs(times - 1) <= SPEED_TOLERANCE:
                 continue
-            if mistaken := _mistaken_unit(times):
+            if mistaken := mistaken_unit(times):
                 hints.append(
                     f"{role} is {times:.3g} times what the output shaft gives, as it is when {mistaken}: "
                     f"look at the unit of signals.{role}"
@@ -220,7 +241,10 @@ class ConsistencyCheck:
         against = self._against()
         if self._turns_of in ROAD_SPEEDS:
             least, most = min(times.values()), max(times.values())
-            if len(times) > 1 and most - least < SPEED_TOLERANCE * most:  # one mistake for all gears
+            one = most - least < SPEED_TOLERANCE * most  # one mistake for all gears
+            if one and (hint := self._unit_hint((least + most) / 2)):
+                return [hint]
+            if one and len(times) > 1:
                 radius_m, drive = v.wheel_radius_m * 2 / (least + most), v.final_drive * (least + most) / 2
                 return [
                     f"engine and {against} agree with wheel_radius_m {radius_m:.3f} (at final_drive "
@@ -240,6 +264,8 @@ class ConsistencyCheck:
         times, commonest = self._fit.mistake() if self._fit is not None else (None, [])
         if not commonest:
             return []
+        if times is not None and (hint := self._unit_hint(times)):
+            return [hint]
         v, against = self._vehicle, self._turns_of.replace("_", " ")
         listed = ", ".join(f"{ratio:.3g}" for ratio in commonest)
         found = f"engine and {against} turn mostly in the ratio {listed}, and gear_ratios has nothing near"
@@ -252,12 +278,3 @@ class ConsistencyCheck:
                 f"or final_drive {v.final_drive * times:.3g} instead of {v.final_drive:g}"
             ]
         return [f"{found}; it would fit if all were {times:.3g} times as large"]
-
-
-def _mistaken_unit(times: float) -> str:
-    """Return which unit of speed, taken for which other, makes it so many times too large, '' for none."""
-    for true, (factor, _) in UNITS["m/s"].items():
-        for taken, (other, _) in UNITS["m/s"].items():
-            if factor != other and abs(times * factor / other - 1) <= SPEED_TOLERANCE:
-                return f"{true} is taken for {taken}"
-    return ""

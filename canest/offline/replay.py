@@ -14,7 +14,7 @@ from canest.core.columns import stretches
 from canest.core.frames import FrameBlock
 from canest.core.samples import STATUS_LABELS, EstimateBlock, ModelBlock
 from canest.core.table_block import TableBlock
-from canest.decode.database import overlap_warnings
+from canest.doctor.config_warnings import config_warnings
 from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.reasons import why_unestimated
 from canest.doctor.warnings import stale_warnings, stream_warnings
@@ -144,7 +144,7 @@ def replay(
 def _warnings(run: LogRun, config: Config, score: Score | None) -> list[str]:
     """Return what was odd about the log, the config and their truth, in sentences."""
     pipeline = run.pipeline
-    found = overlap_warnings(config.databases) + log_warnings(run.reader) + run.table_map.warnings()
+    found = config_warnings(config) + log_warnings(run.reader) + run.table_map.warnings()
     found += stream_warnings(pipeline.intake, pipeline.stuck_ticks) + stale_warnings(config, pipeline)
     if pipeline.updated:
         found += missing_signal_warnings(config, pipeline.intake.received)

@@ -22,7 +22,7 @@ from canest.estimators.registry import create
 from canest.grid.between import Between, earlier, larger, line
 from canest.grid.grid import FOREVER_US, Channel
 from canest.pipeline.assumed_constants import AssumedConstants
-from canest.pipeline.signal_map import resolution_of, step_of, wants_of
+from canest.pipeline.signal_map import resolution_of, step_of, unit_of, wants_of
 from canest.vehicle.butterworth import butterworth, delay_s
 from canest.vehicle.range_rate_check import JUMP, JUMP_HOLD_S, MOTION_JUMP, Limit, limits_of
 from canest.vehicle.role_sources import (
@@ -275,7 +275,7 @@ def _column_factors(config: Config) -> dict[str, float]:
     """Return role -> what a number of its table column is multiplied by."""
     factors = {}
     for role, source in config.signals.items():
-        converted = conversion(role, source.unit or "") if source.column is not None else None
+        converted = conversion(role, unit_of(source)) if source.column is not None else None
         if converted is not None:
             factors[role] = converted[0] * source.scale
     return factors

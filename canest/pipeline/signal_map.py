@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from canest.config.schema import Config
 from canest.config.sections import Source
 from canest.core.errors import ConfigError
@@ -11,6 +13,9 @@ from canest.decode.decoder import Decoder
 from canest.decode.groups import Want
 from canest.decode.value_table import TextTable, raw_table
 from canest.vehicle.role_sources import speed_in_use
+
+if TYPE_CHECKING:
+    from cantools.database.can import Signal
 
 #: how a DBC declares a message as J1939, which is matched by parameter group and not by its identifier
 J1939_DATABASE = 'a DBC that declares J1939 (VFrameFormat "J1939PG", or ProtocolType "J1939")'
@@ -42,7 +47,7 @@ def wants_of(config: Config) -> dict[str, Want]:
                 found=f"0x{source.source:02X}",
                 expected="no such key" + (f", or {J1939_DATABASE}" if message.is_extended_frame else ""),
             )
-        factor, offset = factor_and_offset(role, source, source.unit or signal.unit or "", where)
+        factor, offset = factor_and_offset(role, source, unit_of(source, signal), where)
         wants[role] = Want(
             role=role,
             message=source.message,
@@ -58,6 +63,11 @@ def wants_of(config: Config) -> dict[str, Want]:
             texts=TextTable(source.map) if source.map and source.validity == "ascii" else None,
         )
     return wants
+
+
+def unit_of(source: Source, signal: Signal | None = None) -> str:
+    """Return the unit of a source's numbers: its own, else that of its DBC signal; '' where none is known."""
+    return source.unit or (signal.unit if signal is not None else None) or ""
 
 
 def factor_and_offset(role: str, source: Source, unit: str, where: str = "") -> tuple[float, float]:
@@ -127,5 +137,5 @@ def step_of(config: Config, role: str) -> float | None:
     if source is None or source.map or source.message is None or source.signal is None:
         return None
     _, signal = find_signal(config.databases, source.message, source.signal)
-    factor, _ = factor_and_offset(role, source, source.unit or signal.unit or "")
+    factor, _ = factor_and_offset(role, source, unit_of(source, signal))
     return abs(float(signal.scale) * factor)

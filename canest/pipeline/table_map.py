@@ -19,7 +19,7 @@ from canest.logs.base import KNOWN_LOGS, SHOWN_CHARS
 from canest.logs.cells import number_of
 from canest.logs.format_detection import open_log
 from canest.logs.table_reader import TEXTS_KEPT
-from canest.pipeline.signal_map import factor_and_offset
+from canest.pipeline.signal_map import factor_and_offset, unit_of
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -52,9 +52,8 @@ class TableMap:
         self.without_value: dict[str, int] = {}
         for role, source in config.signals.items():
             if source.column is not None:
-                factor, offset = factor_and_offset(
-                    role, source, source.unit or "", config.at(f"signals.{role}")
-                )
+                where = config.at(f"signals.{role}")
+                factor, offset = factor_and_offset(role, source, unit_of(source), where)
                 self.roles[role] = source.column, factor, offset
                 if source.map:
                     self.values[role] = TextTable(source.map)

@@ -107,6 +107,27 @@ def test_a_speed_in_another_unit(drive, role, scale, mistake):
     assert mistake in hint_text and f"signals.{role}" in hint_text
 
 
+@pytest.mark.parametrize("without", [("gear_ratio", "output_shaft_speed"), GEARLESS])
+def test_a_speed_in_another_unit_against_the_engine(drive, without):
+    (hint_text,) = hints(drive, "signals.vehicle_speed.scale=1.609", without=without)
+    assert "signals.vehicle_speed" in hint_text and "km/h is taken for mph" in hint_text
+
+
+@pytest.mark.parametrize("gears", [{}, {"vehicle.gear_ratios": "{1: 9.0}"}])
+@pytest.mark.parametrize(("factor", "mistake"), [(1.0, ""), (1 / 0.44704, "mph is taken for m/s")])
+def test_a_vehicle_of_one_gear_whose_speed_is_in_another_unit(factor, mistake, gears):
+    keys = {"vehicle.gear_ratios": "{}", "vehicle.final_drive": 1.0 if gears else 9.0, **gears}
+    config = load_config("class8", [f"{key}={value}" for key, value in keys.items()])
+    signals = {role: config.signals[role] for role in ("engine_torque_pct", "engine_speed", "vehicle_speed")}
+    judge = ConsistencyCheck(config.model_copy(update={"signals": signals}))
+    t_us = np.arange(1000, dtype=np.int64) * 20_000
+    speed = 15.0 + 5.0 * np.sin(t_us / 4e6)
+    turns = 9.0 / config.vehicle.wheel_radius_m * 30 / np.pi
+    judge.push({"engine_speed": (t_us, turns * speed), "vehicle_speed": (t_us, factor * speed)})
+    hints = judge.hints()
+    assert [mistake in hint for hint in hints] == ([True] if mistake else [])
+
+
 def test_a_reference_torque_that_the_config_does_not_map(drive):
     wrong = "vehicle.reference_torque_Nm=1500"
     assert "2100 N m (used when received), the config has 1500" in hints(drive, wrong)[0]

@@ -1,0 +1,45 @@
+"""What a user should know of a config before any log is read: its databases, and units that nobody states."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canest.core.roles import ROLES, UNITS
+from canest.decode.database import find_signal, overlap_warnings
+from canest.pipeline.signal_map import unit_of
+
+if TYPE_CHECKING:
+    from canest.config import Config
+    from canest.config.sections import Source
+
+
+def config_warnings(config: Config) -> list[str]:
+    """Return what is odd about a config and its databases, one sentence each."""
+    return overlap_warnings(config.databases) + unit_warnings(config)
+
+
+def unit_warnings(config: Config) -> list[str]:
+    """Return which signals are taken in the unit of their role, since nothing states another."""
+    in_dbc, in_table = [], []
+    for role, source in config.signals.items():
+        if not _could_be_another(role, source):
+            continue
+        taken = f"is taken as {ROLES[role].unit} (state signals.{role}.unit)"
+        if source.message is None or source.signal is None:
+            if not unit_of(source):
+                in_table.append(f"{source.column} {taken}")
+        elif not unit_of(source, find_signal(config.databases, source.message, source.signal)[1]):
+            in_dbc.append(f"{source.message}.{source.signal} {taken}")
+    both = (("no unit in the DBC", in_dbc), ("no unit of the column", in_table))
+    return [f"{what}: {', '.join(found)}" for what, found in both if found]
+
+
+def _could_be_another(role: str, source: Source) -> bool:
+    """Return whether a source's numbers could be in another unit than the role's.
+
+    A percentage could not. A scale is a conversion of the user's, unless it only turns a sign, and the
+    numbers of a map are the user's too.
+    """
+    if role not in ROLES or abs(source.scale) != 1.0 or source.map:
+        return False
+    return len(set(UNITS[ROLES[role].unit].values())) > 1

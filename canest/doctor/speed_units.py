@@ -1,0 +1,17 @@
+"""Which unit of speed has been taken for another, by how many times a speed is too large."""
+
+from __future__ import annotations
+
+from canest.core.roles import UNITS
+
+#: speeds that differ by less are worn tyres and rounding
+SPEED_TOLERANCE = 0.03
+
+
+def mistaken_unit(times: float) -> str:
+    """Return which unit of speed, taken for which other, makes it so many times too large, '' for none."""
+    for true, (factor, _) in UNITS["m/s"].items():
+        for taken, (other, _) in UNITS["m/s"].items():
+            if factor != other and abs(times * factor / other - 1) <= SPEED_TOLERANCE:
+                return f"{true} is taken for {taken}"
+    return ""

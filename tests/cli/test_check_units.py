@@ -1,0 +1,86 @@
+"""A signal without a unit is taken in the unit of its role, and `check` and `replay` name it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+import canest as api
+from canest.config import load_config
+from canest.doctor.config_warnings import config_warnings
+from canest.system.shipped_files import shipped
+
+VEHICLE = """
+vehicle: {mass_min_kg: 800, mass_max_kg: 5000, wheel_radius_m: 0.34, final_drive: 9.0, drag_area_m2: 2.0,
+  rolling_resistance: 0.01}
+"""
+TABLE = """dbc: []
+signals:
+  engine_torque: {column: tq, unit: Nm}
+  vehicle_speed: {column: v%s}
+  brake_switch: {column: brk}
+  accelerator: {column: pedal}
+"""
+DBC = """VERSION ""
+BU_: X
+BO_ 257 MOT: 8 X
+ SG_ Torque : 0|16@1- (0.1,0) [0|0] "Nm" X
+ SG_ Speed : 16|16@1+ (0.01,0) [0|0] "UNIT" X
+ SG_ Brake : 32|1@1+ (1,0) [0|1] "" X
+"""
+FRAMES = """dbc: [van.dbc]
+signals:
+  engine_torque: {message: MOT, signal: Torque}
+  vehicle_speed: {message: MOT, signal: Speed%s}
+  brake_switch: {message: MOT, signal: Brake}
+"""
+
+
+def table(tmp_path, more=""):
+    path = tmp_path / "van.yaml"
+    path.write_text(VEHICLE + TABLE % more)
+    return path
+
+
+def frames(tmp_path, unit, more=""):
+    (tmp_path / "van.dbc").write_text(DBC.replace("UNIT", unit))
+    path = tmp_path / "van.yaml"
+    path.write_text(VEHICLE + FRAMES % more)
+    return path
+
+
+def test_check_and_replay_name_a_column_without_a_unit(canest, tmp_path):
+    config, log = table(tmp_path), tmp_path / "van.csv"
+    log.write_text("t_s,v,tq,brk,pedal\n" + "".join(f"{i / 10},{i / 20},80,0,30\n" for i in range(300)))
+    note = "no unit of the column: v is taken as m/s (state signals.vehicle_speed.unit)"
+    assert note in canest("check", "-c", config).out
+    assert note in canest("check", "-c", config, log).out
+    assert note in json.loads(canest("replay", log, "-c", config, "--json", "-").out)["notes"]
+
+
+def test_a_dbc_signal_without_a_unit_is_named(tmp_path):
+    (note,) = config_warnings(load_config(frames(tmp_path, "")))
+    assert note == "no unit in the DBC: MOT.Speed is taken as m/s (state signals.vehicle_speed.unit)"
+    assert not config_warnings(load_config(frames(tmp_path, "km/h")))
+
+
+@pytest.mark.parametrize("more", [", unit: mph", ", scale: 0.2778", ", map: {0: 0, 1: 5}"])
+def test_a_conversion_of_the_config_is_enough(tmp_path, more):
+    assert not config_warnings(load_config(table(tmp_path, more)))
+    assert not config_warnings(load_config(frames(tmp_path, "", more)))
+
+
+def test_a_scale_that_turns_a_sign_states_no_unit(tmp_path):
+    assert len(config_warnings(load_config(table(tmp_path, ", scale: -1")))) == 1
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in shipped("configs").glob("*.yaml")))
+def test_shipped_configs_need_no_note(name):
+    assert not config_warnings(load_config(name))
+
+
+def test_columns_that_bear_the_names_of_roles_are_in_their_units():
+    vehicle = load_config("class8", ["vehicle.gear_ratios={}"]).vehicle
+    rows = {"t_s": [0.0, 0.1, 0.2], "engine_torque": [1.0, 2.0, 3.0], "vehicle_speed": [1.0, 2.0, 3.0]}
+    assert not any("unit" in note for note in api.estimate(rows, vehicle).summary["notes"])
