@@ -98,8 +98,8 @@ ACCURACIES = (
 SIGNALS_TEXT = """
 A role's value is `physical value, converted into the role's unit, * scale + offset`. With `invert`
 it is 1 minus that. The physical value is what the DBC makes of the raw number, or the number in the
-table's cell. Where neither the DBC nor `unit` has a unit, the number is taken in the role's unit. `check` and `replay`
-then name the role, unless the entry has a `scale` (other than -1) or a `map`.
+table's cell. Where neither the DBC nor `unit` has a unit, the number is taken in the role's unit. `check`
+and `replay` then name the role, unless the entry has a `scale` (other than -1) or a `map`.
 
 A `map` gives the physical value instead, for example `map: {Gang_1: 1, Gang_2: 2, R: -1, 15: 0}`. The
 numbers are the physical values. A key is one of:

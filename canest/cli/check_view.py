@@ -104,7 +104,8 @@ def _rows(entry: RoleReport, everyone: bool) -> Iterator[dict[str, str | Text]]:
     """Yield the rows of one role: as the config expects it, then, for ``everyone``, whoever else sends it."""
     from rich.text import Text
 
-    mild = entry.need in ("optional", "ratio")  # there may be another way to the ratio
+    # there may be another way to the ratio
+    mild = entry.need in ("optional", "ratio") or entry.verdict == "several"
     colour = "green" if entry.verdict == "ok" else "yellow" if mild else "red"
     expected = entry.expected + (f" @0x{entry.source:02X}" if entry.source is not None else "")
     unit = f" {entry.unit}" if entry.unit else ""

@@ -16,6 +16,7 @@ from canest.decode.database import find_signal, is_j1939
 from canest.decode.per_sender import PerSender
 from canest.doctor.config_warnings import config_warnings
 from canest.doctor.consistency import ConsistencyCheck
+from canest.doctor.constant_torque import constant_torque_hints
 from canest.doctor.differing_masses import ROLE, differing
 from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.raw_values import RawValueCheck, text_hints
@@ -194,7 +195,7 @@ class Doctor:
             from_table=source.column is not None,
         )
         if source.column is None:
-            found.senders = senders_of(self._survey.counters, role)
+            found.senders = senders_of(self._survey.counters, role, source.source is not None)
             if source.source is None:
                 self._note_ranges(found)
         elif source.column in self._received.columns:
@@ -273,7 +274,7 @@ class Doctor:
             hints += slow_signal_hints(self.config, reports)
         warning = self.pipeline.estimator.contradiction()
         hints += self._raw.hints() + [h for comparison in self._comparisons for h in comparison.hints()]
-        hints += self._differing_masses(reports)
+        hints += constant_torque_hints(self.config, reports) + self._differing_masses(reports)
         return hints + ([warning] if warning else [])
 
     def _differing_masses(self, reports: list[RoleReport]) -> list[str]:

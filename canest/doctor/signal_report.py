@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from canest.decode.counters import Counters, SenderCounters
     from canest.decode.value_table import Label
 
-OK, SILENT, ABSENT, ELSEWHERE = "ok", "no value", "not found", "elsewhere"
+OK, SILENT, ABSENT, ELSEWHERE, SEVERAL = "ok", "no value", "not found", "elsewhere", "several"
 #: a signal of which more than this share has no value deserves a hint
 MOSTLY = 0.5
 #: an address whose share of error values is larger sends something else under this group
@@ -32,8 +32,14 @@ class Sender:
     wrong_length: int
     unknown_mux: int = 0
     remote_frames: int = 0
+    not_used: int = 0  #: samples that another address was preferred to
     low: float | None = None  #: range of its own values, in the role's unit
     high: float | None = None
+
+    @property
+    def used(self) -> int:
+        """Samples of the role that come from this address."""
+        return self.valid + self.not_available + self.error_value - self.not_used
 
 
 @dataclass(slots=True)
@@ -42,7 +48,8 @@ class RoleReport:
 
     need: "needed", "speed" (one of these is needed), "ratio" (one way to the gear ratio is) or "optional".
     low, high: range of its values in the role's unit. labels: what the DBC or a table calls them.
-    verdict: ok, no value, not found, elsewhere (another address has it).
+    verdict: ok, no value, not found, elsewhere (another address has it), several (addresses send it, and the
+    config names none). senders: the one in use first.
     """
 
     role: str
@@ -61,14 +68,18 @@ class RoleReport:
     labels: list[Label] = field(default_factory=list)
 
 
-def senders_of(counters: Counters, role: str) -> list[Sender]:
-    """Return who sends a role, by address."""
+def senders_of(counters: Counters, role: str, named: bool) -> list[Sender]:
+    """Return who sends a role, by address.
+
+    named: the config names the address that counts. Else the one in use is first.
+    """
+    owned = not named and role not in COMPARED
     found: list[tuple[int | None, SenderCounters]] = [
         (address, sender)
         for (_, address), sender in counters.senders.items()
         if role in sender.roles and sender.frames
     ]
-    return [
+    senders = [
         Sender(
             address,
             _rate_hz(sender, role),
@@ -79,9 +90,11 @@ def senders_of(counters: Counters, role: str) -> list[Sender]:
             sender.wrong_length,
             sender.unknown_mux,
             sender.remote_frames,
+            sender.roles[role].not_owner if owned else 0,
         )
         for address, sender in sorted(found, key=lambda item: -1 if item[0] is None else item[0])
     ]
+    return sorted(senders, key=lambda s: -s.used) if owned else senders
 
 
 def _rate_hz(counters: SenderCounters, role: str) -> float | None:
@@ -98,13 +111,14 @@ def judge(entry: RoleReport, source: Source, stale_s: float) -> tuple[str, str]:
     mine = [s for s in entry.senders if source.source in (None, s.address)]
     others = [s for s in entry.senders if s not in mine and _is_sound(s)]
     if entry.values:
-        bad = sum(s.not_available + s.error_value for s in mine)
-        if bad > MOSTLY * (bad + entry.values):
-            return OK, f"only {entry.values:,} of {bad + entry.values:,} samples hold a value"
         with_values = [s for s in mine if s.valid]
         if source.source is None and len(with_values) > 1 and entry.role not in COMPARED:
             shown = ", ".join(address_text(s.address) for s in with_values)
-            return OK, f"several addresses send it ({shown}): name one with source:"
+            used = address_text(with_values[0].address)
+            return SEVERAL, f"several addresses send it ({shown}), {used} is used: name one with source:"
+        bad = sum(s.not_available + s.error_value for s in mine)
+        if bad > MOSTLY * (bad + entry.values):
+            return OK, f"only {entry.values:,} of {bad + entry.values:,} samples hold a value"
         every_s = min((1.0 / s.rate_hz if s.rate_hz else 0.0 for s in with_values), default=0.0)
         if every_s > stale_s:
             return OK, f"comes every {every_s:.2g} s, and a value counts for {stale_s:g} s only (stale_s)"

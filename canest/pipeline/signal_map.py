@@ -47,6 +47,7 @@ def wants_of(config: Config) -> dict[str, Want]:
                 found=f"0x{source.source:02X}",
                 expected="no such key" + (f", or {J1939_DATABASE}" if message.is_extended_frame else ""),
             )
+        _refuse_zero_factor(source, signal, where)
         factor, offset = factor_and_offset(role, source, unit_of(source, signal), where)
         wants[role] = Want(
             role=role,
@@ -63,6 +64,17 @@ def wants_of(config: Config) -> dict[str, Want]:
             texts=TextTable(source.map) if source.map and source.validity == "ascii" else None,
         )
     return wants
+
+
+def _refuse_zero_factor(source: Source, signal: Signal, where: str) -> None:
+    """Refuse a factor of 0, which is used unless there is a map. Errors: ConfigError."""
+    if not source.map and source.validity != "ascii" and float(signal.scale) == 0.0:
+        raise ConfigError(
+            "the DBC's factor makes every value the same",
+            where=where,
+            found=f"{source.message}.{source.signal} with factor 0",
+            expected="another factor in the DBC, or map: in this entry",
+        )
 
 
 def unit_of(source: Source, signal: Signal | None = None) -> str:

@@ -10,8 +10,10 @@ import pytest
 
 from canest.cli import check_view
 from canest.config import load_config, parse_config, read_databases
-from canest.core.frames import FrameBlock
+from canest.core.frames import EXTENDED, FrameBlock
 from canest.doctor.check import Doctor
+from canest.doctor.constant_torque import constant_torque_hints
+from canest.doctor.signal_report import RoleReport
 from canest.doctor.switches import SwitchCheck
 from canest.doctor.torque_samples import TorqueSampleCheck
 from canest.logs import open_log
@@ -144,11 +146,42 @@ def test_single_torques_of_a_fixed_number_are_named(number, hint_text, cut):
     assert f"engine_torque_pct reads {hint_text}" in hint and "in 10 single samples (1 %)" in hint
 
 
+@pytest.mark.parametrize(
+    ("torque", "speed", "named"),
+    [((0.0, 0.0), (0.0, 20.0), True), ((0.0, 0.1), (0.0, 20.0), False), ((0.0, 0.0), (0.0, 0.0), False)],
+)
+def test_a_torque_that_never_changes_while_the_speed_does_is_named(torque, speed, named):
+    found = [
+        RoleReport(role, "", "needed", f"EEC1.{role}", 0, "%", low=low, high=high, values=1000)
+        for role, (low, high) in {"engine_torque_pct": torque, "output_shaft_speed": speed}.items()
+    ]
+    hints = constant_torque_hints(load_config("class8"), found)
+    assert ["EEC1.engine_torque_pct is always 0 %" in hint for hint in hints] == [True] * named
+
+
 def test_a_torque_that_passes_zero_is_no_fault():
     t_us = np.arange(5000, dtype=np.int64) * 20_000
     judge = TorqueSampleCheck(load_config("class8"))
     judge.push({"engine_torque_pct": (t_us, np.round(30 * np.sin(t_us / 1e6)))})
     assert judge.hints() == []
+
+
+@pytest.mark.parametrize(("first", "used"), [(0x31, 0x31), (0x00, 0x00)])
+def test_of_several_senders_the_one_in_use_comes_first(first, used):
+    """The estimator takes the first address with a value, here that of 36 km/h or 72 km/h."""
+    config = load_config("class8")
+    signals = {role: s.model_copy(update={"source": None}) for role, s in config.signals.items()}
+    doctor = Doctor(config.model_copy(update={"signals": signals}))
+    n, speed = 400, {0x00: 36 * 256, 0x31: 72 * 256}
+    addresses = np.array([first, 0x31 - first] * (n // 2), np.uint32)
+    words = np.array([0xFFFFFFFFFF0000FF | speed[a] << 8 for a in addresses.tolist()], np.uint64)
+    ids = np.uint32(EXTENDED | 0x18FEF100) | addresses
+    doctor.push(FrameBlock(np.arange(n, dtype=np.int64) * 50_000, ids, np.full(n, 8, np.uint8), words))
+    found = doctor.report()
+    speeds = role(found, "vehicle_speed")
+    assert [s.address for s in speeds.senders] == [used, 0x31 - used] and speeds.verdict == "several"
+    assert (speeds.low == pytest.approx(10.0)) == (used == 0x00)
+    assert any(f"(0x{used:02X}, 0x{0x31 - used:02X}), 0x{used:02X} is used" in hint for hint in found.hints)
 
 
 DBC = """VERSION ""

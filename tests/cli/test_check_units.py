@@ -1,4 +1,4 @@
-"""A signal without a unit is taken in the unit of its role, and `check` and `replay` name it."""
+"""What the DBC makes of a number: a unit that nobody states, one that does not fit, a factor of 0."""
 
 from __future__ import annotations
 
@@ -84,3 +84,13 @@ def test_columns_that_bear_the_names_of_roles_are_in_their_units():
     vehicle = load_config("class8", ["vehicle.gear_ratios={}"]).vehicle
     rows = {"t_s": [0.0, 0.1, 0.2], "engine_torque": [1.0, 2.0, 3.0], "vehicle_speed": [1.0, 2.0, 3.0]}
     assert not any("unit" in note for note in api.estimate(rows, vehicle).summary["notes"])
+
+
+def test_a_factor_of_zero_is_refused(canest, tmp_path):
+    config = frames(tmp_path, "km/h")
+    database = tmp_path / "van.dbc"
+    database.write_text(database.read_text().replace("(0.1,0)", "(0,0)"))
+    done = canest("check", "-c", config)
+    assert done.code == 2 and "signals.engine_torque" in done.err and "MOT.Torque with factor 0" in done.err
+    config.write_text(config.read_text().replace("signal: Torque", "signal: Torque, map: {0: 0, 1: 50}"))
+    assert canest("check", "-c", config).code == 0
