@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import importlib
 import io
+import logging
 import sys
 from collections.abc import Iterable, Sequence
 from types import ModuleType
@@ -27,6 +28,10 @@ _OVERLAP = "are overlapping in message"
 _OVERLAPS_SHOWN = 3
 #: modules of cantools that take longer to import than they are worth here
 _NOT_IMPORTED = ("tester", "logreader")
+# cantools logs two messages of one name or identifier; the check names those in use, with their files
+logging.getLogger("cantools.database.can.database").addFilter(
+    lambda record: not str(record.msg).startswith("Overwriting message")
+)
 #: database -> its signals that overlap, where some do
 _overlaps: WeakKeyDictionary[Database, list[str]] = WeakKeyDictionary()
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from canest.core.roles import ROLES, UNITS
 from canest.decode.database import find_signal, overlap_warnings
+from canest.doctor.same_messages import same_message_warnings
 from canest.pipeline.signal_map import unit_of
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 def config_warnings(config: Config) -> list[str]:
     """Return what is odd about a config and its databases, one sentence each."""
-    return overlap_warnings(config.databases) + unit_warnings(config)
+    return overlap_warnings(config.databases) + same_message_warnings(config) + unit_warnings(config)
 
 
 def unit_warnings(config: Config) -> list[str]:

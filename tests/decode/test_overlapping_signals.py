@@ -1,4 +1,4 @@
-"""A database whose signals overlap is loaded, and every overlap is named."""
+"""A database whose signals overlap, or whose messages share a name or identifier, is loaded, with a note."""
 
 import pytest
 
@@ -7,6 +7,7 @@ from canest.cli.main import run
 from canest.config.database_files import read_database
 from canest.core.errors import ConfigError
 from canest.decode.database import overlap_warnings
+from canest.doctor.config_warnings import config_warnings
 
 DBC = """VERSION ""
 BU_: E
@@ -57,6 +58,30 @@ def test_many_overlaps_are_counted(tmp_path):
     path.write_text(DBC[: DBC.index("BO_")] + "".join(many))
     *first, last = overlap_warnings([read_database(path)])
     assert len(first) == 3 and last.startswith("2 more messages")
+
+
+SECOND = 'BO_ 256 Other: 8 E\n SG_ Level : 0|8@1+ (1,0) [0|0] "%" E\n'
+
+
+def test_messages_of_one_identifier_are_named(config, capsys):
+    (config.parent / "car.dbc").write_text(DBC.replace("8|8@1+", "48|8@1+") + SECOND)
+    assert run(["check", "-c", str(config)]) == 0
+    done = capsys.readouterr()
+    assert "messages Motor (car.dbc) and Other (car.dbc) have the same identifier 0x100" in done.out
+    assert "Overwriting" not in done.err
+
+
+def test_a_message_of_two_files_is_named(config, tmp_path):
+    (tmp_path / "more.dbc").write_text(DBC.replace("256", "257"))
+    config.write_text(config.read_text().replace("car.dbc]", f"car.dbc, {tmp_path}/more.dbc]"))
+    notes = config_warnings(canest.load_config(config))
+    assert "message Motor is in car.dbc and in more.dbc: the first one is used" in notes
+
+
+def test_messages_that_are_not_used_may_be_the_same(config):
+    sound = DBC.replace("8|8@1+", "48|8@1+")
+    (config.parent / "car.dbc").write_text(sound + SECOND.replace("256", "257") * 2)
+    assert not config_warnings(canest.load_config(config))
 
 
 def test_a_signal_beyond_its_message_is_still_refused(tmp_path):
