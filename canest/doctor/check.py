@@ -31,7 +31,7 @@ from canest.doctor.reasons import (
 from canest.doctor.received import Received
 from canest.doctor.signal_report import RoleReport, Sender, address_text, complaint, judge, senders_of
 from canest.doctor.slow_signals import delay_notes, slow_signal_hints
-from canest.doctor.stretches import Samples
+from canest.doctor.stretches import Samples, comparable
 from canest.doctor.switches import SwitchCheck
 from canest.doctor.torque_samples import TorqueSampleCheck
 from canest.doctor.warnings import stale_warnings, stream_warnings
@@ -128,8 +128,9 @@ class Doctor:
             samples = self._tables.samples(block)
             estimates = self.pipeline.push_samples(samples, block.t_us)
         self._received.note(samples)
+        compared = comparable(samples)
         for comparison in self._comparisons:
-            comparison.push(samples)
+            comparison.push(compared)
         if len(estimates):
             self._status = STATUS_LABELS[int(estimates.status[-1])]
 

@@ -36,7 +36,7 @@ class GearFit:
     def push(self, engine_rpm: FloatColumn, shaft_rpm: FloatColumn, moving: BoolColumn) -> None:
         """Take simultaneous speeds (n,). moving: where they are fast enough to compare."""
         sound = moving & (engine_rpm > 0.0)
-        ratio = np.log(np.where(sound, engine_rpm, 1.0) / np.where(sound, shaft_rpm, 1.0))
+        ratio = np.log(np.where(sound, engine_rpm, 1.0)) - np.log(np.where(sound, shaft_rpm, 1.0))
         steady = sound[1:] & sound[:-1] & (np.abs(np.diff(ratio)) < _STEADY)
         found = ratio[1:][steady]
         self._counts += np.histogram(found, self._edges)[0]

@@ -14,6 +14,16 @@ Samples = dict[str, tuple[IntColumn, FloatColumn]]
 STRETCH_US = 5_000_000
 #: or over so many samples: stamps may stand still, or be those of many senders
 MOST_WAITING = 50_000
+#: no quantity of a vehicle is larger, in the unit of any role; a float on the bus may be
+LARGEST = 1e9
+
+
+def comparable(samples: Samples) -> Samples:
+    """Return samples without a value where there is a number that no vehicle has: sums would overflow."""
+    return {
+        role: (t_us, np.where(np.abs(values) < LARGEST, values, np.nan))
+        for role, (t_us, values) in samples.items()
+    }
 
 
 class Stretches:

@@ -17,6 +17,7 @@ from canest.core.frames import FloatColumn
 Between = Callable[[FloatColumn, FloatColumn, FloatColumn], FloatColumn]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # reports may be any float: the model judges what comes out
 def line(before: FloatColumn, after: FloatColumn, share: FloatColumn) -> FloatColumn:
     """Return the value on the straight line between the reports; NaN where either is."""
     return before + share * (after - before)

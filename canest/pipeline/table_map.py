@@ -112,7 +112,9 @@ class TableMap:
             else:
                 values = block.columns.get(column)
             if values is not None:
-                found[role] = block.t_us, values * factor + offset
+                with np.errstate(over="ignore"):  # a cell may hold any number
+                    converted = values * factor + offset
+                found[role] = block.t_us, np.where(np.isfinite(converted), converted, np.nan)
         return found
 
     def _mapped(self, role: str, column: str, block: TableBlock) -> FloatColumn | None:

@@ -128,6 +128,31 @@ def test_a_vehicle_of_one_gear_whose_speed_is_in_another_unit(factor, mistake, g
     assert [mistake in hint for hint in hints] == ([True] if mistake else [])
 
 
+@pytest.mark.parametrize("wild", ["1e308", "-1.7e308", "5e-324"])
+def test_wild_numbers_warn_of_nothing_and_the_rest_is_judged(tmp_path, wild):
+    """Warnings are errors here."""
+    rows = ["t_s,rpm,v,tq"]
+    for i in range(2000):
+        speed = 15.0 + 5.0 * np.sin(i / 80)
+        odd = [wild if i % 97 == k else None for k in (3, 50, 51)]
+        rows.append(f"{i / 50},{odd[0] or 600 * speed},{odd[1] or speed / 0.44704},{odd[2] or 80 + i % 7}")
+    (tmp_path / "wild.csv").write_text("\n".join(rows) + "\n")
+    (tmp_path / "wild.yaml").write_text("""
+vehicle: {mass_min_kg: 1000, mass_max_kg: 2000, wheel_radius_m: 0.3, final_drive: 18.85, drag_area_m2: 0.7,
+  rolling_resistance: 0.01}
+dbc: []
+signals:
+  engine_torque: {column: tq, unit: kNm, scale: 0.001}
+  engine_speed: {column: rpm, unit: rpm}
+  vehicle_speed: {column: v, unit: m/s, period_s: 0.02}
+""")
+    doctor = Doctor(load_config(str(tmp_path / "wild.yaml")))
+    with open_log(tmp_path / "wild.csv", columns=["rpm", "v", "tq"]) as log:
+        for block in log:
+            doctor.push(block)
+    assert any("mph is taken for m/s" in hint for hint in doctor.report().hints)
+
+
 def test_a_reference_torque_that_the_config_does_not_map(drive):
     wrong = "vehicle.reference_torque_Nm=1500"
     assert "2100 N m (used when received), the config has 1500" in hints(drive, wrong)[0]
