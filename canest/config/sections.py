@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, model_validator
 
 from canest.core.roles import KNOWN_UNITS
 from canest.core.section import MisplacedError, Number, Section, Whole
@@ -31,7 +31,7 @@ class Source(Section):
     signal: str | None = None
     source: Whole | None = Field(None, ge=0, le=253)
     column: str | None = None
-    unit: str | None = None
+    unit: Annotated[str, StringConstraints(strip_whitespace=True)] | None = None
     #: the value describes the vehicle this much earlier than its frame is stamped
     delay_s: Number = Field(0.0, ge=0, le=2.0)
     stale_s: Number | None = Field(None, gt=0)

@@ -14,11 +14,15 @@ def expected_name(name: str, names: Iterable[str], kind: str = "one", see: str =
     kind: what is named, with its article ("a role"). see: what lists them all, where there are many.
     """
     known = list(names)
-    spelled = {n.lower(): n for n in reversed(known)}
-    near = [spelled[n] for n in difflib.get_close_matches(name.lower(), spelled, n=2, cutoff=0.6)]
-    if near:
+    if near := nearest_names(name, known):
         return f"{kind}, perhaps {' or '.join(near)}"
     listed = "one of " + ", ".join(known[:_MOST_LISTED])
     if len(known) <= _MOST_LISTED:
         return listed
     return f"{listed} ... ({len(known)} in all{': ' + see if see else ''})"
+
+
+def nearest_names(name: str, names: Iterable[str]) -> list[str]:
+    """Return the names, two at most, that differ from ``name`` by a slip; letter case does not count."""
+    spelled = {n.lower(): n for n in reversed(list(names))}
+    return [spelled[n] for n in difflib.get_close_matches(name.lower(), spelled, n=2, cutoff=0.6)]

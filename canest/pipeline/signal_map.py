@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from canest.config.schema import Config
 from canest.config.sections import Source
 from canest.core.errors import ConfigError
+from canest.core.nearest_name import nearest_names
 from canest.core.roles import ROLES, UNITS, conversion
 from canest.decode.database import find_signal, is_j1939
 from canest.decode.decoder import Decoder
@@ -79,7 +80,7 @@ def _refuse_zero_factor(source: Source, signal: Signal, where: str) -> None:
 
 def unit_of(source: Source, signal: Signal | None = None) -> str:
     """Return the unit of a source's numbers: its own, else that of its DBC signal; '' where none is known."""
-    return source.unit or (signal.unit if signal is not None else None) or ""
+    return source.unit or ((signal.unit if signal is not None else None) or "").strip()
 
 
 def factor_and_offset(role: str, source: Source, unit: str, where: str = "") -> tuple[float, float]:
@@ -90,13 +91,14 @@ def factor_and_offset(role: str, source: Source, unit: str, where: str = "") -> 
     """
     converted = conversion(role, unit)
     if converted is None:
-        known = ROLES[role].unit
-        raise ConfigError(
-            "unit does not fit the role",
-            where=where or f"signals.{role}",
-            found=unit,
-            expected="one of " + ", ".join(u or "no unit" for u in UNITS[known]),
-        )
+        known = UNITS[ROLES[role].unit]
+        expected = "one of " + ", ".join(u or "no unit" for u in known)
+        what = "unit does not fit the role"
+        if source.unit is None and source.message is not None:
+            what = f"unit of {source.message}.{source.signal} in the DBC does not fit the role"
+            key = " ".join(["unit:", *nearest_names(unit, known)[:1]])
+            expected += f"; {key} in this entry overrides the DBC's" if any(known) else ""
+        raise ConfigError(what, where=where or f"signals.{role}", found=unit, expected=expected)
     factor, offset = converted
     factor, offset = factor * source.scale, offset * source.scale
     if source.offset:  # a sum with zero would take the sign from a zero

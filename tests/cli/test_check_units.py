@@ -9,6 +9,7 @@ import pytest
 import canest as api
 from canest.config import load_config
 from canest.doctor.config_warnings import config_warnings
+from canest.pipeline.signal_map import wants_of
 from canest.system.shipped_files import shipped
 
 VEHICLE = """
@@ -94,3 +95,28 @@ def test_a_factor_of_zero_is_refused(canest, tmp_path):
     assert done.code == 2 and "signals.engine_torque" in done.err and "MOT.Torque with factor 0" in done.err
     config.write_text(config.read_text().replace("signal: Torque", "signal: Torque, map: {0: 0, 1: 50}"))
     assert canest("check", "-c", config).code == 0
+
+
+@pytest.mark.parametrize(("unit", "stated"), [("kmh", "km/h"), ("Mph", "mph"), ("bar", "")])
+def test_a_unit_of_the_dbc_that_does_not_fit_names_the_key_that_overrides_it(canest, tmp_path, unit, stated):
+    done = canest("check", "-c", frames(tmp_path, unit))
+    assert (
+        done.code == 2 and f"unit of MOT.Speed in the DBC does not fit the role, found '{unit}'" in done.err
+    )
+    assert f"unit: {stated} in this entry".replace("  ", " ") + " overrides the DBC's" in done.err
+    assert canest("check", "-c", frames(tmp_path, unit, f", unit: {stated or 'mph'}")).code == 0
+
+
+def test_a_unit_of_another_dimension_in_the_config_is_not_the_dbcs(canest, tmp_path):
+    done = canest("check", "-c", frames(tmp_path, "km/h", ", unit: bar"))
+    assert done.code == 2 and "unit does not fit the role, found 'bar'" in done.err
+    assert "DBC" not in done.err
+
+
+def test_blanks_around_a_unit_do_not_count(tmp_path):
+    mine, other = (
+        load_config(frames(tmp_path, " km/h ")),
+        load_config(frames(tmp_path, "", ", unit: 'km/h '")),
+    )
+    for config in (mine, other):
+        assert wants_of(config)["vehicle_speed"].factor == pytest.approx(1 / 3.6)
