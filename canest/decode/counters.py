@@ -86,6 +86,8 @@ class Counters:
 
     frames: all frames it was given; wanted: data frames of the wanted groups, from any address.
     senders: (PGN, or exact identifier with its `EXTENDED` flag; source address, or None) -> counters.
+    other_format: wanted exact identifiers that came in the other frame format, of 29 bits instead of 11 or of
+    11 instead of 29.
     transport: reason -> multi-packet sessions that ended so (see `canest.decode.transport_protocol`).
     """
 
@@ -93,6 +95,7 @@ class Counters:
     wanted: int = 0
     error_frames: int = 0
     senders: dict[tuple[int, int | None], SenderCounters] = field(default_factory=dict)
+    other_format: set[int] = field(default_factory=set)
     transport: dict[str, int] = field(default_factory=dict)
 
     def of_role(self, role: str) -> dict[int | None, SignalCounters]:

@@ -132,6 +132,8 @@ class Decoder:
             self._count_odd(ids[odd])
         for exact_id in self._by_exact:
             wanted |= ids == np.uint32(exact_id)
+            if np.any(ids == np.uint32(exact_id ^ EXTENDED)):
+                self.counters.other_format.add(exact_id)
         if len(ids) <= SHORT_BLOCK:
             if len(self._is_wanted_id) >= IDS_KEPT:
                 self._is_wanted_id.clear()

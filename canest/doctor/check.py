@@ -11,14 +11,14 @@ from canest.core.frames import FrameBlock
 from canest.core.roles import ROLES
 from canest.core.samples import STATUS_LABELS
 from canest.core.table_block import TableBlock
-from canest.decode import j1939
-from canest.decode.database import find_signal, is_j1939
+from canest.decode.database import is_j1939
 from canest.decode.per_sender import PerSender
 from canest.doctor.config_warnings import config_warnings
 from canest.doctor.consistency import ConsistencyCheck
 from canest.doctor.constant_torque import constant_torque_hints
 from canest.doctor.differing_masses import ROLE, differing
 from canest.doctor.missing_signals import missing_signal_warnings
+from canest.doctor.other_identifiers import other_format, other_group_members
 from canest.doctor.raw_values import RawValueCheck, text_hints
 from canest.doctor.reasons import (
     gate_shares,
@@ -38,7 +38,7 @@ from canest.doctor.warnings import stale_warnings, stream_warnings
 from canest.logs.log_warnings import log_warnings
 from canest.pipeline.build import model_spec, stale_limit_s
 from canest.pipeline.pipeline import Pipeline
-from canest.pipeline.signal_map import J1939_DATABASE, decoder_for, wants_of
+from canest.pipeline.signal_map import decoder_for, wants_of
 from canest.pipeline.table_map import TableMap, wrong_kind
 from canest.vehicle.model import LongitudinalModel
 
@@ -208,6 +208,8 @@ class Doctor:
         # a mean rate over a silence means nothing
         limit_s = math.inf if self.pipeline.clock.counters["gaps"] else stale_limit_s(role, source)
         found.verdict, found.hint = judge(found, source, limit_s)
+        if not found.senders:
+            found.hint = other_format(self.config, role, self._survey.counters)
         return found
 
     def _note_ranges(self, found: RoleReport) -> None:
@@ -216,18 +218,6 @@ class Doctor:
             own = self._sender_ranges.get(sender.address)
             if own is not None and found.role in own.ranges:
                 sender.low, sender.high, _ = own.ranges[found.role]
-
-    def _comes_from_others(self, role: str) -> bool:
-        """Return whether a message that is matched by its exact identifier is there under others."""
-        source = self.config.signals[role]
-        if source.message is None or source.signal is None:
-            return False
-        message, _ = find_signal(self.config.databases, source.message, source.signal)
-        return (
-            message.is_extended_frame
-            and not is_j1939(message)
-            and j1939.pgn_of(message.frame_id) in self._received.pgns
-        )
 
     def _stops(self, model: LongitudinalModel, reports: list[RoleReport]) -> str:
         if not self._received.frames:
@@ -259,13 +249,7 @@ class Doctor:
             elif self._received.addresses:
                 seen = ", ".join(f"0x{a:02X}" for a in sorted(self._received.addresses)[:12])
                 hints.append(f"none of the config's messages is there; the bus has addresses {seen}")
-        by_identifier = [f.expected for f in reports if not f.senders and self._comes_from_others(f.role)]
-        if by_identifier:
-            more = f" (and {len(by_identifier) - 1} more)" if len(by_identifier) > 1 else ""
-            hints.append(
-                f"{by_identifier[0]}{more} is matched by its whole identifier, and the bus has its parameter "
-                f"group under others: to take it from them needs {J1939_DATABASE}"
-            )
+        hints += other_group_members(self.config, reports, self._received.pgns)
         if self._received.error_frames:
             hints.append(
                 f"{self._received.error_frames:,} error frames: check bit rate, termination and wiring"

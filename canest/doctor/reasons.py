@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 from canest.core.gates import Gate
 from canest.core.roles import ROLES
 from canest.core.samples import RATE_HZ, STATUS_LABELS, Status
+from canest.doctor.other_identifiers import message_of, other_format
 from canest.doctor.warnings import interleaved_clocks
 from canest.pipeline.build import model_spec
 from canest.vehicle.driveline_state import CLUTCH_ROLES
@@ -218,7 +219,14 @@ def _absence(config: Config, counters: Counters, role: str, frames: int) -> str:
         return f"was sent as not available in all {missing:,} frames"
     if missing or wrong:
         return f"never had a value: {missing:,} frames not available, {wrong:,} in the error range"
-    return f"was never seen in {frames:,} frames"
+    message = message_of(config, role)
+    senders = [sender for sender in counters.senders.values() if role in sender.roles]
+    unfit = sum(sender.wrong_length for sender in senders)
+    if message is not None and unfit and unfit == sum(sender.frames for sender in senders):
+        expected = f"the length that the DBC declares, {message.length} bytes"
+        return f"never had a value: none of {unfit:,} frames has {expected}"
+    other = other_format(config, role, counters)
+    return f"was never seen in {frames:,} frames" + (f"; {other}" if other else "")
 
 
 def _lacking_column(run: FinishedRun) -> str:

@@ -1,0 +1,65 @@
+"""Messages that a bus carries under another identifier, or in another frame format, than the DBC declares."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from typing import TYPE_CHECKING
+
+from canest.decode import j1939
+from canest.decode.database import find_signal, is_j1939
+from canest.decode.groups import exact_id
+from canest.pipeline.signal_map import J1939_DATABASE
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+
+    from canest.config import Config
+    from canest.decode.counters import Counters
+    from canest.doctor.signal_report import RoleReport
+
+#: bit of a DBC's message number that makes its identifier one of 29 bits
+_EXTENDED_IN_DBC = 1 << 31
+
+
+def other_format(config: Config, role: str, counters: Counters) -> str:
+    """Return that a role's identifier came in frames of the other format, '' where it did not."""
+    message = message_of(config, role)
+    if message is None or is_j1939(message) or exact_id(message) not in counters.other_format:
+        return ""
+    came, declared = ("11-bit", "a 29-bit") if message.is_extended_frame else ("29-bit", "an 11-bit")
+    number = message.frame_id | (0 if message.is_extended_frame else _EXTENDED_IN_DBC)
+    return (
+        f"its identifier 0x{message.frame_id:X} came in {came} frames, and the DBC declares {declared} one: "
+        f"in a DBC for this bus it is BO_ {number}"
+    )
+
+
+def other_group_members(config: Config, reports: Iterable[RoleReport], pgns: Collection[int]) -> list[str]:
+    """Return that messages which are matched by their whole identifier are there under others.
+
+    pgns: the parameter groups that were received.
+    """
+    found = [
+        report.expected
+        for report in reports
+        if not report.senders
+        and (message := message_of(config, report.role)) is not None
+        and message.is_extended_frame
+        and not is_j1939(message)
+        and j1939.pgn_of(message.frame_id) in pgns
+    ]
+    if not found:
+        return []
+    more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+    return [
+        f"{found[0]}{more} is matched by its whole identifier, and the bus has its parameter "
+        f"group under others: to take it from them needs {J1939_DATABASE}"
+    ]
+
+
+def message_of(config: Config, role: str) -> Message | None:
+    """Return the message that carries a role, None for a column of a table."""
+    source = config.signals[role]
+    if source.message is None or source.signal is None:
+        return None
+    return find_signal(config.databases, source.message, source.signal)[0]
