@@ -14,6 +14,7 @@ from canest.core import jit
 from canest.core.estimates import Estimates
 from canest.core.frames import FloatColumn, FrameBlock
 from canest.core.samples import RATE_HZ, ModelBlock, Status
+from canest.doctor.config_warnings import config_warnings
 from canest.doctor.warnings import stream_warnings
 from canest.estimators import registry
 from canest.estimators.base import Estimator
@@ -158,7 +159,8 @@ def _samples(
         ticks_left = grid.ticks_until(intake.clock.last_us, inclusive=True)
         if ticks_left is not None:
             yield from both(ticks_left)
-    notes += log_warnings(reader) + tables.warnings() + stream_warnings(intake, plain.stuck_ticks)
+    notes += config_warnings(config) + log_warnings(reader) + tables.warnings()
+    notes += stream_warnings(intake, plain.stuck_ticks)
 
 
 def _run(entry: _Entry, block: ModelBlock) -> None:

@@ -51,13 +51,15 @@ def frames(tmp_path, unit, more=""):
     return path
 
 
-def test_check_and_replay_name_a_column_without_a_unit(canest, tmp_path):
+def test_check_replay_and_compare_name_a_column_without_a_unit(canest, tmp_path):
     config, log = table(tmp_path), tmp_path / "van.csv"
     log.write_text("t_s,v,tq,brk,pedal\n" + "".join(f"{i / 10},{i / 20},80,0,30\n" for i in range(300)))
     note = "no unit of the column: v is taken as m/s (state signals.vehicle_speed.unit)"
     assert note in canest("check", "-c", config).out
     assert note in canest("check", "-c", config, log).out
     assert note in json.loads(canest("replay", log, "-c", config, "--json", "-").out)["notes"]
+    compared = canest("compare", log, "-c", config, "--mass", 1500, "--only", "rls", "--json", "-")
+    assert note in json.loads(compared.out)["notes"]
 
 
 def test_a_dbc_signal_without_a_unit_is_named(tmp_path):
