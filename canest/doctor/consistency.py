@@ -9,7 +9,7 @@ import numpy as np
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.roles import RADPS_PER_RPM
 from canest.doctor.gear_table import GearFit, table_line
-from canest.doctor.speed_units import SPEED_TOLERANCE, mistaken_unit
+from canest.doctor.speed_units import SPEED_TOLERANCE, UNIT_FACTORS, mistaken_unit
 from canest.doctor.stretches import Samples, Stretches, at
 
 if TYPE_CHECKING:
@@ -261,9 +261,13 @@ class ConsistencyCheck:
 
     def _table_hints(self) -> list[str]:
         """Return what is wrong with a gear table where no signal carries the gear."""
-        times, commonest = self._fit.mistake() if self._fit is not None else (None, [])
+        if self._fit is None:
+            return []
+        times, commonest = self._fit.mistake()
         if not commonest:
             return []
+        if times is None:  # beyond what a wrong radius or axle makes
+            times = next((1.0 / factor for factor in UNIT_FACTORS if self._fit.fits(1.0 / factor)), None)
         if times is not None and (hint := self._unit_hint(times)):
             return [hint]
         v, against = self._vehicle, self._turns_of.replace("_", " ")

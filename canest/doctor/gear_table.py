@@ -66,6 +66,10 @@ class GearFit:
         group = helps[np.abs(np.log(helps / nearest)) < 2 * _NEAR_BINS * _BIN]
         return float(np.exp(np.log(group).mean())), self._commonest()
 
+    def fits(self, times: float) -> bool:
+        """Return whether a table so many times larger accounts for most steady samples."""
+        return self._share(times) > _FITS
+
     def measured(self) -> dict[int, float]:
         """Return the ratios that were driven by number, from the largest on; {} where too little was seen."""
         if self._counts.sum() < _FEWEST:

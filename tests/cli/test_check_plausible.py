@@ -108,9 +108,13 @@ def test_a_speed_in_another_unit(drive, role, scale, mistake):
 
 
 @pytest.mark.parametrize("without", [("gear_ratio", "output_shaft_speed"), GEARLESS])
-def test_a_speed_in_another_unit_against_the_engine(drive, without):
-    (hint_text,) = hints(drive, "signals.vehicle_speed.scale=1.609", without=without)
-    assert "signals.vehicle_speed" in hint_text and "km/h is taken for mph" in hint_text
+@pytest.mark.parametrize(
+    ("scale", "mistake"),
+    [(1.609, "km/h is taken for mph"), (2.237, "mph is taken for m/s"), (3.6, "km/h is taken for m/s")],
+)
+def test_a_speed_in_another_unit_against_the_engine(drive, scale, mistake, without):
+    (hint_text,) = hints(drive, f"signals.vehicle_speed.scale={scale}", without=without)
+    assert "signals.vehicle_speed" in hint_text and mistake in hint_text
 
 
 @pytest.mark.parametrize("gears", [{}, {"vehicle.gear_ratios": "{1: 9.0}"}])
