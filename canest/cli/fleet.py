@@ -280,6 +280,8 @@ def _tally_lines(tally: Tally, lake: str) -> list[str]:
 def _print_problems(tally: Tally) -> None:
     problems = [f"error: {log}: {why}" for log, why in sorted(tally.failed.items())]
     problems += [f"no rule: {log}: {why}" for log, why in sorted(tally.unmatched.items())]
+    damaged = "was damaged and is removed; its logs below SOURCE are done again"
+    problems += [f"note: {name}: {damaged}" for name in sorted(tally.damaged)]
     for line in problems[:_FAILURES_SHOWN]:
         print(line, file=sys.stderr)
     if len(problems) > _FAILURES_SHOWN:

@@ -67,9 +67,8 @@ def _folders(lake: Lake) -> list[str]:
     """Return the folders, vehicle=.../date=..., that have several files of a table."""
     files: Counter[tuple[str, str]] = Counter()
     for table in (TRIPS_FOLDER, SAMPLES_FOLDER):
-        for name in lake.storage.names(table):
-            if name.endswith(SUFFIX):
-                files[table, posixpath.dirname(name).removeprefix(f"{table}/")] += 1
+        for name in lake.files(table):
+            files[table, posixpath.dirname(name).removeprefix(f"{table}/")] += 1
     return sorted({folder for (_, folder), number in files.items() if number > 1})
 
 
@@ -123,9 +122,12 @@ class _Folder:
         return [name for name in self._storage.names(f"{table}/{self._folder}") if name.endswith(SUFFIX)]
 
     def _tidy(self) -> None:
-        """Remove what parts replace."""
+        """Remove what parts replace, once the disk has the parts."""
         for table in (TRIPS_FOLDER, SAMPLES_FOLDER):
-            for name in sorted(superseded(self._lake.results_of(self._files(table)))):
+            replaced = superseded(self._lake.results_of(self._files(table)))
+            if replaced:
+                self._storage.sync(f"{table}/{self._folder}")
+            for name in sorted(replaced):
                 self._storage.remove(name)
 
     def _bundles(self, trips: Mapping[str, frozenset[str]], left: set[str]) -> Iterator[_Bundle]:

@@ -1,7 +1,8 @@
 """The lake: which results it has, and how new ones get in.
 
 A result is some rows of trips and of samples: a file of each, of one name, that of its log and of its key.
-The trips come last, so a log whose trips are there is done. A log has one result: an older one goes when a
+The trips come last, so a log whose trips are there is done; a result that has lost its samples is not. A
+damaged file has no results, and the next run removes it. A log has one result: an older one goes when a
 newer is there. `compact.py` joins the files of a vehicle and day to parts, which have several results.
 """
 
@@ -15,9 +16,19 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 from canest.core.errors import UsageError
+from canest.fleet.damaged import damage, damaged_files
 from canest.fleet.job import Outcome
 from canest.fleet.part_files import read_table, results_in, write_part
-from canest.fleet.result_names import SUFFIX, is_part, log_id, log_of, part_of, result_in, superseded
+from canest.fleet.result_names import (
+    SUFFIX,
+    is_part,
+    log_id,
+    log_of,
+    part_of,
+    result_in,
+    result_of,
+    superseded,
+)
 from canest.fleet.storage import Storage
 from canest.fleet.tables import SCHEMA_VERSION
 from canest.fleet.vehicle_lock import vehicle_lock
@@ -30,14 +41,22 @@ _READERS = 16  #: of the ends of parts, which may lie far away
 
 @dataclass(slots=True)
 class Lake:
-    """A lake in a folder. results: digest of a log -> key -> its file of trips."""
+    """A lake in a folder. results: digest of a log -> key -> its file of trips.
+
+    without_samples: results that have trips alone. removed: damaged files that it had.
+    """
 
     storage: Storage
     results: defaultdict[str, dict[str, str]] = field(default_factory=lambda: defaultdict(dict))
+    without_samples: set[str] = field(default_factory=set)
+    removed: list[str] = field(default_factory=list)
 
     @staticmethod
     def create(url: str) -> Lake:
-        """Return the lake of a folder, made where there is none. Errors: UsageError, OutputError."""
+        """Return the lake of a folder, made where there is none; its damaged files are removed.
+
+        Errors: UsageError, OutputError, CanestError.
+        """
         lake = Lake(Storage.of(url))
         if not lake._marked():
             strangers = lake.storage.is_local and any(map(_is_stranger, lake.storage.names("")))
@@ -48,7 +67,7 @@ class Lake:
                     expected="a new folder, or the lake of an earlier run",
                 )
             lake.storage.write(MARKER, json.dumps({"canest_lake": SCHEMA_VERSION}).encode() + b"\n")
-        lake._read_names()
+        lake._read_results()
         return lake
 
     @staticmethod
@@ -59,9 +78,19 @@ class Lake:
             raise UsageError("no lake", where=url, expected=f"the folder -o of canest fleet run ({MARKER})")
         return lake
 
-    def keys(self, log: str) -> frozenset[str]:
-        """Return the keys of the results that a log has."""
-        return frozenset(self.results.get(log_id(log), ()))
+    def keys(self, log: str, *, with_samples: bool = False) -> frozenset[str]:
+        """Return the keys of the results that a log has. with_samples: of those that have samples."""
+        keys = frozenset(self.results.get(log_id(log), ()))
+        if with_samples:
+            return frozenset(key for key in keys if result_of(log, key) not in self.without_samples)
+        return keys
+
+    def files(self, table: str) -> list[str]:
+        """Return the files of a table, in order. Errors: CanestError, for a damaged one too."""
+        sizes = self._sizes(table)
+        for name in damaged_files(self.storage, sizes):
+            raise damage(self.storage, name)
+        return list(sizes)
 
     def commit(self, outcome: Outcome) -> None:
         """Write what a worker has not written, and remove what the result replaces. Errors: OutputError."""
@@ -108,7 +137,9 @@ class Lake:
         """Write a result. old: the file that had it before, '' for none."""
         known, new = self.results[log_id(outcome.name)], outcome.written
         same_folder = posixpath.dirname(old) == posixpath.dirname(new)
-        if same_folder and is_part(old) and self.storage.exists(old):  # equal to what a part has
+        lacks_samples = bool(outcome.samples) and result_in(new) in self.without_samples
+        in_part = same_folder and is_part(old) and not lacks_samples
+        if in_part and self.storage.exists(old):  # equal to what a part has
             if not outcome.files:  # the worker has written it
                 with vehicle_lock(self.storage, new.split("/")[1]):
                     self.storage.remove(new)
@@ -135,18 +166,34 @@ class Lake:
         left = results_in(self.storage, part) - {without}
         if left:
             table = read_table(self.storage.read(part), set(map(log_of, left)))
-            self.storage.write(f"{posixpath.dirname(part)}/{part_of(left)}", write_part([table], left))
+            folder = posixpath.dirname(part)
+            self.storage.write(f"{folder}/{part_of(left)}", write_part([table], left))
+            self.storage.sync(folder)
         self.storage.remove(part)
 
     def _marked(self) -> bool:
         return bool(self.storage.files.exists(f"{self.storage.root}/{MARKER}"))
 
-    def _read_names(self) -> None:
-        names = [name for name in self.storage.names(TRIPS_FOLDER) if name.endswith(SUFFIX)]
-        for name, results in self.results_of(names).items():
+    def _sizes(self, table: str) -> dict[str, int]:
+        return {name: size for name, size in self.storage.sizes(table).items() if name.endswith(SUFFIX)}
+
+    def _read_results(self) -> None:
+        sampled = set().union(*self.results_of(self._whole_files(SAMPLES_FOLDER)).values())
+        for name, results in self.results_of(self._whole_files(TRIPS_FOLDER)).items():
+            self.without_samples |= results - sampled
             for result in results:
                 log, _, key = result.partition("-")
                 self.results[log][key] = name
+
+    def _whole_files(self, table: str) -> list[str]:
+        """Return the files of a table, without its damaged ones, which are removed."""
+        sizes = self._sizes(table)
+        for name in damaged_files(self.storage, sizes):
+            with vehicle_lock(self.storage, name.split("/")[1]):
+                self.storage.remove(name)
+            self.removed.append(name)
+            del sizes[name]
+        return list(sizes)
 
 
 def _is_stranger(name: str) -> bool:

@@ -34,7 +34,10 @@ def results_in(storage: Storage, file: str) -> frozenset[str]:
     except FileNotFoundError:  # joined into another one meanwhile
         return frozenset()
     except Exception as error:
-        raise CanestError(f"cannot be read: {plain(error)}", where=storage.url(file)) from None
+        raise CanestError(
+            f"cannot be read: {plain(error)}", where=storage.url(file),
+            expected="a whole file: remove it, then `canest fleet run` with --resume makes its results again",
+        ) from None  # fmt: skip
     return frozenset(said.get(_RESULTS, b"").decode().split())
 
 

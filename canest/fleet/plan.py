@@ -39,14 +39,25 @@ def bundles_of_rules(manifest: Manifest) -> dict[str, Bundle]:
     return found
 
 
-def make_plan(listing: Listing, manifest: Manifest, configs: Mapping[str, Bundle], lake: Lake | None) -> Plan:
-    """Return the jobs of all logs. configs: of the rules. lake: whose results need not be made again."""
+def make_plan(
+    listing: Listing,
+    manifest: Manifest,
+    configs: Mapping[str, Bundle],
+    lake: Lake | None,
+    *,
+    with_samples: bool = False,
+) -> Plan:
+    """Return the jobs of all logs.
+
+    configs: of the rules. lake: whose results need not be made again. with_samples: of which only those with
+    samples count.
+    """
     plan = Plan(bundles={bundle.digest: bundle for bundle in configs.values()})
     for log in listing.logs:
         rules = manifest.rules_for(log.name)
         if not rules:
             plan.unmatched.append(Outcome(log.name, unmatched="no rule of the manifest fits its path"))
             continue
-        keys = lake.keys(log.name) if lake is not None else frozenset()
+        keys = lake.keys(log.name, with_samples=with_samples) if lake is not None else frozenset()
         plan.jobs.append(FleetJob(log, tuple((rule, configs[rule.config].digest) for rule in rules), keys))
     return plan

@@ -76,7 +76,7 @@ def connect(lake: str, tables: Iterable[str] = TABLES) -> Any:
 
 def _create_view(connection: Any, lake: Lake, table: str, columns: Any) -> None:
     """Make the view of a table; of one without files, an empty one."""
-    files = [name for name in lake.storage.names(table) if name.endswith(SUFFIX)]
+    files = lake.files(table)
     replaced = lake.superseded(files)
     if files:
         every = [f"{table}/*/*/*{SUFFIX}"]  # shorter for DuckDB than all their names

@@ -42,7 +42,7 @@ class Request:
 
 @dataclass(slots=True)
 class Tally:
-    """What came of a run so far. failed, unmatched: log -> why."""
+    """What came of a run so far. failed, unmatched: log -> why. damaged: files of the lake, removed."""
 
     logs: int = 0
     done: int = 0
@@ -52,6 +52,7 @@ class Tally:
     failed: dict[str, str] = field(default_factory=dict)
     unmatched: dict[str, str] = field(default_factory=dict)
     passed_over: list[str] = field(default_factory=list)
+    damaged: list[str] = field(default_factory=list)
     begin_s: float = field(default_factory=time.monotonic)
 
     def add(self, outcome: Outcome) -> None:
@@ -83,6 +84,7 @@ class Tally:
             "failed": [{"log": log, "error": self.failed[log]} for log in sorted(self.failed)],
             "unmatched": [{"log": log, "reason": self.unmatched[log]} for log in sorted(self.unmatched)],
             "passed_over": sorted(self.passed_over),
+            "damaged": sorted(self.damaged),
             "wall_s": round(time.monotonic() - self.begin_s, 3),
         }
 
@@ -103,8 +105,10 @@ def run_fleet(
     listing = find_logs(request.source)
     bundles = bundles_of_rules(request.manifest)
     lake = Lake.create(request.lake)  # last: a config that is wrong leaves nothing behind
-    plan = make_plan(listing, request.manifest, bundles, lake if request.resume else None)
-    tally = Tally(passed_over=listing.passed_over)
+    present = lake if request.resume else None
+    with_samples = request.settings.samples_hz > 0
+    plan = make_plan(listing, request.manifest, bundles, present, with_samples=with_samples)
+    tally = Tally(passed_over=listing.passed_over, damaged=lake.removed)
     begun({log.name: log.text_bytes for log in listing.logs})
     for outcome in plan.unmatched:
         tally.add(outcome)

@@ -80,6 +80,8 @@ class Storage:
     def write(self, name: str, content: bytes) -> None:
         """Write a file below it, which is there as a whole or not at all. Errors: OutputError.
 
+        Its content is on the disk before it has its name: a power cut leaves no empty file. `sync` waits for
+        the name too.
         Two runs that write the same name at once write the same content: one of them is enough.
         """
         try:
@@ -91,6 +93,8 @@ class Storage:
             result = AtomicFile(path)
             try:
                 result.file.write(content)
+                result.file.flush()
+                os.fsync(result.file.fileno())
             except BaseException:
                 result.discard()
                 raise
@@ -98,6 +102,19 @@ class Storage:
                 result.commit()
         except Exception as error:
             raise OutputError(f"cannot write: {plain(error)}", where=self.url(name)) from None
+
+    def sync(self, folder: str) -> None:
+        """Wait until the names in a folder below it are on the disk. Errors: OutputError."""
+        if not self.is_local:  # a store has what it has taken
+            return
+        try:
+            descriptor = os.open(Path(self.root, folder), os.O_RDONLY | os.O_DIRECTORY)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+        except OSError as error:
+            raise OutputError(f"cannot be synced: {plain(error)}", where=self.url(folder)) from None
 
     def read(self, name: str) -> bytes:
         """Return the content of a file below it. Errors: CanestError."""
