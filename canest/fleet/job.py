@@ -39,14 +39,16 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class FleetJob:
-    """A log, and which rules may decide about it. keys_in_lake: of the results that the lake has.
+    """A log, and which rules may decide about it.
 
-    rules: with the digest of each one's config.
+    rules: with the digest of each one's config. keys_in_lake: of results that need not be made again.
+    results_in_lake: key and vehicle of all that the lake has of it, where its VIN decides.
     """
 
     log: FoundLog
     rules: tuple[tuple[Rule, str], ...]
     keys_in_lake: frozenset[str] = frozenset()
+    results_in_lake: tuple[tuple[str, str], ...] = ()
 
     def timeout_s(self, settings: Settings) -> float:
         """Return how long it may take."""
@@ -59,8 +61,9 @@ class Outcome:
     """What became of a log.
 
     error: why there is no result; '' where there is one. unmatched: why no vehicle or config fits.
-    key: of the result. present: the lake had it before. files: name below the lake -> content, trips last;
-    empty where the worker wrote them itself. trips, samples: rows. final: trying again would not help.
+    key: of the result; of what is there now, where a log cannot be read; '' where neither is known.
+    present: the lake had it before. files: name below the lake -> content, trips last; empty where the worker
+    wrote them itself. trips, samples: rows. final: trying again would not help.
     """
 
     name: str

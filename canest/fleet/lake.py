@@ -32,6 +32,7 @@ from canest.fleet.result_names import (
 from canest.fleet.storage import Storage
 from canest.fleet.tables import SCHEMA_VERSION
 from canest.fleet.vehicle_lock import vehicle_lock
+from canest.fleet.vehicle_names import vehicle_of
 from canest.system.atomic_file import is_temporary
 
 MARKER = "canest-lake.json"
@@ -85,6 +86,11 @@ class Lake:
             return frozenset(key for key in keys if result_of(log, key) not in self.without_samples)
         return keys
 
+    def vehicles(self, log: str) -> tuple[tuple[str, str], ...]:
+        """Return key and vehicle of each result that a log has."""
+        known = self.results.get(log_id(log), {})
+        return tuple((key, vehicle_of(file.split("/")[1])) for key, file in known.items())
+
     def files(self, table: str) -> list[str]:
         """Return the files of a table, in order. Errors: CanestError, for a damaged one too."""
         sizes = self._sizes(table)
@@ -93,7 +99,10 @@ class Lake:
         return list(sizes)
 
     def commit(self, outcome: Outcome) -> None:
-        """Write what a worker has not written, and remove what the result replaces. Errors: OutputError."""
+        """Write what a worker has not written, and remove the results that the log has of other keys.
+
+        Without files nothing is written: the log cannot be read, or was done before. Errors: OutputError.
+        """
         log, known = log_id(outcome.name), self.results[log_id(outcome.name)]
         if outcome.written:
             self._put(outcome, known.get(outcome.key, ""))

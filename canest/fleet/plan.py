@@ -43,14 +43,14 @@ def make_plan(
     listing: Listing,
     manifest: Manifest,
     configs: Mapping[str, Bundle],
-    lake: Lake | None,
+    lake: Lake,
     *,
-    with_samples: bool = False,
+    resume: bool,
+    with_samples: bool,
 ) -> Plan:
     """Return the jobs of all logs.
 
-    configs: of the rules. lake: whose results need not be made again. with_samples: of which only those with
-    samples count.
+    configs: of the rules. resume: what the lake has need not be made again; with_samples: if it has samples.
     """
     plan = Plan(bundles={bundle.digest: bundle for bundle in configs.values()})
     for log in listing.logs:
@@ -58,6 +58,8 @@ def make_plan(
         if not rules:
             plan.unmatched.append(Outcome(log.name, unmatched="no rule of the manifest fits its path"))
             continue
-        keys = lake.keys(log.name, with_samples=with_samples) if lake is not None else frozenset()
-        plan.jobs.append(FleetJob(log, tuple((rule, configs[rule.config].digest) for rule in rules), keys))
+        keys = lake.keys(log.name, with_samples=with_samples) if resume else frozenset()
+        old = lake.vehicles(log.name) if rules[0].asks_for_vin else ()
+        digests = tuple((rule, configs[rule.config].digest) for rule in rules)
+        plan.jobs.append(FleetJob(log, digests, keys, old))
     return plan

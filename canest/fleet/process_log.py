@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from canest.core import jit
-from canest.core.errors import CanestError
+from canest.core.errors import CanestError, LogError, OutputError
 from canest.doctor.reasons import why_unestimated
 from canest.doctor.warnings import stream_warnings
 from canest.fleet import vehicle_names
@@ -34,25 +34,33 @@ NO_DATE = "__HIVE_DEFAULT_PARTITION__"
 
 
 def process_log(job: FleetJob, bundles: Bundles, settings: Settings) -> Outcome:
-    """Return the result of a log, or why there is none. Whatever goes wrong with this log stays with it."""
+    """Return the result of a log, or why there is none. Whatever goes wrong with this log stays with it.
+
+    An error has the key that the result would have, as far as it was known by then.
+    """
     log = _Log(job.log.url)
     try:
         with log, log_budget(settings.budget):
             return _process(job, bundles, settings, log)
     except CanestError as error:
+        key = "" if isinstance(error, OutputError) else log.key  # nothing is wrong with the log
         # by its name below SOURCE it is known, wherever its copy lies
         text = str(error).replace(f"{job.log.url}: ", "").replace(f"{log.copy}: ", "")
-        return Outcome(job.log.name, error=text, unreachable=isinstance(error, StoreError))
+        return Outcome(job.log.name, error=text, key=key, unreachable=isinstance(error, StoreError))
     except Exception as error:
-        return Outcome(job.log.name, error=f"unexpected {type(error).__name__}: {error}")
+        return Outcome(job.log.name, error=f"unexpected {type(error).__name__}: {error}", key=log.key)
 
 
 class _Log:
-    """A log on this machine: itself, or a copy that is fetched when it is wanted and removed in the end."""
+    """A log on this machine: itself, or a copy that is fetched when it is wanted and removed in the end.
+
+    key: of its result, once its content is here and its vehicle known.
+    """
 
     def __init__(self, url: str) -> None:
         self._url, self._stack = url, ExitStack()
         self.copy: Path | None = None
+        self.key = ""
 
     def path(self) -> Path:
         """Return the file. Errors: LogError where it cannot be fetched."""
@@ -73,7 +81,12 @@ def _process(job: FleetJob, bundles: Bundles, settings: Settings, log: _Log) -> 
     name = job.log.name
     vehicle, rule, digest = job.rules[0][0].vehicle, *job.rules[0]
     if rule.asks_for_vin:
-        chosen = choose_by_vin(job.rules, log.path())
+        path = log.path()
+        try:
+            chosen = choose_by_vin(job.rules, path)
+        except LogError:
+            log.key = _key_without_vin(job, bundles, settings, path)
+            raise
         if isinstance(chosen, str):
             return Outcome(name, unmatched=chosen)
         vehicle, digest = chosen
@@ -81,7 +94,20 @@ def _process(job: FleetJob, bundles: Bundles, settings: Settings, log: _Log) -> 
     key = result_key(job.log.revision or content_digest(log.path()), bundle, vehicle, settings)
     if key in job.keys_in_lake:  # done before
         return Outcome(name, key=key, present=True)
-    return _replayed(job, log.path(), bundle, vehicle, (key, settings))
+    path, log.key = log.path(), key
+    return _replayed(job, path, bundle, vehicle, (key, settings))
+
+
+def _key_without_vin(job: FleetJob, bundles: Bundles, settings: Settings, path: Path) -> str:
+    """Return the key of a log whose VIN cannot be read: as in the lake, unless it has changed.
+
+    Errors: CanestError.
+    """
+    revision = job.log.revision or content_digest(path)
+    for key, vehicle in job.results_in_lake:
+        if key in {result_key(revision, bundles[digest], vehicle, settings) for _, digest in job.rules}:
+            return key
+    return result_key(revision, bundles[job.rules[0][1]], "", settings)
 
 
 def choose_by_vin(rules: Sequence[tuple[Rule, str]], path: Path) -> tuple[str, str] | str:

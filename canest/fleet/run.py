@@ -105,9 +105,10 @@ def run_fleet(
     listing = find_logs(request.source)
     bundles = bundles_of_rules(request.manifest)
     lake = Lake.create(request.lake)  # last: a config that is wrong leaves nothing behind
-    present = lake if request.resume else None
     with_samples = request.settings.samples_hz > 0
-    plan = make_plan(listing, request.manifest, bundles, present, with_samples=with_samples)
+    plan = make_plan(
+        listing, request.manifest, bundles, lake, resume=request.resume, with_samples=with_samples
+    )
     tally = Tally(passed_over=listing.passed_over, damaged=lake.removed)
     begun({log.name: log.text_bytes for log in listing.logs})
     for outcome in plan.unmatched:
@@ -116,7 +117,7 @@ def run_fleet(
     with closing(_outcomes(request, plan, lake, compiling)) as outcomes:
         unreachable = 0
         for outcome in outcomes:
-            if outcome.is_done:
+            if outcome.key:  # of a log that cannot be read any more, too: its old result goes
                 lake.commit(outcome)
             tally.add(outcome)
             step(outcome)
