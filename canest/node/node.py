@@ -91,6 +91,11 @@ class Node:
         return self.network_management is not None and self.network_management.group_user is not None
 
     @property
+    def other_group_users(self) -> list[int]:
+        """Return the other addresses that send in our group."""
+        return sorted(a for a in self.monitor.group_users if a != self.address)
+
+    @property
     def address(self) -> int | None:
         """Return the address we own."""
         return None if self.network_management is None else self.network_management.claim.address

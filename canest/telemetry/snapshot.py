@@ -127,7 +127,7 @@ def _broadcast(view: DaemonView) -> dict[str, Any]:
     return {
         "address": node.address,
         "silent_because": node.silence_reason(view.now_us),
-        "other_users_of_our_group": sorted(a for a in node.monitor.group_users if a != node.address),
+        "other_users_of_our_group": node.other_group_users,
         **counters,
         **deprecated,
     }

@@ -31,8 +31,10 @@ class StateChangeLog:
 
     def _log_node(self, view: DaemonView) -> None:
         node = view.node
-        broadcast = node.silence_reason(view.now_us) or f"on from address {node.address:#04x}"
-        self._log("broadcast", broadcast, bad=node.group_is_taken)
+        silence = node.silence_reason(view.now_us)
+        self._log("broadcast", silence or f"on from address {node.address:#04x}", bad=node.group_is_taken)
+        shared = "" if silence else ", ".join(f"{a:#04x}" for a in node.other_group_users)
+        self._log("group-used-by-others", shared or "none", bad=bool(shared), unless_first=not shared)
         lost = node.monitor.counters["cannot_claim_received"]
         self._log("addresses-lost-by-others", lost, bad=True, unless_first=not lost)
         masses = ", ".join(f"{a:#04x}" for a in sorted(node.monitor.other_masses))

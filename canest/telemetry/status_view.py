@@ -52,8 +52,7 @@ def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str
     troubles = {k: v for k, v in bus.items() if isinstance(v, int) and v and k not in _NOT_A_FAULT}
     if troubles:
         lines.append(("bus events", _counted(troubles)))
-    broadcast = f"on, from address {node['address']:#04x}" if node["address"] is not None else "silent"
-    lines.append(("broadcast", f"silent: {node['silent_because']}" if node["silent_because"] else broadcast))
+    lines += _broadcast(node)
     if snapshot["masses_of_others_kg"]:
         lines.append(("mass by others", _masses_of_others(snapshot)))
     if snapshot["other_senders"]:
@@ -88,6 +87,20 @@ def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str
         ):
             lines.append((name, _counted({k: v for k, v in snapshot[name].items() if isinstance(v, int)})))
     lines.append(("up", f"{snapshot['uptime_s'] / 3600:.1f} h, pid {snapshot['pid']}, {snapshot['config']}"))
+    return lines
+
+
+def _broadcast(node: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return from where we send, or why not; and who else sends in our group meanwhile."""
+    if node["silent_because"]:
+        return [("broadcast", f"silent: {node['silent_because']}")]
+    sends = f"on, from address {node['address']:#04x}" if node["address"] is not None else "silent"
+    lines = [("broadcast", sends)]
+    if others := ", ".join(f"{a:#04x}" for a in node["other_users_of_our_group"]):
+        text = (
+            f"also sent from {others}: receivers get both. Stop one sender, or give it another broadcast.pgn"
+        )
+        lines.append(("group shared", text))
     return lines
 
 
