@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from canest.cli.options import config_option, load
+from canest.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from canest.config.schema import Config
 
 EPILOG = """\b
 Examples:
-  canest status                         every daemon in the usual places of this machine
-  canest status -c my-truck.yaml        the daemon of this config, in its own service.state_dir too
+  canest status                         every daemon of this machine
+  canest status -c my-truck.yaml        the daemon of this config, also where the file is wrong by now
   canest status --json
 
 Exits 1 when no daemon answers.
 """
+
+_ELSEWHERE = "--socket PATH asks one in another place (status-CHANNEL.sock in its service.state_dir)"
 
 
 @click.command(epilog=EPILOG)
@@ -26,27 +32,23 @@ Exits 1 when no daemon answers.
 @click.option("-v", "--verbose", is_flag=True, help="Also every sender and every counter.")
 def command(config_name: str | None, socket_name: str | None, as_json: bool, verbose: bool) -> int:
     """Show how a running daemon is doing: bus, rates, gates, estimate, and why it is not valid."""
-    from canest.telemetry.status_socket import find_sockets, read_status, socket_path
+    from canest.telemetry.status_socket import find_sockets, running_sockets, socket_path
 
-    config = load(config_name, databases=False) if config_name is not None else None
+    config, broken = _config(config_name)
     if socket_name is not None:
         paths = [Path(socket_name)]
     elif config is not None:
         here = socket_path(config)
         paths = [here] if here.exists() else [p for p in find_sockets() if p.name == here.name] or [here]
     else:
-        paths = list(find_sockets())
-    answers: dict[str, dict[str, Any]] = {}
-    problems: list[str] = []
-    for path in paths:
-        try:
-            answers[str(path)] = read_status(path)
-        except FileNotFoundError:
-            problems.append(f"{path}: no daemon (no such socket)")
-        except ConnectionRefusedError:
-            problems.append(f"{path}: no daemon any more (it was killed and nothing restarted it)")
-        except (OSError, ValueError) as error:
-            problems.append(f"{path}: the daemon does not answer ({error})")
+        paths = running_sockets()
+    answers, problems = _answers(paths)
+    if broken is not None and socket_name is None:
+        answers, problems = _of_config(answers, str(config_name)), []
+        if not answers:
+            click.echo(f"no daemon of a config of this name answers; {_ELSEWHERE}", err=True)
+            raise broken
+        click.echo(f"warning: {broken}", err=True)
     if as_json:
         import json
 
@@ -62,14 +64,47 @@ def command(config_name: str | None, socket_name: str | None, as_json: bool, ver
         click.echo(problem, err=True)
     if not paths:
         click.echo(
-            "no daemon is running here (looked in /run/canest and ~/.local/state/canest); one with its own "
-            "service.state_dir is found with -c CONFIG",
+            f"no daemon is running here; {_ELSEWHERE}",
             err=True,
         )
     return 0 if answers else 1
 
 
-def _print_last_learned(config: Any) -> None:
+def _config(name: str | None) -> tuple[Config | None, ConfigError | None]:
+    """Return the config, or what is wrong with a file that is there. Errors: ConfigError for no such file."""
+    try:
+        return (None if name is None else load(name, databases=False)), None
+    except ConfigError as error:
+        if not Path(str(name)).is_file():
+            raise
+        return None, error
+
+
+def _answers(paths: list[Path]) -> tuple[dict[str, dict[str, Any]], list[str]]:
+    """Return what the daemons answer, by their sockets, and why others do not."""
+    from canest.telemetry.status_socket import read_status
+
+    answers: dict[str, dict[str, Any]] = {}
+    problems: list[str] = []
+    for path in paths:
+        try:
+            answers[str(path)] = read_status(path)
+        except FileNotFoundError:
+            problems.append(f"{path}: no daemon (no such socket)")
+        except ConnectionRefusedError:
+            problems.append(f"{path}: no daemon any more (it was killed and nothing restarted it)")
+        except (OSError, ValueError) as error:
+            problems.append(f"{path}: the daemon does not answer ({error})")
+    return answers, problems
+
+
+def _of_config(answers: dict[str, dict[str, Any]], config_name: str) -> dict[str, dict[str, Any]]:
+    """Return the answers of daemons whose config has this file's name: it may have been started elsewhere."""
+    name = Path(config_name).name
+    return {path: answer for path, answer in answers.items() if Path(answer.get("config", "")).name == name}
+
+
+def _print_last_learned(config: Config) -> None:
     """Print what a daemon that is not running has learned."""
     import time
 

@@ -21,6 +21,7 @@ _FRESH_S = 3.0  #: an answer in a file that is older is of another time
 _ANSWER_LARGEST = 1 << 24  #: bytes
 _RETRY_S = 0.05
 _SYSTEM_FOLDERS = ("/run/canest", "/run")
+_LISTENS = "00010000"  #: flags of a socket that listens, in /proc/net/unix (__SO_ACCEPTCON of the kernel)
 
 
 def socket_path(config: Config, environment: Mapping[str, str] = os.environ) -> Path:
@@ -156,3 +157,25 @@ def find_sockets(environment: Mapping[str, str] = os.environ) -> Iterator[Path]:
     folders.append(Path(environment.get("HOME", "~")).expanduser() / ".local/state/canest")
     for folder in folders:
         yield from sorted(folder.glob("status-*.sock"))
+
+
+def running_sockets(table: Path = Path("/proc/net/unix")) -> list[Path]:
+    """Return the sockets of daemons in the usual places, and in any other place those of root's and our own.
+
+    table: of the kernel, with the sockets of this network namespace; without it, the usual places alone.
+    """
+    found = list(find_sockets())
+    try:
+        lines = table.read_text(encoding="utf-8", errors="surrogateescape").splitlines()[1:]
+    except OSError:  # not Linux
+        return found
+    for line in lines:
+        fields = line.split(maxsplit=7)
+        if len(fields) < 8 or fields[3] != _LISTENS:
+            continue
+        path = Path(fields[7])
+        if path.is_absolute() and path.match("status-*.sock") and path not in found:
+            with contextlib.suppress(OSError):  # it has gone, or is out of reach
+                if path.stat().st_uid in (0, os.getuid()):  # anybody may call a socket so
+                    found.append(path)
+    return found
