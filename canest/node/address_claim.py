@@ -8,7 +8,9 @@ answers that found the bucket empty are merged into one, sent as soon as a token
 
 from __future__ import annotations
 
+import random
 from collections import Counter
+from collections.abc import Callable
 from enum import Enum
 
 from canest.config.bus import Name
@@ -20,6 +22,9 @@ NULL_ADDRESS = 0xFE
 
 VETO_US = 250_000  #: J1939-81: a claim of an address in 128..247 stands when unopposed for this long
 RETRY_US = 60_000_000  #: after "cannot claim": try again, the bus may have changed
+#: the same because of our own NAME, the first time: two nodes that start at once lose to each other
+FIRST_RETRY_US = 1_000_000
+SPREAD_US = 10_000_000  #: up to so much later, at random: two nodes of one NAME do not try again together
 FIRST_ADDRESS, LAST_ADDRESS = 128, 247  #: the self-configurable addresses
 #: J1939-81: "cannot claim" is sent after a pseudo-random delay of 0..153 ms, so that losers do not collide
 _DELAY_STEP_US = 600
@@ -59,10 +64,11 @@ class AddressClaim:
 
     name: our NAME; the numerically lower one wins a contest. preferred: first address tried; with an
     arbitrary-address-capable NAME the others of 128..247 follow, those known to be taken left out.
+    uniform: returns a random number from 0 to 1, another one in each process.
     """
 
-    def __init__(self, name: int, preferred: int) -> None:
-        self.name, self._preferred = name, preferred
+    def __init__(self, name: int, preferred: int, uniform: Callable[[], float] = random.random) -> None:
+        self.name, self._preferred, self._uniform = name, preferred, uniform
         self.state = State.IDLE
         self.reason = ""
         self.counters: Counter[str] = Counter()
@@ -73,6 +79,8 @@ class AddressClaim:
         self._due_us: int | None = None  #: when the next claim (or "cannot claim") is to be sent
         self._sent_us = 0  #: when the present claim went out
         self._announced = False  #: the present claim has gone out at least once
+        self._retry_us = RETRY_US  #: from "cannot claim" to the next attempt
+        self._lost_to_own_name = False  #: since we last owned an address
         self._tokens, self._refilled_us = float(BURST), 0
         self._boottime_us: int | None = None  #: when `poll` was last called
 
@@ -106,6 +114,8 @@ class AddressClaim:
         self._lost.add(source)
         if name == self.name:
             self._give_up(now_us, "another node sends our NAME")
+            first, self._lost_to_own_name = not self._lost_to_own_name, True
+            self._retry_us = (FIRST_RETRY_US if first else RETRY_US) + round(self._uniform() * SPREAD_US)
             return
         following = self._next_address()
         if following is None:
@@ -128,7 +138,7 @@ class AddressClaim:
         if suspended and self.state is State.OWNED:
             self.counters["reclaimed_after_sleep"] += 1
             self._claim(self._candidate, now_us)
-        if self.state is State.CANNOT_CLAIM and self._announced and now_us - self._sent_us >= RETRY_US:
+        if self.state is State.CANNOT_CLAIM and self._announced and now_us - self._sent_us >= self._retry_us:
             self.start(now_us)
         frames = []
         if self._due_us is not None and now_us >= self._due_us and self._take_token(now_us):
@@ -137,7 +147,7 @@ class AddressClaim:
                 self._announced, self._sent_us = True, now_us
             self._due_us = None
         if self.state is State.CLAIMING and self._claim_stands(now_us):
-            self.state, self.reason = State.OWNED, ""
+            self.state, self.reason, self._lost_to_own_name = State.OWNED, "", False
         return frames
 
     def not_sent(self, now_us: int) -> None:
@@ -155,7 +165,7 @@ class AddressClaim:
 
     def _give_up(self, now_us: int, reason: str) -> None:
         self.state, self.reason = State.CANNOT_CLAIM, reason
-        self._announced = False
+        self._announced, self._retry_us = False, RETRY_US
         self._due_us = now_us + self._delay_us
 
     @property

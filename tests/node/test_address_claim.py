@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -10,9 +11,11 @@ from canest.decode import j1939
 from canest.node.address_claim import (
     BURST,
     CLAIM_PGN,
+    FIRST_RETRY_US,
     NULL_ADDRESS,
     REFILL_US,
     RETRY_US,
+    SPREAD_US,
     VETO_US,
     AddressClaim,
     State,
@@ -28,8 +31,8 @@ TICK_US = 20_000
 class Conversation:
     """Runs a claim in ticks of 20 ms and keeps what it sends."""
 
-    def __init__(self, name=OURS, preferred=158):
-        self.claim = AddressClaim(name, preferred)
+    def __init__(self, name=OURS, preferred=158, uniform=lambda: 0.5):
+        self.claim = AddressClaim(name, preferred, uniform)
         self.now_us = 1_000_000
         self.sent, self.sent_us = [], []
         self.claim.start(self.now_us)
@@ -174,6 +177,21 @@ def together(us, *talks):
 
 def test_of_two_nodes_with_one_name_the_second_is_silent_for_good():
     first, second = Conversation().run(400_000), Conversation()
+    owned = together(3 * RETRY_US, first, second)
+    assert {b for _, b in owned} == {None}
+    assert sum(a == 158 for a, _ in owned) > 0.98 * len(owned)
+
+
+@pytest.mark.parametrize(("early", "late"), [(0.0, 0.1), (0.3, 0.9)])
+def test_of_two_nodes_with_one_name_that_start_at_once_one_has_the_address_within_seconds(early, late):
+    first, second = Conversation(uniform=lambda: early), Conversation(uniform=lambda: late)
+    for talk in (first, second):  # both claims are on the bus before either is received
+        talk.run(TICK_US)
+    first.other(158, OURS)
+    second.other(158, OURS)
+    assert {first.claim.state, second.claim.state} == {State.CANNOT_CLAIM}
+    owned = together(FIRST_RETRY_US + SPREAD_US, first, second)
+    assert owned[-1] == [158, None]
     owned = together(3 * RETRY_US, first, second)
     assert {b for _, b in owned} == {None}
     assert sum(a == 158 for a, _ in owned) > 0.98 * len(owned)
