@@ -18,6 +18,7 @@ from types import FrameType
 from canest.config.schema import Config
 from canest.core.errors import CanestError
 from canest.core.estimates import Estimates
+from canest.doctor.config_warnings import config_warnings
 from canest.live.estimation import Estimation
 from canest.live.mass_store import MassStore
 from canest.live.outputs import Outputs
@@ -96,6 +97,7 @@ class Daemon:
             estimator=self.config.estimator.name,
             broadcast=self.node.silence_reason(self.started_us) or "on",
         )
+        self._log_notes()
         self.notifier.ready()
         gc.collect()
         gc.freeze()  # what is here now lives as long as we do: later collections need not examine it
@@ -252,6 +254,12 @@ class Daemon:
             self._opened = self.receiver.opened
         self.outputs.close()
         self.outputs = Outputs(self.config, self.background)
+        self._log_notes()
+
+    def _log_notes(self) -> None:
+        """Log what is odd about the config, as `canest check` has it, such as a unit that nobody states."""
+        if notes := config_warnings(self.config):
+            self.journal.warning("config-notes", notes="; ".join(notes))
 
     def _install_signals(self) -> None:
         def on_signal(number: int, frame: FrameType | None) -> None:

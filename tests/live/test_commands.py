@@ -75,6 +75,32 @@ def truck(tmp_path):
     return path
 
 
+DATABASE = """VERSION ""
+BU_: X
+BO_ 257 MOT: 8 X
+ SG_ Torque : 0|16@1- (0.1,0) [0|0] "Nm" X
+ SG_ Speed : 16|16@1+ (0.01,0) [0|0] "" X
+ SG_ Brake : 32|1@1+ (1,0) [0|1] "" X
+"""
+WITHOUT_UNIT = """dbc: [van.dbc]
+signals:
+  engine_torque: {message: MOT, signal: Torque}
+  vehicle_speed: {message: MOT, signal: Speed}
+  brake_switch: {message: MOT, signal: Brake}
+vehicle: {mass_min_kg: 800, mass_max_kg: 5000, wheel_radius_m: 0.34, final_drive: 9.0, drag_area_m2: 2.0,
+  rolling_resistance: 0.01}
+"""
+
+
+def test_what_is_odd_about_a_config_is_logged_at_the_start(tmp_path):
+    (tmp_path / "van.dbc").write_text(DATABASE)
+    (tmp_path / "van.yaml").write_text(WITHOUT_UNIT)
+    with Process(tmp_path, "-c", str(tmp_path / "van.yaml"), *QUIET) as daemon:
+        daemon.wait_for_notification("READY=1")
+        assert "<4>config-notes" in daemon.log_text()
+        assert "MOT.Speed is taken as m/s" in daemon.log_text()
+
+
 def test_a_life_under_systemd(tmp_path, truck):
     with Process(tmp_path, "-c", str(truck), *QUIET) as daemon:
         daemon.wait_for_notification("READY=1")
