@@ -21,7 +21,7 @@ FLAPS, PARTS = (
     8,
 )  #: in parts, since a test that takes over 90 s in the guest is taken for one that hangs
 WARM_UP = 50
-#: one set of buffers is 0.3 MB, so 2000 that stay are 600; the test runner itself grows by some 2 MB
+#: one set of buffers is 0.3 MB, so 2000 that stay are 600; 2 MB of the heap come and go by themselves
 MOST_GROWTH_MB = 6.0
 
 
