@@ -13,6 +13,14 @@ SIGNIFICANT = 3.09
 STOP_SHARE, STOP_TIME_S = 0.05, 8 * 3600.0
 
 
+def gain_std(facts: VehicleFacts) -> float:
+    """Return the std of the mass, as a share, that no driving takes away.
+
+    M = F / a, F proportional to torque / radius, a to the radius: the radius counts twice.
+    """
+    return math.hypot(facts.torque_accuracy, 2.0 * facts.wheel_radius_accuracy)
+
+
 def unseen_std_kg(unseen_s: float, facts: VehicleFacts) -> float:
     """Return what an unseen stop adds to the std of a mass, for an estimator with one density."""
     if unseen_s <= 0.0:
@@ -24,8 +32,7 @@ def unseen_std_kg(unseen_s: float, facts: VehicleFacts) -> float:
 def beyond_bound(u: float, u_var: float, facts: VehicleFacts) -> str:
     """Return the bound of the mass beyond which the driving leads, in a sentence ('' for none).
 
-    P(mass beyond the bound) > 99.9 %, where the mass has the posterior's variance and that of its gain:
-    M = F / a, F proportional to torque / radius, a to the radius, which therefore counts twice.
+    P(mass beyond the bound) > 99.9 %, where the mass has the posterior's variance and that of its gain.
     Enough has been learned where the posterior alone is, by its own mean, as narrow as that of a valid mass:
     a speed that does not follow the force at all makes a mass without end, and shows nothing of a vehicle.
 
@@ -33,7 +40,7 @@ def beyond_bound(u: float, u_var: float, facts: VehicleFacts) -> str:
     """
     if u <= 0.0 or u_var > (facts.valid_std * u) ** 2:
         return ""
-    gain = math.hypot(facts.torque_accuracy, 2.0 * facts.wheel_radius_accuracy)
+    gain = gain_std(facts)
     for bound, is_so, bound_kg, side in (
         ("mass_max_kg", "heavier", facts.mass_max_kg, 1.0),
         ("mass_min_kg", "lighter", facts.mass_min_kg, -1.0),

@@ -63,8 +63,8 @@ def none_begins(
 
     was_valid: whether the last sample that was not stale was valid; the new one is returned as well.
     """
-    if not len(status):
-        return status, was_valid
+    if not stale.any():  # nearly always, and once a tick in the daemon
+        return status, bool(status[-1] == Status.VALID) if len(status) else was_valid
     index = np.maximum.accumulate(np.where(stale, -1, np.arange(len(status))))
     confirmed = np.where(index >= 0, status[index] == Status.VALID, was_valid)
     status = np.where(stale & (status == Status.VALID) & ~confirmed, Status.CONVERGING, status)

@@ -64,7 +64,7 @@ class Constants(NamedTuple):
         float, Source("T_rb", "s", "measured: rarer is found late, more often makes a cruise wide")
     ] = 2000.0
     drift_duration_s: Annotated[float, Source("T_re", "s", "measured: at 900 a car is 17 % off")] = 600.0
-    surprise_limit: Annotated[float, Source("S_max", "1", "chosen: one window at five stds")] = 25.0
+    surprise_limit: Annotated[float, Source("S_max", "1", "chosen: one window at 5.3 stds")] = 25.0
     surprise_nis: Annotated[float, Source("k_S", "1", "measured: at 2, rough driving is a surprise")] = 3.0
     surprise_share: Annotated[
         float,
@@ -151,11 +151,3 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         late_s=late_s,
         pitch=GRAVITY_MPS2 * (c.pitch_rad_per_mps2 if pitch is None else pitch),
     )
-
-
-def gain_std(facts: VehicleFacts) -> float:
-    """Return the std of the mass, as a share, that no driving takes away.
-
-    M = F / a, F proportional to torque / radius, a to the radius: the radius counts twice.
-    """
-    return math.hypot(facts.torque_accuracy, 2.0 * facts.wheel_radius_accuracy)

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from canest.core import jit
 from canest.core.samples import STEP_S, STEP_US, EstimateBlock, ModelBlock, Status, VehicleFacts
 from canest.estimators.base import Estimator
-from canest.estimators.bounds import beyond_bound
+from canest.estimators.bounds import beyond_bound, gain_std
 from canest.estimators.default import kernel
 from canest.estimators.default import model as at
 from canest.estimators.default.accelerometer import Comparison
-from canest.estimators.default.constants import CONSTANTS, Constants, gain_std, vehicle_of
+from canest.estimators.default.constants import CONSTANTS, Constants, vehicle_of
 from canest.estimators.default.hypotheses import set_loads
 from canest.estimators.default.joining import Joined
 from canest.estimators.default.model import LOADS, MODES, MOST, Mixture, Scratch, Space
