@@ -47,6 +47,7 @@ MECHANISMS = (
     Variant("stops too short for another load", {"shortest_stop_s": 0.0}),
     Variant("a load that drifts", {"steady_duration_s": NEVER}),
     Variant("another load where innovations surprise", {"surprise_limit": NEVER}),
+    Variant("sharper bends where innovations surprise", {"sharp_curvature_1pm": 0.0}),
     Variant("brakes that nobody reports", patch={"kernel.brakes_unseen": never}),
     # -- the driver
     Variant("roads that answer the torque", {"answered_share": 0.0}),
@@ -78,6 +79,7 @@ MECHANISMS = (
     Variant("noise levels that follow", {"noise_memory_windows": NEVER, "first_noise_windows": NEVER}),
     Variant("innovations of states left out of levels", {"noise_dominates": NEVER}),
     Variant("start of the level at a driveline's swing", {"driveline_swing_mps": 0.0}),
+    Variant("swing where a balance begins", {"begin_swing_s": 0.0}),
     Variant("outliers cut", {"outlier_nis": NEVER}),
     Variant("heavy tails of the likelihood", {"likelihood_floor": NOTHING}),
     Variant("dependent windows (power 1)", {"likelihood_power": 1.0}),

@@ -37,6 +37,9 @@ class Constants(NamedTuple):
     ] = 0.7
     # -- road
     curvature_std_1pm: Annotated[float, Source("s_kappa", "1/m", "chosen: radius 5 km, country roads")] = 2e-4
+    sharp_curvature_1pm: Annotated[
+        float, Source("s_K", "1/m", "chosen: radius 1.2 km, a street; less takes its crests for loads")
+    ] = 8e-4
     straight_length_m: Annotated[float, Source("L_s", "m", "chosen: shorter says less of the mass")] = 500.0
     curved_length_m: Annotated[float, Source("L_c", "m", "chosen: length of a crest")] = 150.0
     curvature_length_m: Annotated[float, Source("L_kappa", "m", "chosen: a crest keeps a curvature")] = 300.0
@@ -57,9 +60,9 @@ class Constants(NamedTuple):
     shortest_stop_s: Annotated[
         float, Source("T_0", "s", "chosen: up to here a change is less probable than a miss of two std")
     ] = 7.0
-    drift_std_1ps: Annotated[
-        float, Source("s_r", "1/s", "measured: 7 kg/s of 20 t; more makes masses of a bus wander")
-    ] = 3.5e-4
+    drift_1ps: Annotated[
+        float, Source("m_r", "1/s", "measured: mean and std, 5 kg/s of 20 t; more takes `valid` from cruises")
+    ] = 2.5e-4
     steady_duration_s: Annotated[
         float, Source("T_rb", "s", "measured: rarer is found late, more often makes a cruise wide")
     ] = 2000.0
@@ -80,6 +83,9 @@ class Constants(NamedTuple):
         float,
         Source("s_v", "m/s", "measured: a first level of 0.05 makes NIS 0.7, of 0.02 first masses too sure"),
     ] = 0.038
+    begin_swing_s: Annotated[
+        float, Source("t_v", "s", "measured: without it launches are 0.4 % too light, at 10 ms wide")
+    ] = 0.005
     first_noise_steps: Annotated[float, Source("k_v", "1", "chosen: first level, in rounding errors")] = 20.0
     most_noise: Annotated[float, Source("k_vm", "1", "measured: 1 is too little for a bus at 1 Hz")] = 2.0
     noise_memory_windows: Annotated[float, Source("N_v", "1", "chosen: a minute of open gates")] = 300.0

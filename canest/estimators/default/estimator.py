@@ -94,6 +94,7 @@ class GaussianSum(Estimator):
             own[at.CURVATURE] *= at.BENDS[mode]
             own[at.RATE] *= at.DRIFTS[mode]
             mix.x[mode], mix.P[mode] = mean, np.diag(own * own)
+            mix.x[mode, at.RATE] *= at.DRIFTS[mode]
             mix.weight[mode], mix.mode[mode] = shares[mode], float(mode)
         return mix
 
@@ -105,7 +106,8 @@ class GaussianSum(Estimator):
         mean[at.U] = u
         std[at.V], std[at.HEIGHT] = 10.0, 1.0
         std[at.CURVATURE] = c.curvature_std_1pm
-        std[at.WIND], std[at.RATE] = c.wind_std_mps * u, c.drift_std_1ps * u
+        std[at.WIND] = c.wind_std_mps * u
+        mean[at.RATE] = std[at.RATE] = c.drift_1ps * u
         std[at.DELAY], std[at.WINDUP] = c.delay_std_s * u, c.windup_std_s2 * u
         std[at.ROLLING] = facts.rolling_resistance_accuracy * facts.rolling_resistance
         if facts.has_road_map:

@@ -151,48 +151,35 @@ def mix_densities(mix: Mixture, count: int, made: int, space: Space) -> None:
                         R[k, i, j] += part * (P[d, i, j] + off * (x[d, j] - y[k, j]))
 
 
-def _keep(room: Mixture, made: int, i: int, modes: Any, fresh: Any) -> None:
-    has = np.array([modes[int(mode)] for mode in room.mode[:made]])
-    room.x[:made, i] *= has
-    room.P[:made, i] *= has[:, None]
-    room.P[:made, :, i] *= has[:, None]
-    room.P[:made, i, i] += has * fresh[:made]
+@jit.kernel
+def give_priors(mix: Mixture, count: int, bend_var: float, rate: float) -> None:
+    """Give densities without curvature or drift the prior of a mode that has it, since they may come there.
 
-
-@jit.kernel_beside(_keep)
-def keep(room: Mixture, made: int, i: int, modes: Any, fresh: Any) -> None:
-    """Keep a state where the mode has it, with the prior variance of what comes without; else forget it."""
-    for k in range(made):
-        has = modes[int(room.mode[k])]
-        room.x[k, i] *= has
-        for j in range(room.x.shape[1]):
-            room.P[k, i, j] *= has
-        for j in range(room.x.shape[1]):
-            room.P[k, j, i] *= has
-        room.P[k, i, i] += has * fresh[k]
+    rate: mean and standard deviation of the drift of u.
+    """
+    for d in range(count):
+        mode = int(mix.mode[d])
+        if m.BENDS[mode] == 0.0:
+            mix.P[d, m.CURVATURE, m.CURVATURE] = bend_var
+        if m.DRIFTS[mode] == 0.0:
+            mix.x[d, m.RATE], mix.P[d, m.RATE, m.RATE] = rate, rate * rate
 
 
 @jit.kernel
-def keep_states(mix: Mixture, count: int, made: int, fresh: Any, space: Space) -> None:
-    """Keep curvature and rate in the modes that have them. fresh: their prior variances."""
-    room, share = space.room, space.share
-    bends, drifts = space.scratch.columns[0], space.scratch.columns[1]
+def forget(room: Mixture, made: int, i: int, modes: Any) -> None:
+    """Forget a state in the modes that do not have it."""
     for k in range(made):
-        bends[k] = drifts[k] = 0.0
-        for d in range(count):
-            part, mode = share[k * MOST + d], int(mix.mode[d])
-            if part > 0.0:  # what comes from modes without
-                bends[k] += part * (1.0 - m.BENDS[mode]) * fresh[0]
-                drifts[k] += part * (1.0 - m.DRIFTS[mode]) * fresh[1]
-    keep(room, made, m.CURVATURE, m.BENDS, bends)
-    keep(room, made, m.RATE, m.DRIFTS, drifts)
+        if modes[int(room.mode[k])] == 0.0:
+            room.x[k, i] = 0.0
+            room.P[k, i] = 0.0
+            room.P[k, :, i] = 0.0
 
 
 @jit.kernel
-def exchange(mix: Mixture, count: int, chains: Any, fresh: Any, least: float, space: Space) -> int:
+def exchange(mix: Mixture, count: int, chains: Any, least: float, space: Space) -> int:
     """Let the modes of each load exchange probability; returns the number of densities.
 
-    chains: `transitions`. fresh: prior variances of curvature and rate.
+    chains: `transitions`. What a mode does not have must have been given its prior (`give_priors`).
     """
     roads, drivers, loads = chains
     set_loads(mix, count, space.scratch)
@@ -220,9 +207,20 @@ def exchange(mix: Mixture, count: int, chains: Any, fresh: Any, least: float, sp
                 room.weight[made], room.load[made], room.mode[made] = total, float(load), float(mode)
                 made += 1
     mix_densities(mix, count, made, space)
-    keep_states(mix, count, made, fresh, space)
+    forget(room, made, m.CURVATURE, m.BENDS)
+    forget(room, made, m.RATE, m.DRIFTS)
     take(room, made, mix)
     left: int = prune(mix, made, least)
+    return left
+
+
+@jit.kernel
+def change_modes(
+    mix: Mixture, count: int, metres: float, driven_s: float, u: float, c: Constants, space: Space
+) -> int:
+    """Let modes exchange probability; returns the densities."""
+    give_priors(mix, count, c.curvature_std_1pm * c.curvature_std_1pm, c.drift_1ps * u)
+    left: int = exchange(mix, count, transitions(metres, driven_s, c), c.least_weight, space)
     return left
 
 

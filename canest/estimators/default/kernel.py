@@ -12,7 +12,7 @@ from canest.estimators.default import model as m
 from canest.estimators.default.accelerometer import Comparison, compare
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.driver import answered_force, own_torque
-from canest.estimators.default.hypotheses import exchange, prune, set_loads, take, transitions, weigh
+from canest.estimators.default.hypotheses import change_modes, prune, set_loads, take, weigh
 from canest.estimators.default.joining import Joined, add_window, begin_sums, join, waits
 from canest.estimators.default.load import (
     brakes_unseen,
@@ -23,7 +23,16 @@ from canest.estimators.default.load import (
 )  # fmt: skip
 from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Space, Window
 from canest.estimators.default.noise import Levels, first_levels, follow, lacking_force
-from canest.estimators.default.predict import accelerate, add, climb, drift, fade, fill, travel
+from canest.estimators.default.predict import (
+    accelerate,
+    climb,
+    drift,
+    fade,
+    fill,
+    sharpen,
+    step_of_road,
+    travel,
+)  # fmt: skip
 from canest.estimators.default.report import Report, leave_out, report_grade, report_mass, unknown_load_var
 from canest.estimators.default.road_map import RoadUse, cell_var, follow_road
 from canest.estimators.default.sensors import (
@@ -105,33 +114,6 @@ def mean_inverse_mass(mix: Mixture, count: int, v: Vehicle, t: Scratch) -> float
     for d in range(count):
         mean += mix.weight[d] * min(max(t.columns[0][d], v.least_u), v.most_u)
     return mean
-
-
-@jit.kernel
-def change_modes(
-    mix: Mixture, count: int, metres: float, driven_s: float, u: float, c: Constants, space: Space
-) -> int:
-    """Let modes exchange probability; returns the densities."""
-    rate = c.drift_std_1ps * u
-    fresh = (c.curvature_std_1pm * c.curvature_std_1pm, rate * rate)
-    left: int = exchange(mix, count, transitions(metres, driven_s, c), fresh, c.least_weight, space)
-    return left
-
-
-@jit.kernel
-def step_of_road(mix: Mixture, count: int, lever: float, c: Constants, t: Scratch) -> None:
-    """Where no noise explains an innovation the road has a step, and the speed is what was measured.
-
-    lever: grade per m/s of speed missing.
-    """
-    for d in range(count):
-        missing = t.e[d]
-        big = missing * missing > c.road_step_nis * t.s[d]
-        step = missing * lever
-        t.columns[0][d] = min(step * step, c.grade_std * c.grade_std) if big else 0.0
-        t.columns[1][d] = missing * missing if big else 0.0
-    add(mix, count, m.GRADE, t.zeros, t.columns[0])
-    add(mix, count, m.V, t.zeros, t.columns[1])
 
 
 @jit.kernel
@@ -221,6 +203,7 @@ def run(
             count = change_modes(mix, count, mixed_m, mixed_s, p.u, c, space)
             mixed_m = mixed_s = 0.0
         if surprised:
+            sharpen(mix, count, c, t)
             known_N = 0.0 if p.braked > 0.0 else w.force_N - w.rotating_kg * w.accel_mps2
             count = open_load(
                 mix, count, surprise_probability(surprise, c), True, known_N / GRAVITY_MPS2, v, t
@@ -237,7 +220,8 @@ def run(
             forget_speed(mix, count, t)
             if w.gap_s == 0.0 and not math.isnan(joined.before_mps):
                 before = Ends(joined.before_mps, w.begin_N, joined.before_Nps)
-                speed(mix, count, before, p.u, levels.speed_var, c, v, t)
+                swing = c.begin_swing_s * p.u * w.begin_N
+                speed(mix, count, before, p.u, levels.speed_var + swing * swing, c, v, t)
         answered_kg = answered_force(w, is_open, p.follows > 0.0, p.force_N) / GRAVITY_MPS2
         travel(mix, count, metres, answered_kg, p.u, c, t)
         motion, slow_N = w.accel_mps2, w.traction_N if begins else p.slow_N

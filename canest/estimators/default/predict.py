@@ -207,3 +207,27 @@ def fade(mix: Mixture, count: int, metres: float, wind: float, c: Constants) -> 
         c.curvature_std_1pm * c.curvature_std_1pm * (1.0 - left * left),
         m.BENDS,
     )
+
+
+@jit.kernel
+def sharpen(mix: Mixture, count: int, c: Constants, t: Scratch) -> None:
+    """Let a bend be sharper than usual where innovations surprise: the other cause beside a load."""
+    for d in range(count):
+        t.f[d] = c.sharp_curvature_1pm * c.sharp_curvature_1pm * m.BENDS[int(mix.mode[d])]
+    add(mix, count, m.CURVATURE, t.zeros, t.f)
+
+
+@jit.kernel
+def step_of_road(mix: Mixture, count: int, lever: float, c: Constants, t: Scratch) -> None:
+    """Where no noise explains an innovation the road has a step, and the speed is what was measured.
+
+    lever: grade per m/s of speed missing.
+    """
+    for d in range(count):
+        missing = t.e[d]
+        big = missing * missing > c.road_step_nis * t.s[d]
+        step = missing * lever
+        t.columns[0][d] = min(step * step, c.grade_std * c.grade_std) if big else 0.0
+        t.columns[1][d] = missing * missing if big else 0.0
+    add(mix, count, m.GRADE, t.zeros, t.columns[0])
+    add(mix, count, m.V, t.zeros, t.columns[1])
