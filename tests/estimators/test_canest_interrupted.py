@@ -62,7 +62,7 @@ def test_restarts_do_not_widen_the_mass():
     for _ in range(3):
         estimator = GaussianSum("canest", FACTS)
         estimator.restore(known["mass_kg"], known["mass_std_kg"])
-        estimates = estimator.update(block[6_000:6_030])
+        estimates = estimator.update(block[6_000:7_500])
         assert estimates.mass_std_kg[0] == pytest.approx(known["mass_std_kg"], rel=1e-6)
         known = estimator.snapshot()
     assert known["mass_std_kg"] == pytest.approx(first["mass_std_kg"], rel=0.05)
@@ -88,11 +88,11 @@ def test_after_a_stop_that_nobody_saw_the_old_load_is_not_valid(unseen_s):
     assert (estimates.status[2_500:4_500] == Status.VALID).all()
 
 
-def test_without_a_stop_the_mass_is_valid_at_once():
+def test_without_a_stop_some_seconds_of_driving_make_the_mass_valid():
     drive = trip(60.0, mass_kg=30_000.0, seed=3)
     estimator = GaussianSum("canest", FACTS)
     estimator.restore(30_000.0, 900.0)
-    assert (estimator.update(drive.block).status[150:] == Status.VALID).all()
+    assert (estimator.update(drive.block).status[50 * 10 :] == Status.VALID).all()
 
 
 def test_stops_one_after_the_other_leave_room_for_every_load():
@@ -156,7 +156,7 @@ def test_an_exchange_loses_nothing():
         mix.x[d, m.U], mix.P[d, m.U] = 1.0 / 20_000, 0.0
         mix.P[d, :, m.U] = 0.0
     chains = hypotheses.transitions.interpreted(4.0, 1.0, CONSTANTS)
-    made = hypotheses.exchange.interpreted(mix, m.MODES, chains, (0.0, 0.0), CONSTANTS.least_weight, space)
+    made = hypotheses.exchange.interpreted(mix, m.MODES, chains, CONSTANTS.least_weight, space)
     np.testing.assert_allclose(mix.x[:made, m.U], 1.0 / 20_000, rtol=1e-12)
 
 

@@ -204,3 +204,15 @@ def test_a_restored_mass_is_kept_until_the_driving_contradicts_it():
     e = estimator.update(drive.block)
     assert np.abs(drive.error(e))[-1000:].max() < 0.06
     assert (np.abs(drive.error(e)) < 2 * e.mass_std_kg / drive.mass_kg)[-1000:].all()
+
+
+@pytest.mark.parametrize(("said_kg", "truth_kg"), [(20_000, 30_000), (30_000, 20_000), (15_000, 25_000)])
+def test_a_wrong_mass_that_somebody_remembers_is_found_out(said_kg, truth_kg):
+    """Said to be known to 2 % just now: roads that suit the wrong mass are always found, nothing surprises."""
+    drive = trip(120, mass_kg=float(truth_kg))
+    estimator = create("canest", STATED)
+    estimator.restore(said_kg, said_kg // 50)
+    e = estimator.update(drive.block)
+    valid = (e.status == Status.VALID) & (np.arange(len(drive.block)) >= 100)
+    assert np.abs(drive.error(e))[valid].max() < 0.08
+    assert valid.mean() > 0.7

@@ -214,7 +214,7 @@ def test_modes_exchange_probability_and_moments():
     mix.x[:2], mix.P[:2] = x, P
     roads = (0.9, 0.0, 0.1, 0.0, 1.0, 0.0, 0.0, 0.3, 0.7)
     hypotheses.set_loads(mix, 2, t)
-    count = hypotheses.exchange(mix, 2, (roads, (1, 0, 0, 1), (1, 0, 0, 1)), (0.0, 0.0), 1e-9, space)
+    count = hypotheses.exchange(mix, 2, (roads, (1, 0, 0, 1), (1, 0, 0, 1)), 1e-9, space)
     weights = {int(mix.mode[d]): mix.weight[d] for d in range(count)}
     assert weights == pytest.approx({0: 0.45, m.CURVED: 0.15, m.ROUGH: 0.05 + 0.35})
     rough = next(d for d in range(count) if mix.mode[d] == m.ROUGH)
@@ -230,12 +230,32 @@ def test_a_steady_load_has_no_rate_even_where_a_drifting_one_became_part_of_it()
     t = space.scratch
     hypotheses.set_loads(mix, 2, t)
     chains = ((1, 0, 0, 0, 1, 0, 0, 0, 1), (1, 0, 0, 1), (0.5, 0.5, 0.5, 0.5))
-    count = hypotheses.exchange(mix, 2, chains, (0.0, 0.0), 1e-9, space)
+    count = hypotheses.exchange(mix, 2, chains, 1e-9, space)
     assert count == 2
     for d in range(count):
         drifts = mix.mode[d] >= m.STEADY_MODES
         assert (mix.x[d, m.RATE] != 0.0) == drifts
         assert mix.P[d, m.RATE].any() == drifts
+
+
+def test_what_comes_to_a_mode_has_its_prior():
+    """A steady load that begins to drift: the moments of its own density and of the prior, side by side."""
+    mix, space = mixture(2, modes=[0, m.STEADY_MODES])
+    rate = 1e-8
+    hypotheses.give_priors(mix, 2, 4e-8, rate)
+    assert mix.P[0, m.CURVATURE, m.CURVATURE] == 4e-8
+    x, P = mix.x[:2].copy(), mix.P[:2].copy()
+    assert (x[0, m.RATE], P[0, m.RATE, m.RATE]) == (rate, rate * rate)
+    assert x[1, m.RATE] != rate
+    hypotheses.set_loads(mix, 2, space.scratch)
+    chains = ((1, 0, 0, 0, 1, 0, 0, 0, 1), (1, 0, 0, 1), (0.75, 0.25, 0.0, 1.0))
+    count = hypotheses.exchange(mix, 2, chains, 1e-9, space)
+    drifting = next(d for d in range(count) if mix.mode[d] == m.STEADY_MODES)
+    p = np.array([0.2, 0.8])
+    mean = p @ x[:, m.RATE]
+    variance = p @ (P[:, m.RATE, m.RATE] + (x[:, m.RATE] - mean) ** 2)
+    np.testing.assert_allclose(mix.x[drifting, m.RATE], mean, rtol=1e-12)
+    np.testing.assert_allclose(mix.P[drifting, m.RATE, m.RATE], variance, rtol=1e-12)
 
 
 def test_pruning_keeps_what_is_probable():
