@@ -47,6 +47,7 @@ MECHANISMS = (
     Variant("stops too short for another load", {"shortest_stop_s": 0.0}),
     Variant("a load that drifts", {"steady_duration_s": NEVER}),
     Variant("another load where innovations surprise", {"surprise_limit": NEVER}),
+    Variant("hazard of another load in motion", {"motion_every_s": NEVER}),
     Variant("sharper bends where innovations surprise", {"sharp_curvature_1pm": 0.0}),
     Variant("brakes that nobody reports", patch={"kernel.brakes_unseen": never}),
     # -- the driver

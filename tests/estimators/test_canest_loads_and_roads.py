@@ -206,9 +206,22 @@ def test_a_restored_mass_is_kept_until_the_driving_contradicts_it():
     assert (np.abs(drive.error(e)) < 2 * e.mass_std_kg / drive.mass_kg)[-1000:].all()
 
 
+@pytest.mark.parametrize("road", [flat, hills])
+@pytest.mark.parametrize("sensed", [False, True])
+def test_a_third_more_load_in_motion_is_found_though_nothing_surprises(road, sensed):
+    """From 20 to 26 t at 100 s: innovations grow by little, and roads that suit the old mass are found."""
+    loads = [(0.0, 20_000.0), (100.0, 26_000.0)]
+    drive = trip(220, mass_kg=loads, road=road, accelerometer=sensed, seed=2)
+    e = create("canest", replace(STATED, has_accelerometer=sensed)).update(drive.block)
+    wrong = (e.status == Status.VALID) & (np.abs(drive.error(e)) > 0.08)
+    assert wrong[:5000].sum() == 0
+    assert wrong.sum() * 0.02 < 35.0
+    assert np.abs(drive.error(e))[-1000:].max() < 0.05
+
+
 @pytest.mark.parametrize(("said_kg", "truth_kg"), [(20_000, 30_000), (30_000, 20_000), (15_000, 25_000)])
 def test_a_wrong_mass_that_somebody_remembers_is_found_out(said_kg, truth_kg):
-    """Said to be known to 2 % just now: roads that suit the wrong mass are always found, nothing surprises."""
+    """Said to be known to 2 % just now: roads that suit the wrong mass are found, and nothing surprises."""
     drive = trip(120, mass_kg=float(truth_kg))
     estimator = create("canest", STATED)
     estimator.restore(said_kg, said_kg // 50)

@@ -80,6 +80,7 @@ class Progress(NamedTuple):
     height_known: float = 0.0
     climbed_m: float = 0.0  #: metres and seconds since the height followed the slope
     climbed_s: float = 0.0
+    driven_s: float = 0.0  #: seconds with open gates since another load was opened in motion
 
 
 class Carried(NamedTuple):
@@ -202,13 +203,15 @@ def run(
             drift(mix, count, mixed_s, t)
             count = change_modes(mix, count, mixed_m, mixed_s, p.u, c, space)
             mixed_m = mixed_s = 0.0
-        if surprised:
-            sharpen(mix, count, c, t)
+        driven_s = p.driven_s + (dt if is_open else 0.0)
+        if surprised or (is_open and driven_s >= c.motion_every_s):
+            probability = changed_probability(driven_s, c.motion_change_s)
+            if surprised:
+                sharpen(mix, count, c, t)
+                probability, surprise = max(probability, surprise_probability(surprise, c)), 0.0
             known_N = 0.0 if p.braked > 0.0 else w.force_N - w.rotating_kg * w.accel_mps2
-            count = open_load(
-                mix, count, surprise_probability(surprise, c), True, known_N / GRAVITY_MPS2, v, t
-            )
-            surprise = 0.0
+            count = open_load(mix, count, probability, True, known_N / GRAVITY_MPS2, v, t)
+            driven_s = 0.0
         # -- predict and update every density
         fill(count, mix.found, 0.0)
         climbed_m, climbed_s = p.climbed_m + metres, p.climbed_s + dt + w.gap_s
@@ -277,7 +280,7 @@ def run(
             w.traction_N + math.exp(-dt) * (slow_N - w.traction_N), 1.0 if is_open and not braked else 0.0,
             1.0 if is_open or p.learned > 0.0 else 0.0, surprise, 1.0 if braked else 0.0,
             1.0 if measured or height_known else 0.0,
-            0.0 if measured else climbed_m, 0.0 if measured else climbed_s,
+            0.0 if measured else climbed_m, 0.0 if measured else climbed_s, driven_s,
         )  # fmt: skip
         joined = begin_sums(w, unseen_s)
         write(out[k], given, joined, p, w.speed_mps, c, v)
