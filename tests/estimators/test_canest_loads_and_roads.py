@@ -219,6 +219,17 @@ def test_a_third_more_load_in_motion_is_found_though_nothing_surprises(road, sen
     assert np.abs(drive.error(e))[-1000:].max() < 0.05
 
 
+@pytest.mark.parametrize(("delay_s", "followed"), [(0.3, True), (0.6, False)])
+def test_a_torque_that_is_too_late_is_named_and_makes_no_mass_valid(delay_s, followed):
+    drive = trip(200, delay_s=delay_s, seed=2)
+    estimator = create("canest", STATED)
+    e = estimator.update(drive.block)
+    valid = e.status == Status.VALID
+    assert np.abs(drive.error(e))[valid].max(initial=0.0) < 0.08
+    assert (valid[5000:].mean() > 0.9) == followed
+    assert ("s apart" in estimator.contradiction()) != followed
+
+
 @pytest.mark.parametrize(("said_kg", "truth_kg"), [(20_000, 30_000), (30_000, 20_000), (15_000, 25_000)])
 def test_a_wrong_mass_that_somebody_remembers_is_found_out(said_kg, truth_kg):
     """Said to be known to 2 % just now: roads that suit the wrong mass are found, and nothing surprises."""

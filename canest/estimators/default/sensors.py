@@ -49,6 +49,14 @@ def mean_surplus(mix: Mixture, count: int, r: float, c: Constants, t: Scratch) -
 
 
 @jit.kernel
+def mean_delay(mix: Mixture, count: int, u: float, t: Scratch) -> float:
+    """Return the delay of the torque beyond the usual one, s. u: mean inverse mass."""
+    moments(mix, count, m.DELAY, t.columns[0], t.columns[1])
+    delay_s: float = mean_of(mix.weight, count, t.columns[0]) / u
+    return delay_s
+
+
+@jit.kernel
 def speed(
     mix: Mixture, count: int, end: Ends, u: float, r: float, c: Constants, v: Vehicle, t: Scratch
 ) -> None:
@@ -56,8 +64,7 @@ def speed(
 
     lambda: slip of the driven wheels. T of the delay: that halfway through it. u: mean inverse mass.
     """
-    moments(mix, count, m.DELAY, t.columns[0], t.columns[1])
-    delay_s = mean_of(mix.weight, count, t.columns[0]) / u
+    delay_s = mean_delay(mix, count, u, t)
     half_s = 0.5 * min(max(delay_s, -_LONGEST_DELAY_S), _LONGEST_DELAY_S)
     t.h[0], t.h[1], t.h[2] = 1.0, end.traction_N + half_s * end.traction_Nps, end.traction_Nps
     slip = v.slip_per_mps2 * u * end.traction_N
