@@ -65,6 +65,16 @@ def changed_in_motion(seed: int, before: tuple[float, float], after: tuple[float
     return truck(seed, duration_s=500, mass_kg=loads, driver=PULSES, road=road)
 
 
+def changed_by_a_third(seed: int) -> Scenario:
+    """Change the load in motion by a third, up and down, in ordinary driving on flat road and on hills."""
+    light_kg = drawn(seed, (16000.0, 24000.0))
+    before_kg, after_kg = light_kg, round(4.0 / 3.0 * light_kg, -2)
+    if seed // 2 % 2:
+        before_kg, after_kg = after_kg, before_kg
+    drive = changed_in_motion(seed, (before_kg, before_kg), (after_kg, after_kg))
+    return drive | {"driver": MIXED}
+
+
 def changed_in_short_stop(seed: int) -> Scenario:
     """Change the load in a stop of 12 to 22 s, up and down."""
     before, after = (LIGHT_KG, HEAVY_KG) if seed % 2 else (HEAVY_KG, LIGHT_KG)

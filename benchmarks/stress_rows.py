@@ -20,6 +20,7 @@ from stress_drives import (
     Scenario,
     after_a_night,
     behind_a_gateway,
+    changed_by_a_third,
     changed_in_motion,
     changed_in_short_stop,
     cruise,
@@ -130,6 +131,7 @@ ROWS = (
     ),
     Row("loaded in motion", LOADS, partial(changed_in_motion, before=LIGHT_KG, after=HEAVY_KG)),
     Row("unloaded in motion", LOADS, partial(changed_in_motion, before=HEAVY_KG, after=LIGHT_KG)),
+    Row("a third more or less in motion", LOADS, changed_by_a_third),
     Row("other load after 12 to 22 s", LOADS, changed_in_short_stop),
     Row("first 10 s after eight hours", LOADS, after_a_night, judged_s=(NIGHT_S, NIGHT_S + 310.0)),
     *(
