@@ -65,7 +65,7 @@ class Constants(NamedTuple):
     ] = 7.0
     motion_change_s: Annotated[
         float, Source("T_m", "s", "measured: less finds a load sooner, and costs `valid`")
-    ] = 5000.0
+    ] = 10_000.0
     motion_every_s: Annotated[float, Source("t_m", "s", "chosen: cost against delay")] = 20.0
     drift_1ps: Annotated[
         float, Source("m_r", "1/s", "measured: mean and std, 5 kg/s of 20 t; more takes `valid` from cruises")
