@@ -115,6 +115,8 @@ def test_interface_deleted_and_made_anew(
     assert daemon.alive
     rig.add_vcan(BUS)
     back_s = time.monotonic()
+    # what is sent before the daemon has seen the new interface reaches nobody
+    rig.wait_until(lambda: daemon.status()["bus"]["state"] == "up", RECOVERY_S, "the interface to be seen")
     # new receiver: the old socket is bound to the interface that is gone
     with none_lost(daemon, COUNTED["deleted"]), rig.BroadcastReceiver(BUS) as new_receiver:
         record_property("recovered_s", new_receiver.fresh(back_s, RECOVERY_S, "the interface came back"))
