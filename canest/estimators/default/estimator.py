@@ -40,7 +40,7 @@ _SILENCE_S = 5.0
 _FAULTY = (
     "the accelerometer does not follow the speed's acceleration, and is not used: another unit, sign or axis?"
 )
-_LATE = (
+_APART = (
     "torque and speed seem {:.1f} s apart, or the road is too rough: no mass is valid (effect torque_delay)"
 )
 
@@ -200,9 +200,9 @@ class GaussianSum(Estimator):
     def contradiction(self) -> str:
         """Return what in the samples contradicts the vehicle's facts ('' for nothing)."""
         faulty = _FAULTY if self._carried.comparison.faulty > 0.0 else ""
-        late_s = abs(self._carried.progress.late_s)
-        late = _LATE.format(late_s) if late_s > self.constants.longest_delay_s else ""
-        return "; ".join(found for found in (self._beyond_bound(), faulty, late) if found)
+        apart_s = abs(self._carried.progress.delay_s)
+        apart = _APART.format(apart_s) if apart_s > self.constants.longest_delay_s else ""
+        return "; ".join(found for found in (self._beyond_bound(), faulty, apart) if found)
 
     def _beyond_bound(self) -> str:
         """Return the bound of the mass beyond which the driving leads, in a sentence."""

@@ -81,7 +81,7 @@ class Progress(NamedTuple):
     height_known: float = 0.0
     climbed_m: float = 0.0  #: metres and seconds since the height followed the slope
     climbed_s: float = 0.0
-    late_s: float = 0.0  #: delay of the torque beyond the usual one
+    delay_s: float = 0.0  #: delay of the torque beyond the usual one
     driven_s: float = 0.0  #: seconds with open gates since another load was opened in motion
 
 
@@ -148,7 +148,7 @@ def write(
     """Write what is known after a window, the grade carried on since the last update."""
     row[OUT_MASS] = given.mass_kg
     row[OUT_VAR] = given.mass_var + unknown_load_var(given.mass_kg, q.unseen_s, p.braked > 0.0, c, v)
-    if abs(p.late_s) > c.longest_delay_s:  # more than a state can follow
+    if abs(p.delay_s) > c.longest_delay_s:  # more than a state can follow
         row[OUT_VAR] += given.mass_kg * given.mass_kg
     row[OUT_GRADE] = given.grade + given.slope_1pm * q.distance_m
     row[OUT_GRADE_VAR] = given.grade_var + given.wander_1pm * q.distance_m
@@ -270,7 +270,7 @@ def run(
             surprise = max(surprise + nis - c.surprise_nis, 0.0)
             braked = sees and brakes_unseen(w, surprise, innovation, c)
             levels = follow(levels, nis, speed_surplus, sensed_surplus, sees, c, v)
-        late_s = mean_delay(mix, count, p.u, t) if is_open else p.late_s
+        delay_s = mean_delay(mix, count, p.u, t) if is_open else p.delay_s
         best = set_loads(mix, count, t)
         u = mean_inverse_mass(mix, count, v, t)
         leave_out(mix, count, c.left_out_share, t)
@@ -285,7 +285,7 @@ def run(
             w.traction_N + math.exp(-dt) * (slow_N - w.traction_N), 1.0 if is_open and not braked else 0.0,
             1.0 if is_open or p.learned > 0.0 else 0.0, surprise, 1.0 if braked else 0.0,
             1.0 if measured or height_known else 0.0,
-            0.0 if measured else climbed_m, 0.0 if measured else climbed_s, late_s, driven_s,
+            0.0 if measured else climbed_m, 0.0 if measured else climbed_s, delay_s, driven_s,
         )  # fmt: skip
         joined = begin_sums(w, unseen_s)
         write(out[k], given, joined, p, w.speed_mps, c, v)
