@@ -229,7 +229,7 @@ class GaussianSum(Estimator):
         self._last[kernel.OUT_MASS], self._last[kernel.OUT_VAR] = mass_kg, own + changed
         progress = self._carried.progress._replace(learned=1.0)
         report = self._carried.report._replace(mass_kg=float(mass_kg), mass_var=float(own))
-        unseen_s = max(float(unseen_s), self.constants.shortest_stop_s)  # it may be another, however short
+        unseen_s = max(float(unseen_s), self.constants.shortest_stop_s)  # the load may be another
         joined = self._carried.joined._replace(unseen_s=unseen_s)
         self._carried = self._carried._replace(progress=progress, report=report, joined=joined)
 
