@@ -76,12 +76,14 @@ def replay(
         after_s: errors count from so many seconds after the first sample on.
         estimator: name of another one than the config's, with its default options (docs/estimators.md).
         channel: of a log, this interface only ("can0").
-        output: also write the estimates, as .csv or .parquet; without it no file is written.
+        output: also write the estimates, in the formats of `canest replay -o` (.csv, .parquet, .mf4, ...);
+            without it no file is written.
 
     Returns:
         `Replay`: columns (n,) at 50 Hz, summary.
 
-    Errors: LogError, ConfigError, OutputError.
+    Errors: LogError, ConfigError, OutputError; UsageError for an output that is one of the inputs, or of
+    another format.
 
     Example:
         >>> import canest
@@ -129,7 +131,7 @@ def estimate(
         `Replay`; its `config` is the one that was used.
 
     Errors: LogError for what is no table or has no time; ConfigError where no torque or speed is among the
-        columns, or a unit does not fit.
+        columns, or a unit does not fit; else as `replay`.
 
     Example:
         >>> import canest
@@ -140,8 +142,9 @@ def estimate(
     """
     from canest.interface.run import replayed  # with numba where it pays
 
-    log, used = log_and_config(table, config, units)
-    return replayed(log, with_estimator(used, estimator), truth, mass_kg, after_s, None, output)
+    given = config if isinstance(config, VehicleFacts) else config_of(config)
+    log, used = log_and_config(table, given, units)
+    return replayed(log, with_estimator(used, estimator), truth, mass_kg, after_s, None, output, given)
 
 
 def compare(

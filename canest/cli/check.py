@@ -59,10 +59,11 @@ def command(
     _refuse_combinations(log, live, channel)
     config = chosen.load()
     from canest.bus.link import require_interface
-    from canest.cli.output_conflicts import config_files, keep_apart
+    from canest.config.database_files import config_files
     from canest.doctor.check import Doctor
+    from canest.system.output_conflicts import keep_apart
 
-    keep_apart([*config_files(chosen.name, config), ("the log", log)], [("--json", json_path)])
+    keep_apart([*config_files(config), ("the log", log)], [("--json", json_path)])
     require_interface(config.bus, config.at)
     doctor = Doctor(config)
     title = _config_line(chosen.name, config)

@@ -66,13 +66,14 @@ def command(
         raise click.UsageError("give the truth: --truth CSV, --truth auto or --mass KG")
     config = chosen.load()
     names = _known(only) if only is not None else None
-    from canest.cli.output_conflicts import config_files, keep_apart
     from canest.cli.progress import Bar
     from canest.cli.summary import write_json
+    from canest.config.database_files import config_files
     from canest.logs.log_names import truth_file
     from canest.logs.truth import read_truth
     from canest.offline.compare import compare
     from canest.offline.scoring import Reference
+    from canest.system.output_conflicts import keep_apart
 
     if report is not None:
         from canest.report.page import require_packages
@@ -80,7 +81,7 @@ def command(
         require_packages(report)
     path = truth_file(Path(log), truth.truth)
     keep_apart(
-        [*config_files(chosen.name, config), ("the log", log), ("the truth", path)],
+        [*config_files(config), ("the log", log), ("the truth", path)],
         [("--json", json_path), ("--report", report)],
     )
     with Bar(Path(log).name) as bar:

@@ -91,11 +91,12 @@ def command(
     if truth not in (None, "auto") and len(paths) > 1:
         raise click.UsageError("one truth cannot fit several logs: use --truth auto", context)
     truths = _truths(paths, truth)
-    from canest.cli.output_conflicts import config_files, keep_apart
+    from canest.config.database_files import config_files
     from canest.diagnosis.report.files import CONFIG_NAME, JSON_NAME, REPORT_NAME
+    from canest.system.output_conflicts import keep_apart
 
     keep_apart(
-        config_files(chosen.name, config)
+        config_files(config)
         + [(f"the log {path}", path) for path in paths]
         + [(f"the truth {path}", path) for path in truths or ()],
         [("-o", Path(output) / name) for name in (JSON_NAME, CONFIG_NAME, REPORT_NAME)],

@@ -122,7 +122,7 @@ def command(
     from canest.cli.replay_jobs import jobs_of, refuse_outputs, with_outputs
 
     jobs = with_outputs(jobs_of(logs, truth, channel), outputs, config)
-    refuse_outputs(jobs, chosen.name, config, outputs.json_path)
+    refuse_outputs(jobs, config, outputs.json_path)
     if playback.asked:  # after all that can be refused has been: a bus cannot take back what it carried
         _play(logs, playback, channel, quiet=outputs.json_path == "-")
     if len(jobs) == 1:

@@ -15,16 +15,15 @@ from typing import TYPE_CHECKING
 import click
 
 from canest.batch.job import Job
-from canest.cli.output_conflicts import config_files, keep_apart
+from canest.config.database_files import config_files
 from canest.core.errors import UsageError
+from canest.logs.estimate_writer import ESTIMATE_ENDINGS, FRAME_ENDINGS, refuse_other_formats
 from canest.logs.log_names import truth_beside, truth_file
+from canest.system.output_conflicts import keep_apart
 
 if TYPE_CHECKING:
     from canest.cli.options import Outputs, TruthChoice
     from canest.config import Config
-
-#: of files that hold estimates; a name of another format (.xlsx) would hold csv all the same
-_TABLE_ENDINGS = (".csv", ".csv.gz", ".parquet", ".mf4", ".mcap", ".log", ".blf", ".txt")
 
 
 def jobs_of(logs: Sequence[str], truth: TruthChoice, channel: str | None) -> list[Job]:
@@ -47,10 +46,10 @@ def jobs_of(logs: Sequence[str], truth: TruthChoice, channel: str | None) -> lis
     ]
 
 
-def refuse_outputs(jobs: Sequence[Job], config_name: str, config: Config, json_path: str | None) -> None:
+def refuse_outputs(jobs: Sequence[Job], config: Config, json_path: str | None) -> None:
     """Refuse results that would overwrite an input, and tables of no known format. Errors: UsageError."""
     keep_apart(
-        config_files(config_name, config)
+        config_files(config)
         + [(f"the log {job.log}", job.log) for job in jobs]
         + [(f"the truth {job.truth}", job.truth) for job in jobs],
         [("-o", job.output) for job in jobs]
@@ -58,17 +57,8 @@ def refuse_outputs(jobs: Sequence[Job], config_name: str, config: Config, json_p
         + [("--json", json_path)],
     )
     for job in jobs:
-        if job.output is not None and job.output.suffix and not is_table(job.output):
-            raise click.UsageError(
-                f"-o: found the file {job.output}, expected one that ends in .csv or .parquet, .csv.gz, "
-                f".mf4, .mcap, .log or .blf",
-                click.get_current_context(),
-            )
-
-
-def is_table(path: Path) -> bool:
-    """Return whether the name ends as those of files for estimates do."""
-    return path.name.lower().endswith(_TABLE_ENDINGS)
+        if job.output is not None:
+            refuse_other_formats(job.output, "-o")
 
 
 def with_outputs(jobs: list[Job], outputs: Outputs, config: Config) -> list[Job]:
@@ -81,7 +71,7 @@ def with_outputs(jobs: list[Job], outputs: Outputs, config: Config) -> list[Job]
 
         columns = checked([name.strip() for name in outputs.columns.split(",") if name.strip()])
         jobs = [replace(job, columns=columns) for job in jobs]
-    if outputs.output is not None and outputs.output.lower().endswith((".log", ".blf")):
+    if outputs.output is not None and outputs.output.lower().endswith(FRAME_ENDINGS):
         from canest.node.broadcast_log import RecordedLog, open_broadcast_log  # as above
 
         beside = [RecordedLog(job.log, job.channel) if outputs.with_frames else None for job in jobs]
@@ -95,7 +85,7 @@ def with_outputs(jobs: list[Job], outputs: Outputs, config: Config) -> list[Job]
         )
     output, report = outputs.output, outputs.report
     if len(jobs) > 1:
-        _refuse_a_file("-o", output, _TABLE_ENDINGS)
+        _refuse_a_file("-o", output, ESTIMATE_ENDINGS)
         _refuse_a_file("--report", report, (".html", ".htm"))
     # one log into one file, the usual case, does without the processes that `canest.batch.pool` brings
     if len(jobs) > 1 or (output is not None and (output.endswith("/") or Path(output).is_dir())):

@@ -51,9 +51,10 @@ def command(
     if log_estimates is not None:
         changes.append(f"service.log_estimates={_quoted(log_estimates)}")
 
-    from canest.cli.output_conflicts import config_files, keep_apart, require_files, require_writable
+    from canest.config.database_files import config_files
     from canest.live.daemon import Daemon
     from canest.live.mass_store import place
+    from canest.system.output_conflicts import keep_apart, require_files, require_writable
 
     def read_config() -> Config:
         return chosen.load(*changes)
@@ -66,7 +67,7 @@ def command(
         ("service.metrics_file", service.metrics_file, "RUNTIME_DIRECTORY"),
     ]
     files = [(key, place(name, folder)) for key, name, folder in written if name is not None]
-    keep_apart(config_files(chosen.name, config), files)
+    keep_apart(config_files(config), files)
     require_files(files)
     require_writable((key, path) for key, path in files if key != "service.metrics_file")
     daemon = Daemon(config, config_name=chosen.name, reload=read_config)

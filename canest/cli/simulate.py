@@ -40,11 +40,11 @@ def command(
         return 0
     if scenario is None or output is None:
         raise click.UsageError("give a SCENARIO and -o DIR, or --list", click.get_current_context())
-    from canest.cli.output_conflicts import keep_apart
     from canest.cli.progress import Share
     from canest.simulation.files import drive_paths
     from canest.simulation.reading import name_of, scenario_file
     from canest.simulation.run import simulate_to_directory
+    from canest.system.output_conflicts import keep_apart
 
     files = drive_paths(name_of(scenario), output, compress)
     keep_apart([("the scenario", scenario_file(scenario))], [("-o", path) for path in files])

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from canest.config.schema import Config
 from canest.core.errors import ConfigError
-from canest.system.shipped_files import find
+from canest.system.output_conflicts import Named
+from canest.system.shipped_files import candidates, find, is_file
 
 if TYPE_CHECKING:
     from cantools.database.can import Database
@@ -24,6 +25,16 @@ def read_databases(config: Config) -> Config:
     places = ((name, config.at(f"dbc.{i}")) for i, name in enumerate(config.dbc))
     config = config.with_databases([read_database(find("dbc", name, place)) for name, place in places])
     return _read_road(config) if config.road_map is not None else config
+
+
+def config_files(config: Config) -> list[Named]:
+    """Return the files that a config was made from, those that are still there: its own, DBCs, road map."""
+    named: list[tuple[str, str, str]] = [("the config", "configs", config.file)] if config.file else []
+    named += [(f"the DBC {name}", "dbc", name) for name in config.dbc]
+    found: list[Named] = [
+        (what, next(filter(is_file, candidates(kind, name)), None)) for what, kind, name in named
+    ]
+    return [*found, ("the road map", config.road_map)]
 
 
 def _read_road(config: Config) -> Config:

@@ -56,6 +56,11 @@ class Config(Section):
         """Keep where keys were written, for messages."""
         self._origins = origins
 
+    @property
+    def file(self) -> str:
+        """The file that it was read from, "" for none."""
+        return self._origins.file
+
     def with_databases(self, databases: Sequence[Database]) -> Config:
         """Return the same config with the databases of its `dbc` beside it, in that order.
 

@@ -15,6 +15,7 @@ from canest.interface.comparison import Comparison
 from canest.interface.diagnosis import Diagnosis
 from canest.interface.estimates import Replay, columns_of, estimates_of
 from canest.interface.inputs import LogFile, log_of
+from canest.interface.outputs import output_of
 from canest.interface.signals import Signals
 from canest.logs.truth import Truth, read_truth
 from canest.offline.replay import compiling_pays, replay
@@ -42,13 +43,14 @@ def replayed(
     after_s: float,
     channel: str | None,
     output: str | Path | None,
+    given: Any = None,
 ) -> Replay:
-    """Replay a log and keep what was estimated."""
+    """Replay a log and keep what was estimated. given: what the config of a table was made from."""
     collector = _Collector()
     result = replay(
         log,
         config,
-        output=output,
+        output=output_of(output, log, truth, config, given) if output is not None else None,
         reference=Reference(_truth(truth), mass_kg, after_s),
         listener=collector,
         channel=channel,

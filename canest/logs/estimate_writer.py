@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from canest.core.errors import OutputError
+from canest.core.errors import OutputError, UsageError
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS
 from canest.logs import text_fields as text
@@ -22,10 +22,28 @@ if TYPE_CHECKING:
 
 
 HEADER = b"t_s,mass_kg,mass_std_kg,grade,grade_std,status,gate\n"
+#: of files that hold estimates as frames
+FRAME_ENDINGS = (".log", ".blf")
+#: of files that hold estimates
+ESTIMATE_ENDINGS = (".csv", ".csv.gz", ".parquet", ".mf4", ".mcap", ".txt", *FRAME_ENDINGS)
 _ROWS_AT_ONCE = 1 << 13
 _GZIP, _GZIP_LEVEL = 31, 6  #: of zlib: a gzip file
 #: rows of one parquet row group
 _ROW_GROUP = 1 << 17
+
+
+def refuse_other_formats(path: Path, where: str) -> None:
+    """Refuse a name that ends as those of another format do (.xlsx): it would hold csv all the same.
+
+    A name without an ending (x, /dev/stdout) is taken, for csv. Errors: UsageError.
+    """
+    if path.suffix and not path.name.lower().endswith(ESTIMATE_ENDINGS):
+        raise UsageError(
+            "no format of estimates",
+            where=where,
+            found=str(path),
+            expected="a name that ends in .csv or .parquet, .csv.gz, .mf4, .mcap, .log or .blf",
+        )
 
 
 def open_writer(path: str | Path, more: Decimals | None = None) -> EstimateWriter:

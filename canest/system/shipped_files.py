@@ -20,20 +20,25 @@ def find(kind: str, name: str, where: str = "") -> Path:
 
     where: the key that names the file. Errors: ConfigError that lists the shipped names.
     """
-    folder = shipped(kind)
-    candidates = [Path(name), folder / name]
-    if kind == "configs" and not name.endswith((".yaml", ".yml")):
-        candidates.append(folder / f"{name}.yaml")
-    for path in candidates:
+    for path in candidates(kind, name):
         if is_file(path):
             return path
-    names = ", ".join(sorted(p.name for p in folder.glob("*") if p.is_file()))
+    names = ", ".join(sorted(p.name for p in shipped(kind).glob("*") if p.is_file()))
     raise ConfigError(
         f"no such {kind.removesuffix('s')} file",
         where=where or name,
         found=name if where else None,
         expected=f"a path or a shipped name ({names})",
     )
+
+
+def candidates(kind: str, name: str) -> list[Path]:
+    """Return where the file ``name`` may be, in order."""
+    folder = shipped(kind)
+    places = [Path(name), folder / name]
+    if kind == "configs" and not name.endswith((".yaml", ".yml")):
+        places.append(folder / f"{name}.yaml")
+    return places
 
 
 def is_file(path: Path) -> bool:

@@ -189,7 +189,7 @@ class TestLogs:
     def test_estimates_are_written_in_no_format_but_their_own(self, canest, tmp_path, name):
         done = canest("replay", KENWORTH, "-c", "kenworth", "-o", tmp_path / name)
         assert done.code == 2
-        assert f"{name}, expected one that ends in .csv or .parquet" in one_line(done)
+        assert f"{name}', expected a name that ends in .csv or .parquet" in one_line(done)
         assert not list(tmp_path.iterdir())
 
     def test_no_log_at_all(self, canest, tmp_path):

@@ -6,22 +6,11 @@ import os
 import stat
 from collections.abc import Hashable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from canest.core.errors import UsageError
 from canest.system.atomic_file import require_regular
-from canest.system.shipped_files import find
-
-if TYPE_CHECKING:
-    from canest.config import Config
 
 Named = tuple[str, Path | str | None]  #: an option or argument, and the file it names
-
-
-def config_files(config_name: str, config: Config) -> list[Named]:
-    """Return the file of a config and its DBC files. Errors: ConfigError for one that is missing."""
-    databases = [(f"the DBC {name}", find("dbc", name, config.at("dbc"))) for name in config.dbc]
-    return [("the config", find("configs", config_name)), *databases]
 
 
 def keep_apart(inputs: Iterable[Named], outputs: Iterable[Named]) -> None:

@@ -1,0 +1,35 @@
+"""The file that a caller wants estimates in: never one that they were made from."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from canest.config.database_files import config_files
+from canest.config.schema import Config
+from canest.logs.estimate_writer import FRAME_ENDINGS, refuse_other_formats
+from canest.offline.replay import Output
+from canest.system.output_conflicts import keep_apart
+
+
+def output_of(path: str | Path, log: Any, truth: Any, config: Config, given: Any) -> Output:
+    """Return the file for estimates of a log, in the format that its name ends with.
+
+    log, truth: as the caller gave them. config: in use. given: the one that it was made from, if another.
+    Errors: UsageError for a file that is one of them, or of no format of estimates.
+    """
+    path = Path(path)
+    inputs = config_files(config) + (config_files(given) if isinstance(given, Config) else [])
+    inputs += [
+        (f"the {what} {given}", given)
+        for what, given in (("log", log), ("truth", truth))
+        if isinstance(given, str | Path)
+    ]
+    keep_apart(inputs, [("output", path)])
+    refuse_other_formats(path, "output")
+    if not path.name.lower().endswith(FRAME_ENDINGS):
+        return Output(path)
+    from canest.node.broadcast_log import open_broadcast_log  # wanted for logs of frames alone
+
+    return Output(path, opened=partial(open_broadcast_log, config.broadcast, None))
