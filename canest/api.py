@@ -130,8 +130,8 @@ def estimate(
     Returns:
         `Replay`; its `config` is the one that was used.
 
-    Errors: LogError for what is no table or has no time; ConfigError where no torque or speed is among the
-        columns, or a unit does not fit; else as `replay`.
+    Errors: LogError for what is no table, has no time, or has rows out of order or 5 s apart; ConfigError
+        where no torque or speed is among the columns, or a unit does not fit; else as `replay`.
 
     Example:
         >>> import canest

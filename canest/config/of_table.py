@@ -10,7 +10,7 @@ from canest.config.load import validated
 from canest.config.origins import Origins
 from canest.config.schema import Config
 from canest.config.sections import SLOWEST_PERIOD_S
-from canest.core.errors import ConfigError
+from canest.core.errors import ConfigError, LogError
 from canest.core.nearest_name import expected_name
 from canest.core.roles import ROLES
 from canest.vehicle.facts import Vehicle
@@ -22,6 +22,10 @@ STALE_ROWS = 2.0
 HOLD_ROWS = 3.0
 _HOLD_S = 2.0
 _SHOWN = 12
+#: rows so far apart show no launch and no stop, s: those of 200 Hz are, if they are stamped in milliseconds
+NO_ROWS_S = 5.0
+#: what times may be in -> the largest step from row to row that speaks for it (1 s)
+_UNITS = (("milliseconds", 1e3), ("microseconds", 1e6))
 
 
 def config_of_table(
@@ -35,7 +39,8 @@ def config_of_table(
     columns: names. step_s: time from row to row, in s; rows of slow tables are joined by lines, and count for
     two rows at least.
     units: role -> unit of its column, where that is not the role's own.
-    Errors: ConfigError where no column has a name that means anything, or units name another.
+    Errors: ConfigError where no column has a name that means anything, or units name another; LogError
+    where rows are too far apart to be seconds.
     """
     config = given if isinstance(given, Config) else None
     if config is not None and any(source.column in columns for source in config.signals.values()):
@@ -55,6 +60,7 @@ def config_of_table(
         if role not in roles:
             expected = expected_name(role, roles, "a role among the columns")
             raise ConfigError("unknown column", where="units", found=role, expected=expected)
+    _refuse_other_times(step_s)
     raw: dict[str, Any] = {"vehicle": given}
     if config is not None:
         raw = {name: getattr(config, name) for name in Config.model_fields}
@@ -66,6 +72,19 @@ def config_of_table(
     hold_s = max(sampling.get("hold_s", _HOLD_S), HOLD_ROWS * step_s)
     raw["sampling"] = {**sampling, "hold_s": hold_s}
     return validated(raw, Origins())
+
+
+def _refuse_other_times(step_s: float) -> None:
+    """Refuse rows that are so far apart that the times are in another unit, or say nothing of a motion."""
+    if step_s < NO_ROWS_S:
+        return
+    unit = next((name for name, most in _UNITS if step_s <= most), "nanoseconds")
+    raise LogError(
+        f"the rows are too far apart, or their times are in {unit}",
+        where="table",
+        found=f"{step_s:g} s from row to row",
+        expected=f"times in seconds, less than {NO_ROWS_S:g} s from row to row",
+    )
 
 
 def _source(role: str, step_s: float, unit: str | None) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from canest.config.load import load_config
 from canest.config.of_table import config_of_table
 from canest.config.schema import Config
 from canest.config.sections import EstimatorSection
-from canest.core.errors import ConfigError, UsageError
+from canest.core.errors import ConfigError, LogError, UsageError
 from canest.core.frames import FrameBlock
 from canest.estimators.registry import require_known
 from canest.interface.simulated_drive import SimulatedDrive
@@ -21,6 +21,9 @@ from canest.logs.cells import seconds_of
 from canest.logs.memory import FrameLog, MemoryLog
 from canest.logs.table_in_memory import TableLog
 from canest.vehicle import facts
+
+#: share of rows earlier than the one before, up to which they count as in order
+_MOST_BACKWARD = 0.1
 
 LogFile = str | Path | MemoryLog
 
@@ -76,13 +79,24 @@ def log_and_config(
 
 
 def _step_s(log: TableLog, time_column: str) -> float:
-    """Return the usual time from row to row, 0 where it cannot be had."""
+    """Return the usual time from row to row, 0 where it cannot be had.
+
+    Errors: LogError for rows that are not in the order of time.
+    """
     if not log.holds_time(time_column):
         return 0.0  # reading it raises the error
     cells = log.column(time_column, time_column)
     times = np.array([seconds_of(cell) for cell in cells], float) if isinstance(cells, list) else cells
-    steps = np.diff(times)
-    steps = steps[np.isfinite(steps) & (steps > 0)]
+    steps = np.diff(times[np.isfinite(times)])
+    backward = int((steps < 0).sum())
+    if backward > _MOST_BACKWARD * len(steps):  # a clock is set back now and then, no more
+        raise LogError(
+            "the rows are not in the order of time",
+            where=f"{log.name}: column {time_column}",
+            found=f"{backward:,} of {len(times):,} that are earlier than the row before",
+            expected="a table sorted by time (in pandas: sort_values or sort_index)",
+        )
+    steps = steps[steps > 0]
     return round(float(np.median(steps)), 6) if len(steps) else 0.0
 
 

@@ -127,6 +127,35 @@ def test_what_a_table_lacks_is_reported(change, error, text):
         canest.estimate(table, VAN)
 
 
+@pytest.mark.parametrize("config", [VAN, "class8"])
+def test_rows_out_of_order_are_reported(config):
+    shuffled = np.random.default_rng(1).permutation(4000)
+    for order in (shuffled, slice(None, None, -1)):
+        table = {name: column[order] for name, column in columns().items()}
+        text = r"table: column t_s: the rows are not in the order of time, found '\d,\d+ of 4,000 that are "
+        with pytest.raises(canest.LogError, match=text + r"earlier .* sorted by time"):
+            canest.estimate(table, config)
+
+
+def test_clock_that_is_set_back_is_no_disorder(expected):
+    of = columns()
+    of["t_s"][2000:] -= 30.0
+    result = canest.estimate(of, VAN)
+    assert result.summary["status"] == expected.summary["status"]
+
+
+@pytest.mark.parametrize(
+    ("factor", "every", "unit"),
+    [(1e3, 1, "milliseconds"), (1e3, 50, "milliseconds"), (1e6, 1, "microseconds"), (1e9, 1, "nanoseconds"),
+     (1.0, 250, "milliseconds")],
+)  # fmt: skip
+def test_times_that_are_no_seconds_are_reported(factor, every, unit):
+    table = {name: column[::every] for name, column in columns().items()}
+    table["t_s"] = table["t_s"] * factor
+    with pytest.raises(canest.LogError, match=f"or their times are in {unit}, found .* times in seconds"):
+        canest.estimate(table, VAN)
+
+
 @pytest.mark.parametrize("table", [None, 5, [1, 2], "drive.csv.missing"])
 def test_what_is_no_table_is_refused(table):
     with pytest.raises(canest.CanestError):
