@@ -19,6 +19,7 @@ REMOTE = 0x4000_0000  #: flag in `can_id`: remote transmission request
 ERROR = 0x2000_0000  #: flag in `can_id`: error frame
 ID_MASK = 0x1FFF_FFFF  #: the 29 identifier bits
 _STANDARD_MAX = 0x7FF
+_MOST_BYTES = 64  #: of CAN FD
 
 IntColumn = NDArray[np.int64]
 FloatColumn = NDArray[np.float64]
@@ -113,7 +114,8 @@ class FrameBlock:
         or uint8 (n, length). extended: one truth value, or (n,): whether an identifier has 29 bits; by
         default those above 0x7FF do.
 
-        Errors: UsageError for columns of different lengths, or a number that is no identifier or time.
+        Errors: UsageError for columns of different lengths, text, too long a payload, or a number that is no
+        identifier or time.
 
         Example:
             >>> import canest
@@ -121,14 +123,20 @@ class FrameBlock:
             >>> len(block), block.length.tolist()
             (2, [8, 2])
         """
-        seconds, numbers = np.asarray(t_s, np.float64), np.asarray(can_id, np.int64)
-        payloads = [bytes(payload) for payload in data]
+        try:
+            seconds, numbers = np.asarray(t_s, np.float64), np.asarray(can_id, np.int64)
+            payloads = [bytes(payload) for payload in data]
+        except (TypeError, ValueError, OverflowError) as error:
+            expected = "seconds, whole numbers and bytes"
+            raise UsageError("no columns of frames", found=str(error), expected=expected) from None
         if not seconds.ndim == numbers.ndim == 1 or not len(seconds) == len(numbers) == len(payloads):
             raise UsageError(
                 "columns of frames do not fit together",
                 found=f"shapes {seconds.shape}, {numbers.shape} and {len(payloads)} payloads",
                 expected="one length",
             )
+        if max(map(len, payloads), default=0) > _MOST_BYTES:
+            raise UsageError("data of a frame is too long", expected=f"at most {_MOST_BYTES} bytes")
         if not np.isfinite(seconds).all():
             raise UsageError("t_s of a frame is no number", expected="seconds")
         if ((numbers < 0) | (numbers > ID_MASK)).any():

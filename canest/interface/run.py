@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
 from canest.config.database_files import read_databases
 from canest.config.schema import Config
 from canest.core import jit
+from canest.core.errors import UsageError
 from canest.core.estimates import Estimates
 from canest.core.samples import EstimateBlock, ModelBlock
 from canest.interface.comparison import Comparison
@@ -17,9 +20,12 @@ from canest.interface.estimates import Replay, columns_of, estimates_of
 from canest.interface.inputs import LogFile, log_of
 from canest.interface.outputs import output_of
 from canest.interface.signals import Signals
-from canest.logs.truth import Truth, read_truth
+from canest.logs.truth import read_truth
 from canest.offline.replay import compiling_pays, replay
 from canest.offline.scoring import Reference
+
+#: a mass given in tonnes is the mistake to catch, as on the command line
+LEAST_MASS_KG = 50.0
 
 
 class _Collector:
@@ -51,7 +57,7 @@ def replayed(
         log,
         config,
         output=output_of(output, log, truth, config, given) if output is not None else None,
-        reference=Reference(_truth(truth), mass_kg, after_s),
+        reference=_reference(truth, mass_kg, after_s),
         listener=collector,
         channel=channel,
     )
@@ -73,9 +79,11 @@ def compared(
     from canest.estimators.registry import require_known
     from canest.offline.compare import compare
 
+    if isinstance(names, str) or (names is not None and not isinstance(names, Iterable)):
+        raise UsageError("no list", where="estimators", found=names, expected="a list of names")
     for name in names or ():
         require_known(name, where="estimators")
-    reference = Reference(_truth(truth), mass_kg, after_s)
+    reference = _reference(truth, mass_kg, after_s)
     found = compare(config, log, reference=reference, names=names, channel=channel)
     estimates = {name: estimates_of(e) for name, e in found.estimates.items()}
     return Comparison(found.table, estimates, found.true_mass_kg, found.true_grade, found.speed_mps)
@@ -95,6 +103,7 @@ def diagnosed(
     from canest.diagnosis.report.revised_config import revised_config
     from canest.diagnosis.run import diagnose
 
+    _require_number("mass_kg", mass_kg, LEAST_MASS_KG, "kg ")
     paths = [Path(log) if isinstance(log, str) else log for log in logs]
     files = [log_of(truth) if truth is not None else None for truth in truths]
     jit.enable(compiling_pays(paths, passes))
@@ -125,5 +134,13 @@ def signals_of(log: LogFile, config: Config, channel: str | None) -> Signals:
     return Signals(t_us / 1e6, values)
 
 
-def _truth(given: Any) -> Truth | None:
-    return None if given is None else read_truth(log_of(given))
+def _reference(truth: Any, mass_kg: float | None, after_s: float) -> Reference:
+    """Return what estimates are compared with. Errors: UsageError for what is no mass or time, LogError."""
+    _require_number("mass_kg", mass_kg, LEAST_MASS_KG, "kg ")
+    _require_number("after_s", after_s, 0.0)
+    return Reference(read_truth(log_of(truth)) if truth is not None else None, mass_kg, after_s)
+
+
+def _require_number(name: str, value: object, least: float, unit: str = "") -> None:
+    if value is not None and not (isinstance(value, Real) and least <= float(value) < math.inf):
+        raise UsageError("no such number", where=name, found=value, expected=f"{least:g} {unit}or more")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from canest.core.errors import UsageError
 from canest.core.frames import FrameBlock
 from canest.interface.estimates import Estimates, estimates_of
 from canest.interface.inputs import config_of
@@ -48,7 +49,13 @@ class Pipeline:
         return self._inner.gate_counts
 
     def push(self, frames: FrameBlock) -> Estimates:
-        """Take the next frames, in order of arrival; return the estimates that they complete (0 or more)."""
+        """Take the next frames, in order of arrival; return the estimates that they complete (0 or more).
+
+        Errors: UsageError for what is no `FrameBlock`; `FrameBlock.from_messages` takes python-can's.
+        """
+        if not isinstance(frames, FrameBlock):
+            found, expected = type(frames).__name__, "a FrameBlock, as of FrameBlock.from_messages"
+            raise UsageError("no frames", where="push", found=found, expected=expected)
         return estimates_of(self._inner.push(frames))
 
     def advance_to(self, t_s: float) -> Estimates:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ModelWrapValidatorHandler, ValidationError, model_validator
 
 from canest.config.load import explained
 from canest.config.origins import Origins
+from canest.core.errors import ConfigError
 from canest.vehicle import facts
+
+_EXAMPLE = "facts by name, mass_max_kg=3500"
 
 
 class Vehicle(facts.Vehicle):
@@ -34,6 +37,15 @@ class Vehicle(facts.Vehicle):
         >>> van.final_drive
         3.9
     """
+
+    if not TYPE_CHECKING:  # checkers know the facts by name
+
+        def __init__(self, *unnamed: object, **facts: object) -> None:
+            if unnamed:
+                raise ConfigError(
+                    "a fact without a name", where="vehicle", found=unnamed[0], expected=_EXAMPLE
+                )
+            super().__init__(**facts)
 
     @model_validator(mode="wrap")
     @classmethod

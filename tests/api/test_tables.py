@@ -204,6 +204,61 @@ def test_facts_of_a_vehicle_are_checked(facts, text):
         canest.Vehicle(**(VAN.model_dump() | facts))
 
 
+def test_fact_without_a_name_is_refused():
+    with pytest.raises(
+        canest.ConfigError, match="vehicle: a fact without a name, found 3500, expected facts by"
+    ):
+        canest.Vehicle(3500)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"mass_kg": -5}, "mass_kg: no such number, found -5, expected 50 kg or more"),
+        ({"mass_kg": 3.5}, "mass_kg: no such number, found 3.5"),
+        ({"mass_kg": float("nan")}, "mass_kg: no such number, found nan"),
+        ({"mass_kg": "3000"}, "mass_kg: no such number, found '3000'"),
+        ({"mass_kg": 3000, "after_s": -1}, "after_s: no such number, found -1, expected 0 or more"),
+    ],
+)
+def test_what_is_no_true_mass_is_refused(arguments, text):
+    with pytest.raises(canest.UsageError, match=text):
+        canest.estimate(columns(), VAN, **arguments)
+    with pytest.raises(canest.UsageError, match=text):
+        canest.compare(columns(), VAN, **arguments)
+
+
+def test_mass_of_a_diagnosis_is_checked():
+    with pytest.raises(canest.UsageError, match="mass_kg: no such number, found -5"):
+        canest.diagnose(columns(), VAN, mass_kg=-5)
+
+
+@pytest.mark.parametrize("estimators", ["canest", 5])
+def test_estimators_to_compare_are_a_list(estimators):
+    with pytest.raises(canest.UsageError, match=r"estimators: no list, found .*, expected a list of names"):
+        canest.compare(columns(), VAN, mass_kg=3000, estimators=estimators)
+
+
+@pytest.mark.parametrize("frames", [None, [], b""])
+def test_pipeline_takes_frames_alone(frames):
+    with pytest.raises(canest.UsageError, match=r"push: no frames, found .* FrameBlock.from_messages"):
+        canest.Pipeline("class8").push(frames)
+
+
+@pytest.mark.parametrize(
+    ("t_s", "can_id", "data", "text"),
+    [
+        ([0.0], ["0x1"], [b""], "no columns of frames, found .*0x1.*, expected seconds, whole numbers and"),
+        (["x"], [1], [b""], "no columns of frames"),
+        ([0.0], [1], ["ab"], "no columns of frames"),
+        ([0.0], [1], [bytes(65)], "data of a frame is too long, expected at most 64 bytes"),
+    ],
+)
+def test_what_is_no_column_of_frames_is_refused(t_s, can_id, data, text):
+    with pytest.raises(canest.UsageError, match=text):
+        canest.FrameBlock.from_arrays(t_s, can_id, data)
+
+
 def test_frames_of_messages_and_of_arrays_are_the_same():
     import can
 
