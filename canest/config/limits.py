@@ -33,8 +33,29 @@ def read_text(path: Path) -> str:
             content = file.read(MOST_BYTES + 1)
         _refuse_size(len(content), str(path))
         return content.decode("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise ConfigError(
+            "cannot be read, its letters are not UTF-8",
+            where=f"{path}:{line}",
+            found=f"byte 0x{content[error.start]:02x}",
+            expected="a file saved as UTF-8",
+        ) from error
+    except OSError as error:
         raise ConfigError(f"cannot be read ({error})", where=str(path)) from error
+
+
+def mistake_in_yaml(error: Exception, text: str) -> tuple[str, str]:
+    """Return what is wrong with YAML, and its line as ":7", "" where that is not known."""
+    problem, mark = str(getattr(error, "problem", None) or error), getattr(error, "problem_mark", None)
+    if mark is None:
+        return problem, ""
+    lines = text.split("\n")
+    line = lines[mark.line] if mark.line < len(lines) else ""
+    indentation = line[: len(line) - len(line.lstrip())]
+    if "\t" in indentation or line[mark.column : mark.column + 1] == "\t":
+        problem = "a tab: only spaces may indent a line"
+    return problem, f":{mark.line + 1}"
 
 
 def refuse_excess(text: str, where: str) -> None:

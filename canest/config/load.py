@@ -10,7 +10,7 @@ import yaml
 from pydantic import ValidationError
 
 from canest.config.database_files import read_databases
-from canest.config.limits import LOADER, read_text, refuse_depth, refuse_excess
+from canest.config.limits import LOADER, mistake_in_yaml, read_text, refuse_depth, refuse_excess
 from canest.config.origins import KeyPath, Origins, lines_of
 from canest.config.schema import Config
 from canest.core.errors import ConfigError
@@ -62,11 +62,8 @@ def parse_config(
         refuse_excess(text, where)
         raw, lines = _sections(text, where)
     except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f":{mark.line + 1}" if mark else ""
-        raise ConfigError(
-            f"not valid YAML ({getattr(error, 'problem', error)})", where=where + line
-        ) from error
+        problem, line = mistake_in_yaml(error, text)
+        raise ConfigError(f"not valid YAML ({problem})", where=where + line) from error
     except ValueError as error:  # e.g. an impossible date
         raise ConfigError(f"not valid YAML ({error})", where=where) from error
     except RecursionError as error:

@@ -17,7 +17,7 @@ from typing import Any
 
 import yaml
 
-from canest.config.limits import LOADER, refuse_excess
+from canest.config.limits import LOADER, mistake_in_yaml, refuse_excess
 from canest.core.errors import ConfigError
 from canest.fleet.source import fits
 
@@ -115,7 +115,8 @@ def _yaml_rows(text: str, where: str) -> Iterator[tuple[str, dict[str, str]]]:
         refuse_excess(text, where)
         content = yaml.load(text, Loader=LOADER)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ConfigError(f"not valid YAML ({getattr(error, 'problem', error)})", where=where) from None
+        problem, line = mistake_in_yaml(error, text)
+        raise ConfigError(f"not valid YAML ({problem})", where=where + line) from None
     if isinstance(content, list):
         content = {"logs": content}
     if not isinstance(content, Mapping) or not content.keys() <= {"logs", "vins"}:

@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from canest.config.limits import read_text, refuse_excess
+from canest.config.limits import mistake_in_yaml, read_text, refuse_excess
 from canest.config.origins import KeyPath, lines_of
 from canest.core.errors import ConfigError
 from canest.core.validation import first_mistake
@@ -54,9 +54,8 @@ def load_scenario(source: Scenario | dict[str, Any] | str | Path) -> Scenario:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
         data = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError) as error:
-        mark = getattr(error, "problem_mark", None)
-        place = f"{path}:{mark.line + 1}" if mark else str(path)
-        raise ConfigError(f"not readable as YAML ({getattr(error, 'problem', error)})", where=place) from None
+        problem, line = mistake_in_yaml(error, text)
+        raise ConfigError(f"not readable as YAML ({problem})", where=f"{path}{line}") from None
     if not isinstance(node, yaml.MappingNode):
         raise ConfigError("not a scenario", where=str(path), expected="a mapping of keys")
     return _validated(data, str(path), lines_of(node, str(path)))

@@ -143,6 +143,8 @@ def test_a_mistake_names_its_line_and_key(old: str, new: str, key: str, words: s
         ("vehicle: {name: x}\nvehicle: {name: y}\n", "truck.yaml:2: ", "key given twice: vehicle"),
         ("vehicle:\n  t: 2001-99-99\n", "truck.yaml: ", "not valid YAML"),
         ("\x00", "truck.yaml: ", "not valid YAML"),
+        ("vehicle:\n\tname: a\n", "truck.yaml:2: ", "a tab: only spaces may indent a line"),
+        ("vehicle:\n  name: a\n\tkey: b\n", "truck.yaml:3: ", "a tab: only spaces may indent a line"),
         ("[" * 30 + "]" * 30, "truck.yaml", "holds no sections"),
         ("[" * 5000 + "]" * 5000, "truck.yaml", "nested too deeply"),
         ("a: &x [*x]", "truck.yaml:1: ", "a: unknown key"),
@@ -267,7 +269,15 @@ def test_a_file_that_is_not_there_lists_what_ships(tmp_path: Path) -> None:
 def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "binary.yaml"
     path.write_bytes(b"\xff\xfe\x00\x81" * 10)
-    with pytest.raises(ConfigError, match=r"binary\.yaml: cannot be read"):
+    with pytest.raises(ConfigError, match=r"binary\.yaml:1: cannot be read"):
+        load_config(path)
+
+
+def test_letters_that_are_no_utf_8_are_shown_with_their_line(tmp_path: Path) -> None:
+    path = tmp_path / "latin.yaml"
+    path.write_bytes("vehicle:\n  name: Größe\n".encode("latin-1"))
+    text = r"latin\.yaml:2: .* not UTF-8, found 'byte 0xf6', expected a file saved as UTF-8"
+    with pytest.raises(ConfigError, match=text):
         load_config(path)
 
 
