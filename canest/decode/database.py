@@ -6,6 +6,7 @@ needs no bus.
 
 from __future__ import annotations
 
+import codecs
 import difflib
 import importlib
 import io
@@ -43,9 +44,11 @@ def parse(content: bytes, suffix: str, where: str) -> Database:
     Errors: ConfigError for what is no database, is beyond any limit, or has no CAN messages.
     """
     file_format = suffix[1:].lower()
+    marked = content.startswith(codecs.BOM_UTF8)  # an editor saved the file as UTF-8
+    content = content.removeprefix(codecs.BOM_UTF8)
     refuse_excess(content, file_format, where)
     cantools_database = _cantools_database()
-    encoding = "cp1252" if file_format in _WINDOWS_FORMATS else "utf-8"
+    encoding = "cp1252" if file_format in _WINDOWS_FORMATS and not marked else "utf-8"
     overlaps: list[str] = []
 
     def load(strict: bool) -> Any:

@@ -44,6 +44,17 @@ def test_loading_imports_no_bus_and_leaves_cantools_whole():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+def test_a_mark_of_utf_8_at_the_begin_does_no_harm(tmp_path):
+    path = tmp_path / "own.dbc"
+    text = 'BO_ 291 EEC1: 8 X\n SG_ EngSpeed : 0|8@1+ (1,0) [0|0] "°C" X\n'
+    for encoding in ("utf-8-sig", "cp1252"):
+        path.write_bytes(text.encode(encoding))
+        assert find_signal([read_database(path)], "EEC1", "EngSpeed")[1].unit == "°C"
+    path.write_bytes(("BO_ 291 EEC1: 99999999 X\n").encode("utf-8-sig"))
+    with pytest.raises(ConfigError, match="message too long"):
+        read_database(path)
+
+
 def test_missing_file(tmp_path):
     with pytest.raises(ConfigError, match=r"nowhere\.dbc: cannot read database.*No such file"):
         read_database(tmp_path / "nowhere.dbc")
