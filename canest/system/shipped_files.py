@@ -24,8 +24,9 @@ def find(kind: str, name: str, where: str = "") -> Path:
         if is_file(path):
             return path
     names = ", ".join(sorted(p.name for p in shipped(kind).glob("*") if p.is_file()))
+    what = f"{kind.removesuffix('s')} file"
     raise ConfigError(
-        f"no such {kind.removesuffix('s')} file",
+        f"is a directory, not a {what}" if _is_directory(Path(name)) else f"no such {what}",
         where=where or name,
         found=name if where else None,
         expected=f"a path or a shipped name ({names})",
@@ -46,4 +47,11 @@ def is_file(path: Path) -> bool:
     try:
         return path.is_file()
     except OSError:  # a name too long, or a folder that may not be entered
+        return False
+
+
+def _is_directory(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):  # as above
         return False

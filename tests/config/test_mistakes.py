@@ -266,6 +266,14 @@ def test_a_file_that_is_not_there_lists_what_ships(tmp_path: Path) -> None:
             load_config(name)
 
 
+def test_a_directory_is_not_said_to_be_missing(tmp_path: Path) -> None:
+    (tmp_path / "dir.dbc").mkdir()
+    with pytest.raises(ConfigError, match="is a directory, not a config file, expected a path or"):
+        load_config(tmp_path)
+    with pytest.raises(ConfigError, match=r"dbc\.0: is a directory, not a dbc file, found '.*dir\.dbc'"):
+        load_config("class8", [f"dbc=['{tmp_path / 'dir.dbc'}']"])
+
+
 def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "binary.yaml"
     path.write_bytes(b"\xff\xfe\x00\x81" * 10)
