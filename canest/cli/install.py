@@ -26,15 +26,17 @@ def command(write: bool, config_name: str | None, name: str | None, root: str, f
     """Print the systemd unit, or install it together with a config."""
     from canest.live.install import databases_of, install, unit_text
 
+    if config_name is not None:
+        from canest.pipeline.pipeline import Pipeline
+
+        Pipeline(load(config_name))  # a config that is refused must not become a service
     if not write:
         print(unit_text(), end="")
         return
     path, databases = None, {}
     if config_name is not None:
-        from canest.pipeline.pipeline import Pipeline
         from canest.system.shipped_files import find
 
-        Pipeline(load(config_name))  # a config that is refused must not become a service
         path = find("configs", config_name)
         databases = databases_of(path)
     done = install(path, name, Path(root), databases, force=force)

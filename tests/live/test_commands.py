@@ -230,6 +230,7 @@ def test_a_daemon_imports_neither_what_is_heavy_nor_what_cannot_run_hardened(tmp
         (["monitor", "udp_multicast:10.0.0.1"], 2, "no multicast group"),
         (["run", "-c", "vcan", "--set", "bus.interface=udp_multicast"], 2, "bus.channel: no multicast group"),
         (["install-service", "--install", "-c", "no-such-config"], 2, "no-such-config"),
+        (["install-service", "-c", "no-such-config"], 2, "no-such-config"),
     ],
 )
 def test_every_mistake_is_one_line_and_the_right_exit_code(capsys, arguments, code, expected):
