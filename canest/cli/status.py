@@ -17,11 +17,14 @@ EPILOG = """\b
 Examples:
   canest status                         every daemon of this machine
   canest status -c my-truck.yaml        the daemon of this config, also where the file is wrong by now
+                                        (started with --set bus.channel=... it is found without -c)
   canest status --json
 
 Exits 1 when no daemon answers.
 """
 
+#: `run --set bus.channel=...` puts the socket where the file alone does not lead
+_WITHOUT_CONFIG = "a daemon that was started with other settings (--set) is found by canest status without -c"
 _ELSEWHERE = "--socket PATH asks one in another place (status-CHANNEL.sock in its service.state_dir)"
 
 
@@ -62,6 +65,8 @@ def command(config_name: str | None, socket_name: str | None, as_json: bool, ver
             _print_last_learned(config)
     for problem in problems:
         click.echo(problem, err=True)
+    if config is not None and socket_name is None and not answers:
+        click.echo(_WITHOUT_CONFIG, err=True)
     if not paths:
         click.echo(
             f"no daemon is running here; {_ELSEWHERE}",

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from canest.cli.main import run
+from canest.system.shipped_files import shipped
 from canest.telemetry.status_socket import StatusServer, running_sockets
 
 
@@ -44,6 +45,24 @@ def test_a_daemon_whose_config_file_is_broken_answers_all_the_same(daemon, broke
     assert [answer["pid"] for answer in json.loads(captured.out)] == [7]
     assert captured.err.startswith(f"warning: {broken}:") and "not valid YAML" in captured.err
     assert run(["status", "-c", str(broken), "--socket", str(daemon.path), "--json"]) == 0
+
+
+def test_a_daemon_on_another_channel_than_the_file_says_is_hinted_at(tmp_path, capsys):
+    config = tmp_path / "quiet.yaml"
+    text = (shipped("configs") / "vcan.yaml").read_text()
+    for old, new in (
+        ('learn: "on"', f"state_dir: '{tmp_path / 'own'}'"),
+        ("channel: vcan0", "channel: no_0"),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    config.write_text(text)
+    assert run(["status", "-c", str(config)]) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert "no daemon (no such socket)" in lines[0]
+    assert lines[1].endswith("(--set) is found by canest status without -c")
+    run(["status", "--socket", str(tmp_path / "none.sock"), "-c", str(config)])
+    assert "without -c" not in capsys.readouterr().err
 
 
 def test_daemons_of_other_configs_are_not_shown_for_a_broken_one(daemon, broken, capsys):
