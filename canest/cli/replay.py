@@ -61,7 +61,7 @@ class Playback(NamedTuple):
     "--output",
     metavar="PATH",
     help="Estimates as .csv, .csv.gz, .parquet, .mf4, .mcap, or the frames that a daemon would send as .log "
-    "or .blf; a directory for several logs.",
+    "or .blf; a name without an ending holds csv. For several logs a directory (of one log: DIR/).",
 )
 @click.option(
     "--with-frames",

@@ -74,6 +74,14 @@ def test_the_end_of_the_name_is_the_format(log, tmp_path):
     assert gzip.decompress((tmp_path / "est.csv.gz").read_bytes()) == (tmp_path / "est.csv").read_bytes()
 
 
+def test_a_name_without_an_ending_is_a_csv_as_the_help_says(log, tmp_path):
+    for name in ("est.csv", "est"):
+        replay(log, "-o", tmp_path / name)
+    assert (tmp_path / "est").read_bytes() == (tmp_path / "est.csv").read_bytes()
+    shown = " ".join(CliRunner().invoke(command, ["--help"]).output.split())
+    assert "a name without an ending holds csv" in shown
+
+
 @pytest.mark.skipif(importlib.util.find_spec("asammdf") is None, reason="asammdf (extra: formats)")
 def test_an_mf4_has_the_same_columns(log, tmp_path):
     from asammdf import MDF
