@@ -36,7 +36,8 @@ def load_config(config: str | Path, overrides: Mapping[str, object] | None = Non
     Args:
         config: path of a YAML file, or a shipped name: "class8", "class8-j1587", "kenworth", "bmw-i3",
             "ztbus", "obd-car", "testcar", "vcan".
-        overrides: dotted key -> value, as `--set` of the command line; None takes a key away.
+        overrides: dotted key -> value, as `--set` of the command line. None takes a signal away
+            ("signals.altitude"), and is a value where docs/config.md has null.
 
     Returns:
         The config: validated, immutable.

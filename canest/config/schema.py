@@ -14,7 +14,7 @@ from canest.config.origins import Origins
 from canest.config.road_map import KeptRoadMap
 from canest.config.sections import EstimatorSection, FilterSection, Sampling, Service, Source
 from canest.core.errors import ConfigError
-from canest.core.section import Section, empty_section
+from canest.core.section import MisplacedError, Section, empty_section
 from canest.vehicle.facts import Vehicle
 from canest.vehicle.gate_settings import Gates
 
@@ -24,11 +24,25 @@ if TYPE_CHECKING:
     from canest.road.table import RoadMap
 
 
+_SHOWN = 80  #: characters of a wrong source in a message
+
+
 def _named(signals: object) -> object:
     """Leave out roles that are set to nothing: `--set signals.altitude=null` takes a signal away."""
     if isinstance(signals, dict):
+        for role, source in signals.items():
+            if isinstance(source, str):
+                raise MisplacedError(f"found {source[:_SHOWN]!r}, expected {_form(source)}", str(role))
         return {role: source for role, source in signals.items() if source is not None}
     return signals
+
+
+def _form(written: str) -> str:
+    """Return how a source is written that somebody named by a word."""
+    message, dot, signal = written.partition(".")
+    if not (dot and message.isidentifier() and signal.isidentifier()):
+        message, signal = "MESSAGE", "SIGNAL"
+    return f"{{message: {message}, signal: {signal}}} of a DBC, or {{column: NAME}} of a table"
 
 
 class Config(Section):

@@ -157,6 +157,19 @@ def test_what_is_no_config_is_refused_in_one_line(text: str, where: str, words: 
     assert words in message
 
 
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("EngData.EngTq", "found 'EngData.EngTq', expected {message: EngData, signal: EngTq} of a DBC, or"),
+        ("torque", "found 'torque', expected {message: MESSAGE, signal: SIGNAL} of a DBC, or {column: NAME}"),
+    ],
+)
+def test_a_source_that_is_one_word_is_answered_with_its_form(source: str, words: str) -> None:
+    text = TRUCK.replace("signals:\n", f"signals:\n  engine_torque: {source}\n", 1)
+    line = line_with(text, "engine_torque:")
+    assert refused(text).startswith(f"truck.yaml:{line}: signals.engine_torque: {words}")
+
+
 def test_a_cutoff_at_half_the_sampling_rate_is_refused_with_its_reason() -> None:
     text = TRUCK + "\nfilter:\n  order: 5\n  cutoff_hz: 25\n"
     message = refused(text)
