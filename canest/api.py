@@ -77,14 +77,12 @@ def replay(
         after_s: errors count from so many seconds after the first sample on.
         estimator: name of another one than the config's, with its default options (docs/estimators.md).
         channel: of a log, this interface only ("can0").
-        output: also write the estimates, in the formats of `canest replay -o` (.csv, .parquet, .mf4, ...);
-            without it no file is written.
+        output: also write the estimates, as `canest replay -o` does; without it no file is written.
 
     Returns:
         `Replay`: columns (n,) at 50 Hz, summary.
 
-    Errors: LogError, ConfigError, OutputError; UsageError for an output that is one of the inputs, or of
-    another format.
+    Errors: LogError, ConfigError, OutputError; UsageError for an output that is an input or no format.
 
     Example:
         >>> import canest
@@ -117,7 +115,7 @@ def estimate(
     holds; in tables of less than 8 Hz, columns named by roles go along lines. Where the config maps a
     column, the result is bit by bit that of `canest replay` of the same table in a .csv or .parquet file.
     Else columns are known by the names of roles, in the roles' units. The columns in use are copied once,
-    as float64.
+    as float64. An empty cell means "not available"; where it stands for the value before, fill it (ffill()).
 
     Args:
         table: pandas, polars or pyarrow table, or {name: (n,)}. Time is the column t_s (or as the config's

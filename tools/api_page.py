@@ -64,6 +64,11 @@ and gear change is half seen:
 | 1 | 2.0 % | 4.1 % |
 
 (The columns of both simulated drives as `canest.read_signals` gives them, every n-th row kept.)
+
+## Empty cells
+
+An empty cell (NaN, null) means "not available", until the column has a number again. Where each row has only what has
+changed, as after an outer join, fill the table first: `table.ffill()` of pandas.
 """
 
 _SECTIONS = ("Args:", "Returns:", "Attributes:", "Example:")

@@ -17,6 +17,7 @@ from canest.core.table_block import TableBlock
 from canest.doctor.config_warnings import config_warnings
 from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.reasons import why_unestimated
+from canest.doctor.sparse_columns import sparse_column_warnings
 from canest.doctor.warnings import stale_warnings, stream_warnings
 from canest.logs.compression import ARCHIVE_SUFFIXES
 from canest.logs.estimate_file import Decimals, EstimateWriter
@@ -146,6 +147,7 @@ def _warnings(run: LogRun, config: Config, score: Score | None) -> list[str]:
     pipeline = run.pipeline
     found = config_warnings(config) + log_warnings(run.reader) + run.table_map.warnings()
     found += stream_warnings(pipeline.intake, pipeline.stuck_ticks) + stale_warnings(config, pipeline)
+    found += sparse_column_warnings(run)
     if pipeline.updated:
         found += missing_signal_warnings(config, pipeline.intake.received)
     if warning := pipeline.estimator.contradiction():

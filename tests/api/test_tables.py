@@ -100,6 +100,23 @@ def test_pandas_own_missing_values_and_text():
     assert text in found.summary["notes"]
 
 
+def test_sparse_table_is_told_to_be_filled():
+    pd = pytest.importorskip("pandas")
+    of = pd.DataFrame(columns())
+    torque, speed = of[["t_s", "wheel_torque"]][::2], of[["t_s", "vehicle_speed"]][1::2]
+    table = torque.merge(speed, on="t_s", how="outer").sort_values("t_s")
+    summary = canest.estimate(table, VAN).summary
+    note = (
+        "columns are empty in many rows (wheel_torque 50 %, vehicle_speed 50 %), and an empty cell counts as "
+        "not available: where it stands for the value before, fill it (pandas: table.ffill())"
+    )
+    assert summary["status"] == "unestimated"
+    assert note in summary["notes"]
+    filled = canest.estimate(table.ffill(), VAN).summary
+    assert filled["status"] == "valid"
+    assert not any("empty" in found for found in filled["notes"])
+
+
 def test_table_of_one_row_or_none():
     for n in (0, 1):
         result = canest.estimate({name: column[:n] for name, column in columns().items()}, VAN)
