@@ -7,8 +7,7 @@ from typing import Any
 
 from canest.config.sections import EstimatorSection, Source
 from canest.core.errors import ConfigError
-from canest.core.nearest_name import expected_name
-from canest.core.roles import ROLES, TWO_STATE
+from canest.core.roles import ROLES, TWO_STATE, expected_role
 from canest.core.section import MisplacedError
 from canest.vehicle.facts import Vehicle
 
@@ -84,7 +83,7 @@ def _roles_known(signals: Signals, used: dict[str, int]) -> None:
         for role in unknown:
             if role in plugin_roles():
                 continue
-            expected = expected_name(role, ROLES, "a role", "docs/config.md")
+            expected = expected_role(role)
             raise MisplacedError(f"unknown role, expected {expected}", "signals", role)
     for role, i in used.items():
         if role not in signals:

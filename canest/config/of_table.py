@@ -11,8 +11,7 @@ from canest.config.origins import Origins
 from canest.config.schema import Config
 from canest.config.sections import SLOWEST_PERIOD_S
 from canest.core.errors import ConfigError, LogError
-from canest.core.nearest_name import expected_name
-from canest.core.roles import ROLES
+from canest.core.roles import ROLES, expected_role
 from canest.vehicle.facts import Vehicle
 
 #: rows further apart than this make steps that the filters let pass, s: they are joined
@@ -58,7 +57,7 @@ def config_of_table(
         )
     for role in units or ():
         if role not in roles:
-            expected = expected_name(role, roles, "a role among the columns")
+            expected = expected_role(role, roles, "a role among the columns")
             raise ConfigError("unknown column", where="units", found=role, expected=expected)
     _refuse_other_times(step_s)
     raw: dict[str, Any] = {"vehicle": given}

@@ -7,7 +7,10 @@ canest; a source in another unit of the same dimension is converted, any other u
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import NamedTuple
+
+from canest.core.nearest_name import expected_name
 
 RADPS_PER_RPM = math.pi / 30
 
@@ -140,3 +143,31 @@ TWO_STATE = frozenset(
         "brake_switch", "parking_brake", "abs_active",
     )
 )  # fmt: skip
+#: what somebody calls a role without knowing its name -> the roles that are meant, the usual one first
+_EVERYDAY: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("speed", "velocity", "v", "kmh", "wheel_speed"), ("vehicle_speed",)),
+    **dict.fromkeys(("rpm", "engine_rpm", "revs", "n_engine"), ("engine_speed",)),
+    **dict.fromkeys(("brake", "brakes", "braking"), ("brake_switch", "brake_pedal")),
+    "torque": ("engine_torque", "engine_torque_pct"),
+    "force": ("wheel_force",),
+    **dict.fromkeys(("throttle", "gas", "pedal", "accelerator_pedal"), ("accelerator",)),
+    **dict.fromkeys(("gear_number", "current_gear"), ("gear",)),
+    "clutch": ("clutch_switch", "clutch_slip"),
+    **dict.fromkeys(("accel", "acceleration"), ("longitudinal_accel",)),
+    **dict.fromkeys(("slope", "grade"), ("pitch",)),
+    **dict.fromkeys(("height", "elevation"), ("altitude",)),
+    "lat": ("latitude",),
+    **dict.fromkeys(("lon", "lng", "long"), ("longitude",)),
+    **dict.fromkeys(("mass", "weight"), ("reported_mass",)),
+    "pressure": ("barometric_pressure",),
+}
+
+
+def expected_role(name: str, roles: Collection[str] = ROLES, kind: str = "a role") -> str:
+    """Return what was expected instead of ``name``: the roles that the word stands for, else the nearest.
+
+    roles: among these. kind: what they are, with its article.
+    """
+    if meant := [role for role in _EVERYDAY.get(name.lower(), ()) if role in roles]:
+        return f"{kind}, perhaps {' or '.join(meant)}"
+    return expected_name(name, roles, kind, "docs/config.md")

@@ -9,6 +9,7 @@ import pytest
 
 from canest.config import load_config, parse_config, read_databases
 from canest.core.errors import ConfigError
+from canest.core.roles import _EVERYDAY, ROLES
 from canest.pipeline.pipeline import Pipeline
 from canest.pipeline.signal_map import decoder_for
 from canest.system.shipped_files import shipped
@@ -155,6 +156,27 @@ def test_what_is_no_config_is_refused_in_one_line(text: str, where: str, words: 
     message = refused(text)
     assert message.startswith(where), message
     assert words in message
+
+
+@pytest.mark.parametrize(
+    ("word", "expected"),
+    [
+        ("speed", "a role, perhaps vehicle_speed"),
+        ("velocity", "a role, perhaps vehicle_speed"),
+        ("RPM", "a role, perhaps engine_speed"),
+        ("brake", "a role, perhaps brake_switch or brake_pedal"),
+        ("throttle", "a role, perhaps accelerator"),
+        ("engine_sped", "a role, perhaps engine_speed or vehicle_speed"),
+    ],
+)
+def test_a_word_of_everyday_leads_to_its_role(word: str, expected: str) -> None:
+    text = TRUCK.replace("signals:\n", f"signals:\n  {word}: {{column: a}}\n", 1)
+    assert f"signals.{word}: unknown role, expected {expected}" in refused(text)
+
+
+def test_every_word_of_everyday_stands_for_roles() -> None:
+    assert not _EVERYDAY.keys() & ROLES.keys()
+    assert {role for meant in _EVERYDAY.values() for role in meant} <= ROLES.keys()
 
 
 @pytest.mark.parametrize(
