@@ -67,8 +67,8 @@ and gear change is half seen:
 
 ## Empty cells
 
-An empty cell (NaN, null) means "not available", until the column has a number again. Where each row has only what has
-changed, as after an outer join, fill the table first: `table.ffill()` of pandas.
+An empty cell (NaN, null) means "not available", until the column has a number again. Where each row has
+only what has changed, as after an outer join, fill the table first: `table.ffill()` of pandas.
 """
 
 _SECTIONS = ("Args:", "Returns:", "Attributes:", "Example:")
