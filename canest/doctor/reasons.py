@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 #: a clock that is set back this often, and for this share of its stamps, is not one clock
 _FEW_JUMPS, _JUMPING_SHARE = 10, 0.01
+#: fewer gaps say nothing of the unit of time
+_FEW_GAPS = 10
 #: a config that fits leaves a quarter of what is driven open at least (measured, simulated and real drives)
 _OPEN_SHARE = 0.05
 #: no more frames than these fit into a tick, at 1 Mbit/s
@@ -170,10 +172,12 @@ def why_no_time(clock: Clock) -> str:
         return f"time runs backwards: {found}{differences}"
     if set_back > max(_FEW_JUMPS, _JUMPING_SHARE * stamps):
         return f"the time stamps jump back {set_back:,} times: out of order, or of two clocks in one log"
-    if 2 * clock.counters["gaps"] > stamps > 2:
+    gaps = clock.counters["gaps"]
+    # frames come in bursts: of a log in milliseconds the gaps may be fewer than the stamps between them
+    if 2 * gaps > stamps > 2 or (gaps >= _FEW_GAPS and 2 * clock.in_scraps > stamps):
         hold_s = clock.hold_us * 1e-6
         return (
-            f"{clock.counters['gaps']:,} of {stamps:,} stamps come more than {hold_s:g} s (sampling.hold_s) "
+            f"{gaps:,} of {stamps:,} stamps come more than {hold_s:g} s (sampling.hold_s) "
             "after the one before: are they in seconds?"
         )
     if stamps > _MOST_IN_A_TICK and clock.first_us == clock.last_us and not backward:

@@ -64,6 +64,11 @@ def stream_warnings(intake: Intake, stuck_ticks: Mapping[str, int] | None = None
         )
     if interleaved := interleaved_clocks(intake.clock):
         notes.append(interleaved)
+    if left_out := intake.clock.scraps_left_out:
+        notes.append(
+            f"{left_out:,} of {intake.clock.stamps:,} stamps lie a few at a time between gaps and were "
+            "left out: are they in seconds?"
+        )
     lost = intake.decoder.counters.lost()
     if lost:
         notes.append("not decoded: " + ", ".join(f"{n:,} {what}" for what, n in lost.items()))

@@ -308,6 +308,24 @@ def test_a_time_in_milliseconds_is_refused_at_once(canest, tmp_path):
         assert "20000 s from row to row" in done.err
 
 
+def test_a_log_of_frames_in_milliseconds_is_named_at_once(canest, tmp_path):
+    """Frames come in bursts: fewer than half of the stamps follow a gap."""
+    log = tmp_path / "ms.log"
+    lines = lzma.decompress(KENWORTH.read_bytes()).decode().strip().splitlines()
+    stamps = [float(line.strip()[1:11]) for line in lines]
+    log.write_text(
+        "".join(
+            f"({1e3 * (t - stamps[0]):.3f}){line.split(')', 1)[1]}\n"
+            for t, line in zip(stamps, lines, strict=True)
+        )
+    )
+    found = report(canest, "-c", "kenworth", log)
+    assert found["stops"].endswith("(sampling.hold_s) after the one before: are they in seconds?")
+    assert found["samples"] < 50_000
+    assert any("were left out: are they in seconds?" in note for note in found["notes"])
+    assert f"because   {found['stops']}" in canest("replay", log, "-c", "kenworth").out
+
+
 def test_an_unknown_text_is_not_called_a_table_for_certain(canest, tmp_path):
     log = tmp_path / "odd.csv"
     log.write_text("a;b;c\nx;y;z\n")

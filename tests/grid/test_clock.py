@@ -113,3 +113,46 @@ def test_a_few_hundred_clocks_set_back_lose_no_frame() -> None:
     stamps = [5_000_000 * (i % 2) for i in range(400)]
     assert sum(len(s.frames) for s in clock.split(block(*stamps))) == 400
     assert clock.of_another_clock == 0
+
+
+def bursts(count: int, frames: int = 3, apart_us: int = 10_000_000) -> list[int]:
+    return [apart_us * (i // frames) + 300_000 * (i % frames) for i in range(count * frames)]
+
+
+def test_scraps_between_gaps_are_left_out_until_time_goes_on() -> None:
+    clock = Clock(HOLD_US, BACK_US)
+    drive_us = 10_000_000 * 5000 + np.arange(1000) * 20_000
+    stretches = list(clock.split(block(*bursts(5000), *drive_us.tolist())))
+    assert clock.counters["gaps"] == 5000
+    assert len(stretches) == 201
+    last = stretches[-1]
+    assert (last.jump, last.before_us) == ("gap", stretches[-2].frames.t_us[-1])
+    assert last.frames.t_us.tolist() == drive_us.tolist()[10:]
+    assert clock.in_scraps == 15_000
+    assert clock.scraps_left_out == 15_000 - 3 * 200 + 10
+    assert clock.last_us == drive_us[-1]
+
+
+@pytest.mark.parametrize("size", [1, 7, 1000])
+def test_scraps_are_cut_the_same_wherever_the_blocks_end(size: int) -> None:
+    stamps = [*bursts(300), *(3_000_000_000 + np.arange(100) * 20_000).tolist(), *range(10**10, 10**10 + 9)]
+    whole, parts = Clock(HOLD_US, BACK_US), Clock(HOLD_US, BACK_US)
+    at_once = [t for s in whole.split(block(*stamps)) for t in s.frames.t_us.tolist()]
+    piecewise = [
+        t
+        for first in range(0, len(stamps), size)
+        for s in parts.split(block(*stamps[first : first + size]))
+        for t in s.frames.t_us.tolist()
+    ]
+    assert at_once == piecewise
+    assert (whole.last_us, whole.counters) == (parts.last_us, parts.counters)
+    assert (whole.in_scraps, whole.scraps_left_out) == (parts.in_scraps, parts.scraps_left_out)
+
+
+def test_short_drives_between_long_pauses_lose_no_frame() -> None:
+    for frames, step_us in ((50, 20_000), (10, 1_000_000)):
+        clock = Clock(HOLD_US, BACK_US)
+        stamps = [HOUR_US * k + step_us * i for k in range(500) for i in range(frames)]
+        assert sum(len(s.frames) for s in clock.split(block(*stamps))) == len(stamps)
+        assert clock.counters["gaps"] == 499
+        assert not clock.in_scraps and not clock.scraps_left_out
