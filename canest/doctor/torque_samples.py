@@ -17,10 +17,16 @@ ROLES = (
 )  # fmt: skip
 #: a torque does not change so much and back again within so short a time: % of full scale, s
 _JUMP_PCT, _WITHIN_US = 10.0, 300_000
+#: of torques without a known full scale, % of the range between these percentiles of what was read
+_RANGE_PCT = (2, 98)
 #: nor come back to the same, as a share of the jump
 _SAME = 0.3
-#: fewer samples of one number are chance; numbers that are kept
-_FEWEST, _KEPT = 5, 64
+#: fewer samples of one number are chance; so are those that are not so many times as often as other numbers
+_FEWEST, _TIMES = 5, 5
+#: numbers that are named, and that are kept
+_SHOWN, _KEPT = 2, 1000
+#: jumps are kept by their size, in half octaves: the range that they are compared with grows
+_PER_OCTAVE = 2
 
 
 class TorqueSampleCheck:
@@ -28,11 +34,13 @@ class TorqueSampleCheck:
 
     def __init__(self, config: Config) -> None:
         self._roles = [role for role in ROLES if role in config.signals]
-        self._full = config.vehicle.reference_torque_Nm or 200.0
+        self._full_Nm = config.vehicle.reference_torque_Nm
         self._before: dict[str, tuple[IntColumn, FloatColumn]] = {}
         self._count = dict.fromkeys(self._roles, 0)
         self._most = dict.fromkeys(self._roles, -np.inf)
-        self._isolated: dict[str, dict[float, int]] = {role: {} for role in self._roles}
+        self._range = dict.fromkeys(self._roles, (np.inf, -np.inf))
+        #: role -> number and size of its jump -> how often
+        self._isolated: dict[str, dict[tuple[float, int], int]] = {role: {} for role in self._roles}
 
     def push(self, samples: Samples) -> None:
         """Take the samples of a block."""
@@ -43,8 +51,12 @@ class TorqueSampleCheck:
     def _push(self, role: str, t_us: IntColumn, values: FloatColumn) -> None:
         known = np.isfinite(values)
         t_us, values = t_us[known], values[known]
+        if not len(values):
+            return
         self._count[role] += len(values)
-        self._most[role] = max(self._most[role], float(values.max(initial=-np.inf)))
+        self._most[role] = max(self._most[role], float(values.max()))
+        low, high = np.percentile(values, _RANGE_PCT).tolist()
+        self._range[role] = min(low, self._range[role][0]), max(high, self._range[role][1])
         if role in self._before:
             t_us, values = (
                 np.concatenate(pair) for pair in zip(self._before[role], (t_us, values), strict=True)
@@ -53,22 +65,42 @@ class TorqueSampleCheck:
         if len(values) < 3:
             return
         up, down = values[1:-1] - values[:-2], values[1:-1] - values[2:]
-        jump = _JUMP_PCT if role == "engine_torque_pct" else 0.01 * _JUMP_PCT * self._full
-        alone = (np.minimum(np.abs(up), np.abs(down)) > jump) & (np.abs(up - down) < _SAME * np.abs(up))
+        size = np.minimum(np.abs(up), np.abs(down))
+        alone = (size > self._least_jump(role)) & (np.abs(up - down) < _SAME * np.abs(up))
         alone &= (t_us[2:] - t_us[:-2] <= _WITHIN_US) & (up * down > 0)
-        numbers, counts = np.unique(values[1:-1][alone], return_counts=True)
+        sizes = np.floor(_PER_OCTAVE * np.log2(size[alone])).astype(int)
         found = self._isolated[role]
-        for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
-            if number in found or len(found) < _KEPT:
-                found[number] = found.get(number, 0) + count
+        for key in zip(values[1:-1][alone].tolist(), sizes.tolist(), strict=True):
+            found[key] = found.get(key, 0) + 1
+        if len(found) > _KEPT:  # what comes often is there again
+            self._isolated[role] = {key: count for key, count in found.items() if count > 1}
+
+    def _least_jump(self, role: str) -> float:
+        """Return which jump counts, in the role's unit; where it follows the range, that may still grow."""
+        if role == "engine_torque_pct":
+            return _JUMP_PCT
+        low, high = self._range[role]
+        return 0.01 * _JUMP_PCT * (self._full_Nm or high - low)
+
+    def _fixed(self, role: str) -> list[tuple[float, int]]:
+        """Return the numbers that stand out among those of isolated samples, and how often each came."""
+        least = np.floor(_PER_OCTAVE * np.log2(max(self._least_jump(role), 1e-9)))
+        counts: dict[float, int] = {}
+        for (number, size), count in self._isolated[role].items():
+            if size >= least:
+                counts[number] = counts.get(number, 0) + count
+        ordered = sorted(counts.items(), key=lambda item: -item[1])
+        for shown in range(_SHOWN, 0, -1):
+            rest = ordered[shown][1] if len(ordered) > shown else 0
+            if len(ordered) >= shown and ordered[shown - 1][1] >= max(_FEWEST, _TIMES * rest):
+                return ordered[:shown]
+        return []
 
     def hints(self) -> list[str]:
         """Return which torques read a fixed number now and then, one sentence each."""
         found = []
         for role in self._roles:
-            for number, count in sorted(self._isolated[role].items(), key=lambda item: -item[1])[:2]:
-                if count < _FEWEST:
-                    continue
+            for number, count in self._fixed(role):
                 extreme = number >= self._most[role] and number != 0
                 what = "exactly zero" if number == 0 else f"exactly {number:g}"
                 what += ", the largest value of all," if extreme else ""
