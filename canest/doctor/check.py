@@ -16,6 +16,7 @@ from canest.decode.per_sender import PerSender
 from canest.doctor.config_warnings import config_warnings
 from canest.doctor.consistency import ConsistencyCheck
 from canest.doctor.constant_torque import constant_torque_hints
+from canest.doctor.declared_range import DeclaredRangeCheck
 from canest.doctor.differing_masses import ROLE, differing
 from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.other_identifiers import other_format, other_group_members
@@ -33,6 +34,7 @@ from canest.doctor.signal_report import RoleReport, Sender, address_text, compla
 from canest.doctor.slow_signals import delay_notes, slow_signal_hints
 from canest.doctor.stretches import Samples, comparable
 from canest.doctor.switches import SwitchCheck
+from canest.doctor.torque_course import TorqueCourseCheck
 from canest.doctor.torque_samples import TorqueSampleCheck
 from canest.doctor.warnings import stale_warnings, stream_warnings
 from canest.logs.log_warnings import log_warnings
@@ -96,7 +98,11 @@ class Doctor:
         self._received = Received()
         self._status = STATUS_LABELS[0]
         self._consistency = ConsistencyCheck(config)
-        self._comparisons = (self._consistency, SwitchCheck(config), TorqueSampleCheck(config))
+        self._torque = TorqueCourseCheck(config)
+        self._comparisons = (
+            self._consistency, SwitchCheck(config), self._torque, TorqueSampleCheck(config),
+            DeclaredRangeCheck(config),
+        )  # fmt: skip
         self._raw = RawValueCheck(config)
         self._waiting: list[FrameBlock] = []
         self._frames_waiting = 0
@@ -207,7 +213,8 @@ class Doctor:
         found.low, found.high, found.values = low, high, count
         # a mean rate over a silence means nothing
         limit_s = math.inf if self.pipeline.clock.counters["gaps"] else stale_limit_s(role, source)
-        found.verdict, found.hint = judge(found, source, limit_s)
+        refused = self.pipeline.intake.range_rate_check.refused[role]
+        found.verdict, found.hint = judge(found, source, limit_s, refused)
         if not found.senders:
             found.hint = other_format(self.config, role, self._survey.counters)
         return found
@@ -230,6 +237,8 @@ class Doctor:
 
         if lacking := what_lacks(self.config, model, problem_of):
             return lacking
+        if refused := next((f for f in reports if f.need == "needed" and f.verdict == "refused"), None):
+            return f"signals.{refused.role}: {refused.hint}"
         missing = self.pipeline.estimator.missing()
         if missing:
             return f"estimator {self.config.estimator.name} cannot work here: {missing}"
@@ -239,7 +248,8 @@ class Doctor:
                 return backward
             shares = gate_shares(self.pipeline.gate_counts, self.pipeline.samples)
             return f"every sample was refused by a gate: {shares}{stale_roles_text(self.pipeline)}"
-        return self._consistency.missing_table() or why_hardly_open(self.pipeline, self._status)
+        unfit = self._consistency.missing_table() or self._torque.fault()
+        return unfit or why_hardly_open(self.pipeline, self._status)
 
     def _hints(self, reports: list[RoleReport]) -> list[str]:
         hints = [f"signals.{f.role}: {f.hint}" for f in reports if f.hint]

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from canest.decode.value_table import Label
 
 OK, SILENT, ABSENT, ELSEWHERE, SEVERAL = "ok", "no value", "not found", "elsewhere", "several"
+REFUSED = "refused"
 #: a signal of which more than this share has no value deserves a hint
 MOSTLY = 0.5
 #: an address whose share of error values is larger sends something else under this group
@@ -49,7 +50,7 @@ class RoleReport:
     need: "needed", "speed" (one of these is needed), "ratio" (one way to the gear ratio is) or "optional".
     low, high: range of its values in the role's unit. labels: what the DBC or a table calls them.
     verdict: ok, no value, not found, elsewhere (another address has it), several (addresses send it, and the
-    config names none). senders: the one in use first.
+    config names none), refused (most samples jump beyond physics). senders: the one in use first.
     """
 
     role: str
@@ -106,8 +107,16 @@ def _rate_hz(counters: SenderCounters, role: str) -> float | None:
     return (samples - 1) * 1e6 / (last_us - first_us)
 
 
-def judge(entry: RoleReport, source: Source, stale_s: float) -> tuple[str, str]:
-    """Return the verdict on a role whose samples count for ``stale_s``, and what to do about it."""
+def judge(entry: RoleReport, source: Source, stale_s: float, refused: int) -> tuple[str, str]:
+    """Return the verdict on a role, and what to do about it.
+
+    stale_s: how long its samples count. refused: how many of them jump beyond physics.
+    """
+    if refused > MOSTLY * entry.values:
+        return REFUSED, (
+            f"{refused:,} of {entry.values:,} samples jump beyond physics and are not used: is its unit, its "
+            "factor or its byte order wrong?"
+        )
     mine = [s for s in entry.senders if source.source in (None, s.address)]
     others = [s for s in entry.senders if s not in mine and _is_sound(s)]
     if entry.values:

@@ -1,0 +1,93 @@
+"""Does a signal keep within the minimum and maximum that its DBC declares?"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from canest.core.frames import FloatColumn
+from canest.core.roles import TWO_STATE
+from canest.decode.database import find_signal
+from canest.doctor.stretches import Samples
+from canest.pipeline.signal_map import factor_and_offset, unit_of
+
+if TYPE_CHECKING:
+    from canest.config import Config
+
+#: what lies beyond by less than this share of the range is rounding
+_ROUNDING = 1e-3
+#: fewer samples, or a smaller share of all, are outliers
+_FEWEST, _SHARE = 20, 0.01
+
+
+class _Declared(NamedTuple):
+    """What a DBC declares, in its own unit, and how that becomes the role's."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    factor: float
+    offset: float
+
+
+class DeclaredRangeCheck:
+    """Counts the samples beyond what the DBC declares. Streams; memory does not grow with the log."""
+
+    def __init__(self, config: Config) -> None:
+        self._declared = dict(_declared(config))
+        self._count = dict.fromkeys(self._declared, 0)
+        self._beyond = dict.fromkeys(self._declared, 0)
+        self._range = dict.fromkeys(self._declared, (np.inf, -np.inf))
+
+    def push(self, samples: Samples) -> None:
+        """Take the samples of a block."""
+        for role, declared in self._declared.items():
+            if role in samples:
+                self._push(role, declared, samples[role][1])
+
+    def _push(self, role: str, declared: _Declared, values: FloatColumn) -> None:
+        values = (values[np.isfinite(values)] - declared.offset) / declared.factor
+        if not len(values):
+            return
+        slack = _ROUNDING * (declared.high - declared.low)
+        beyond = (values < declared.low - slack) | (values > declared.high + slack)
+        self._count[role] += len(values)
+        self._beyond[role] += int(np.count_nonzero(beyond))
+        low, high = self._range[role]
+        self._range[role] = min(low, float(values.min())), max(high, float(values.max()))
+
+    def hints(self) -> list[str]:
+        """Return which signals leave their declared range, one sentence each."""
+        found = []
+        for role, declared in self._declared.items():
+            beyond, count = self._beyond[role], self._count[role]
+            if beyond < max(_FEWEST, _SHARE * count):
+                continue
+            low, high = self._range[role]
+            unit = f" {declared.unit}" if declared.unit else ""
+            found.append(
+                f"signals.{role}: {beyond:,} of {count:,} samples of {declared.name} lie beyond the "
+                f"[{declared.low:g}|{declared.high:g}]{unit} that the DBC declares ({low:.4g} .. {high:.4g} "
+                "came): are byte order, start bit and factor those of the sender?"
+            )
+        return found
+
+
+def _declared(config: Config) -> list[tuple[str, _Declared]]:
+    """Return the roles whose signals have a range that means something."""
+    found = []
+    for role, source in config.signals.items():
+        if source.message is None or source.signal is None or source.map or source.validity == "ascii":
+            continue
+        _, signal = find_signal(config.databases, source.message, source.signal)
+        low, high = signal.minimum, signal.maximum
+        if role in TWO_STATE or signal.choices or low is None or high is None or not low < high:
+            continue
+        unit = unit_of(source, signal)
+        factor, offset = factor_and_offset(role, source, unit)
+        if factor:
+            name = f"{source.message}.{source.signal}"
+            found.append((role, _Declared(name, signal.unit or "", float(low), float(high), factor, offset)))
+    return found
