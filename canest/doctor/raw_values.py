@@ -127,7 +127,7 @@ class RawSignal:
         if width >= 8 and 2 * self._small_turns < self._turns:  # values do not jump to the end of a field
             return ""
         high = sorted(raw for raw in self._counts if raw > self._highest)
-        good = [raw for raw in high if not _NO_VALUE.search(self.labels.get(raw, "").casefold())]
+        good = [raw for raw in high if not means_no_value(self.labels.get(raw, ""))]
         if not good:
             return ""
         shown = ", ".join(
@@ -239,6 +239,11 @@ def meaning(role: str, text: str) -> float | None:
     ordinal = re.match(r"(\d{1,2})\s*(?:st|nd|rd|th|\.)?[\s_]*(?:gear|gang)", word, re.IGNORECASE)
     match = forward or ordinal
     return float(match[1]) if match else None
+
+
+def means_no_value(label: str) -> bool:
+    """Return whether a label of a DBC says that there is no value."""
+    return _NO_VALUE.search(label.casefold()) is not None
 
 
 def map_line(entries: dict[str, float] | dict[int, float]) -> str:

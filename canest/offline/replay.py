@@ -15,6 +15,7 @@ from canest.core.frames import FrameBlock
 from canest.core.samples import STATUS_LABELS, EstimateBlock, ModelBlock
 from canest.core.table_block import TableBlock
 from canest.doctor.config_warnings import config_warnings
+from canest.doctor.facts import FactsCheck
 from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.reasons import why_unestimated
 from canest.doctor.sparse_columns import sparse_column_warnings
@@ -103,16 +104,16 @@ def replay(
     jit.enable(compiling_pays([log]))
     if output is not None and not isinstance(output, Output):
         output = Output(Path(output))
-    motion, driven, reported = Motion(), Legs(), ReportedMasses(config)
+    motion, driven, reported, facts = Motion(), Legs(), ReportedMasses(config), FactsCheck(config)
     more = _extra_columns(output, config)
-    listeners: list[Listener] = [each for each in (motion, listener, more) if each is not None]
     run = LogRun(
         log,
         config,
-        listener=_all_of(listeners),
+        listener=_all_of([each for each in (motion, listener, more) if each is not None]),
         tick_listener=tick_listener,
         channel=channel,
         reported=reported,
+        facts=facts,
     )
     score = reference.score(settled=True) if reference is not None and reference.known else None
     last: Estimates | None = None
@@ -132,7 +133,7 @@ def replay(
     summary["reported_masses"] = [mass.to_json() for mass in others]
     if score is not None:
         summary["errors"] = score.errors()
-    notes = _warnings(run, config, score)
+    notes = _warnings(run, config, score) + facts.notes(run.pipeline.decoder.counters)
     summary["notes"] = notes
     summary["wall_s"] = round(time.perf_counter() - begin, 4)
     snapshot = run.pipeline.snapshot()
@@ -206,10 +207,14 @@ class LogRun:
         tick_listener: TickListener | None = None,
         channel: str | None = None,
         reported: ReportedMasses | None = None,
+        facts: FactsCheck | None = None,
     ) -> None:
         self.config = config
         self._reported = reported
-        self.pipeline = Pipeline(config, listener=listener, tick_listener=tick_listener)
+        heard = facts.push if facts is not None else None
+        self.pipeline = Pipeline(
+            config, listener=listener, tick_listener=tick_listener, sample_listener=heard
+        )
         self.table_map = TableMap(config, log)
         self.reader: LogReader = open_for(config, log, channel)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
@@ -15,11 +15,15 @@ from canest.pipeline.build import IntakeSpec
 from canest.vehicle.range_rate_check import RangeRateCheck
 from canest.vehicle.torque_dropout import TorqueDropoutCheck
 
+#: someone who wants the samples as they were decoded, jumps included: role -> t_us, values (n,)
+SampleListener = Callable[[dict[str, tuple[IntColumn, FloatColumn]]], None]
+
 
 class Intake:
     """Selects, puts in time order, decodes, refuses jumps; carries the state of all that."""
 
-    def __init__(self, spec: IntakeSpec) -> None:
+    def __init__(self, spec: IntakeSpec, listener: SampleListener | None = None) -> None:
+        self._listener = listener
         self.decoder = Decoder(spec.wants, spec.databases)
         self.clock = Clock(spec.hold_us, spec.max_backward_us)
         torque = {role: TorqueDropoutCheck(*limit) for role, limit in spec.torque.items()}
@@ -48,6 +52,8 @@ class Intake:
     ) -> Feed:
         if stretch.jump == "back":
             self.range_rate_check.restart()
+        if self._listener is not None:
+            self._listener(dict(samples))
         kept = self.range_rate_check.apply(samples)
         self.received.update(r for r in kept.keys() - self.received if np.isfinite(kept[r][1]).any())
         for role in LASTING & kept.keys():

@@ -26,7 +26,7 @@ from canest.grid.clock import Clock
 from canest.grid.grid import Feed, Grid, GridBlock
 from canest.pipeline.assumed_constants import carry_over
 from canest.pipeline.build import build
-from canest.pipeline.intake import Intake
+from canest.pipeline.intake import Intake, SampleListener
 from canest.pipeline.model_stream import ModelStream
 
 
@@ -53,9 +53,10 @@ class Pipeline:
         *,
         listener: Listener | None = None,
         tick_listener: TickListener | None = None,
+        sample_listener: SampleListener | None = None,
     ) -> None:
         self._spec = spec = build(config)
-        self.intake = Intake(spec.intake)
+        self.intake = Intake(spec.intake, sample_listener)
         self._grid = Grid(spec.grid.channels, spec.grid.hold_us)
         self.estimator = spec.estimator.create()
         gate = self.estimator.wants_excitation_gate

@@ -1,0 +1,77 @@
+"""What in a log contradicts the config, found beside its estimates: `canest check` finds the same."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from canest.decode.database import find_signal, is_j1939
+from canest.decode.validity import highest_valid
+from canest.decode.value_table import labels_of
+from canest.doctor.consistency import ConsistencyCheck
+from canest.doctor.declared_range import DeclaredRangeCheck
+from canest.doctor.raw_values import means_no_value
+from canest.doctor.stretches import Samples, comparable
+from canest.doctor.switches import SwitchCheck
+from canest.doctor.torque_course import TorqueCourseCheck
+
+if TYPE_CHECKING:
+    from canest.config import Config
+    from canest.config.sections import Source
+    from canest.decode.counters import Counters
+
+#: reserved numbers of this share of the samples are worth a note
+_RESERVED_SHARE = 0.01
+#: fields of so many bits end in "not available" on other buses too
+_WIDE = 8
+
+
+class FactsCheck:
+    """Takes the decoded samples of a stream; memory does not grow with the log."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self._checks = (
+            ConsistencyCheck(config), SwitchCheck(config), TorqueCourseCheck(config),
+            DeclaredRangeCheck(config),
+        )  # fmt: skip
+
+    def push(self, samples: Samples) -> None:
+        """Take the samples of a block: role -> t_us, values (n,)."""
+        compared = comparable(samples)
+        for check in self._checks:
+            check.push(compared)
+
+    def notes(self, counters: Counters) -> list[str]:
+        """Return what does not fit, one sentence each. counters: of the decoder of the same stream."""
+        found = [hint for check in self._checks for hint in check.hints()]
+        return found + reserved_notes(self._config, counters)
+
+
+def reserved_notes(config: Config, counters: Counters) -> list[str]:
+    """Return which signals lose samples by the rule of J1939 though their message is none of J1939."""
+    notes = []
+    for role, source in config.signals.items():
+        seen = counters.of_role(role).values()
+        lost = sum(counts.not_available + counts.error_value for counts in seen)
+        count = lost + sum(counts.valid for counts in seen)
+        if lost >= max(1.0, _RESERVED_SHARE * count) and _is_guarded(config, source):
+            notes.append(
+                f"{role}: {lost:,} of {count:,} samples hold a number that J1939 reserves and count as no "
+                f"value, but {source.message}.{source.signal} is no J1939 signal: if they are values, "
+                f"signals.{role} needs validity: full (canest check shows the numbers)"
+            )
+    return notes
+
+
+def _is_guarded(config: Config, source: Source) -> bool:
+    """Return whether numbers count as no value by a rule that the DBC does not make."""
+    if source.message is None or source.signal is None or source.map:
+        return False
+    message, signal = find_signal(config.databases, source.message, source.signal)
+    if is_j1939(message) or source.validity not in ("j1939", "gear"):
+        return False
+    if signal.is_signed or signal.is_float or signal.length >= _WIDE:
+        return False
+    highest = highest_valid(signal.length, source.validity, signal.spn)
+    reserved = [label for raw, label in labels_of(signal).items() if raw > highest]
+    return not reserved or not all(map(means_no_value, reserved))
