@@ -188,6 +188,15 @@ class ConsistencyCheck:
 
     def _unit_hint(self, times: float) -> str:
         """Return which unit makes the engine turn so many times as often as the road has it, '' for none."""
+        for taken, factor in (
+            ("rpm is taken for rad/s", 1.0 / RADPS_PER_RPM),
+            ("rad/s is taken for rpm", RADPS_PER_RPM),
+        ):
+            if abs(times / factor - 1) <= SPEED_TOLERANCE:
+                return (
+                    f"engine_speed is {times:.3g} times what the {self._against()} gives, as it is when "
+                    f"{taken}: look at the unit of signals.engine_speed"
+                )
         mistaken = mistaken_unit(1.0 / times)
         if self._turns_of not in ROAD_SPEEDS or not mistaken:
             return ""
@@ -239,24 +248,23 @@ class ConsistencyCheck:
         if not wrong:
             return []
         against = self._against()
-        if self._turns_of in ROAD_SPEEDS:
-            least, most = min(times.values()), max(times.values())
-            one = most - least < SPEED_TOLERANCE * most  # one mistake for all gears
-            if one and (hint := self._unit_hint((least + most) / 2)):
-                return [hint]
-            if one and len(times) > 1:
-                radius_m, drive = v.wheel_radius_m * 2 / (least + most), v.final_drive * (least + most) / 2
-                return [
-                    f"engine and {against} agree with wheel_radius_m {radius_m:.3f} (at final_drive "
-                    f"{v.final_drive:g} and gear_ratios as they are), the config has {v.wheel_radius_m:g}; "
-                    f"or with final_drive {drive:.3g} (at wheel_radius_m {v.wheel_radius_m:g})"
-                ]
+        least, most = min(times.values()), max(times.values())
+        one = most - least < SPEED_TOLERANCE * most  # one mistake for all gears
+        if one and (hint := self._unit_hint((least + most) / 2)):
+            return [hint]
+        if self._turns_of in ROAD_SPEEDS and one and len(times) > 1:
+            radius_m, drive = v.wheel_radius_m * 2 / (least + most), v.final_drive * (least + most) / 2
+            return [
+                f"engine and {against} agree with wheel_radius_m {radius_m:.3f} (at final_drive "
+                f"{v.final_drive:g} and gear_ratios as they are), the config has {v.wheel_radius_m:g}; "
+                f"or with final_drive {drive:.3g} (at wheel_radius_m {v.wheel_radius_m:g})"
+            ]
         shown = [f"{found[n]:.3g} in gear {n} (gear_ratios: {v.gear_ratios[n]:g})" for n in wrong[:_SHOWN]]
         more = f" and {len(wrong) - _SHOWN} gears more" if len(wrong) > _SHOWN else ""
         listed = ", ".join(shown) + more
         return [
             f"engine and {against} turn in the ratio {listed}: is the table another gearbox's? "
-            f"Measured{self._at_radius()}: {table_line({**v.gear_ratios, **self._measured()})}"
+            f"Measured{self._at_radius()}: {table_line(self._measured())}"
         ]
 
     def _table_hints(self) -> list[str]:

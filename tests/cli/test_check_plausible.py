@@ -117,6 +117,20 @@ def test_a_speed_in_another_unit_against_the_engine(drive, scale, mistake, witho
     assert "signals.vehicle_speed" in hint_text and mistake in hint_text
 
 
+@pytest.mark.parametrize("without", [(), ("output_shaft_speed",)])
+def test_an_engine_speed_in_another_unit(drive, without):
+    found = hints(drive, "signals.engine_speed.unit=rad/s", without=("gear_ratio", *without))
+    assert any("rpm is taken for rad/s: look at the unit of signals.engine_speed" in h for h in found)
+    assert not any("wheel_radius_m" in h for h in found)
+
+
+def test_a_measured_table_holds_no_gear_that_was_not_measured(drive):
+    shifted = "{0: 12.69, 8: 1.0, 9: 0.74, 10: 0.6}"
+    found = hints(drive, f"vehicle.gear_ratios={shifted}", without=("gear_ratio",))
+    (table,) = [h.split("gear_ratios: {")[-1] for h in found if "another gearbox" in h]
+    assert "0: 12.69" not in table and "9: 1" in table and "10: 0.74" in table
+
+
 @pytest.mark.parametrize("gears", [{}, {"vehicle.gear_ratios": "{1: 9.0}"}])
 @pytest.mark.parametrize(("factor", "mistake"), [(1.0, ""), (1 / 0.44704, "mph is taken for m/s")])
 def test_a_vehicle_of_one_gear_whose_speed_is_in_another_unit(factor, mistake, gears):
