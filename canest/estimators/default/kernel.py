@@ -180,7 +180,7 @@ def run(
         w, dt = join(joined, w), WINDOW_S * joined.windows
         # -- what has happened since the window before
         metres = w.distance_m + w.gap_s * max(w.speed_mps, 0.0)
-        ahead_m = max(w.speed_mps, 0.0) * v.late_s
+        ahead_m = max(w.speed_mps, 0.0) * (v.late_s + 0.5 * dt)  # theta is that of the window's middle
         road = follow_road(road, given, w, metres, ahead_m)
         failed = failed or road.lost > 0.0
         height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S and not failed
