@@ -47,8 +47,16 @@ ASKED = 2.0
 #: what an RMS is compared with
 LIMITS = ("bound", "linear", "at once")
 PERCENT = 100.0
-#: the estimator, and the same without the hypotheses that a load drifts, or becomes another one in motion
-STEADY = Variant("Told that the load is steady", {"steady_duration_s": 1e12, "surprise_share": 0.0})
+#: long enough for nothing to change, s or m
+NEVER = 1e12
+#: the estimator, and the same told what the bound knows: load, wind and bias stay as they are
+STEADY = Variant(
+    "Told that load, wind and bias are steady",
+    {
+        "steady_duration_s": NEVER, "surprise_share": 0.0, "motion_every_s": NEVER,
+        "wind_length_m": NEVER, "bias_wander_m2ps5": 0.0,
+    },
+)  # fmt: skip
 ESTIMATORS = (Variant("As it is"), STEADY)
 
 ABOUT = """\
@@ -59,9 +67,9 @@ exact.
 
 The bound is that of van Trees for a random state, by the recursion of Tichavsky, Muravchik and Nehorai
 (1998), along the true states of each drive, sample by sample. It has the unknowns above and the rounding of
-torque and friction. It knows the pitch, the stiffness of the driveline, and that the load and the driver
-are steady, which the estimator has to find out. What the load costs of that is the difference between the
-two tables. `bound` is also told where the road is curved. `linear` is not told: it is what the best linear
+torque and friction. It knows the pitch, the stiffness of the driveline, and that the load, the wind, the
+bias and the driver are steady, which the estimator has to find out. What the first three cost of that is the
+difference between the two tables. `bound` is also told where the road is curved. `linear` is not told: it is what the best linear
 estimator reaches, to whom the curvature is noise of the same variance and correlation.
 
 Between two gears the vehicle coasts, and there the road shows without the mass. A driveline that opens
