@@ -90,9 +90,10 @@ class Constants(NamedTuple):
         float,
         Source("s_v", "m/s", "measured: a first level of 0.05 makes NIS 0.7, of 0.02 first masses too sure"),
     ] = 0.038
-    begin_swing_s: Annotated[
-        float, Source("t_v", "s", "measured: without it launches are 0.4 % too light, at 10 ms wide")
-    ] = 0.005
+    torque_rise_s: Annotated[float, Source("t_v", "s", "chosen: half of what a clutch takes to close")] = 0.16
+    swing_damping: Annotated[
+        float, Source("D", "1", "literature: shuffle of a driveline, damping ratio 0.05 to 0.2")
+    ] = 0.1
     first_noise_steps: Annotated[float, Source("k_v", "1", "chosen: first level, in rounding errors")] = 20.0
     most_noise: Annotated[float, Source("k_vm", "1", "measured: 1 is too little for a bus at 1 Hz")] = 2.0
     noise_memory_windows: Annotated[float, Source("N_v", "1", "chosen: a minute of open gates")] = 300.0

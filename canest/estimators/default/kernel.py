@@ -22,7 +22,7 @@ from canest.estimators.default.load import (
     surprise_probability,
 )  # fmt: skip
 from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Space, Window
-from canest.estimators.default.noise import Levels, first_levels, follow, lacking_force
+from canest.estimators.default.noise import Levels, first_levels, follow, lacking_force, swing_var
 from canest.estimators.default.predict import (
     accelerate,
     climb,
@@ -83,6 +83,7 @@ class Progress(NamedTuple):
     climbed_s: float = 0.0
     delay_s: float = 0.0  #: delay of the torque beyond the usual one
     driven_s: float = 0.0  #: seconds with open gates since another load was opened in motion
+    swing: float = 0.0  #: variance of the speed by a driveline that swings
 
 
 class Carried(NamedTuple):
@@ -223,12 +224,12 @@ def run(
         if height_known and (measured or due):
             climb(mix, count, climbed_m, c.altitude_wander_m2ps * climbed_s, t)
             climbed_m = climbed_s = 0.0
+        swing = swing_var(0.0, w.begin_N, w, dt, p.u, c) if begins else p.swing
         if begins:
             forget_speed(mix, count, t)
             if w.gap_s == 0.0 and not math.isnan(joined.before_mps):
                 before = Ends(joined.before_mps, w.begin_N, joined.before_Nps)
-                swing = c.begin_swing_s * p.u * w.begin_N
-                speed(mix, count, before, p.u, levels.speed_var + swing * swing, c, v, t)
+                speed(mix, count, before, p.u, levels.speed_var + swing, c, v, t)
         answered_kg = answered_force(w, is_open, p.follows > 0.0, p.force_N) / GRAVITY_MPS2
         travel(mix, count, metres, answered_kg, p.u, c, t)
         motion, slow_N = w.accel_mps2, w.traction_N if begins else p.slow_N
@@ -238,7 +239,9 @@ def run(
                 remember_speed(mix, count)
             motion = accelerate(mix, count, w, dt, lacking_force(w, c, v), p.u, v, t)
             end = Ends(w.speed_mps, w.traction_N, w.traction_Nps)
-            speed(mix, count, end, p.u, levels.speed_var, c, v, t)
+            swing = swing_var(swing, w.traction_N - w.begin_N, w, dt, p.u, c)
+            speed_var = levels.speed_var + swing
+            speed(mix, count, end, p.u, speed_var, c, v, t)
             fast_N = w.traction_N - slow_N
             own = (
                 own_torque(fast_N, p.u, w.speed_mps, c.smooth_wander_1pm, c),
@@ -246,7 +249,7 @@ def run(
             )
             lever = (1.0 + p.u * w.rotating_kg) / (dt * GRAVITY_MPS2)
             innovation = mean_of(mix.weight, count, t.e)
-            nis, speed_surplus = learn_open(mix, count, own, lever, levels.speed_var, c, t)
+            nis, speed_surplus = learn_open(mix, count, own, lever, speed_var, c, t)
         elif w.retarding > 0.0 or w.coarse > 0.0:
             closed_balance(mix, count, w, levels.speed_var, p.u, c, t)
         if measured:
@@ -285,7 +288,7 @@ def run(
             w.traction_N + math.exp(-dt) * (slow_N - w.traction_N), 1.0 if is_open and not braked else 0.0,
             1.0 if is_open or p.learned > 0.0 else 0.0, surprise, 1.0 if braked else 0.0,
             1.0 if measured or height_known else 0.0,
-            0.0 if measured else climbed_m, 0.0 if measured else climbed_s, delay_s, driven_s,
+            0.0 if measured else climbed_m, 0.0 if measured else climbed_s, delay_s, driven_s, swing,
         )  # fmt: skip
         joined = begin_sums(w, unseen_s)
         write(out[k], given, joined, p, w.speed_mps, c, v)

@@ -38,6 +38,24 @@ def lacking_force(w: Window, c: Constants, v: Vehicle) -> float:
 
 
 @jit.kernel
+def swing_var(before: float, jump_N: float, w: Window, dt: float, u: float, c: Constants) -> float:
+    """Return the variance of a speed by a driveline that swings, (m/s)2.
+
+    before: that of the window before, which dies away. jump_N: change of the traction, which begins a swing.
+    A spring of stiffness k = 1 / (s_gamma u) between rotating and moving mass swings with
+    omega^2 = k (1/J + u); a step of the traction makes it swing by a / omega.
+    """
+    if w.rotating_kg <= 0.0:
+        return 0.0
+    mass = u * w.rotating_kg
+    omega_2 = (1.0 + 1.0 / mass) / c.windup_std_s2
+    step_mps2 = u * jump_N / (1.0 + mass)
+    rise = omega_2 * c.torque_rise_s * c.torque_rise_s
+    left = math.exp(-2.0 * c.swing_damping * math.sqrt(omega_2) * dt)
+    return left * before + 0.5 * step_mps2 * step_mps2 / (omega_2 * (1.0 + rise) * (1.0 + rise))
+
+
+@jit.kernel
 def first_levels(v: Vehicle) -> Levels:
     """Return the levels with which all begins."""
     sensed = 2.0 * v.sensed_floor_mps2
