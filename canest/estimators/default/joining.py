@@ -78,5 +78,6 @@ def join(q: Joined, w: Window) -> Window:
         w.gap_s, q.distance_m, q.begin_N, w.speed_mps, q.force_N / n,
         w.traction_N, w.traction_Nps, q.roll_mps2 / n, q.accels_mps2 / n, q.drag_N_per_mps / n, w.gear_1pm,
         w.rotating_kg, q.sensed_mps2 / n, q.altitude_m, w.open, w.retarding, w.stopped, w.coarse, w.bend_mps2,
-        w.road_sine, w.road_std, w.coast_mps2, w.coast_var, w.coast_N, w.coast_kg, w.coast_back_s,
+        w.zigzag_Nm2s, w.road_sine, w.road_std,
+        w.coast_mps2, w.coast_var, w.coast_N, w.coast_kg, w.coast_back_s,
     )  # fmt: skip

@@ -107,7 +107,7 @@ def window_at(c: Any, k: int) -> Window:
     return Window(
         c[0, k], c[1, k], c[2, k], c[3, k], c[4, k], c[5, k], c[6, k], c[7, k], c[8, k], c[9, k],
         c[10, k], c[11, k], c[12, k], c[13, k], c[14, k], c[15, k], c[16, k], c[17, k], c[18, k], c[19, k],
-        c[20, k], c[21, k], c[22, k], c[23, k], c[24, k], c[25, k],
+        c[20, k], c[21, k], c[22, k], c[23, k], c[24, k], c[25, k], c[26, k],
     )  # fmt: skip
 
 
@@ -237,7 +237,7 @@ def run(
         if is_open:
             if mix.x.shape[1] == m.STATES:
                 remember_speed(mix, count)
-            motion = accelerate(mix, count, w, dt, lacking_force(w, c, v), p.u, v, t)
+            motion = accelerate(mix, count, w, dt, lacking_force(w, levels.torque_Nm2s, c, v), p.u, v, t)
             end = Ends(w.speed_mps, w.traction_N, w.traction_Nps)
             swing = swing_var(swing, w.traction_N - w.begin_N, w, dt, p.u, c)
             speed_var = levels.speed_var + swing
@@ -272,7 +272,7 @@ def run(
         if is_open:
             surprise = max(surprise + nis - c.surprise_nis, 0.0)
             braked = sees and brakes_unseen(w, surprise, innovation, c)
-            levels = follow(levels, nis, speed_surplus, sensed_surplus, sees, c, v)
+            levels = follow(levels, w, nis, speed_surplus, sensed_surplus, sees, c, v)
         delay_s = mean_delay(mix, count, p.u, t) if is_open else p.delay_s
         best = set_loads(mix, count, t)
         u = mean_inverse_mass(mix, count, v, t)

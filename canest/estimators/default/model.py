@@ -119,6 +119,7 @@ class Window(NamedTuple):
     stopped: float
     coarse: float  #: 1 where nothing but a bend, or the dwell after another gate, closed one
     bend_mps2: float  #: what a bend may brake there, std
+    zigzag_Nm2s: float  #: what the torque takes back from report to report: density of its noise
     road_sine: float  #: slope by a road map, and its std
     road_std: float
     coast_mps2: float  #: acceleration of a coasting that has ended, and its variance

@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 from canest.core import jit
+from canest.core.samples import STEP_S
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.model import WINDOW_S, Window
 
@@ -19,22 +20,24 @@ class Levels(NamedTuple):
     sensed_var: float  #: of the accelerometer, (m/s2)2
     windows: float = 0.0  #: open windows so far
     nis_sum: float = 0.0  #: sum of their normalised innovations squared
+    torque_Nm2s: float = 0.0  #: density of the noise of the torque
 
 
 @jit.kernel
-def lacking_force(w: Window, c: Constants, v: Vehicle) -> float:
+def lacking_force(w: Window, torque_Nm2s: float, c: Constants, v: Vehicle) -> float:
     """Return the density of the force that the model lacks, N2 s.
 
-    A share of the traction; the rounding error of the torque, which lasts while it stands still; and what
-    a slow torque does between two reports T apart, of which only the ends are known: that of a Wiener
-    process, dF^2 T / 12 for a change dF (the variance of the integral of a Brownian bridge, by T).
+    A share of the traction; the noise of the torque; its rounding error, which lasts while it stands still;
+    and what a slow torque does between two reports T apart, of which only the ends are known: that of a
+    Wiener process, dF^2 T / 12 for a change dF (the variance of the integral of a Brownian bridge, by T).
     """
     step = v.torque_std_Nm * w.gear_1pm
     moved = abs(w.traction_N - w.begin_N)
     lasts_s = min(max(_STEP_STD * step / max(moved, 1.0) * WINDOW_S, WINDOW_S), c.longest_rounding_s)
     lacking = c.force_std_share * w.traction_N
     between = moved * moved * v.period_windows * WINDOW_S / 12.0
-    return between + lacking * lacking * WINDOW_S + step * step * lasts_s
+    noise = 4.0 * torque_Nm2s * w.gear_1pm * w.gear_1pm
+    return between + lacking * lacking * WINDOW_S + step * step * lasts_s + noise
 
 
 @jit.kernel
@@ -59,13 +62,13 @@ def swing_var(before: float, jump_N: float, w: Window, dt: float, u: float, c: C
 def first_levels(v: Vehicle) -> Levels:
     """Return the levels with which all begins."""
     sensed = 2.0 * v.sensed_floor_mps2
-    return Levels(v.speed_first_mps * v.speed_first_mps, sensed * sensed, 0.0, 0.0)
+    return Levels(v.speed_first_mps * v.speed_first_mps, sensed * sensed, 0.0, 0.0, 0.0)
 
 
 @jit.kernel
 def follow(
-    levels: Levels, nis: float, speed: float, sensed: float, sees: bool, c: Constants, v: Vehicle
-) -> Levels:  # fmt: skip
+    levels: Levels, w: Window, nis: float, speed: float, sensed: float, sees: bool, c: Constants, v: Vehicle
+) -> Levels:
     """Return the levels after an open window. nis, speed, sensed: mean NIS and surpluses."""
     windows = levels.windows + 1.0
     memory = min(c.noise_memory_windows, c.first_noise_windows + windows)
@@ -74,4 +77,7 @@ def follow(
     sensed_var = levels.sensed_var
     if sees:
         sensed_var = max(sensed_var + sensed / memory, v.sensed_floor_mps2 * v.sensed_floor_mps2)
-    return Levels(speed_var, sensed_var, windows, levels.nis_sum + nis)
+    most = c.outlier_nis * max(levels.torque_Nm2s, v.torque_std_Nm * v.torque_std_Nm * STEP_S)
+    zigzag = min(max(w.zigzag_Nm2s, -most), most)
+    torque_Nm2s = max(levels.torque_Nm2s + (zigzag - levels.torque_Nm2s) / memory, 0.0)
+    return Levels(speed_var, sensed_var, windows, levels.nis_sum + nis, torque_Nm2s)

@@ -106,8 +106,8 @@ def report_mass(
     if mass <= 0.0:
         mass = 1.0 / min(max(centre, v.least_u), v.most_u)
         var = spread * mass * mass
-    if not inside:  # beyond the bounds nothing is narrow
-        var = max(var, spread * mass * mass)
+    if not inside:  # about this mass, of a posterior without bounds
+        var = max(var, spread * mass * mass) + (mass - 1.0 / scale) * (mass - 1.0 / scale)
     if narrow:
         mean, mass = mass, (1.0 + own) / centre
         var += (mass - mean) * (mass - mean)

@@ -29,9 +29,11 @@ _CORNERING_S2PM = 0.02
 
 (
     _SENSED, _SPEED, _REST, _MU, _ACCEL, _AERO, _TRACTION, _GEAR, _ROTATING, _ALTITUDE, _YAW, _GATE, _STOPPED,
-    _TICK, _BROKEN, _RAW, _COAST, _RUN, _ROAD, _ROAD_STD,
-) = range(20)  # fmt: skip
-_COLUMNS = 20
+    _TICK, _BROKEN, _RAW, _COAST, _RUN, _TORQUE, _ROAD, _ROAD_STD,
+) = range(21)  # fmt: skip
+_COLUMNS = 21
+#: ticks between two reports of a torque at most, of which the noise is measured
+_REPORT = 5
 _LATE = slice(_SENSED, _AERO + 1)  #: columns whose mean is taken SHIFT ticks back
 _NEEDED = slice(_SPEED, _ROTATING + 1)  #: columns without which a sample is broken
 #: beyond these no vehicle goes: m/s, N, -, m/s2, N, N, 1/m, kg; and the accelerometer, altitude, yaw rate
@@ -85,7 +87,7 @@ class Windows:
             (_TRACTION, block.traction_N), (_GEAR, block.force_per_torque_1pm),
             (_ROTATING, block.rotating_mass_kg), (_ALTITUDE, block.altitude_m), (_YAW, block.yaw_rate_radps),
             (_GATE, block.gate), (_STOPPED, block.stopped), (_TICK, block.t_us // STEP_US), (_BROKEN, 0.0),
-            (_RAW, block.raw_speed_mps), (_COAST, block.coasting_N),
+            (_RAW, block.raw_speed_mps), (_COAST, block.coasting_N), (_TORQUE, block.raw_torque_Nm),
             (_ROAD, np.nan if block.road_sine is None else block.road_sine),
             (_ROAD_STD, np.nan if block.road_std is None else block.road_std),
         ):  # fmt: skip
@@ -156,9 +158,10 @@ class Windows:
             self._new_altitudes(within(now[_ALTITUDE], _MOST_ALTITUDE)),
             is_open,
             retarding & ~is_open,
-            now[_STOPPED],
+            np.maximum(now[_STOPPED], np.isnan(now[_RAW])),  # for all that is known it stands
             coarse & ~is_open,
             bend_mps2,
+            mean_of(zigzag(rows[_TORQUE])[None], ends, 0)[0],
             *rows[_ROAD:, back_from(ends, self._road_back)],
         ]
         return np.array(columns, np.float64)
@@ -234,6 +237,20 @@ def none_of(marked: NDArray[np.bool_], ends: NDArray[np.int64], ticks: int) -> N
     for back in range(1, ticks):
         found |= marked[back_from(ends, back)]
     return ~found
+
+
+def zigzag(torque_Nm: FloatColumn) -> FloatColumn:
+    """Return -d d' dt of changes d, d' of a torque that follow each other dt apart, Nm2 s by tick, (n,).
+
+    Its mean is the density of white noise; a torque that rises or falls has a negative one (Roll 1984).
+    """
+    change = np.diff(torque_Nm, prepend=torque_Nm[:1])
+    at = np.flatnonzero(change != 0.0)
+    ticks = np.diff(at)
+    out = np.zeros(len(torque_Nm))
+    found = -change[at[1:]] * change[at[:-1]] * ticks * ticks * STEP_S  # each for the ticks that it lasts
+    out[at[1:]] = np.where((ticks <= _REPORT) & np.isfinite(found), found, 0.0)
+    return out
 
 
 def within(values: FloatColumn, most: float) -> FloatColumn:
