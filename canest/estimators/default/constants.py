@@ -55,6 +55,9 @@ class Constants(NamedTuple):
     road_step_nis: Annotated[float, Source("k_step", "1", "chosen: five standard deviations")] = 25.0
     # -- driver
     answered_share: Annotated[float, Source("P_a", "1", "chosen: less makes a cruise less safe")] = 0.9
+    answered_part: Annotated[
+        float, Source("k_a", "1", "measured: at 1 rough roads are taken for masses, at 0.3 sine roads")
+    ] = 0.6
     driver_length_m: Annotated[float, Source("L_d", "m", "chosen: a habit is kept for ten minutes")] = 10e3
     answer_curvature_1pm: Annotated[float, Source("k_d", "1/m", "chosen: little more than a crest")] = 3e-4
     answer_noise_mps2: Annotated[float, Source("a_d", "m/s2", "chosen: noise of torque at low speed")] = 0.02
@@ -67,6 +70,9 @@ class Constants(NamedTuple):
         float, Source("T_m", "s", "measured: less finds a load sooner, and costs `valid`")
     ] = 10_000.0
     motion_every_s: Annotated[float, Source("t_m", "s", "chosen: cost against delay")] = 20.0
+    load_tilt_mps2: Annotated[
+        float, Source("s_t", "m/s2", "chosen: a load tilts a sprung frame by 0.6 degrees")
+    ] = 0.1
     drift_1ps: Annotated[
         float, Source("m_r", "1/s", "measured: mean and std, 5 kg/s of 20 t; more takes `valid` from cruises")
     ] = 2.5e-4

@@ -196,7 +196,7 @@ def run(
             levels = first_levels(v) if failed else levels
         elif begins and unseen_s >= c.shortest_stop_s:
             if p.learned > 0.0:
-                count = open_load(mix, count, changed, False, 0.0, v, t)
+                count = open_load(mix, count, changed, False, 0.0, c, v, t)
                 opened = True
             unseen_s = surprise = 0.0
         surprised = is_open and surprise > c.surprise_limit
@@ -215,7 +215,7 @@ def run(
                 sharpen(mix, count, c, t)
                 probability, surprise = max(probability, surprise_probability(surprise, c)), 0.0
             known_N = 0.0 if p.braked > 0.0 else w.force_N - w.rotating_kg * w.accel_mps2
-            count = open_load(mix, count, probability, True, known_N / GRAVITY_MPS2, v, t)
+            count = open_load(mix, count, probability, True, known_N / GRAVITY_MPS2, c, v, t)
             driven_s = 0.0
         # -- predict and update every density
         fill(count, mix.found, 0.0)
@@ -230,7 +230,8 @@ def run(
             if w.gap_s == 0.0 and not math.isnan(joined.before_mps):
                 before = Ends(joined.before_mps, w.begin_N, joined.before_Nps)
                 speed(mix, count, before, p.u, levels.speed_var + swing, c, v, t)
-        answered_kg = answered_force(w, is_open, p.follows > 0.0, p.force_N) / GRAVITY_MPS2
+        answered_N = c.answered_part * answered_force(w, is_open, p.follows > 0.0, p.force_N)
+        answered_kg = answered_N / GRAVITY_MPS2
         travel(mix, count, metres, answered_kg, p.u, c, t)
         motion, slow_N = w.accel_mps2, w.traction_N if begins else p.slow_N
         nis = innovation = speed_surplus = sensed_surplus = 0.0

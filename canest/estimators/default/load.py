@@ -91,8 +91,9 @@ def reopen(mix: Mixture, d: int, net_kg: float, v: Vehicle, t: Scratch) -> None:
 
 @jit.kernel
 def open_load(
-    mix: Mixture, count: int, probability: float, moving: bool, net_kg: float, v: Vehicle, t: Scratch
-) -> int:
+    mix: Mixture, count: int, probability: float, moving: bool, net_kg: float,
+    c: Constants, v: Vehicle, t: Scratch,
+) -> int:  # fmt: skip
     """Give a share of the probability to an unknown load, a copy of the densest; returns the densities.
 
     After a stop the loads that there are become one: an exchange has to follow. In motion nothing is done
@@ -111,6 +112,8 @@ def open_load(
         if mix.load[d] == base:
             copy(mix, d, mix, made)
             reopen(mix, made, net_kg, v, t)
+            if mix.x.shape[1] == m.STATES:  # a frame tilts under another load
+                mix.P[made, m.BIAS, m.BIAS] += c.load_tilt_mps2 * c.load_tilt_mps2
             mix.load[made] = float(label)
             total += mix.weight[d]
             made += 1
