@@ -71,8 +71,8 @@ class Constants(NamedTuple):
     ] = 10_000.0
     motion_every_s: Annotated[float, Source("t_m", "s", "chosen: cost against delay")] = 20.0
     load_tilt_mps2: Annotated[
-        float, Source("s_t", "m/s2", "chosen: a load tilts a sprung frame by 0.6 degrees")
-    ] = 0.1
+        float, Source("s_t", "m/s2", "chosen: 0.3 degrees of a sprung frame; more takes a retarder for a load")
+    ] = 0.05
     drift_1ps: Annotated[
         float, Source("m_r", "1/s", "measured: mean and std, 5 kg/s of 20 t; more takes `valid` from cruises")
     ] = 2.5e-4
@@ -154,7 +154,8 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
     unknown = math.sqrt(least * most)
     floor = max(facts.speed_step_mps, _FINEST) / math.sqrt(12.0)
     pitch = facts.pitch_rad_per_mps2
-    period = float(math.ceil(facts.report_period_s / WINDOW_S - 1e-6))
+    windows = facts.report_period_s / WINDOW_S
+    period = float(math.ceil(windows - 1e-6)) if windows > 1.0 else 0.0
     return Vehicle(
         least_u=least,
         most_u=most,

@@ -17,6 +17,7 @@ class Joined(NamedTuple):
     """The windows since the last update; what they sum up to, and what their ends were."""
 
     windows: float = 0.0
+    seconds: float = 0.0  #: of all that waited, missing time included
     begin_N: float = 0.0  #: traction where they begin
     last_mps: float = math.nan  #: speed and rate of the traction at the end of the last window, if any
     last_Nps: float = 0.0
@@ -36,7 +37,7 @@ class Joined(NamedTuple):
 def begin_sums(w: Window, unseen_s: float) -> Joined:
     """Return empty sums after an update with a window. unseen_s: what is left of that time."""
     return Joined(
-        0.0, 0.0, w.speed_mps, w.traction_Nps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, unseen_s
+        0.0, 0.0, 0.0, w.speed_mps, w.traction_Nps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, unseen_s
     )
 
 
@@ -47,7 +48,7 @@ def add_window(q: Joined, w: Window, begins: bool) -> Joined:
     kept = 0.0 if begins or hidden else 1.0
     goes_on = kept * q.windows > 0.0
     return Joined(
-        kept * q.windows + 1.0, q.begin_N if goes_on else w.begin_N,
+        kept * q.windows + 1.0, q.seconds + WINDOW_S + w.gap_s, q.begin_N if goes_on else w.begin_N,
         w.speed_mps, w.traction_Nps, q.last_mps, q.last_Nps,
         q.distance_m + w.distance_m, kept * q.force_N + w.force_N, kept * q.roll_mps2 + w.roll_mps2,
         kept * q.accels_mps2 + w.accel_mps2, kept * q.drag_N_per_mps + w.drag_N_per_mps,

@@ -219,7 +219,7 @@ def run(
             driven_s = 0.0
         # -- predict and update every density
         fill(count, mix.found, 0.0)
-        climbed_m, climbed_s = p.climbed_m + metres, p.climbed_s + dt + w.gap_s
+        climbed_m, climbed_s = p.climbed_m + metres, p.climbed_s + joined.seconds
         measured = not math.isnan(w.altitude_m)
         if height_known and (measured or due):
             climb(mix, count, climbed_m, c.altitude_wander_m2ps * climbed_s, t)

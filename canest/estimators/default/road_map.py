@@ -51,7 +51,8 @@ def follow_road(road: RoadUse, given: Report, w: Window, metres: float, ahead_m:
     if since_m < CELL_M or metres <= 0.0:
         return RoadUse(since_m, road.right, 0.0, road.trusted, 0.0)
     e = w.road_sine - (given.grade - given.slope_1pm * ahead_m)
-    s = given.grade_var + cell_var(w)
+    unseen = min(w.gap_s * max(w.speed_mps, 0.0) / ALIKE_M, 1.0)  # the road may be as another there
+    s = given.grade_var + cell_var(w) + unseen * _OTHER_STD * _OTHER_STD
     wide = s + _OTHER_STD * _OTHER_STD
     log_factor = 0.5 * (e * e / wide - e * e / s + math.log(wide / s))
     rest = _RIGHT_M / (_RIGHT_M + _WRONG_M)  # of a map of which nothing is known any more
