@@ -30,7 +30,7 @@ def form(request):
 
 
 def columns(mix):
-    return Mixture(*mix[:2], *(np.array(c) if jit.enabled() else list(c) for c in mix[2:]))
+    return Mixture(*mix[:3], *(np.array(c) if jit.enabled() else list(c) for c in mix[3:]))
 
 
 def mixture(count, seed=0, modes=None, loads=None):
@@ -41,8 +41,8 @@ def mixture(count, seed=0, modes=None, loads=None):
         A = rng.normal(size=(N, N))
         mix.x[d], mix.P[d] = rng.normal(size=N), A @ A.T + np.eye(N)
         mix.weight[d] = 1.0 / count
-        mix.mode[d] = float(modes[d] if modes else 0)
-        mix.load[d] = float(loads[d] if loads else 0)
+        mix.mode[d] = modes[d] if modes else 0
+        mix.load[d] = loads[d] if loads else 0
     nodes = np.exp(np.linspace(np.log(TRUCK.least_u), np.log(TRUCK.most_u), 2001)).tolist()
     return columns(mix), _space(_room(N), nodes)
 
@@ -60,7 +60,7 @@ def test_propagate_is_one_row_of_F():
     f = np.array([[0.3, -1.2, 0.7], [1.0, 0.0, 2.0], [-0.1, 0.2, 0.3]])
     for j in range(3):
         for d in range(3):
-            t.f[j * MOST + d] = f[d, j]
+            t.f[j * 3 + d] = f[d, j]
     predict.propagate(mix, 3, 2, states, t)
     for d in range(3):
         F = np.eye(N)
@@ -164,7 +164,7 @@ def test_a_gross_error_speaks_for_no_hypothesis():
     mix, space = mixture(2)
     t = space.scratch
     t.e[0], t.e[1], t.s[0], t.s[1] = 50.0, 60.0, 1.0, 1.0
-    update.add_log_likelihood(mix, 2, 1.0, CONSTANTS.likelihood_floor, t)
+    update.judge(mix, 2, 1.0, 1.0, CONSTANTS, t)
     assert mix.found[0] == pytest.approx(mix.found[1], abs=1e-6)
 
 

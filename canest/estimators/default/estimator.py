@@ -98,7 +98,7 @@ class GaussianSum(Estimator):
             own[at.RATE] *= at.DRIFTS[mode]
             mix.x[mode], mix.P[mode] = mean, np.diag(own * own)
             mix.x[mode, at.RATE] *= at.DRIFTS[mode]
-            mix.weight[mode], mix.mode[mode] = shares[mode], float(mode)
+            mix.weight[mode], mix.mode[mode] = shares[mode], mode
         return mix
 
     def _prior(self, u: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -148,7 +148,9 @@ class GaussianSum(Estimator):
             _space(self._unknown, self._nodes),
             rows,
         )
-        self._mixture = Mixture(*mix[:2], *([float(x) for x in column] for column in mix[2:]))
+        self._mixture = Mixture(
+            *mix[:3], *(list(column) if isinstance(column, list) else column.tolist() for column in mix[3:])
+        )
         self._carried = _plain(self._carried)
         return np.asarray(rows)
 
@@ -244,27 +246,28 @@ def _mode_shares(c: Constants) -> list[float]:
     return [load * driver * road for load in (1.0 - drifts, drifts) for driver in drivers for road in roads]
 
 
-def _give(column: list[float]) -> Any:
+def _give(column: list[Any]) -> Any:
     return np.array(column) if jit.enabled() else list(column)
 
 
 def _room(n: int) -> Mixture:
     """Return a mixture of n states with nothing in it."""
-    return Mixture(np.zeros((MOST, n)), np.zeros((MOST, n, n)), *([0.0] * MOST for _ in range(4)))
+    A = np.zeros((MOST, n, n + 1))
+    return Mixture(A[:, :, n], A[:, :, :n], A, *([zero] * MOST for zero in (0, 0, 0.0, 0.0)))
 
 
 def _given(mix: Mixture) -> Mixture:
     """Return a mixture with columns as the kernels take them."""
-    return Mixture(*mix[:2], *(_give(column) for column in mix[2:]))
+    return Mixture(*mix[:3], *(_give(column) for column in mix[3:]))
 
 
 def _space(prior: Mixture, nodes: list[float]) -> Space:
     n = prior.x.shape[1]
     columns = tuple(_give([0.0] * MOST) for _ in range(4))
-    h, f, K, e, s, zeros, loads, share = (
-        _give([0.0] * size) for size in (8, 3 * MOST, n, MOST, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST)
+    h, f, K, e, s, loads, share = (
+        _give([0.0] * size) for size in (8, 3 * MOST, n + 1, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST)
     )
-    scratch = Scratch(h, f, K, columns, e, s, zeros, loads)
+    scratch = Scratch(h, f, K, columns, e, s, loads)
     return Space(scratch, share, _given(_room(n)), _given(prior), _give(nodes))
 
 

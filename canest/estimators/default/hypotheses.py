@@ -27,7 +27,8 @@ _NEGLIGIBLE = 1e-6
 @jit.kernel
 def lasting(mix: Mixture, d: int) -> int:
     """Return the number of what a density says of load, drift and driver: all but the road."""
-    return m.LASTING * int(mix.load[d]) + int(mix.mode[d]) // ROADS
+    number: int = m.LASTING * mix.load[d] + mix.mode[d] // ROADS
+    return number
 
 
 @jit.kernel
@@ -58,18 +59,10 @@ def weigh(mix: Mixture, count: int, power: float, t: Scratch) -> None:
         weight[d] *= found[d] * after[lasting(mix, d)] / total
 
 
-def _copy(source: Mixture, d: int, target: Mixture, e: int) -> None:
-    for column, into in zip(source[:-1], target[:-1], strict=True):
-        into[e] = column[d]
-
-
-@jit.kernel_beside(_copy)
+@jit.kernel
 def copy(source: Mixture, d: int, target: Mixture, e: int) -> None:
     """Copy density d of one mixture over density e of another, or of the same."""
-    for i in range(target.x.shape[1]):
-        target.x[e, i] = source.x[d, i]
-        for j in range(target.x.shape[1]):
-            target.P[e, i, j] = source.P[d, i, j]
+    np.positive(source.A[d], target.A[e])
     target.weight[e], target.load[e], target.mode[e] = source.weight[d], source.load[d], source.mode[d]
 
 
@@ -117,38 +110,47 @@ def transitions(metres: float, driven_s: float, c: Constants) -> tuple[Any, Any,
 
 
 def _mix(mix: Mixture, count: int, made: int, space: Space) -> None:
-    shares = np.array(space.share[: made * MOST]).reshape(made, MOST)
-    y, R = space.room.x[:made], space.room.P[:made]
-    y[:], R[:] = 0.0, 0.0
-    for d in range(count):
-        y += shares[:, d, None] * mix.x[d]
-    for d in range(count):
-        off = mix.x[d] - y
-        R += shares[:, d, None, None] * (mix.P[d] + off[:, :, None] * off[:, None, :])
+    x, middle, room = mix.x[:count], mix.x[0].copy(), space.room
+    x -= middle
+    mix.P[:count] += x[:, :, None] * x[:, None]
+    sums: Any = 0.0
+    for d, second in enumerate(mix.A[:count].reshape(count, -1)):
+        sums = sums + np.array(space.share[d : made * MOST : MOST])[:, None] * second
+    room.A[:made] = sums.reshape(made, *room.A.shape[1:])
+    y = room.x[:made].copy()
+    room.P[:made] -= y[:, :, None] * y[:, None]
+    room.x[:made] = y + middle
 
 
 @jit.kernel_beside(_mix)
 def mix_densities(mix: Mixture, count: int, made: int, space: Space) -> None:
-    """Give density k of the room mean and covariance of those of the mixture, by share[k * MOST + d]."""
-    x, P, y, R, share = mix.x, mix.P, space.room.x, space.room.P, space.share
-    n = x.shape[1]
-    for k in range(made):
+    """Give density k of the room mean and covariance of those of the mixture, by share[k * MOST + d].
+
+    By second moments about the first mean, for which the mixture is no more what it was.
+    """
+    A, R, share, middle = mix.A, space.room.A, space.share, space.scratch.K
+    n = A.shape[1]
+    seconds, sums = A.reshape(len(A), n * (n + 1)), R.reshape(len(R), n * (n + 1))
+    for i in range(n):
+        middle[i] = A[0, i, n]
+    for d in range(count):
         for i in range(n):
-            y[k, i] = 0.0
+            A[d, i, n] -= middle[i]
+        for i in range(n):
             for j in range(n):
-                R[k, i, j] = 0.0
+                A[d, i, j] += A[d, i, n] * A[d, j, n]
+    for k in range(made):
+        R[k] = 0.0
         for d in range(count):
             part = share[k * MOST + d]
             if part > 0.0:
-                for i in range(n):
-                    y[k, i] += part * x[d, i]
-        for d in range(count):
-            part = share[k * MOST + d]
-            if part > 0.0:
-                for i in range(n):
-                    off = x[d, i] - y[k, i]
-                    for j in range(n):
-                        R[k, i, j] += part * (P[d, i, j] + off * (x[d, j] - y[k, j]))
+                for i in range(n * (n + 1)):
+                    sums[k, i] += part * seconds[d, i]
+        for i in range(n):
+            for j in range(n):
+                R[k, i, j] -= R[k, i, n] * R[k, j, n]
+        for i in range(n):
+            R[k, i, n] += middle[i]
 
 
 @jit.kernel
@@ -158,7 +160,7 @@ def give_priors(mix: Mixture, count: int, bend_var: float, rate: float) -> None:
     rate: mean and standard deviation of the drift of u.
     """
     for d in range(count):
-        mode = int(mix.mode[d])
+        mode = mix.mode[d]
         if m.BENDS[mode] == 0.0:
             mix.P[d, m.CURVATURE, m.CURVATURE] = bend_var
         if m.DRIFTS[mode] == 0.0:
@@ -169,10 +171,9 @@ def give_priors(mix: Mixture, count: int, bend_var: float, rate: float) -> None:
 def forget(room: Mixture, made: int, i: int, modes: Any) -> None:
     """Forget a state in the modes that do not have it."""
     for k in range(made):
-        if modes[int(room.mode[k])] == 0.0:
-            room.x[k, i] = 0.0
-            room.P[k, i] = 0.0
-            room.P[k, :, i] = 0.0
+        if modes[room.mode[k]] == 0.0:
+            room.A[k, i] = 0.0
+            room.A[k, :, i] = 0.0
 
 
 @jit.kernel
@@ -182,36 +183,46 @@ def exchange(mix: Mixture, count: int, chains: Any, least: float, space: Space) 
     chains: `transitions`. What a mode does not have must have been given its prior (`give_priors`).
     """
     roads, drivers, loads = chains
-    set_loads(mix, count, space.scratch)
-    room, share, of_loads = space.room, space.share, space.scratch.loads
-    made = 0
+    room, share = space.room, space.share
+    for d in range(count):
+        own, k = mix.mode[d], MODES * mix.load[d] * MOST + d
+        at_road, at_driver, at_load = (
+            ROADS * (own % ROADS),
+            2 * (own // ROADS % 2),
+            2 * (own // m.STEADY_MODES),
+        )
+        for load in range(2):
+            of_load = mix.weight[d] * loads[at_load + load]
+            for driver in range(2):
+                part = of_load * drivers[at_driver + driver]
+                for road in range(ROADS):
+                    share[k] = part * roads[at_road + road]
+                    k += MOST
+    made, whole = 0, 0.0
     for load in range(LOADS):
-        for mode in range(MODES if of_loads[3 * load] > 0.0 else 0):
-            total, at = 0.0, made * MOST
+        for mode in range(MODES):
+            total, at, into = 0.0, (MODES * load + mode) * MOST, made * MOST
             for d in range(count):
-                part = 0.0
                 if mix.load[d] == load:
-                    own = int(mix.mode[d])
-                    part = mix.weight[d] * roads[ROADS * (own % ROADS) + mode % ROADS]
-                    part *= drivers[2 * (own // ROADS % 2) + mode // ROADS % 2]
-                    part *= loads[2 * (own // m.STEADY_MODES) + mode // m.STEADY_MODES]
-                share[at + d] = part
-                total += part
+                    total += share[at + d]
             if total >= least:
                 kept = 0.0
                 for d in range(count):
-                    share[at + d] = share[at + d] if share[at + d] > _NEGLIGIBLE * total else 0.0
-                    kept += share[at + d]
+                    part = share[at + d] if mix.load[d] == load else 0.0
+                    share[into + d] = part if part > _NEGLIGIBLE * total else 0.0
+                    kept += share[into + d]
                 for d in range(count):
-                    share[at + d] /= kept
-                room.weight[made], room.load[made], room.mode[made] = total, float(load), float(mode)
+                    share[into + d] /= kept
+                room.weight[made], room.load[made], room.mode[made] = total, load, mode
+                whole += total
                 made += 1
+    for k in range(made):
+        room.weight[k] /= whole
     mix_densities(mix, count, made, space)
     forget(room, made, m.CURVATURE, m.BENDS)
     forget(room, made, m.RATE, m.DRIFTS)
     take(room, made, mix)
-    left: int = prune(mix, made, least)
-    return left
+    return made
 
 
 @jit.kernel
@@ -227,8 +238,9 @@ def change_modes(
 @jit.kernel
 def take(room: Mixture, count: int, mix: Mixture) -> None:
     """Copy the densities of the room into the mixture."""
-    for d in range(count):
-        copy(room, d, mix, d)
+    np.positive(room.A[:count], mix.A[:count])
+    mix.weight[:count], mix.load[:count] = room.weight[:count], room.load[:count]
+    mix.mode[:count] = room.mode[:count]
 
 
 @jit.kernel
@@ -243,7 +255,7 @@ def set_loads(mix: Mixture, count: int, t: Scratch) -> int:
     for k in range(3 * LOADS):
         loads[k] = 0.0
     for d in range(count):
-        k = 3 * int(mix.load[d])
+        k = 3 * mix.load[d]
         loads[k] += mix.weight[d]
         loads[k + 1] += mix.weight[d] * us[d]
         loads[k + 2] += mix.weight[d] * (us[d] * us[d] + u_vars[d])

@@ -30,30 +30,29 @@ from canest.estimators.default.predict import (
     fade,
     fill,
     sharpen,
-    step_of_road,
     travel,
+    widen,
 )  # fmt: skip
 from canest.estimators.default.report import Report, leave_out, report_grade, report_mass, unknown_load_var
 from canest.estimators.default.road_map import RoadUse, cell_var, follow_road
 from canest.estimators.default.sensors import (
     DRIVEN,
     SENSED,
+    UNKNOWN_V,
     accelerometer,
     altitude,
     closed_balance,
     coasting,
-    forget_speed,
     gain_is_known,
     mapped_slope,
     mean_delay,
     mean_of,
-    mean_surplus,
     remember_speed,
     rocking_var,
     set_gained,
     speed,
 )
-from canest.estimators.default.update import add_log_likelihood
+from canest.estimators.default.update import judge
 
 #: after a gap this long the height is unknown, s; of a coasting further back the road is another, m
 _LOST_S, _FAR_M = 60.0, 100.0
@@ -126,19 +125,17 @@ def learn_open(
 ) -> tuple[float, float]:
     """Weigh the hypotheses by an open window's speed and torque; returns NIS and surplus, in the mean.
 
-    own: see `own_torque`, on a smooth and on a rough road. lever: see `step_of_road`.
+    own: see `own_torque`, on a smooth and on a rough road. Where no noise explains an innovation the road has
+    a step, and the speed is what was measured. lever: grade per m/s of speed missing.
     """
-    add_log_likelihood(mix, count, r, c.likelihood_floor, t)
-    nis, largest = 0.0, 0.0
+    nis, surplus = judge(mix, count, r, r, c, t)
     for d in range(count):
-        mode = int(mix.mode[d])
+        mode, missing = mix.mode[d], t.e[d]
         mix.found[d] += own[int(m.IS_ROUGH[mode])] * m.ANSWERS[mode]
-        ratio = t.e[d] * t.e[d] / t.s[d]
-        nis += mix.weight[d] * ratio
-        largest = max(largest, ratio)
-    surplus = mean_surplus(mix, count, r, c, t)
-    if largest > c.road_step_nis:
-        step_of_road(mix, count, lever, c, t)
+        if missing * missing > c.road_step_nis * t.s[d]:
+            step = missing * lever
+            mix.P[d, m.GRADE, m.GRADE] += min(step * step, c.grade_std * c.grade_std)
+            mix.P[d, m.V, m.V] += missing * missing
     return nis, surplus
 
 
@@ -203,7 +200,8 @@ def run(
         mixed_m, mixed_s = p.mixed_m + metres, p.mixed_s + (0.0 if still else dt + min(w.gap_s, 10.0))
         due = mixed_s >= c.exchange_every_s or surprised or opened
         if due:
-            wind = math.hypot(c.wind_std_mps, 0.5 * w.speed_mps * v.drag_share) * p.u
+            by_drag = 0.5 * w.speed_mps * v.drag_share  # math.hypot rounds otherwise where it is compiled
+            wind = math.sqrt(c.wind_std_mps * c.wind_std_mps + by_drag * by_drag) * p.u
             fade(mix, count, mixed_m, wind, c)
             drift(mix, count, mixed_s, t)
             count = change_modes(mix, count, mixed_m, mixed_s, p.u, c, space)
@@ -212,7 +210,7 @@ def run(
         if surprised or (is_open and driven_s >= c.motion_every_s):
             probability = changed_probability(driven_s, c.motion_change_s)
             if surprised:
-                sharpen(mix, count, c, t)
+                sharpen(mix, count, c)
                 probability, surprise = max(probability, surprise_probability(surprise, c)), 0.0
             known_N = 0.0 if p.braked > 0.0 else w.force_N - w.rotating_kg * w.accel_mps2
             count = open_load(mix, count, probability, True, known_N / GRAVITY_MPS2, c, v, t)
@@ -226,7 +224,7 @@ def run(
             climbed_m = climbed_s = 0.0
         swing = swing_var(0.0, w.begin_N, w, dt, p.u, c) if begins else p.swing
         if begins:
-            forget_speed(mix, count, t)
+            widen(mix, count, m.V, UNKNOWN_V)  # no known force has led to the speed before it
             if w.gap_s == 0.0 and not math.isnan(joined.before_mps):
                 before = Ends(joined.before_mps, w.begin_N, joined.before_Nps)
                 speed(mix, count, before, p.u, levels.speed_var + swing, c, v, t)

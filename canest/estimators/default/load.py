@@ -46,10 +46,17 @@ def brakes_unseen(w: Window, surprise: float, innovation_mps: float, c: Constant
     return surprise > c.surprise_limit and innovation_mps < 0.0 and in_overrun(w)
 
 
-def _reopen(mix: Mixture, d: int, net_kg: float, v: Vehicle, t: Scratch) -> None:
-    known_u = min(max(float(mix.x[d, m.U]), v.least_u), v.most_u)
+@jit.kernel
+def reopen(mix: Mixture, d: int, net_kg: float, v: Vehicle) -> None:
+    """Open the load of one density: x(u) = x + a (u - known_u), P = P without u + a Var(u) a'.
+
+    a: 1 for u itself; x / known_u for what is times u; net_kg = (F - J dv/dt) / g for the grade, since
+    u F - g theta has been right whatever the load.
+    """
     x, P = mix.x[d], mix.P[d]
-    P[m.U] = P[:, m.U] = 0.0
+    known_u = min(max(x[m.U], v.least_u), v.most_u)
+    P[m.U] = 0.0
+    P[:, m.U] = 0.0
     a = np.zeros(len(x))
     a[m.U], a[m.GRADE] = 1.0, net_kg
     for state in m.TIMES_U:
@@ -58,35 +65,8 @@ def _reopen(mix: Mixture, d: int, net_kg: float, v: Vehicle, t: Scratch) -> None
         P[:, state] *= v.unknown_u / known_u
     x[m.U] = known_u
     x += a * (v.unknown_u - known_u)
-    P += (a * v.unknown_var)[:, None] * a
-
-
-@jit.kernel_beside(_reopen)
-def reopen(mix: Mixture, d: int, net_kg: float, v: Vehicle, t: Scratch) -> None:
-    """Open the load of one density: x(u) = x + a (u - known_u), P = P without u + a Var(u) a'.
-
-    a: 1 for u itself; x / known_u for what is times u; net_kg = (F - J dv/dt) / g for the grade, since
-    u F - g theta has been right whatever the load.
-    """
-    x, P, a = mix.x, mix.P, t.K
-    n = x.shape[1]
-    known_u = min(max(x[d, m.U], v.least_u), v.most_u)
-    for i in range(n):
-        P[d, m.U, i] = 0.0
-        P[d, i, m.U] = 0.0
-        a[i] = 0.0
-    a[m.U], a[m.GRADE] = 1.0, net_kg
-    for state in m.TIMES_U:
-        a[state] = x[d, state] / known_u
-        for i in range(n):
-            P[d, state, i] *= v.unknown_u / known_u
-        for i in range(n):
-            P[d, i, state] *= v.unknown_u / known_u
-    x[d, m.U] = known_u
-    for i in range(n):
-        x[d, i] += a[i] * (v.unknown_u - known_u)
-        for j in range(n):
-            P[d, i, j] += a[i] * v.unknown_var * a[j]
+    for i in range(len(x)):
+        P[i] += a[i] * v.unknown_var * a
 
 
 @jit.kernel
@@ -108,13 +88,13 @@ def open_load(
     made, total = count, 0.0
     for d in range(count):
         if not moving:
-            mix.load[d] = float(base)
+            mix.load[d] = base
         if mix.load[d] == base:
             copy(mix, d, mix, made)
-            reopen(mix, made, net_kg, v, t)
+            reopen(mix, made, net_kg, v)
             if mix.x.shape[1] == m.STATES:  # a frame tilts under another load
                 mix.P[made, m.BIAS, m.BIAS] += c.load_tilt_mps2 * c.load_tilt_mps2
-            mix.load[made] = float(label)
+            mix.load[made] = label
             total += mix.weight[d]
             made += 1
     for d in range(made):

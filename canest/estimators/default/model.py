@@ -21,11 +21,11 @@ WINDOW_S = TICKS * STEP_S
 #: states of every density
 V = 0  #: speed, m/s
 GRADE = 1  #: apparent grade: sine of the slope plus the error of the rolling resistance coefficient
-HEIGHT = 2  #: m
-U = 3  #: inverse mass, 1/kg
-CURVATURE = 4  #: change of the grade per metre, 1/m; zero on a straight
-WIND = 5  #: headwind times u, (m/s)/kg
-ROLLING = 6  #: error of the rolling resistance coefficient
+U = 2  #: inverse mass, 1/kg
+CURVATURE = 3  #: change of the grade per metre, 1/m; zero on a straight
+ROLLING = 4  #: error of the rolling resistance coefficient
+HEIGHT = 5  #: m
+WIND = 6  #: headwind times u, (m/s)/kg
 RATE = 7  #: drift of the inverse mass, 1/(kg s); zero where the load is steady
 DELAY = 8  #: remaining delay of the reported torque times u, s/kg
 WINDUP = 9  #: compliance of the driveline times u, s2/kg
@@ -58,12 +58,13 @@ MOST = 2 * LOADS * MODES
 class Mixture(NamedTuple):
     """The posterior: a sum of normal densities, each under one hypothesis. The first `count` are alive."""
 
-    x: Any  #: (MOST, n) means
-    P: Any  #: (MOST, n, n) covariances
-    weight: Any  #: (MOST,) probabilities; like all below a list interpreted, an array compiled
-    load: Any  #: (MOST,) number of the load
-    mode: Any  #: (MOST,)
-    found: Any  #: (MOST,) log likelihood of the window; the last column
+    x: Any  #: (MOST, n) means, a view of A
+    P: Any  #: (MOST, n, n) covariances, a view of A
+    A: Any  #: (MOST, n, n + 1) covariances, and the means as their last column: what a row of F does to both
+    load: Any  #: (MOST,) number of the load, whole; like all below a list interpreted, an array compiled
+    mode: Any  #: (MOST,) whole
+    weight: Any  #: (MOST,) probabilities
+    found: Any  #: (MOST,) log likelihood of the window
 
 
 class Ends(NamedTuple):
@@ -83,7 +84,6 @@ class Scratch(NamedTuple):
     columns: Any  #: four columns
     e: Any  #: column: innovations of the last measurement
     s: Any  #: column: their variances
-    zeros: Any  #: column that stays zero
     loads: Any  #: (3 * LOADS,) weight, mean and variance of u of every load
 
 

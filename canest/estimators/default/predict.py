@@ -14,7 +14,7 @@ from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants, Vehicle
-from canest.estimators.default.model import MOST, Mixture, Scratch, Window
+from canest.estimators.default.model import Mixture, Scratch, Window
 
 _EVERYWHERE = (1.0,) * m.MODES
 _DRIFT = (m.RATE,)
@@ -24,94 +24,70 @@ _ACCELERATE = (m.GRADE, m.WIND, m.U)
 
 
 def _propagate(mix: Mixture, count: int, i: int, states: Any, t: Scratch) -> None:
-    x, P = mix.x[:count], mix.P[:count]
-    gains = [np.array(t.f[j * MOST : j * MOST + count]) for j in range(len(states))]
-    row = P[:, i].copy()
-    for gain, state in zip(gains, states, strict=True):
-        x[:, i] += gain * x[:, state]
-        row += gain[:, None] * P[:, state]
-    variance = row[:, i].copy()
-    for gain, state in zip(gains, states, strict=True):
-        variance += gain * row[:, state]
-    row[:, i] = variance
-    P[:, i], P[:, :, i] = row, row
+    A, at = mix.A[:count], (i, *states)
+    f = np.array([1.0] * count + t.f[: count * len(states)]).reshape(-1, count)
+    row = np.add.reduce(A.take(at, 1) * f.T[:, :, None], 1)  # like all sums here one after the other
+    row[:, i] = np.add.reduce(row.T.take(at, 0) * f)
+    A[:, i], A[:, :, i] = row, row[:, :-1]
 
 
 @jit.kernel_beside(_propagate)
 def propagate(mix: Mixture, count: int, i: int, states: Any, t: Scratch) -> None:
-    """x_i <- x_i + sum_j f_j x_j, and P with it. states: the j; f_j of density d at t.f[j * MOST + d]."""
-    x, P, row = mix.x, mix.P, t.K
-    n = x.shape[1]
+    """x_i <- x_i + sum_j f_j x_j, and P with it. states: the j; f_j of density d at t.f[j * count + d]."""
+    A, row = mix.A, t.K
+    n = A.shape[1]
     for d in range(count):
-        for k in range(n):
-            row[k] = P[d, i, k]
+        for k in range(n + 1):
+            row[k] = A[d, i, k]
         for j in range(len(states)):
-            gain, state = t.f[j * MOST + d], states[j]
-            x[d, i] += gain * x[d, state]
-            for k in range(n):
-                row[k] += gain * P[d, state, k]
+            gain, state = t.f[j * count + d], states[j]
+            for k in range(n + 1):
+                row[k] += gain * A[d, state, k]
         variance = row[i]
         for j in range(len(states)):
-            variance += t.f[j * MOST + d] * row[states[j]]
+            variance += t.f[j * count + d] * row[states[j]]
         row[i] = variance
+        for k in range(n + 1):
+            A[d, i, k] = row[k]
         for k in range(n):
-            P[d, i, k] = row[k]
-            P[d, k, i] = row[k]
+            A[d, k, i] = row[k]
 
 
-def _decay(mix: Mixture, count: int, i: int, left: float, fresh: float, modes: Any) -> None:
-    has = [modes[int(mode)] for mode in mix.mode[:count]]
-    factor = np.array([left if one > 0.0 else 1.0 for one in has])
-    mix.x[:count, i] *= factor
-    mix.P[:count, i] *= factor[:, None]
-    mix.P[:count, :, i] *= factor[:, None]
-    mix.P[:count, i, i] += [fresh * one for one in has]
-
-
-@jit.kernel_beside(_decay)
+@jit.kernel
 def decay(mix: Mixture, count: int, i: int, left: float, fresh: float, modes: Any) -> None:
     """x_i <- left x_i + noise of variance `fresh` (Ornstein-Uhlenbeck), in the modes that have it."""
     for d in range(count):
-        if modes[int(mix.mode[d])] > 0.0:
-            mix.x[d, i] *= left
-            for k in range(mix.x.shape[1]):
-                mix.P[d, i, k] *= left
-            for k in range(mix.x.shape[1]):
-                mix.P[d, k, i] *= left
-            mix.P[d, i, i] += fresh
+        if modes[mix.mode[d]] > 0.0:
+            mix.A[d, i] *= left
+            mix.A[d, :, i] *= left
+            mix.A[d, i, i] += fresh
 
 
-def _add(mix: Mixture, count: int, i: int, mean: Any, variance: Any) -> None:
-    mix.x[:count, i] += mean[:count]
-    mix.P[:count, i, i] += variance[:count]
-
-
-@jit.kernel_beside(_add)
-def add(mix: Mixture, count: int, i: int, mean: Any, variance: Any) -> None:
-    """Add noise to x_i: a mean and a variance for each density."""
+@jit.kernel
+def widen(mix: Mixture, count: int, i: int, variance: float) -> None:
+    """Add noise to x_i: one variance for all densities."""
     for d in range(count):
-        mix.x[d, i] += mean[d]
-        mix.P[d, i, i] += variance[d]
+        mix.P[d, i, i] += variance
 
 
-def _moments(mix: Mixture, count: int, i: int, mean: Any, variance: Any) -> None:
-    mean[:count] = mix.x[:count, i].tolist()
-    variance[:count] = mix.P[:count, i, i].tolist()
+def _column(a: Any, count: int) -> Any:
+    return a[:count].tolist()
 
 
-@jit.kernel_beside(_moments)
+@jit.kernel_beside(_column)
+def column(a: Any, count: int) -> Any:
+    """Return the first numbers of an array, to be read before it changes."""
+    return a[:count]
+
+
+@jit.kernel
 def moments(mix: Mixture, count: int, i: int, mean: Any, variance: Any) -> None:
     """Copy mean and variance of x_i in every density."""
-    for d in range(count):
-        mean[d], variance[d] = mix.x[d, i], mix.P[d, i, i]
+    mean[:count] = column(mix.x[:, i], count)
+    variance[:count] = column(mix.P[:, i, i], count)
 
 
-def _restore(mix: Mixture, count: int, i: int, mean: Any, variance: Any) -> None:
-    mix.x[:count, i] = mean[:count]
-    mix.P[:count, i, i] = variance[:count]
-
-
-@jit.kernel_beside(_restore)
+@jit.kernel
 def restore(mix: Mixture, count: int, i: int, mean: Any, variance: Any) -> None:
     """Give mean and variance back to x_i in every density."""
     for d in range(count):
@@ -136,10 +112,9 @@ def drift(mix: Mixture, count: int, seconds: float, t: Scratch) -> None:
 def climb(mix: Mixture, count: int, metres: float, wander: float, t: Scratch) -> None:
     """Let the height follow the slope: h <- h + ds (theta - rho), Q = wander of the receiver."""
     for d in range(count):
-        t.f[d], t.f[MOST + d] = metres, -metres
+        t.f[d], t.f[count + d] = metres, -metres
     propagate(mix, count, m.HEIGHT, _CLIMB, t)
-    fill(count, t.f, wander)
-    add(mix, count, m.HEIGHT, t.zeros, t.f)
+    widen(mix, count, m.HEIGHT, wander)
 
 
 @jit.kernel
@@ -152,15 +127,17 @@ def travel(
     """
     if metres == 0.0 and answered_kg == 0.0:
         return
+    bent_m, most, scatter = min(metres, c.curvature_length_m), c.grade_std * c.grade_std, u * answered_kg
+    smooth, rough = min(c.smooth_wander_1pm * metres, most), min(c.rough_wander_1pm * metres, most)
     for d in range(count):
-        t.f[d], t.f[MOST + d] = min(metres, c.curvature_length_m), answered_kg * m.ANSWERS[int(mix.mode[d])]
+        mode = mix.mode[d]
+        answers = m.ANSWERS[mode]
+        t.f[d], t.f[count + d] = bent_m, answered_kg * answers
+        # of the row's own state, so that it may be added before
+        mix.P[d, m.GRADE, m.GRADE] += (
+            rough if m.IS_ROUGH[mode] > 0.0 else smooth
+        ) + scatter * scatter * answers
     propagate(mix, count, m.GRADE, _TRAVEL, t)
-    for d in range(count):
-        mode = int(mix.mode[d])
-        scatter = u * answered_kg * m.ANSWERS[mode]
-        wander = c.rough_wander_1pm if m.IS_ROUGH[mode] > 0.0 else c.smooth_wander_1pm
-        t.f[d] = min(wander * metres, c.grade_std * c.grade_std) + scatter * scatter
-    add(mix, count, m.GRADE, t.zeros, t.f)
 
 
 @jit.kernel
@@ -172,24 +149,26 @@ def accelerate(
     F of this row: da/dtheta = -g / (1 + u J), da/domega = -c / (1 + u J), da/du = (F - J a) / (1 + u J).
     lacking: density of the force that the model lacks. u_mean: mean inverse mass. Returns the acceleration.
     """
-    us, grades, winds, unused = t.columns
-    moments(mix, count, m.U, us, unused)
-    moments(mix, count, m.GRADE, grades, unused)
-    moments(mix, count, m.WIND, winds, unused)
-    gained, mean = t.columns[3], 0.0
+    us = column(mix.x[:, m.U], count)
+    grades, winds = column(mix.x[:, m.GRADE], count), column(mix.x[:, m.WIND], count)
+    f, least_u, most_u, mean = t.f, v.least_u, v.most_u, 0.0
+    force_N, rotating_kg, drag_N_per_mps = w.force_N, w.rotating_kg, w.drag_N_per_mps
+    lever = u_mean / (1.0 + u_mean * rotating_kg)
+    noise = lever * lever * lacking * dt
     for d in range(count):
-        u = min(max(us[d], v.least_u), v.most_u)
-        part = dt / (1.0 + u * w.rotating_kg)
-        dv = part * (u * w.force_N - w.roll_mps2 - GRAVITY_MPS2 * grades[d] - w.drag_N_per_mps * winds[d])
-        t.f[d], t.f[MOST + d] = -part * GRAVITY_MPS2, -part * w.drag_N_per_mps
-        t.f[2 * MOST + d] = part * (w.force_N - w.rotating_kg * dv / dt)
-        # what the row adds by its states, and must not
-        gained[d] = dv - (t.f[d] * grades[d] + t.f[MOST + d] * winds[d] + t.f[2 * MOST + d] * u)
+        u, grade, wind = us[d], grades[d], winds[d]
+        u = least_u if u < least_u else most_u if u > most_u else u
+        part = dt / (1.0 + u * rotating_kg)
+        dv = part * (u * force_N - w.roll_mps2 - GRAVITY_MPS2 * grade - drag_N_per_mps * wind)
+        by_grade, by_wind, by_u = (
+            -part * GRAVITY_MPS2, -part * drag_N_per_mps, part * (force_N - rotating_kg * dv / dt),
+        )  # fmt: skip
+        f[d], f[count + d], f[2 * count + d] = by_grade, by_wind, by_u
+        # less what the row adds by its states, and must not
+        mix.x[d, m.V] += dv - (by_grade * grade + by_wind * wind + by_u * u)
+        mix.P[d, m.V, m.V] += noise
         mean += mix.weight[d] * dv / dt
     propagate(mix, count, m.V, _ACCELERATE, t)
-    lever = u_mean / (1.0 + u_mean * w.rotating_kg)
-    fill(count, t.f, lever * lever * lacking * dt)
-    add(mix, count, m.V, gained, t.f)
     return mean
 
 
@@ -210,24 +189,8 @@ def fade(mix: Mixture, count: int, metres: float, wind: float, c: Constants) -> 
 
 
 @jit.kernel
-def sharpen(mix: Mixture, count: int, c: Constants, t: Scratch) -> None:
+def sharpen(mix: Mixture, count: int, c: Constants) -> None:
     """Let a bend be sharper than usual where innovations surprise: the other cause beside a load."""
     for d in range(count):
-        t.f[d] = c.sharp_curvature_1pm * c.sharp_curvature_1pm * m.BENDS[int(mix.mode[d])]
-    add(mix, count, m.CURVATURE, t.zeros, t.f)
-
-
-@jit.kernel
-def step_of_road(mix: Mixture, count: int, lever: float, c: Constants, t: Scratch) -> None:
-    """Where no noise explains an innovation the road has a step, and the speed is what was measured.
-
-    lever: grade per m/s of speed missing.
-    """
-    for d in range(count):
-        missing = t.e[d]
-        big = missing * missing > c.road_step_nis * t.s[d]
-        step = missing * lever
-        t.columns[0][d] = min(step * step, c.grade_std * c.grade_std) if big else 0.0
-        t.columns[1][d] = missing * missing if big else 0.0
-    add(mix, count, m.GRADE, t.zeros, t.columns[0])
-    add(mix, count, m.V, t.zeros, t.columns[1])
+        if m.BENDS[mix.mode[d]] > 0.0:
+            mix.P[d, m.CURVATURE, m.CURVATURE] += c.sharp_curvature_1pm * c.sharp_curvature_1pm

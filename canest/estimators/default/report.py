@@ -9,16 +9,17 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from canest.core import jit
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.load import changed_probability
 from canest.estimators.default.model import LOADS, Mixture, Scratch, Space
+from canest.estimators.default.predict import column
 
 #: windows between two sums over the nodes
 _EVERY = 5.0
+#: places among the states from the grade to the rolling resistance
+_U, _BEND, _ROLL = m.U - m.GRADE, m.CURVATURE - m.GRADE, m.ROLLING - m.GRADE
 
 
 class Report(NamedTuple):
@@ -36,18 +37,16 @@ class Report(NamedTuple):
 @jit.kernel
 def leave_out(mix: Mixture, count: int, left_out: float, t: Scratch) -> None:
     """Set t.columns[2] to the weights of the densities, zero for loads that are left out; normalised."""
-    loads, share = t.loads, t.columns[2]
-    small = 0.0
+    loads, share, small, rest = t.loads, t.columns[2], 0.0, 0.0
     for k in range(0, 3 * LOADS, 3):
         if loads[k] < left_out:
             small += loads[k]
+        else:
+            rest += loads[k]
     least = left_out if small < left_out else 0.0
-    total = 0.0
+    total = rest if least > 0.0 else rest + small
     for d in range(count):
-        share[d] = mix.weight[d] if loads[3 * int(mix.load[d])] >= least else 0.0
-        total += share[d]
-    for d in range(count):
-        share[d] /= total
+        share[d] = mix.weight[d] / total if loads[3 * mix.load[d]] >= least else 0.0
 
 
 @jit.kernel
@@ -114,37 +113,6 @@ def report_mass(
     return mass, var, _EVERY
 
 
-def _grades(mix: Mixture, count: int, ahead_m: float, power: float, v: Vehicle, t: Scratch) -> None:
-    x, P, variance = mix.x[:count], mix.P[:count], mix.P[:count, m.U, m.U]
-    per_u = (P[:, m.GRADE, m.U] - P[:, m.ROLLING, m.U]) / variance
-    u = np.minimum(np.maximum(x[:, m.U], v.least_u), v.most_u)
-    mean = x[:, m.GRADE] - x[:, m.ROLLING] + ahead_m * x[:, m.CURVATURE] + per_u * (u - x[:, m.U])
-    var = P[:, m.GRADE, m.GRADE] - 2.0 * P[:, m.GRADE, m.ROLLING] + P[:, m.ROLLING, m.ROLLING]
-    var = var + 2.0 * ahead_m * (P[:, m.GRADE, m.CURVATURE] - P[:, m.ROLLING, m.CURVATURE])
-    var = var + ahead_m * ahead_m * P[:, m.CURVATURE, m.CURVATURE]
-    var = var + per_u * per_u * variance * (1.0 / power - 1.0)
-    t.columns[0][:count], t.columns[1][:count] = mean.tolist(), var.tolist()
-    t.columns[3][:count] = x[:, m.CURVATURE].tolist()
-
-
-@jit.kernel_beside(_grades)
-def set_grades(mix: Mixture, count: int, ahead_m: float, power: float, v: Vehicle, t: Scratch) -> None:
-    """Set t.columns[0], [1] and [3] to mean and variance of the grade ahead and its change per metre.
-
-    theta - rho + d kappa given u, at the u within bounds, d metres ahead of the filtered signals.
-    """
-    for d in range(count):
-        x, P = mix.x, mix.P
-        per_u = (P[d, m.GRADE, m.U] - P[d, m.ROLLING, m.U]) / P[d, m.U, m.U]
-        u = min(max(x[d, m.U], v.least_u), v.most_u)
-        mean = x[d, m.GRADE] - x[d, m.ROLLING] + ahead_m * x[d, m.CURVATURE] + per_u * (u - x[d, m.U])
-        var = P[d, m.GRADE, m.GRADE] - 2.0 * P[d, m.GRADE, m.ROLLING] + P[d, m.ROLLING, m.ROLLING]
-        var = var + 2.0 * ahead_m * (P[d, m.GRADE, m.CURVATURE] - P[d, m.ROLLING, m.CURVATURE])
-        var = var + ahead_m * ahead_m * P[d, m.CURVATURE, m.CURVATURE]
-        var = var + per_u * per_u * P[d, m.U, m.U] * (1.0 / power - 1.0)
-        t.columns[0][d], t.columns[1][d], t.columns[3][d] = mean, var, x[d, m.CURVATURE]
-
-
 @jit.kernel
 def report_grade(
     mix: Mixture, count: int, mass: tuple[float, float, float], ahead_m: float, answer_1pm: float,
@@ -154,17 +122,25 @@ def report_grade(
 
     answer_1pm: variance that an answered grade gains per metre, by the torque of the last window.
     """
-    set_grades(mix, count, ahead_m, c.likelihood_power, v, t)
-    means, variances, share, bends = t.columns
+    share, wider = t.columns[2], 1.0 / c.likelihood_power - 1.0
+    means = column(mix.x[:, m.GRADE : m.ROLLING + 1], count)
+    covariances = column(mix.P[:, m.GRADE : m.ROLLING + 1, m.GRADE : m.ROLLING + 1], count)
     mean = square = slope = wander = 0.0
     for d in range(count):
         if share[d] > 0.0:
-            mode = int(mix.mode[d])
+            mode = mix.mode[d]
             gains = c.rough_wander_1pm if m.IS_ROUGH[mode] > 0.0 else c.smooth_wander_1pm
             gains += answer_1pm * m.ANSWERS[mode]
-            mean += share[d] * means[d]
-            square += share[d] * (variances[d] + gains * ahead_m + means[d] * means[d])
-            slope += share[d] * bends[d]
+            x, P = means[d], covariances[d]
+            grades, rollings, u, bend = P[0], P[_ROLL], x[_U], x[_BEND]
+            per_u = (grades[_U] - rollings[_U]) / P[_U][_U]
+            grade = x[0] - x[_ROLL] + ahead_m * bend + per_u * (min(max(u, v.least_u), v.most_u) - u)
+            var = grades[0] - 2.0 * grades[_ROLL] + rollings[_ROLL]
+            var += 2.0 * ahead_m * (grades[_BEND] - rollings[_BEND])
+            var += ahead_m * ahead_m * P[_BEND][_BEND] + per_u * per_u * P[_U][_U] * wider
+            mean += share[d] * grade
+            square += share[d] * (var + gains * ahead_m + grade * grade)
+            slope += share[d] * bend
             wander += share[d] * gains
     return Report(mass[0], mass[1], mean, max(square - mean * mean, 1e-10), slope, wander, mass[2])
 

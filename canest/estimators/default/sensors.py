@@ -9,8 +9,8 @@ from canest.core.samples import GRAVITY_MPS2
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Window
-from canest.estimators.default.predict import add, fill, moments, restore
-from canest.estimators.default.update import add_log_likelihood, condition_on
+from canest.estimators.default.predict import column, moments, restore, widen
+from canest.estimators.default.update import condition_on, judge
 
 SENSED = (m.GRADE, m.BIAS)
 DRIVEN = (m.GRADE, m.BIAS, m.V, m.BEGIN, m.DELAY)
@@ -22,7 +22,7 @@ _MAP = (m.GRADE, m.ROLLING)
 #: bounds of the delay at which its lever is taken, s
 _LONGEST_DELAY_S = 0.1
 #: variance of a speed that no known force has led to, (m/s)2
-_UNKNOWN_V = 1e4
+UNKNOWN_V = 1e4
 #: an altitude this many variances off begins anew
 _FAR_OFF = 25.0
 #: what a body does that the pitch does not tell, share of the acceleration squared: 0.007 rad per m/s2
@@ -39,20 +39,9 @@ def mean_of(weight: Any, count: int, values: Any) -> float:
 
 
 @jit.kernel
-def mean_surplus(mix: Mixture, count: int, r: float, c: Constants, t: Scratch) -> float:
-    """Return the mean of e^2 - s, outliers cut, less where s is mostly the states' own uncertainty."""
-    mean = 0.0
-    for d in range(count):
-        e, s = t.e[d], t.s[d]
-        mean += mix.weight[d] * min(c.noise_dominates * r / s, 1.0) * (min(e * e, c.outlier_nis * s) - s)
-    return mean
-
-
-@jit.kernel
 def mean_delay(mix: Mixture, count: int, u: float, t: Scratch) -> float:
     """Return the delay of the torque beyond the usual one, s. u: mean inverse mass."""
-    moments(mix, count, m.DELAY, t.columns[0], t.columns[1])
-    delay_s: float = mean_of(mix.weight, count, t.columns[0]) / u
+    delay_s: float = mean_of(mix.weight, count, column(mix.x[:, m.DELAY], count)) / u
     return delay_s
 
 
@@ -71,31 +60,12 @@ def speed(
     condition_on(mix, count, _SPEED, end.speed_mps * (1.0 - slip), r, c.outlier_nis, t)
 
 
-def _remember(mix: Mixture, count: int) -> None:
-    x, P = mix.x[:count], mix.P[:count]
-    x[:, m.BEGIN] = x[:, m.V]
-    P[:, m.BEGIN] = P[:, m.V]
-    P[:, :, m.BEGIN] = P[:, :, m.V]
-
-
-@jit.kernel_beside(_remember)
+@jit.kernel
 def remember_speed(mix: Mixture, count: int) -> None:
     """Keep the speed where a window begins."""
-    x, P = mix.x, mix.P
-    n = x.shape[1]
-    for d in range(count):
-        x[d, m.BEGIN] = x[d, m.V]
-        for i in range(n):
-            P[d, m.BEGIN, i] = P[d, m.V, i]
-        for i in range(n):
-            P[d, i, m.BEGIN] = P[d, i, m.V]
-
-
-@jit.kernel
-def forget_speed(mix: Mixture, count: int, t: Scratch) -> None:
-    """Begin a balance of momentum: no known force has led to the speed before it."""
-    fill(count, t.f, _UNKNOWN_V)
-    add(mix, count, m.V, t.zeros, t.f)
+    A = mix.A[:count]
+    A[:, m.BEGIN] = A[:, m.V]
+    A[:, :, m.BEGIN] = A[:, :, m.V]
 
 
 @jit.kernel
@@ -135,13 +105,11 @@ def accelerometer(
     states: `DRIVEN`, after `set_gained`; or `SENSED`, where the speeds' dv/dt is subtracted. felt: the left
     side. var: variance of a window of 0.2 s, and see `rocking_var`.
     """
-    fill(count, t.f, c.bias_wander_m2ps5 * dt)
-    add(mix, count, m.BIAS, t.zeros, t.f)
+    widen(mix, count, m.BIAS, c.bias_wander_m2ps5 * dt)
     r = var[0] * WINDOW_S / dt
     t.h[0], t.h[1] = GRAVITY_MPS2, 1.0
     condition_on(mix, count, states, felt, r + var[1], c.outlier_nis, t)
-    add_log_likelihood(mix, count, r + var[1], c.likelihood_floor, t)
-    surplus: float = mean_surplus(mix, count, r, c, t)
+    surplus: float = judge(mix, count, r + var[1], r, c, t)[1]
     return surplus
 
 
@@ -153,13 +121,13 @@ def altitude(mix: Mixture, count: int, height_m: float, known: bool, c: Constant
     e = height_m - mean_of(mix.weight, count, t.columns[0])
     far = e * e > _FAR_OFF * (mean_of(mix.weight, count, t.columns[1]) + r)
     if far or not known:
-        fill(count, t.f, 1e6)
-        fill(count, t.columns[0], e)
-        add(mix, count, m.HEIGHT, t.columns[0], t.f)
+        widen(mix, count, m.HEIGHT, 1e6)
+        for d in range(count):
+            mix.x[d, m.HEIGHT] += e
     t.h[0] = 1.0
     condition_on(mix, count, _ALTITUDE, height_m, r, c.outlier_nis, t)
     if known and not far:
-        add_log_likelihood(mix, count, r, c.likelihood_floor, t)
+        judge(mix, count, r, r, c, t)
 
 
 @jit.kernel
@@ -191,7 +159,7 @@ def coasting(mix: Mixture, count: int, w: Window, c: Constants, t: Scratch) -> N
     t.h[0], t.h[1] = GRAVITY_MPS2, -GRAVITY_MPS2 * back_m
     t.h[2], t.h[3] = w.drag_N_per_mps, w.coast_kg * w.coast_mps2 - w.coast_N
     condition_on(mix, count, _COASTED, -w.coast_mps2 - w.roll_mps2, r, c.outlier_nis, t)
-    add_log_likelihood(mix, count, r, c.likelihood_floor, t)
+    judge(mix, count, r, r, c, t)
 
 
 @jit.kernel
@@ -199,4 +167,4 @@ def mapped_slope(mix: Mixture, count: int, sine: float, r: float, c: Constants, 
     """Update with the slope of a road map: z = theta - rho."""
     t.h[0], t.h[1] = 1.0, -1.0
     condition_on(mix, count, _MAP, sine, r, c.outlier_nis, t)
-    add_log_likelihood(mix, count, r, c.likelihood_floor, t)
+    judge(mix, count, r, r, c, t)

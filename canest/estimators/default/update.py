@@ -14,27 +14,32 @@ from typing import Any
 import numpy as np
 
 from canest.core import jit
+from canest.estimators.default.constants import Constants
 from canest.estimators.default.model import Mixture, Scratch
 
 
 def _condition_on(
     mix: Mixture, count: int, states: Any, z: float, r: float, outlier: float, t: Scratch
 ) -> None:
-    x, P, h = mix.x[:count], mix.P[:count], np.array(t.h[: len(states)])[:, None]
-    K = np.add.reduce(P.take(states, axis=1) * h, axis=1)  # like all sums here one after the other
-    terms = np.empty((len(states) + 1, count))
-    terms[0] = z
-    np.multiply(x.T.take(states, axis=0), h, out=terms[1:])
-    e = np.subtract.reduce(terms)
-    terms[0] = r
-    np.multiply(K.T.take(states, axis=0), h, out=terms[1:])
-    s = np.maximum(np.add.reduce(terms), r)
-    t.e[:count], t.s[:count] = e.tolist(), s.tolist()
-    root = 1.0 / np.sqrt(np.maximum(s, e * e / outlier))
-    gain = e * root
-    K *= root[:, None]
-    x += gain[:, None] * K
-    P -= K[:, :, None] * K[:, None, :]
+    A, levers = mix.A[:count], t.h[: len(states)]
+    n = A.shape[1]
+    K = np.add.reduce(
+        A.take(states, 1) * np.array(levers)[:, None], 1
+    )  # one after the other, as all sums here
+    pairs, roots, gains = tuple(zip(levers, states, strict=True)), [], []
+    for d, row in enumerate(K.tolist()):
+        e, s = z - row[n], r
+        for lever, state in pairs:
+            s += lever * row[state]
+        s = s if s > r else r
+        t.e[d], t.s[d] = e, s
+        least = e * e / outlier
+        root = 1.0 / math.sqrt(s if s > least else least)
+        roots.append(root)
+        gains.append(-e * root)
+    K *= np.array(roots)[:, None]
+    K[:, n] = gains
+    A -= K[:, :n, None] * K[:, None]
 
 
 @jit.kernel_beside(_condition_on)
@@ -45,36 +50,45 @@ def condition_on(
 
     Leaves the innovations in t.e and their variances in t.s.
     """
-    x, P, K = mix.x, mix.P, t.K
-    n = x.shape[1]
+    A, K = mix.A, t.K
+    n = A.shape[1]
     for d in range(count):
-        e = z
-        for i in range(n):
+        for i in range(n + 1):
             K[i] = 0.0
         for j in range(len(states)):
             lever, state = t.h[j], states[j]
-            e -= lever * x[d, state]
             for i in range(n):
-                K[i] += lever * P[d, state, i]
-        s = r
+                K[i] += lever * A[d, state, i]
+            K[n] += lever * A[d, state, n]
+        e, s = z - K[n], r
         for j in range(len(states)):
             s += t.h[j] * K[states[j]]
         s = max(s, r)
         t.e[d], t.s[d] = e, s
         root = 1.0 / math.sqrt(max(s, e * e / outlier))
-        gain = e * root
         for i in range(n):
             K[i] *= root
+        K[n] = -e * root
         for i in range(n):
-            x[d, i] += gain * K[i]
             for j in range(n):
-                P[d, i, j] -= K[i] * K[j]
+                A[d, i, j] -= K[i] * K[j]
+            A[d, i, n] -= K[i] * K[n]
 
 
 @jit.kernel
-def add_log_likelihood(mix: Mixture, count: int, r: float, floor: float, t: Scratch) -> None:
-    """Add ln (N(e; 0, s) + floor / sqrt(r)) but for a constant: a gross error speaks for none."""
-    least = floor / math.sqrt(r)
+def judge(mix: Mixture, count: int, r: float, level: float, c: Constants, t: Scratch) -> tuple[float, float]:
+    """Add ln (N(e; 0, s) + floor / sqrt(r)) but for a constant: a gross error speaks for none.
+
+    Returns the means of the normalised innovation squared and of its surplus e^2 - s: outliers cut, less
+    where s is mostly the states' own uncertainty. level: the part of r that follows the surplus.
+    """
+    least, nis, surplus = c.likelihood_floor / math.sqrt(r), 0.0, 0.0
+    own, outlier = c.noise_dominates * level, c.outlier_nis
     for d in range(count):
-        likelihood = math.exp(-0.5 * t.e[d] * t.e[d] / t.s[d]) / math.sqrt(t.s[d])
-        mix.found[d] += math.log(likelihood + least)
+        s, weight, square = t.s[d], mix.weight[d], t.e[d] * t.e[d]
+        ratio = square / s
+        mix.found[d] += math.log(math.exp(-0.5 * ratio) / math.sqrt(s) + least)
+        nis += weight * ratio
+        over = square - s if square < outlier * s else outlier * s - s
+        surplus += weight * over if own > s else weight * over * own / s
+    return nis, surplus
