@@ -5,9 +5,11 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
+import numpy as np
 from judging import without_accelerometer
 from variants import Variant, without
 
+from canest.core.frames import FloatColumn
 from canest.core.samples import VehicleFacts
 from canest.estimators.default.constants import Constants, Vehicle, vehicle_of
 from canest.estimators.default.driver import own_torque
@@ -23,6 +25,11 @@ def keep_nothing(mix: Any, count: int, i: int, mean: Any, variance: Any) -> None
 def never(w: Any, surprise: float, innovation_mps: float, c: Constants) -> bool:
     """Take the place of `load.brakes_unseen`."""
     return False
+
+
+def no_noise(torque_Nm: FloatColumn) -> FloatColumn:
+    """Take the place of `windows.zigzag`."""
+    return np.zeros(len(torque_Nm))
 
 
 def gain_unknown(is_open: bool, v: Vehicle) -> bool:
@@ -52,6 +59,7 @@ MECHANISMS = (
     Variant("brakes that nobody reports", patch={"kernel.brakes_unseen": never}),
     # -- the driver
     Variant("roads that answer the torque", {"answered_share": 0.0}),
+    Variant("answers in part", {"answered_part": 1.0}),
     Variant("drivers whom the road does not answer", {"answered_share": 1.0}),
     Variant("evidence of fast torque", {"answer_curvature_1pm": NEVER}),
     Variant("rough roads that ask for more torque", patch={"kernel.own_torque": on_smooth_roads}),
@@ -68,6 +76,7 @@ MECHANISMS = (
     Variant("state: delay of the torque", {"delay_std_s": 0.0}),
     Variant("state: compliance of the driveline", {"windup_std_s2": 0.0}),
     Variant("state: bias of the accelerometer", {"bias_std_mps2": 0.0, "bias_wander_m2ps5": 0.0}),
+    Variant("load that tilts the frame", {"load_tilt_mps2": 0.0}),
     Variant("wander of that bias", {"bias_wander_m2ps5": 0.0}),
     Variant("slip of the driven wheels", {"slip_per_mps2": 0.0}),
     Variant("torque that acts 0.08 s before its report", patch={"windows.SHIFT": 0, "estimator.SHIFT": 0}),
@@ -80,7 +89,8 @@ MECHANISMS = (
     Variant("noise levels that follow", {"noise_memory_windows": NEVER, "first_noise_windows": NEVER}),
     Variant("innovations of states left out of levels", {"noise_dominates": NEVER}),
     Variant("start of the level at a driveline's swing", {"driveline_swing_mps": 0.0}),
-    Variant("swing where a balance begins", {"begin_swing_s": 0.0}),
+    Variant("driveline that swings", {"torque_rise_s": NEVER}),
+    Variant("noise of the torque", patch={"windows.zigzag": no_noise}),
     Variant("outliers cut", {"outlier_nis": NEVER}),
     Variant("heavy tails of the likelihood", {"likelihood_floor": NOTHING}),
     Variant("dependent windows (power 1)", {"likelihood_power": 1.0}),

@@ -69,8 +69,8 @@ The bound is that of van Trees for a random state, by the recursion of Tichavsky
 (1998), along the true states of each drive, sample by sample. It has the unknowns above and the rounding of
 torque and friction. It knows the pitch, the stiffness of the driveline, and that the load, the wind, the
 bias and the driver are steady, which the estimator has to find out. What the first three cost of that is the
-difference between the two tables. `bound` is also told where the road is curved. `linear` is not told: it is what the best linear
-estimator reaches, to whom the curvature is noise of the same variance and correlation.
+difference between the two tables. `bound` is also told where the road is curved. `linear` is not told: it is
+what the best linear estimator reaches, to whom the curvature is noise of the same variance and correlation.
 
 Between two gears the vehicle coasts, and there the road shows without the mass. A driveline that opens
 swings, and one that is reported open has closed already. So the bound counts a coasting from 0.12 s after

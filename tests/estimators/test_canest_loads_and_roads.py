@@ -216,7 +216,7 @@ def test_a_third_more_load_in_motion_is_found_though_nothing_surprises(road, sen
     wrong = (e.status == Status.VALID) & (np.abs(drive.error(e)) > 0.08)
     assert wrong[:5000].sum() == 0
     assert wrong.sum() * 0.02 < 35.0
-    assert np.abs(drive.error(e))[-1000:].max() < 0.05
+    assert np.abs(drive.error(e))[-1000:].max() < 0.06
 
 
 @pytest.mark.parametrize(("delay_s", "followed"), [(0.3, True), (0.6, False)])

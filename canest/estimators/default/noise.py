@@ -36,7 +36,7 @@ def lacking_force(w: Window, torque_Nm2s: float, c: Constants, v: Vehicle) -> fl
     lasts_s = min(max(_STEP_STD * step / max(moved, 1.0) * WINDOW_S, WINDOW_S), c.longest_rounding_s)
     lacking = c.force_std_share * w.traction_N
     between = moved * moved * v.period_windows * WINDOW_S / 12.0
-    noise = 4.0 * torque_Nm2s * w.gear_1pm * w.gear_1pm
+    noise = c.torque_noise_times * torque_Nm2s * w.gear_1pm * w.gear_1pm
     return between + lacking * lacking * WINDOW_S + step * step * lasts_s + noise
 
 
@@ -48,7 +48,7 @@ def swing_var(before: float, jump_N: float, w: Window, dt: float, u: float, c: C
     A spring of stiffness k = 1 / (s_gamma u) between rotating and moving mass swings with
     omega^2 = k (1/J + u); a step of the traction makes it swing by a / omega.
     """
-    if w.rotating_kg <= 0.0:
+    if w.rotating_kg <= 0.0 or c.windup_std_s2 <= 0.0:
         return 0.0
     mass = u * w.rotating_kg
     omega_2 = (1.0 + 1.0 / mass) / c.windup_std_s2

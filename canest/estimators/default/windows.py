@@ -38,7 +38,7 @@ _LATE = slice(_SENSED, _AERO + 1)  #: columns whose mean is taken SHIFT ticks ba
 _NEEDED = slice(_SPEED, _ROTATING + 1)  #: columns without which a sample is broken
 #: beyond these no vehicle goes: m/s, N, -, m/s2, N, N, 1/m, kg; and the accelerometer, altitude, yaw rate
 _MOST = np.array([[150.0], [1e7], [1.0], [50.0], [1e7], [1e7], [1e4], [1e6]])
-_MOST_SENSED, _MOST_ALTITUDE, _MOST_YAW = 50.0, 1e4, 3.0
+_MOST_SENSED, _MOST_ALTITUDE, _MOST_YAW, _MOST_TORQUE = 50.0, 1e4, 3.0, 1e6
 
 Picked = slice | NDArray[np.int64]  #: indices of samples, one per window
 
@@ -87,7 +87,8 @@ class Windows:
             (_TRACTION, block.traction_N), (_GEAR, block.force_per_torque_1pm),
             (_ROTATING, block.rotating_mass_kg), (_ALTITUDE, block.altitude_m), (_YAW, block.yaw_rate_radps),
             (_GATE, block.gate), (_STOPPED, block.stopped), (_TICK, block.t_us // STEP_US), (_BROKEN, 0.0),
-            (_RAW, block.raw_speed_mps), (_COAST, block.coasting_N), (_TORQUE, block.raw_torque_Nm),
+            (_RAW, block.raw_speed_mps), (_COAST, block.coasting_N),
+            (_TORQUE, within(block.raw_torque_Nm, _MOST_TORQUE)),
             (_ROAD, np.nan if block.road_sine is None else block.road_sine),
             (_ROAD_STD, np.nan if block.road_std is None else block.road_std),
         ):  # fmt: skip
