@@ -114,7 +114,7 @@ class Constants(NamedTuple):
     noise_dominates: Annotated[float, Source("k_s", "1", "measured: without it a bus is less valid")] = 5.0
     outlier_nis: Annotated[float, Source("k_e", "1", "textbook: three standard deviations")] = 9.0
     likelihood_floor: Annotated[
-        float, Source("c_0", "1", "chosen: one window in fifty is anything, within 30 times its noise")
+        float, Source("c_0", "1", "chosen: one window in seventy is anything, within 30 times its noise")
     ] = 6e-4
     likelihood_power: Annotated[float, Source("alpha", "1", "measured: at 1 cruises are too sure")] = 0.5
     bias_wander_m2ps5: Annotated[float, Source("q_b", "(m/s2)2/s", "measured: 0.03 m/s2 in an hour")] = 2e-7
@@ -144,7 +144,6 @@ class Vehicle(NamedTuple):
     unknown_u: float  #: mean and variance of the inverse mass of an unknown load
     unknown_var: float
     drag_share: float  #: std of the drag area, as a share
-    roll_share: float  #: std of the rolling resistance, as a share
     speed_floor_mps: float
     speed_first_mps: float  #: first noise level
     sensed_floor_mps2: float
@@ -169,7 +168,6 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         unknown_u=unknown,
         unknown_var=(c.unknown_load_share * math.log(most / least) * unknown) ** 2,
         drag_share=facts.drag_area_accuracy,
-        roll_share=facts.rolling_resistance_accuracy,
         speed_floor_mps=floor,
         speed_first_mps=max(c.first_noise_steps * floor, c.driveline_swing_mps),
         sensed_floor_mps2=max(facts.accelerometer_step_mps2, _FINEST) / 2.0,
