@@ -50,9 +50,9 @@ def swing_var(before: float, jump_N: float, w: Window, dt: float, u: float, c: C
     """
     if w.rotating_kg <= 0.0 or c.windup_std_s2 <= 0.0:
         return 0.0
-    mass = u * w.rotating_kg
-    omega_2 = (1.0 + 1.0 / mass) / c.windup_std_s2
-    step_mps2 = u * jump_N / (1.0 + mass)
+    ratio = u * w.rotating_kg
+    omega_2 = (1.0 + 1.0 / ratio) / c.windup_std_s2
+    step_mps2 = u * jump_N / (1.0 + ratio)
     rise = omega_2 * c.torque_rise_s * c.torque_rise_s
     left = math.exp(-2.0 * c.swing_damping * math.sqrt(omega_2) * dt)
     return left * before + 0.5 * step_mps2 * step_mps2 / (omega_2 * (1.0 + rise) * (1.0 + rise))
