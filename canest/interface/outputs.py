@@ -22,9 +22,9 @@ def output_of(path: str | Path, log: Any, truth: Any, config: Config, given: Any
     path = Path(path)
     inputs = config_files(config) + (config_files(given) if isinstance(given, Config) else [])
     inputs += [
-        (f"the {what} {given}", given)
-        for what, given in (("log", log), ("truth", truth))
-        if isinstance(given, str | Path)
+        (f"the {what} {file}", file)
+        for what, file in (("log", log), ("truth", truth))
+        if isinstance(file, str | Path)
     ]
     keep_apart(inputs, [("output", path)])
     refuse_other_formats(path, "output")

@@ -17,28 +17,16 @@ from canest.doctor.signal_report import RoleReport
 from canest.doctor.switches import SwitchCheck
 from canest.doctor.torque_samples import TorqueSampleCheck
 from canest.logs import open_log
-from canest.simulation import simulate
-
-SCENARIO = {
-    "duration_s": 120,
-    "vehicle": "class8",
-    "mass_kg": 21250,
-    "road": {"kind": "highway"},
-    "driver": {"kind": "pulses"},
-    "bus": {"traffic": False, "cab_controller": False},
-}
+from tests.pulsing_truck import config_of, write_drive
 
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory):
-    written = simulate(SCENARIO, 1).write(tmp_path_factory.mktemp("drive"))
-    return next(p for p in written if p.suffix == ".log")
+    return write_drive(tmp_path_factory.mktemp("drive"), 120)
 
 
 def report(drive, *overrides, without=()):
-    config = load_config(str(drive.with_suffix(".yaml")), list(overrides))
-    kept = {role: s for role, s in config.signals.items() if role not in without}
-    doctor = Doctor(config.model_copy(update={"signals": kept}))
+    doctor = Doctor(config_of(drive, *overrides, without=without))
     with open_log(drive) as log:
         for block in log:
             doctor.push(block)

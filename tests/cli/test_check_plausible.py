@@ -11,30 +11,14 @@ from canest.config import load_config
 from canest.doctor.check import Doctor
 from canest.doctor.consistency import ConsistencyCheck
 from canest.logs import open_log
-from canest.simulation import simulate
+from tests.pulsing_truck import config_of, write_drive
 
-SCENARIO = {
-    "duration_s": 150,
-    "vehicle": "class8",
-    "mass_kg": 21250,
-    "road": {"kind": "highway"},
-    "driver": {"kind": "pulses"},
-    "bus": {"traffic": False, "cab_controller": False},
-}
 RATIOS = "{1: 12.69, 2: 9.29, 3: 6.75, 4: 4.9, 5: 3.62, 6: 2.59, 7: 1.9, 8: 1.38, 9: 1.0, 10: 0.74}"
 
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory):
-    written = simulate(SCENARIO, 1).write(tmp_path_factory.mktemp("drive"))
-    return next(p for p in written if p.suffix == ".log")
-
-
-def config_of(drive, *overrides, without=()):
-    config = load_config(str(drive.with_suffix(".yaml")), list(overrides))
-    return config.model_copy(
-        update={"signals": {role: s for role, s in config.signals.items() if role not in without}}
-    )
+    return write_drive(tmp_path_factory.mktemp("drive"), 150)
 
 
 def hints(drive, *overrides, without=()):

@@ -5,34 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from canest.config import load_config, parse_config, read_databases
+from canest.config import parse_config, read_databases
 from canest.core.frames import FrameBlock
 from canest.doctor.check import Doctor
 from canest.logs import open_log
 from canest.logs.memory import FrameLog
 from canest.offline.replay import replay
-from canest.simulation import simulate
-
-SCENARIO = {
-    "duration_s": 120,
-    "vehicle": "class8",
-    "mass_kg": 21250,
-    "road": {"kind": "highway"},
-    "driver": {"kind": "pulses"},
-    "bus": {"traffic": False, "cab_controller": False},
-}
+from tests.pulsing_truck import config_of, write_drive
 
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory):
-    written = simulate(SCENARIO, 1).write(tmp_path_factory.mktemp("drive"))
-    return next(p for p in written if p.suffix == ".log")
-
-
-def config_of(drive, *overrides, without=()):
-    config = load_config(str(drive.with_suffix(".yaml")), list(overrides))
-    kept = {role: s for role, s in config.signals.items() if role not in without}
-    return config.model_copy(update={"signals": kept})
+    return write_drive(tmp_path_factory.mktemp("drive"), 120)
 
 
 @pytest.mark.parametrize(
