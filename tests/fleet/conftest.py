@@ -130,6 +130,14 @@ def start_worker(
     )  # fmt: skip
 
 
+def _scheduler_address(file: Path) -> str:
+    """Return the address in a scheduler's file, or "": the file is there before all of its text is."""
+    try:
+        return str(json.loads(file.read_text())["address"])
+    except (FileNotFoundError, json.JSONDecodeError):
+        return ""
+
+
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[Cluster]:
     """A scheduler and three workers, in folders that hold nothing of canest's."""
@@ -141,8 +149,8 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
         env=os.environ | {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "10s"},
     )]  # fmt: skip
     try:
-        wait_for(port_file.exists)
-        address = json.loads(port_file.read_text())["address"]
+        wait_for(lambda: _scheduler_address(port_file))
+        address = _scheduler_address(port_file)
         workers = [start_worker(address, tmp_path) for _ in range(3)]
         processes += workers
         yield Cluster(address, workers)
