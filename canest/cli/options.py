@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import click
 
+from canest.core.masses import LEAST_MASS_KG
+
 if TYPE_CHECKING:
     from canest.config.schema import Config
     from canest.logs.budget import LogBudget
@@ -35,8 +37,7 @@ class Number(click.FloatRange):
         return number
 
 
-#: a mass given in tonnes is the mistake to catch
-MASS = Number(50, unit="kg")
+MASS = Number(LEAST_MASS_KG, unit="kg")
 
 
 # named tuples: `dataclasses` would be a tenth of what the help of a command costs

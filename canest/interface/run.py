@@ -13,6 +13,7 @@ from canest.config.schema import Config
 from canest.core import jit
 from canest.core.errors import UsageError
 from canest.core.estimates import Estimates
+from canest.core.masses import LEAST_MASS_KG
 from canest.core.samples import EstimateBlock, ModelBlock
 from canest.interface.comparison import Comparison
 from canest.interface.diagnosis import Diagnosis
@@ -23,9 +24,6 @@ from canest.interface.signals import Signals
 from canest.logs.truth import read_truth
 from canest.offline.replay import compiling_pays, replay
 from canest.offline.scoring import Reference
-
-#: a mass given in tonnes is the mistake to catch, as on the command line
-LEAST_MASS_KG = 50.0
 
 
 class _Collector:

@@ -6,6 +6,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from canest.core.masses import LEAST_MASS_KG
 from canest.core.roles import RADPS_PER_RPM
 from canest.core.section import MisplacedError, Number, Section, empty_section
 
@@ -33,8 +34,8 @@ class Vehicle(Section):
 
     name: str = "vehicle"
     key: str = ""
-    mass_min_kg: Number = Field(gt=50, le=500_000)
-    mass_max_kg: Number = Field(gt=50, le=500_000)
+    mass_min_kg: Number = Field(gt=LEAST_MASS_KG, le=500_000)
+    mass_max_kg: Number = Field(gt=LEAST_MASS_KG, le=500_000)
     wheel_radius_m: Number = Field(gt=0.1, lt=2.0)
     wheel_radius_accuracy_pct: Number = Field(2.0, gt=0, le=20)
     wheel_inertia_kgm2: Number = Field(0.0, ge=0, le=2_000)

@@ -45,7 +45,7 @@ def own(modules: set[str]) -> set[str]:
     ("arguments", "more"),
     [
         (["--help"], set()),
-        (["replay", "--help"], {"canest.cli.options", "canest.cli.replay"}),
+        (["replay", "--help"], {"canest.cli.options", "canest.cli.replay", "canest.core.masses"}),
     ],
 )
 def test_help_loads_the_command_line_alone(arguments, more):
