@@ -9,6 +9,10 @@ from pydantic import Field, model_validator
 from canest.core.masses import LEAST_MASS_KG
 from canest.core.roles import RADPS_PER_RPM
 from canest.core.section import MisplacedError, Number, Section, empty_section
+from canest.decode.validity import GEAR_PARK
+
+#: numbers that a gear signal has while no gear is in: neutral and park
+NOTHING_ENGAGED = (0.0, GEAR_PARK)
 
 
 class Retarder(Section):
@@ -73,6 +77,13 @@ class Vehicle(Section):
                 "mass_min_kg",
             )
         for gear, ratio in self.gear_ratios.items():
+            if gear in NOTHING_ENGAGED:
+                raise MisplacedError(
+                    f"{'park' if gear else 'neutral'} has no ratio, found {ratio:g}, expected no such entry: "
+                    "gears count from 1, reverse ones from -1 down",
+                    "gear_ratios",
+                    gear,
+                )
             if not 0.1 < ratio < 50:
                 raise MisplacedError(f"found {ratio:g}, expected between 0.1 and 50", "gear_ratios", gear)
         for gear, efficiency in self.gear_efficiency.items():

@@ -9,13 +9,10 @@ import numpy as np
 
 from canest.core.columns import constant
 from canest.core.frames import FloatColumn, IntColumn
-from canest.decode.validity import GEAR_PARK
-from canest.vehicle.facts import Vehicle
+from canest.vehicle.facts import NOTHING_ENGAGED, Vehicle
 
 #: a shaft slower than this gives no ratio, rpm
 MIN_SHAFT_RPM = 50.0
-#: neutral and park, as gear numbers
-_NOTHING_ENGAGED = (0.0, GEAR_PARK)
 #: a gear ratio found from shaft speeds is snapped to a table entry this close, relative
 RATIO_SNAP = 0.05
 
@@ -43,7 +40,7 @@ class GearRatio:
             ratio = self._by_shafts(values, n)
         elif np.count_nonzero(unknown := np.isnan(ratio)):
             if gear is not None:  # the gear is known: nothing is engaged
-                unknown = unknown & ~np.isin(gear, _NOTHING_ENGAGED)
+                unknown = unknown & ~np.isin(gear, NOTHING_ENGAGED)
             ratio = np.where(unknown, self._by_shafts(values, n), ratio)
         if gear is None:
             nearest = self._nearest(np.where(ratio > 0, ratio, 1.0))

@@ -68,6 +68,8 @@ def refused(text: str, *overrides: str) -> str:
             "unknown key, expected a key of vehicle:, perhaps drag_area_m2",
         ),
         ("1: 12.69", "1: 1269", "vehicle.gear_ratios.1", "found 1269, expected between"),
+        ("1: 12.69", "0: 12.69", "vehicle.gear_ratios.0", "neutral has no ratio, found 12.69, expected no"),
+        ("1: 12.69", "126: 12.69", "vehicle.gear_ratios.126", "park has no ratio, found 12.69, expected no"),
         ("1: 12.69", "first: 12.69", "vehicle.gear_ratios.first", "expected a whole number"),
         ("{9: 0.98}", "{9: 98}", "vehicle.gear_efficiency.9", "found 98, expected above 0.5"),
         ("location: crank", "location: moon", "vehicle.retarder.location", "'crank' or 'output_shaft'"),
