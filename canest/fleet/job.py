@@ -63,7 +63,8 @@ class Outcome:
     error: why there is no result; '' where there is one. unmatched: why no vehicle or config fits.
     key: of the result; of what is there now, where a log cannot be read; '' where neither is known.
     present: the lake had it before. files: name below the lake -> content, trips last; empty where the worker
-    wrote them itself. trips, samples: rows. final: trying again would not help.
+    wrote them itself. trips, samples: rows; None where no samples are asked for. final: trying again would
+    not help.
     """
 
     name: str
@@ -74,7 +75,7 @@ class Outcome:
     files: dict[str, bytes] = field(default_factory=dict)
     written: str = ""  #: name of the file with its trips
     trips: int = 0
-    samples: int = 0
+    samples: int | None = None
     final: bool = True
     unreachable: bool = False  #: the store did not answer
 

@@ -146,7 +146,7 @@ class Lake:
         """Write a result. old: the file that had it before, '' for none."""
         known, new = self.results[log_id(outcome.name)], outcome.written
         same_folder = posixpath.dirname(old) == posixpath.dirname(new)
-        lacks_samples = bool(outcome.samples) and result_in(new) in self.without_samples
+        lacks_samples = outcome.samples is not None and result_in(new) in self.without_samples
         in_part = same_folder and is_part(old) and not lacks_samples
         if in_part and self.storage.exists(old):  # equal to what a part has
             if not outcome.files:  # the worker has written it

@@ -66,7 +66,7 @@ class Tally:
             self.done += not outcome.present
             self.present += outcome.present
             self.trips += outcome.trips
-            self.samples += outcome.samples
+            self.samples += outcome.samples or 0
 
     @property
     def is_complete(self) -> bool:

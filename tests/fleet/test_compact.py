@@ -166,6 +166,19 @@ def test_a_run_without_resume_finds_its_results_in_the_parts(tmp_path):
     assert files_of(folder) == before
 
 
+@pytest.mark.parametrize("rows", [0, 3])
+def test_a_part_whose_samples_are_lost_is_mended_whatever_a_log_had_of_them(tmp_path, rows):
+    folder = filled(tmp_path / "lake", outcome("a.log", rows=rows), outcome("b.log"))
+    before = content(folder)
+    compact(str(folder))
+    (lost,) = folder.glob("samples/*/*/*")
+    lost.unlink()
+    filled(folder, outcome("a.log", rows=rows), outcome("b.log"))
+    resumed = Lake.create(str(folder))
+    assert all(resumed.keys(log, with_samples=True) for log in ("a.log", "b.log"))
+    assert content(folder) == before
+
+
 def test_files_of_other_columns_stay_apart(tmp_path):
     results = [outcome(f"{n}.log", positions=n > 1) for n in range(4)]
     folder = filled(tmp_path / "lake", *results)
