@@ -14,10 +14,9 @@ from canest.core.table_block import TableBlock
 from canest.decode.database import is_j1939
 from canest.decode.per_sender import PerSender
 from canest.doctor.config_warnings import config_warnings
-from canest.doctor.consistency import ConsistencyCheck
 from canest.doctor.constant_torque import constant_torque_hints
-from canest.doctor.declared_range import DeclaredRangeCheck
 from canest.doctor.differing_masses import ROLE, differing
+from canest.doctor.facts import FactsCheck
 from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.other_identifiers import other_format, other_group_members
 from canest.doctor.raw_values import RawValueCheck, text_hints
@@ -32,10 +31,7 @@ from canest.doctor.reasons import (
 from canest.doctor.received import Received
 from canest.doctor.signal_report import RoleReport, Sender, address_text, complaint, judge, senders_of
 from canest.doctor.slow_signals import delay_notes, slow_signal_hints
-from canest.doctor.stretches import Samples, comparable
-from canest.doctor.switches import SwitchCheck
-from canest.doctor.torque_course import TorqueCourseCheck
-from canest.doctor.torque_samples import TorqueSampleCheck
+from canest.doctor.stretches import Samples
 from canest.doctor.warnings import stale_warnings, stream_warnings
 from canest.logs.log_warnings import log_warnings
 from canest.pipeline.build import model_spec, stale_limit_s
@@ -97,12 +93,7 @@ class Doctor:
         self._sender_ranges: dict[int | None, Received] = {}
         self._received = Received()
         self._status = STATUS_LABELS[0]
-        self._consistency = ConsistencyCheck(config)
-        self._torque = TorqueCourseCheck(config)
-        self._comparisons = (
-            self._consistency, SwitchCheck(config), self._torque, TorqueSampleCheck(config),
-            DeclaredRangeCheck(config),
-        )  # fmt: skip
+        self._facts = FactsCheck(config)
         self._raw = RawValueCheck(config)
         self._waiting: list[FrameBlock] = []
         self._frames_waiting = 0
@@ -134,9 +125,7 @@ class Doctor:
             samples = self._tables.samples(block)
             estimates = self.pipeline.push_samples(samples, block.t_us)
         self._received.note(samples)
-        compared = comparable(samples)
-        for comparison in self._comparisons:
-            comparison.push(compared)
+        self._facts.push(samples)
         if len(estimates):
             self._status = STATUS_LABELS[int(estimates.status[-1])]
 
@@ -187,7 +176,7 @@ class Doctor:
         if self._by_sender is not None:
             for address, samples in self._by_sender.push(block).items():
                 self._sender_ranges.setdefault(address, Received()).note(samples)
-        self._consistency.push({role: received[role] for role in self._unmapped if role in received})
+        self._facts.push({role: received[role] for role in self._unmapped if role in received})
         return self._decoder.push(block).samples
 
     def _role_report(self, role: str, source: Source, need: str) -> RoleReport:
@@ -248,8 +237,7 @@ class Doctor:
                 return backward
             shares = gate_shares(self.pipeline.gate_counts, self.pipeline.samples)
             return f"every sample was refused by a gate: {shares}{stale_roles_text(self.pipeline)}"
-        unfit = self._consistency.missing_table() or self._torque.fault()
-        return unfit or why_hardly_open(self.pipeline, self._status)
+        return self._facts.unfit() or why_hardly_open(self.pipeline, self._status)
 
     def _hints(self, reports: list[RoleReport]) -> list[str]:
         hints = [f"signals.{f.role}: {f.hint}" for f in reports if f.hint]
@@ -268,7 +256,7 @@ class Doctor:
             hints += missing_signal_warnings(self.config, self.pipeline.intake.received)
             hints += slow_signal_hints(self.config, reports)
         warning = self.pipeline.estimator.contradiction()
-        hints += self._raw.hints() + [h for comparison in self._comparisons for h in comparison.hints()]
+        hints += self._raw.hints() + self._facts.hints()
         hints += constant_torque_hints(self.config, reports) + self._differing_masses(reports)
         return hints + ([warning] if warning else [])
 

@@ -1,4 +1,4 @@
-"""What in a log contradicts the config, found beside its estimates: `canest check` finds the same."""
+"""What in a log contradicts the config: for `canest check`, and for a replay beside its estimates."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from canest.doctor.raw_values import means_no_value
 from canest.doctor.stretches import Samples, comparable
 from canest.doctor.switches import SwitchCheck
 from canest.doctor.torque_course import TorqueCourseCheck
+from canest.doctor.torque_samples import TorqueSampleCheck
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -30,8 +31,9 @@ class FactsCheck:
 
     def __init__(self, config: Config) -> None:
         self._config = config
+        self._consistency, self._torque = ConsistencyCheck(config), TorqueCourseCheck(config)
         self._checks = (
-            ConsistencyCheck(config), SwitchCheck(config), TorqueCourseCheck(config),
+            self._consistency, SwitchCheck(config), self._torque, TorqueSampleCheck(config),
             DeclaredRangeCheck(config),
         )  # fmt: skip
 
@@ -41,10 +43,17 @@ class FactsCheck:
         for check in self._checks:
             check.push(compared)
 
+    def hints(self) -> list[str]:
+        """Return what does not fit, one sentence each."""
+        return [hint for check in self._checks for hint in check.hints()]
+
+    def unfit(self) -> str:
+        """Return why no estimate can be right, '' where it may be; of what `hints` has compared."""
+        return self._consistency.missing_table() or self._torque.fault()
+
     def notes(self, counters: Counters) -> list[str]:
-        """Return what does not fit, one sentence each. counters: of the decoder of the same stream."""
-        found = [hint for check in self._checks for hint in check.hints()]
-        return found + reserved_notes(self._config, counters)
+        """Return the hints, and what no value came of. counters: of the decoder of the same stream."""
+        return self.hints() + reserved_notes(self._config, counters)
 
 
 def reserved_notes(config: Config, counters: Counters) -> list[str]:

@@ -84,3 +84,21 @@ signals:
     if noted:
         assert found[0].startswith("brake_switch: 396 of 2,000 samples hold a number")
         assert "signals.brake_switch needs validity: full" in found[0]
+
+
+def test_single_torques_of_a_fixed_number_are_noted_as_check_names_them(tmp_path):
+    rows = [f"{i / 50},{0 if i % 100 == 50 else 200 + i % 7},{15 + 5 * np.sin(i / 80)}" for i in range(2000)]
+    (tmp_path / "car.csv").write_text("\n".join(["t_s,tq,v", *rows]) + "\n")
+    text = """
+vehicle: {mass_min_kg: 1000, mass_max_kg: 2000, wheel_radius_m: 0.3, final_drive: 4, drag_area_m2: 0.7,
+  rolling_resistance: 0.01}
+dbc: []
+signals: {engine_torque: {column: tq, unit: Nm}, vehicle_speed: {column: v, unit: m/s}}
+"""
+    config = parse_config(text, str(tmp_path / "car.yaml"))
+    doctor = Doctor(config)
+    with open_log(tmp_path / "car.csv", columns=["tq", "v"]) as log:
+        for block in log:
+            doctor.push(block)
+    (named,) = [hint for hint in doctor.report().hints if "exactly zero in 20 single samples" in hint]
+    assert named in replay(tmp_path / "car.csv", config).warnings
