@@ -79,7 +79,7 @@ class ConsistencyCheck:
         if self._fit is not None and "engine_speed" in stretch:
             stamps, engine_rpm = stretch["engine_speed"]
             shaft_rpm, least_rpm = self._shaft(stamps, stretch)
-            self._fit.push(engine_rpm, shaft_rpm, shaft_rpm > least_rpm)
+            self._fit.push(stamps, engine_rpm, shaft_rpm, shaft_rpm > least_rpm)
 
     def _speeds(
         self, role: str, road: tuple[IntColumn, FloatColumn], wheel: tuple[IntColumn, FloatColumn]
@@ -168,7 +168,7 @@ class ConsistencyCheck:
         measured = self._measured(FEW_PAIRS) if self._fit is None else self._fit.measured()
         if len(measured) < 2:
             return ""
-        counted = "" if self._fit is None else ", numbered from the largest that was driven"
+        counted = "" if self._fit is None else ", numbered from the largest that stayed in for a second"
         return (
             f"vehicle.gear_ratios is missing, and engine and {self._against()} turn in {len(measured)} ratios"
             f"{self._at_radius()}: {table_line(measured)}{counted}"

@@ -6,16 +6,19 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from canest.core.frames import BoolColumn, FloatColumn
+from canest.core.frames import BoolColumn, FloatColumn, IntColumn
+from canest.doctor.stretches import at
 
 #: ratios are counted in bins of 1 %, from and to
 _LEAST, _MOST, _BIN = 0.2, 40.0, 0.01
 #: a gear that is in changes its ratio by less from sample to sample; a clutch that slips by more
 _STEADY = 0.004
+#: and is where it was so long ago (us), but for noise; a shift passes many ratios in that time
+_STAYS_US, _STAYS = 1_000_000, 0.02
 #: a table entry accounts for ratios so near to it, bins on either side
 _NEAR_BINS = 2
 #: fewer steady samples prove nothing
-_FEWEST = 500
+_FEWEST = 400
 #: a table that fits accounts for most of them; one that does not for hardly more than chance
 _FITS, _FAILS = 0.6, 0.35
 #: of a table that is proposed: at most so many gears, each with at least this share of the steady samples
@@ -33,11 +36,15 @@ class GearFit:
         self._edges = np.log(_LEAST) + _BIN * np.arange(bins + 1)
         self._counts, self._sums = np.zeros(bins), np.zeros(bins)
 
-    def push(self, engine_rpm: FloatColumn, shaft_rpm: FloatColumn, moving: BoolColumn) -> None:
+    def push(
+        self, t_us: IntColumn, engine_rpm: FloatColumn, shaft_rpm: FloatColumn, moving: BoolColumn
+    ) -> None:
         """Take simultaneous speeds (n,). moving: where they are fast enough to compare."""
         sound = moving & (engine_rpm > 0.0)
         ratio = np.log(np.where(sound, engine_rpm, 1.0)) - np.log(np.where(sound, shaft_rpm, 1.0))
-        steady = sound[1:] & sound[:-1] & (np.abs(np.diff(ratio)) < _STEADY)
+        before = at(t_us - _STAYS_US, (t_us, np.where(sound, ratio, np.nan)))
+        stays = sound & (np.abs(ratio - before) < _STAYS)
+        steady = stays[1:] & sound[:-1] & (np.abs(np.diff(ratio)) < _STEADY)
         found = ratio[1:][steady]
         self._counts += np.histogram(found, self._edges)[0]
         self._sums += np.histogram(found, self._edges, weights=found)[0]

@@ -17,6 +17,7 @@ from canest.doctor.signal_report import RoleReport
 from canest.doctor.switches import SwitchCheck
 from canest.doctor.torque_samples import TorqueSampleCheck
 from canest.logs import open_log
+from tests.cli.conftest import KENWORTH
 from tests.pulsing_truck import config_of, write_drive
 
 
@@ -26,8 +27,12 @@ def drive(tmp_path_factory):
 
 
 def report(drive, *overrides, without=()):
-    doctor = Doctor(config_of(drive, *overrides, without=without))
-    with open_log(drive) as log:
+    return report_of(config_of(drive, *overrides, without=without), drive)
+
+
+def report_of(config, path):
+    doctor = Doctor(config)
+    with open_log(path) as log:
         for block in log:
             doctor.push(block)
     return doctor.report()
@@ -70,6 +75,16 @@ def test_a_missing_gear_table_is_measured(drive):
         assert {round(r, 2) for r in table.values()} >= {1.0, 0.74}
         if "gear" not in without:
             assert table[9] == pytest.approx(1.0, rel=0.01) and table[10] == pytest.approx(0.74, rel=0.01)
+
+
+def test_what_a_shift_passes_is_no_gear():
+    """The Kenworth passes 2.3 on its way from first to second, and stays in 1.81, 1.41 and 1.00."""
+    config = load_config("kenworth", ["vehicle.gear_ratios={}"])
+    signals = {role: s for role, s in config.signals.items() if role not in ("gear", "gear_ratio")}
+    found = report_of(config.model_copy(update={"signals": signals}), KENWORTH)
+    table = parse_config_ratios(found.stops.split("gear_ratios: ")[1].split("}")[0] + "}")
+    assert list(table.values()) == pytest.approx([1.81, 1.41, 1.0], rel=0.01)
+    assert found.stops.endswith("numbered from the largest that stayed in for a second")
 
 
 def parse_config_ratios(line: str) -> dict[int, float]:
