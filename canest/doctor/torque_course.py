@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from canest.doctor.motion import STEP_S, motion_of
 from canest.doctor.stretches import Samples, Stretches, at
 from canest.doctor.switches import SPEEDS
 from canest.vehicle.role_sources import torque_role
@@ -14,10 +15,6 @@ from canest.vehicle.torque_dropout import torque_limits
 if TYPE_CHECKING:
     from canest.config import Config
 
-#: signals are compared every 0.1 s, accelerations over 0.5 s either way
-_STEP_US, _HALF_US, _STEP_S = 100_000, 500_000, 0.1
-#: of one stretch at most so long is compared: stamps may leap, and a table may come in one block
-_LONGEST_US = 20_000_000_000
 #: a vehicle is driven that moves (m/s) and gets faster by more than this (m/s2), with more than this share of
 #: the largest torque
 _MOVES_MPS, _FASTER_MPS2, _DRIVEN_SHARE = 2.0, 0.3, 0.1
@@ -72,19 +69,15 @@ class TorqueCourseCheck:
         self._steps += np.bincount(bins, minlength=len(self._steps))
 
     def _compare(self, stretch: Samples) -> None:
-        speed = next((role for role in SPEEDS if role in stretch), None)
-        if speed is None or self._role is None or self._role not in stretch:
+        motion = motion_of(stretch, self._config.vehicle)
+        if motion is None or self._role is None or self._role not in stretch:
             return
-        first, last = int(stretch[speed][0].min()), int(stretch[speed][0].max())
-        stamps = np.arange(first, min(last, first + _LONGEST_US), _STEP_US, dtype=np.int64)
-        factor = self._config.vehicle.mps_per_shaft_rpm if speed == "output_shaft_speed" else 1.0
-        before, after = (at(stamps + d, stretch[speed]) * factor for d in (-_HALF_US, _HALF_US))
-        torque = at(stamps, stretch[self._role])
+        torque = at(motion.stamps, stretch[self._role])
         self._largest = max(self._largest, float(np.nanmax(np.abs(torque), initial=0.0)))
-        faster = (after - before) * (0.5e6 / _HALF_US) > _FASTER_MPS2
-        driven = faster & (before > _MOVES_MPS) & (np.abs(torque) > _DRIVEN_SHARE * self._largest)
-        self._driven_s += _STEP_S * np.count_nonzero(driven)
-        self._against_s += _STEP_S * np.count_nonzero(driven & (torque < 0.0))
+        faster = motion.accel_mps2 > _FASTER_MPS2
+        driven = faster & (motion.before_mps > _MOVES_MPS) & (np.abs(torque) > _DRIVEN_SHARE * self._largest)
+        self._driven_s += STEP_S * np.count_nonzero(driven)
+        self._against_s += STEP_S * np.count_nonzero(driven & (torque < 0.0))
 
     def hints(self) -> list[str]:
         """Return what no torque does, at most one sentence."""
