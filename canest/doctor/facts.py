@@ -10,6 +10,7 @@ from canest.decode.value_table import labels_of
 from canest.doctor.consistency import ConsistencyCheck
 from canest.doctor.declared_range import DeclaredRangeCheck
 from canest.doctor.raw_values import means_no_value
+from canest.doctor.silent_brake import SilentBrakeCheck
 from canest.doctor.stretches import Samples, comparable
 from canest.doctor.switches import SwitchCheck
 from canest.doctor.torque_course import TorqueCourseCheck
@@ -33,8 +34,8 @@ class FactsCheck:
         self._config = config
         self._consistency, self._torque = ConsistencyCheck(config), TorqueCourseCheck(config)
         self._checks = (
-            self._consistency, SwitchCheck(config), self._torque, TorqueSampleCheck(config),
-            DeclaredRangeCheck(config),
+            self._consistency, SwitchCheck(config), SilentBrakeCheck(config), self._torque,
+            TorqueSampleCheck(config), DeclaredRangeCheck(config),
         )  # fmt: skip
 
     def push(self, samples: Samples) -> None:

@@ -13,6 +13,7 @@ from canest.config import load_config, parse_config, read_databases
 from canest.core.frames import EXTENDED, FrameBlock
 from canest.doctor.check import Doctor
 from canest.doctor.constant_torque import constant_torque_hints
+from canest.doctor.facts import FactsCheck
 from canest.doctor.signal_report import RoleReport
 from canest.doctor.switches import SwitchCheck
 from canest.doctor.torque_samples import TorqueSampleCheck
@@ -122,6 +123,43 @@ def test_a_brake_that_is_always_on_is_named():
     (hint_text,) = hints_of_switches(brake_switch=1.0)
     assert "brake_switch is on" in hint_text and "all the time" in hint_text
     assert hints_of_switches(brake_switch=0.0) == []
+
+
+def hints_of_braking(most_mps2, **values) -> list[str]:
+    """Return what is said of a brake while the vehicle slows down once in 20 s, for 10 s and by so much."""
+    facts = FactsCheck(load_config("class8"))
+    t_us = seconds(2000)
+    samples = {
+        "vehicle_speed": 18 + most_mps2 * 20 / (2 * np.pi) * np.cos(t_us / 10e6 * np.pi),
+        "engine_torque_pct": np.maximum(0.0, -40 * np.sin(t_us / 10e6 * np.pi)),
+        "brake_switch": 0.0,
+        **values,
+    }
+    for first in range(0, 2000, 77):
+        rows = slice(first, first + 77)
+        facts.push({r: (t_us[rows], np.broadcast_to(v, 2000)[rows] * 1.0) for r, v in samples.items()})
+    return [hint for hint in facts.hints() if "never reported a brake" in hint]
+
+
+def test_a_brake_that_is_never_reported_is_named():
+    (hint_text,) = hints_of_braking(3.0)
+    assert hint_text.startswith("brake_switch never reported a brake, though the vehicle slowed down for ")
+    assert "assume_when_pedal_released" in hint_text
+
+
+@pytest.mark.parametrize(
+    ("most_mps2", "values"),
+    [
+        (1.5, {}),
+        (3.0, {"brake_switch": np.arange(2000) == 1000}),
+        (3.0, {"brake_pedal": 20.0}),
+        (3.0, {"brake_switch": np.nan}),
+        (3.0, {"engine_torque_pct": -40.0}),
+        (3.0, {"retarder_torque_pct": -40.0}),
+    ],
+)
+def test_no_brake_is_missed_where_none_is_needed_or_one_is_reported(most_mps2, values):
+    assert hints_of_braking(most_mps2, **values) == []
 
 
 def test_a_clutch_that_never_opens_is_named():
