@@ -274,8 +274,9 @@ class ConsistencyCheck:
         times, commonest = self._fit.mistake()
         if not commonest:
             return []
-        if times is None:  # beyond what a wrong radius or axle makes
-            times = next((1.0 / factor for factor in UNIT_FACTORS if self._fit.fits(1.0 / factor)), None)
+        units = self._fit.fitting(1.0 / factor for factor in UNIT_FACTORS)
+        if times is None and units:  # beyond what a wrong radius or axle makes
+            times = units[0]
         if times is not None and (hint := self._unit_hint(times)):
             return [hint]
         v, against = self._vehicle, self._turns_of.replace("_", " ")
@@ -285,8 +286,10 @@ class ConsistencyCheck:
             return [f"{found}: is the table another gearbox's, or final_drive another axle's?"]
         if self._turns_of in ROAD_SPEEDS:
             radius_m = v.wheel_radius_m / times
+            mistaken = "".join(f", or if {mistaken_unit(1.0 / each)}" for each in units)
+            mistaken += f" (unit of signals.{self._turns_of})" if units else ""
             return [
                 f"{found}; it would fit with wheel_radius_m {radius_m:.3f} instead of {v.wheel_radius_m:g}, "
-                f"or final_drive {v.final_drive * times:.3g} instead of {v.final_drive:g}"
+                f"or final_drive {v.final_drive * times:.3g} instead of {v.final_drive:g}{mistaken}"
             ]
         return [f"{found}; it would fit if all were {times:.3g} times as large"]

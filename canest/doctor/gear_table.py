@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -73,9 +73,11 @@ class GearFit:
         group = helps[np.abs(np.log(helps / nearest)) < 2 * _NEAR_BINS * _BIN]
         return float(np.exp(np.log(group).mean())), self._commonest()
 
-    def fits(self, times: float) -> bool:
-        """Return whether a table so many times larger accounts for most steady samples."""
-        return self._share(times) > _FITS
+    def fitting(self, times: Iterable[float]) -> list[float]:
+        """Return the factors with which the table accounts for most steady samples, about as well as any."""
+        shares = {each: self._share(each) for each in times}
+        least = max(_FITS, 0.95 * max(shares.values()))
+        return [each for each, share in shares.items() if share > least]
 
     def measured(self) -> dict[int, float]:
         """Return the ratios that were driven by number, from the largest on; {} where too little was seen."""

@@ -94,7 +94,13 @@ def test_a_speed_in_another_unit(drive, role, scale, mistake):
 @pytest.mark.parametrize("without", [("gear_ratio", "output_shaft_speed"), GEARLESS])
 @pytest.mark.parametrize(
     ("scale", "mistake"),
-    [(1.609, "km/h is taken for mph"), (2.237, "mph is taken for m/s"), (3.6, "km/h is taken for m/s")],
+    [
+        (1.609, "km/h is taken for mph"),
+        (2.237, "mph is taken for m/s"),
+        (3.6, "km/h is taken for m/s"),
+        (1 / 1.609, "mph is taken for km/h"),
+        (1 / 2.237, "m/s is taken for mph"),
+    ],
 )
 def test_a_speed_in_another_unit_against_the_engine(drive, scale, mistake, without):
     (hint_text,) = hints(drive, f"signals.vehicle_speed.scale={scale}", without=without)
