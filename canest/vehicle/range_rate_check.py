@@ -31,6 +31,7 @@ SPEED_SLACK_MPS = 1.5
 JUMP, MOTION_JUMP = "implausible_jump", "implausible_motion"
 JUMP_HOLD_S = 1.0
 _FEW = 50  #: samples of one role up to which walking them is faster than columns (both give the same bits)
+_AFTER_JUMP = 50  #: samples that are walked from a jump on before columns are tried again
 
 
 class Limit(NamedTuple):
@@ -143,7 +144,7 @@ class RangeRateCheck:
         return refused
 
     def _far(self, role: str, limit: Limit, t_us: IntColumn, values: FloatColumn) -> list[int]:
-        """Return the positions of finite samples that jump: in columns as far as none does."""
+        """Return the positions of finite samples that jump: in columns, but for some samples after a jump."""
         if not len(values):
             return []
         before_us, before = self._accepted.get(role, (int(t_us[0]), float(values[0])))
@@ -151,11 +152,18 @@ class RangeRateCheck:
         allowed = limit.slack + limit.rate * 1e-6 * (t_us - shifted(t_us, before_us))
         size = np.abs(values)
         far = (np.abs(steps) > allowed) | (size > limit.most) | (size < limit.least)
-        first = int(far.argmax()) if far.any() else len(far)
-        if first:
-            self._accepted[role] = int(t_us[first - 1]), float(values[first - 1])
-        jumps = self._walk(role, limit, t_us[first:].tolist(), values[first:].tolist())
-        return [first + i for i in jumps]
+        jumps: list[int] = []
+        begin, end = 0, len(far)
+        while begin < end:
+            first = begin + int(far[begin:].argmax()) if far[begin:].any() else end
+            if first > begin:
+                self._accepted[role] = int(t_us[first - 1]), float(values[first - 1])
+            begin = min(first + _AFTER_JUMP, end)
+            walked = self._walk(role, limit, t_us[first:begin].tolist(), values[first:begin].tolist())
+            jumps += [first + i for i in walked]
+            if begin < end and jumps[-1:] == [begin - 1]:  # the next one's step is from a refused sample
+                far[begin] = True
+        return jumps
 
     def _walk(self, role: str, limit: Limit, stamps: list[int], values: list[float]) -> list[int]:
         """Return the positions of samples that jump, each compared with the last accepted one."""

@@ -81,8 +81,9 @@ def test_other_roles_are_left_alone():
     st.lists(st.tuples(st.integers(0, 300_000), st.sampled_from([0.0, 0.5, 2.0, 3.5, 40.0, np.nan, np.inf]))),
     st.lists(st.integers(0, 40)),
     st.sampled_from([0, 3, 50]),
+    st.sampled_from([1, 2, 50]),
 )
-def test_any_cut_refuses_the_same_samples(steps, cuts, few):
+def test_any_cut_refuses_the_same_samples(steps, cuts, few, after_jump):
     t_us, pairs = 0, []
     for step, value in steps:
         t_us += step
@@ -95,9 +96,9 @@ def test_any_cut_refuses_the_same_samples(steps, cuts, few):
 
     edges = sorted({0, len(pairs), *(c for c in cuts if c < len(pairs))})
     one, cut = screen(), screen()
-    with patch.object(module, "_FEW", 0):
+    with patch.object(module, "_FEW", len(pairs)):  # walked
         whole = flat([one.apply({"x": column(pairs)})])
-    with patch.object(module, "_FEW", few):  # walked, or in columns
+    with patch.multiple(module, _FEW=few, _AFTER_JUMP=after_jump):  # walked, or in columns
         parts = flat([cut.apply({"x": column(pairs[a:b])}) for a, b in pairwise(edges)] or [{}])
     assert parts == whole
     assert one.refused == cut.refused
