@@ -38,7 +38,7 @@ def stretches(t_us: IntColumn, most_us: int) -> list[slice]:
 
     A stamp before the first one of all begins no part: clocks that were set back are for others.
     """
-    if len(t_us) < 2:
+    if len(t_us) < 2 or t_us.max() - t_us[0] < most_us:
         return [slice(None)]
     begun = np.maximum.accumulate((t_us - t_us[0]) // most_us)
     edges = [0, *(np.flatnonzero(np.diff(begun)) + 1).tolist(), len(t_us)]
