@@ -249,18 +249,20 @@ class Grid:
         self, channel: Channel, t_us: IntColumn, stamps: IntColumn, samples: FloatColumn
     ) -> tuple[FloatColumn, BoolColumn]:
         """Return the same as `_one_by_one`, for many ticks or samples."""
-        role, shift_us = channel.role, self._shift_us[channel.role]
+        role, stale_us = channel.role, channel.stale_us
         held_us, held = self._held[role]
-        seen_us = t_us - shift_us if shift_us else t_us
-        at = stamps.searchsorted(seen_us, side="right")
-        self._pass(role, int(at[-1]), stamps, samples)
-        stamps = np.concatenate(([held_us], stamps))
-        samples = np.concatenate(([held], samples))
-        value = samples[at]
-        old = seen_us - stamps[at] > channel.stale_us
-        if np.count_nonzero(old):
-            value = np.where(old, np.nan, value)
-        return value, old
+        first_us, last_us = (int(end) - self._shift_us[role] for end in (t_us[0], t_us[-1]))
+        passed = int(stamps.searchsorted(last_us, side="right"))
+        new_us = stamps[:passed]
+        tick = (new_us - (first_us - STEP_US + 1)) // STEP_US  # the first one that sees a sample
+        at = np.bincount(np.maximum(tick, 0), minlength=len(t_us)).cumsum()
+        value = np.concatenate(([held], samples[:passed]))[at]
+        self._pass(role, passed, stamps, samples)
+        ends_us = int(new_us[0]) - held_us, last_us - int(new_us[-1])
+        if max(*ends_us, (new_us[1:] - new_us[:-1]).max(initial=0)) <= stale_us:
+            return value, constant(False, len(t_us))
+        old = t_us - self._shift_us[role] - np.concatenate(([held_us], new_us))[at] > stale_us
+        return np.where(old, np.nan, value), old
 
     def _pass(
         self, role: str, passed: int, stamps: list[int] | IntColumn, samples: list[float] | FloatColumn
