@@ -43,13 +43,21 @@ def digits(values: IntColumn, width: int) -> Field:
 def integer(values: IntColumn, width_min: int = 1) -> Field:
     """Return integers of either sign, leading zeros only up to ``width_min`` digits."""
     magnitude = np.abs(values)
-    width = max(width_min, len(str(int(magnitude.max(initial=0)))))
-    text = np.empty((len(values), width + 1), np.uint8)
-    text[:, 0] = np.where(values < 0, _MINUS, _BLANK)
-    text[:, 1:] = digits(magnitude, width)
-    for place in range(width - width_min):
-        text[:, 1 + place][magnitude < 10 ** (width - 1 - place)] = _BLANK
-    return text
+    most = int(magnitude.max(initial=0))
+    least = int(magnitude.min(initial=most))
+    width = max(width_min, len(str(most)))
+    text = digits(magnitude, width)
+    for place in range(width - max(width_min, len(str(least)))):
+        text[:, place][magnitude < 10 ** (width - 1 - place)] = _BLANK
+    return np.hstack([sign(values), text])
+
+
+def sign(values: IntColumn) -> Field:
+    """Return what stands in front of integers; it is no column where none is negative."""
+    negative = values < 0
+    if not negative.any():
+        return np.empty((len(values), 0), np.uint8)
+    return np.where(negative, np.uint8(_MINUS), np.uint8(_BLANK))[:, None]
 
 
 def fixed(values: FloatColumn, decimals: int) -> Field:
@@ -59,7 +67,7 @@ def fixed(values: FloatColumn, decimals: int) -> Field:
     whole = np.where(known, scaled, 0.0).astype(np.int64)
     magnitude = np.abs(whole)
     units = magnitude // 10**decimals
-    fields = [np.where(whole < 0, _MINUS, _BLANK).astype(np.uint8)[:, None], integer(units)]
+    fields = [sign(whole), integer(units)]
     if decimals:
         fields += [constant(b".", len(values)), digits(magnitude - units * 10**decimals, decimals)]
     text = np.hstack(fields)
@@ -71,18 +79,25 @@ def seconds(t_us: IntColumn) -> Field:
     """Return microseconds as seconds: exact, three decimals where they suffice and else six."""
     magnitude = np.abs(t_us)
     whole = magnitude // 1_000_000
-    micros = digits(magnitude - whole * 1_000_000, 6).copy()
-    micros[:, 3:][magnitude % 1000 == 0] = _BLANK
-    sign = np.where(t_us < 0, _MINUS, _BLANK).astype(np.uint8)[:, None]
-    return np.hstack([sign, integer(whole), constant(b".", len(t_us)), micros])
+    micros = magnitude - whole * 1_000_000
+    millis = micros // 1000
+    suffice = millis * 1000 == micros
+    if suffice.all():  # as those of ticks do
+        decimals = digits(millis, 3)
+    else:
+        decimals = digits(micros, 6)
+        decimals[:, 3:][suffice] = _BLANK
+    return np.hstack([sign(t_us), integer(whole), constant(b".", len(t_us)), decimals])
 
 
 def labels(codes: NDArray[np.uint8], names: dict[int, str]) -> Field:
     """Return the names of codes."""
-    width = max(1, *(len(name) for name in names.values()))
+    came = np.flatnonzero(np.bincount(codes)).tolist()
+    width = max((len(names.get(code, "")) for code in came), default=0)
     table = np.zeros((256, width), np.uint8)
-    for code, name in names.items():
-        table[code, : len(name)] = np.frombuffer(name.encode(), np.uint8)
+    for code in came:
+        name = names.get(code, "").encode()
+        table[code, : len(name)] = np.frombuffer(name, np.uint8)
     return table[codes]
 
 
