@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from canest.pipeline.signal_map import factor_and_offset, unit_of
 
 if TYPE_CHECKING:
     from canest.config import Config
+
+Numbers = TypeVar("Numbers", float, FloatColumn)
 
 #: what lies beyond by less than this share of the range is rounding
 _ROUNDING = 1e-3
@@ -30,6 +32,10 @@ class _Declared(NamedTuple):
     high: float
     factor: float
     offset: float
+
+    def own(self, values: Numbers) -> Numbers:
+        """Return values of the role in the unit of the DBC."""
+        return (values - self.offset) / self.factor
 
 
 class DeclaredRangeCheck:
@@ -48,15 +54,18 @@ class DeclaredRangeCheck:
                 self._push(role, declared, samples[role][1])
 
     def _push(self, role: str, declared: _Declared, values: FloatColumn) -> None:
-        values = (values[np.isfinite(values)] - declared.offset) / declared.factor
+        values = values[np.isfinite(values)]
         if not len(values):
             return
+        low, high = sorted(map(declared.own, (float(values.min()), float(values.max()))))
         slack = _ROUNDING * (declared.high - declared.low)
-        beyond = (values < declared.low - slack) | (values > declared.high + slack)
+        least, most = declared.low - slack, declared.high + slack
+        if low < least or high > most:  # as a rule there is nothing to count
+            own = declared.own(values)
+            self._beyond[role] += int(np.count_nonzero((own < least) | (own > most)))
         self._count[role] += len(values)
-        self._beyond[role] += int(np.count_nonzero(beyond))
-        low, high = self._range[role]
-        self._range[role] = min(low, float(values.min())), max(high, float(values.max()))
+        before = self._range[role]
+        self._range[role] = min(low, before[0]), max(high, before[1])
 
     def hints(self) -> list[str]:
         """Return which signals leave their declared range, one sentence each."""

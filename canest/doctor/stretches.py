@@ -20,10 +20,12 @@ LARGEST = 1e9
 
 def comparable(samples: Samples) -> Samples:
     """Return samples without a value where there is a number that no vehicle has: sums would overflow."""
-    return {
-        role: (t_us, np.where(np.abs(values) < LARGEST, values, np.nan))
-        for role, (t_us, values) in samples.items()
-    }
+    return {role: (t_us, _without_large(values)) for role, (t_us, values) in samples.items()}
+
+
+def _without_large(values: FloatColumn) -> FloatColumn:
+    possible = np.abs(values) < LARGEST
+    return values if possible.all() else np.where(possible, values, np.nan)
 
 
 class Stretches:
@@ -53,22 +55,26 @@ class Stretches:
     def rest(self) -> Samples:
         """Return what has come since the last stretch, and begin another."""
         self._since_us, self._waiting_samples = None, 0
-        stretch = {
-            role: (np.concatenate([t for t, _ in parts]), np.concatenate([v for _, v in parts]))
-            for role, parts in self._waiting.items()
-        }
+        stretch = {role: _joined(parts) for role, parts in self._waiting.items()}
         self._waiting.clear()
         return stretch
 
 
+def _joined(parts: list[tuple[IntColumn, FloatColumn]]) -> tuple[IntColumn, FloatColumn]:
+    if len(parts) == 1:
+        return parts[0]
+    return np.concatenate([t for t, _ in parts]), np.concatenate([v for _, v in parts])
+
+
 def at(stamps: IntColumn, samples: tuple[IntColumn, FloatColumn]) -> FloatColumn:
     """Return a signal at other stamps (n,), NaN before its first sample and after its last."""
-    known = np.isfinite(samples[1])
-    if not known.any():
+    t_us, values = samples
+    known = np.isfinite(values)
+    if not known.all():
+        t_us, values = t_us[known], values[known]
+    if not len(values):
         return np.full(len(stamps), np.nan)
-    return np.asarray(
-        np.interp(stamps, samples[0][known], samples[1][known], left=np.nan, right=np.nan), np.float64
-    )
+    return np.asarray(np.interp(stamps, t_us, values, left=np.nan, right=np.nan), np.float64)
 
 
 def held(stamps: IntColumn, samples: tuple[IntColumn, FloatColumn]) -> FloatColumn:
