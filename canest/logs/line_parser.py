@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,8 +48,7 @@ class LineParser(ABC):
         starts, widths = _lines(text, chars, end)
         pieces: list[Piece] = []
         odd: list[IntColumn] = []
-        for width in np.flatnonzero(np.bincount(widths)).tolist():
-            index = np.flatnonzero(widths == width)
+        for width, index in _by_width(widths):
             if _WIDTH_MIN <= width <= LINE_CHARS_MAX:
                 index = self._parse_width(text, chars, starts, index, width, pieces)
             if len(index):
@@ -154,3 +153,12 @@ def _lines(text: bytes, chars: NDArray[np.uint8], end: int) -> tuple[IntColumn, 
     starts[:1] = 0
     starts[1:] = ends[:-1] + 1
     return starts, np.minimum(ends - starts, LINE_CHARS_MAX + 1)
+
+
+def _by_width(widths: IntColumn) -> Iterator[tuple[int, IntColumn]]:
+    """Yield every width that lines have (n,), with the indices of these lines."""
+    if len(widths) and widths.min() == widths.max():
+        yield int(widths[0]), np.arange(len(widths))
+        return
+    for width in np.flatnonzero(np.bincount(widths)).tolist():
+        yield width, np.flatnonzero(widths == width)
