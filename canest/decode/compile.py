@@ -153,7 +153,8 @@ class CompiledSignal:
         else:
             values = raw.astype(np.float64)
         if not self.is_float:
-            values = values * self.scale + self.offset
+            values *= self.scale
+            values += self.offset
         if self.text or self.is_float or self._table is not None:
             bad: BoolColumn = ~np.isfinite(values)
         elif self.highest < self.field.mask:

@@ -130,23 +130,23 @@ class Sender:
         """Decode the frames at ``rows`` of a block (ascending)."""
         block = columns.block
         counters = self.counters
-        counters.take(block.t_us[rows])
+        t_us = block.t_us[rows]
+        counters.take(t_us)
         if not self.signals:
             return
         fits = block.length[rows] == np.uint8(self._length)
         if not fits.all():
             counters.wrong_length += int(np.count_nonzero(~fits))
-            rows = rows[fits]
+            rows, t_us = rows[fits], t_us[fits]
         words = block.data[rows]
         if self._selector is not None:
             field, known = self._selector
             knows: BoolColumn = np.isin(field.column(words), np.array(sorted(known), np.uint64))
             if not knows.all():
                 counters.unknown_mux += int(np.count_nonzero(~knows))
-                rows, words = rows[knows], words[knows]
+                rows, words, t_us = rows[knows], words[knows], t_us[knows]
         if not len(rows):
             return
-        t_us = block.t_us[rows]
         for wanted in self.signals:
             at, values, bad, raw = wanted.signal.columns(words)
             if not len(values):
