@@ -37,9 +37,9 @@ def gain_unknown(is_open: bool, v: Vehicle) -> bool:
     return False
 
 
-def on_smooth_roads(fast_N: float, u: float, speed_mps: float, wander_1pm: float, c: Constants) -> float:
+def on_smooth_roads(answered_N: float, u: float, metres: float, wander_1pm: float, c: Constants) -> float:
     """Take the place of `driver.own_torque`."""
-    found: float = own_torque(fast_N, u, speed_mps, c.smooth_wander_1pm, c)
+    found: float = own_torque(answered_N, u, metres, c.smooth_wander_1pm, c)
     return found
 
 
@@ -59,7 +59,7 @@ MECHANISMS = (
     Variant("brakes that nobody reports", patch={"kernel.brakes_unseen": never}),
     # -- the driver
     Variant("roads that answer the torque", {"answered_share": 0.0}),
-    Variant("answers in part", {"answered_part": 1.0}),
+    Variant("answers in part", patch={"driver._SHARE": 1.0, "driver._SHARE_VAR": 0.0}),
     Variant("drivers whom the road does not answer", {"answered_share": 1.0}),
     Variant("evidence of fast torque", {"answer_curvature_1pm": NEVER}),
     Variant("rough roads that ask for more torque", patch={"kernel.own_torque": on_smooth_roads}),

@@ -209,7 +209,7 @@ def test_modes_exchange_probability_and_moments():
     mix, space = mixture(2, modes=[0, m.ROUGH])
     t = space.scratch
     x, P = mix.x[:2].copy(), mix.P[:2].copy()
-    for states in (m.CURVATURE, m.RATE):
+    for states in (m.CURVATURE, m.RATE, m.ANSWER):
         x[:, states] = P[:, states] = P[:, :, states] = 0.0
     mix.x[:2], mix.P[:2] = x, P
     roads = (0.9, 0.0, 0.1, 0.0, 1.0, 0.0, 0.0, 0.3, 0.7)
@@ -242,7 +242,7 @@ def test_what_comes_to_a_mode_has_its_prior():
     """A steady load that begins to drift: the moments of its own density and of the prior, side by side."""
     mix, space = mixture(2, modes=[0, m.STEADY_MODES])
     rate = 1e-8
-    hypotheses.give_priors(mix, 2, 4e-8, rate)
+    hypotheses.give_priors(mix, 2, 4e-8, rate, 0.5)
     assert mix.P[0, m.CURVATURE, m.CURVATURE] == 4e-8
     x, P = mix.x[:2].copy(), mix.P[:2].copy()
     assert (x[0, m.RATE], P[0, m.RATE, m.RATE]) == (rate, rate * rate)

@@ -54,13 +54,16 @@ class Constants(NamedTuple):
     altitude_wander_m2ps: Annotated[float, Source("q_h", "m2/s", "chosen: a receiver, 3.5 m a minute")] = 0.2
     road_step_nis: Annotated[float, Source("k_step", "1", "chosen: five standard deviations")] = 25.0
     # -- driver
-    answered_share: Annotated[float, Source("P_a", "1", "chosen: less makes a cruise less safe")] = 0.9
-    answered_part: Annotated[
-        float, Source("k_a", "1", "measured: at 1 a rough road is taken for a mass, at 0.75 a sine road")
-    ] = 0.85
+    answered_share: Annotated[float, Source("P_a", "1", "chosen: less makes a cruise less safe")] = 0.8
+    answer_length_m: Annotated[
+        float,
+        Source("L_a", "m", "measured: less takes sine roads for masses, more an unloading for a driver"),
+    ] = 500.0
     driver_length_m: Annotated[float, Source("L_d", "m", "chosen: a habit is kept for ten minutes")] = 10e3
     answer_curvature_1pm: Annotated[float, Source("k_d", "1/m", "chosen: little more than a crest")] = 3e-4
-    answer_noise_mps2: Annotated[float, Source("a_d", "m/s2", "chosen: noise of torque at low speed")] = 0.02
+    answer_noise_mps2: Annotated[
+        float, Source("a_d", "m/s2", "measured: less takes a cruise control's torque for a free driver's")
+    ] = 0.03
     # -- load
     load_stop_s: Annotated[float, Source("T_l", "s", "chosen: less costs `valid` at every light")] = 130.0
     shortest_stop_s: Annotated[

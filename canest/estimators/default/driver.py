@@ -1,11 +1,33 @@
-"""The driver: what a change of torque says of the road (docs/theory.md, section 7.3)."""
+"""The driver: what a change of torque says of the road (docs/theory.md, section 7.3).
+
+    g dtheta = s u dF
+
+s: share of the change of torque that answers the road. A driver, or cruise control, that answers it may have
+any share: uniform, as a normal density. Products s u enter linearly, so that is the state.
+"""
 
 from __future__ import annotations
 
 from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2
+from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants
-from canest.estimators.default.model import Window
+from canest.estimators.default.model import Mixture, Window
+
+#: mean and variance of the share
+_SHARE, _SHARE_VAR = 0.5, 1.0 / 12.0
+
+
+@jit.kernel
+def draw_answer(mix: Mixture, d: int, left: float) -> None:
+    """Draw the answer anew but for a part that is left: s u <- left s u + (1 - left) u / 2 + noise."""
+    A, i = mix.A[d], m.ANSWER
+    n, part = len(A), (1.0 - left) * _SHARE
+    own_var = left * (left * A[i, i] + part * A[m.U, i])
+    row = left * A[i] + part * A[m.U]
+    row[i] = own_var + part * row[m.U] + (1.0 - left * left) * _SHARE_VAR * A[m.U, n] * A[m.U, n]
+    A[i] = row
+    A[:, i] = row[:n]
 
 
 @jit.kernel
@@ -22,14 +44,13 @@ def answered_force(w: Window, is_open: bool, follows: bool, before_N: float) -> 
 
 
 @jit.kernel
-def own_torque(fast_N: float, u: float, speed_mps: float, wander_1pm: float, c: Constants) -> float:
+def own_torque(answered_N: float, u: float, metres: float, wander_1pm: float, c: Constants) -> float:
     """Return how much less probable a change of torque is where it answers the road (log likelihood).
 
-    In a second a road bends by about `answer_curvature_1pm`, and wanders by two standard deviations at most;
-    what moves faster is the driver's own. A free driver may do anything, so slow changes speak for neither.
+    Over so many metres a road bends by about `answer_curvature_1pm`, and wanders by two stds at most; what
+    changes faster is the driver's own. A free driver may do anything, so slow changes speak for neither.
     """
-    metres = max(speed_mps, 1.0)
     bend = c.answer_curvature_1pm * metres
     usual = GRAVITY_MPS2 * GRAVITY_MPS2 * (bend * bend + 4.0 * wander_1pm * metres)
-    ratio = u * u * fast_N * fast_N / (usual + c.answer_noise_mps2 * c.answer_noise_mps2)
+    ratio = u * u * answered_N * answered_N / (usual + c.answer_noise_mps2 * c.answer_noise_mps2)
     return -min(0.5 * max(ratio - 1.0, 0.0), 30.0)

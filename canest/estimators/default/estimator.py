@@ -17,6 +17,7 @@ from canest.estimators.default import kernel
 from canest.estimators.default import model as at
 from canest.estimators.default.accelerometer import Comparison
 from canest.estimators.default.constants import CONSTANTS, Constants, vehicle_of
+from canest.estimators.default.driver import draw_answer
 from canest.estimators.default.hypotheses import set_loads
 from canest.estimators.default.joining import Joined
 from canest.estimators.default.model import LOADS, MODES, MOST, Mixture, Scratch, Space
@@ -98,6 +99,8 @@ class GaussianSum(Estimator):
             own[at.RATE] *= at.DRIFTS[mode]
             mix.x[mode], mix.P[mode] = mean, np.diag(own * own)
             mix.x[mode, at.RATE] *= at.DRIFTS[mode]
+            if at.ANSWERS[mode] > 0.0:
+                draw_answer.interpreted(mix, mode, 0.0)
             mix.weight[mode], mix.mode[mode] = shares[mode], mode
         return mix
 

@@ -15,6 +15,7 @@ import numpy as np
 from canest.core import jit
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants
+from canest.estimators.default.driver import draw_answer
 from canest.estimators.default.model import LOADS, MODES, MOST, ROADS, Mixture, Scratch, Space
 from canest.estimators.default.predict import moments
 
@@ -154,10 +155,10 @@ def mix_densities(mix: Mixture, count: int, made: int, space: Space) -> None:
 
 
 @jit.kernel
-def give_priors(mix: Mixture, count: int, bend_var: float, rate: float) -> None:
-    """Give densities without curvature or drift the prior of a mode that has it, since they may come there.
+def give_priors(mix: Mixture, count: int, bend_var: float, rate: float, left: float) -> None:
+    """Give densities without curvature, drift or answer the prior of a mode that has it: they may come there.
 
-    rate: mean and standard deviation of the drift of u.
+    rate: mean and standard deviation of the drift of u. left: part of an answer that is left.
     """
     for d in range(count):
         mode = mix.mode[d]
@@ -165,6 +166,7 @@ def give_priors(mix: Mixture, count: int, bend_var: float, rate: float) -> None:
             mix.P[d, m.CURVATURE, m.CURVATURE] = bend_var
         if m.DRIFTS[mode] == 0.0:
             mix.x[d, m.RATE], mix.P[d, m.RATE, m.RATE] = rate, rate * rate
+        draw_answer(mix, d, left * m.ANSWERS[mode])
 
 
 @jit.kernel
@@ -221,6 +223,7 @@ def exchange(mix: Mixture, count: int, chains: Any, least: float, space: Space) 
     mix_densities(mix, count, made, space)
     forget(room, made, m.CURVATURE, m.BENDS)
     forget(room, made, m.RATE, m.DRIFTS)
+    forget(room, made, m.ANSWER, m.ANSWERS)
     take(room, made, mix)
     return made
 
@@ -230,7 +233,8 @@ def change_modes(
     mix: Mixture, count: int, metres: float, driven_s: float, u: float, c: Constants, space: Space
 ) -> int:
     """Let modes exchange probability; returns the densities."""
-    give_priors(mix, count, c.curvature_std_1pm * c.curvature_std_1pm, c.drift_1ps * u)
+    bend_var, left = c.curvature_std_1pm * c.curvature_std_1pm, math.exp(-metres / c.answer_length_m)
+    give_priors(mix, count, bend_var, c.drift_1ps * u, left)
     left: int = exchange(mix, count, transitions(metres, driven_s, c), c.least_weight, space)
     return left
 

@@ -72,7 +72,6 @@ class Progress(NamedTuple):
     mixed_s: float = 0.0
     follows: float = 0.0  #: 1 where the force of the window before was known
     force_N: float = 0.0  #: that force
-    slow_N: float = 0.0  #: slow traction
     was_open: float = 0.0
     learned: float = 0.0  #: 1 once a window was open
     surprise: float = 0.0  #: cumulative sum of what innovations are more than usual
@@ -228,10 +227,9 @@ def run(
             if w.gap_s == 0.0 and not math.isnan(joined.before_mps):
                 before = Ends(joined.before_mps, w.begin_N, joined.before_Nps)
                 speed(mix, count, before, p.u, levels.speed_var + swing, c, v, t)
-        answered_N = c.answered_part * answered_force(w, is_open, p.follows > 0.0, p.force_N)
-        answered_kg = answered_N / GRAVITY_MPS2
-        travel(mix, count, metres, answered_kg, p.u, c, t)
-        motion, slow_N = w.accel_mps2, w.traction_N if begins else p.slow_N
+        answered_N = answered_force(w, is_open, p.follows > 0.0, p.force_N)
+        travel(mix, count, metres, answered_N / GRAVITY_MPS2, c, t)
+        motion = w.accel_mps2
         nis = innovation = speed_surplus = sensed_surplus = 0.0
         if is_open:
             if mix.x.shape[1] == m.STATES:
@@ -241,10 +239,9 @@ def run(
             swing = swing_var(swing, w.traction_N - w.begin_N, w, dt, p.u, c)
             speed_var = levels.speed_var + swing
             speed(mix, count, end, p.u, speed_var, c, v, t)
-            fast_N = w.traction_N - slow_N
             own = (
-                own_torque(fast_N, p.u, w.speed_mps, c.smooth_wander_1pm, c),
-                own_torque(fast_N, p.u, w.speed_mps, c.rough_wander_1pm, c),
+                own_torque(answered_N, p.u, metres, c.smooth_wander_1pm, c),
+                own_torque(answered_N, p.u, metres, c.rough_wander_1pm, c),
             )
             lever = (1.0 + p.u * w.rotating_kg) / (dt * GRAVITY_MPS2)
             innovation = mean_of(mix.weight, count, t.e)
@@ -279,12 +276,11 @@ def run(
         mass = (given.mass_kg, given.mass_var, 0.0 if begins else given.windows)
         if not still:
             mass = report_mass(count, best, mass, c, v, space)
-        scatter = p.u * answered_kg
-        given = report_grade(mix, count, mass, ahead_m, scatter * scatter / max(metres, 0.1), c, v, t)
+        given = report_grade(mix, count, mass, ahead_m, c, v, t)
         p = Progress(
             float(count), u, mixed_m, mixed_s,
             1.0 if is_open or w.retarding > 0.0 else 0.0, w.force_N,
-            w.traction_N + math.exp(-dt) * (slow_N - w.traction_N), 1.0 if is_open and not braked else 0.0,
+            1.0 if is_open and not braked else 0.0,
             1.0 if is_open or p.learned > 0.0 else 0.0, surprise, 1.0 if braked else 0.0,
             1.0 if measured or height_known else 0.0,
             0.0 if measured else climbed_m, 0.0 if measured else climbed_s, delay_s, driven_s, swing,

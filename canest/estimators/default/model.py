@@ -29,12 +29,13 @@ WIND = 6  #: headwind times u, (m/s)/kg
 RATE = 7  #: drift of the inverse mass, 1/(kg s); zero where the load is steady
 DELAY = 8  #: remaining delay of the reported torque times u, s/kg
 WINDUP = 9  #: compliance of the driveline times u, s2/kg
-BIAS = 10  #: offset of the accelerometer, m/s2
-BEGIN = 11  #: speed where the window began, m/s
-STATES = 12
-STATES_WITHOUT_ACCELEROMETER = 10
+ANSWER = 10  #: share of the torque that answers the road, times u, 1/kg; zero where the driver is free
+BIAS = 11  #: offset of the accelerometer, m/s2
+BEGIN = 12  #: speed where the window began, m/s
+STATES = 13
+STATES_WITHOUT_ACCELEROMETER = 11
 #: products with the inverse mass
-TIMES_U = (WIND, DELAY, WINDUP)
+TIMES_U = (WIND, RATE, DELAY, WINDUP, ANSWER)
 
 #: a mode: the road is straight, curved or rough; the driver is free, or the road answers the torque;
 #: the load is steady or drifts. mode = road + ROADS * answered + STEADY_MODES * drifting

@@ -19,7 +19,7 @@ from canest.estimators.default.model import Mixture, Scratch, Window
 _EVERYWHERE = (1.0,) * m.MODES
 _DRIFT = (m.RATE,)
 _CLIMB = (m.GRADE, m.ROLLING)
-_TRAVEL = (m.CURVATURE, m.U)
+_TRAVEL = (m.CURVATURE, m.ANSWER)
 _ACCELERATE = (m.GRADE, m.WIND, m.U)
 
 
@@ -118,25 +118,16 @@ def climb(mix: Mixture, count: int, metres: float, wander: float, t: Scratch) ->
 
 
 @jit.kernel
-def travel(
-    mix: Mixture, count: int, metres: float, answered_kg: float, u: float, c: Constants, t: Scratch
-) -> None:
-    """Let the road go on: theta <- theta + ds kappa + (dF / g) u, Q = r ds + (u dF / g)^2.
-
-    answered_kg: dF / g, of the modes in which the road answers.
-    """
+def travel(mix: Mixture, count: int, metres: float, answered_kg: float, c: Constants, t: Scratch) -> None:
+    """Let the road go on: theta <- theta + ds kappa + (dF / g) s u, Q = r ds. answered_kg: dF / g."""
     if metres == 0.0 and answered_kg == 0.0:
         return
-    bent_m, most, scatter = min(metres, c.curvature_length_m), c.grade_std * c.grade_std, u * answered_kg
+    bent_m, most = min(metres, c.curvature_length_m), c.grade_std * c.grade_std
     smooth, rough = min(c.smooth_wander_1pm * metres, most), min(c.rough_wander_1pm * metres, most)
     for d in range(count):
-        mode = mix.mode[d]
-        answers = m.ANSWERS[mode]
-        t.f[d], t.f[count + d] = bent_m, answered_kg * answers
+        t.f[d], t.f[count + d] = bent_m, answered_kg
         # of the row's own state, so that it may be added before
-        mix.P[d, m.GRADE, m.GRADE] += (
-            rough if m.IS_ROUGH[mode] > 0.0 else smooth
-        ) + scatter * scatter * answers
+        mix.P[d, m.GRADE, m.GRADE] += rough if m.IS_ROUGH[mix.mode[d]] > 0.0 else smooth
     propagate(mix, count, m.GRADE, _TRAVEL, t)
 
 

@@ -115,13 +115,10 @@ def report_mass(
 
 @jit.kernel
 def report_grade(
-    mix: Mixture, count: int, mass: tuple[float, float, float], ahead_m: float, answer_1pm: float,
+    mix: Mixture, count: int, mass: tuple[float, float, float], ahead_m: float,
     c: Constants, v: Vehicle, t: Scratch,
 ) -> Report:  # fmt: skip
-    """Return the grade where the vehicle is by now, and the mass.
-
-    answer_1pm: variance that an answered grade gains per metre, by the torque of the last window.
-    """
+    """Return the grade where the vehicle is by now, and the mass."""
     share, wider = t.columns[2], 1.0 / c.likelihood_power - 1.0
     means = column(mix.x[:, m.GRADE : m.ROLLING + 1], count)
     covariances = column(mix.P[:, m.GRADE : m.ROLLING + 1, m.GRADE : m.ROLLING + 1], count)
@@ -130,7 +127,6 @@ def report_grade(
         if share[d] > 0.0:
             mode = mix.mode[d]
             gains = c.rough_wander_1pm if m.IS_ROUGH[mode] > 0.0 else c.smooth_wander_1pm
-            gains += answer_1pm * m.ANSWERS[mode]
             x, P = means[d], covariances[d]
             grades, rollings, u, bend = P[0], P[_ROLL], x[_U], x[_BEND]
             per_u = (grades[_U] - rollings[_U]) / P[_U][_U]

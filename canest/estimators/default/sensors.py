@@ -100,7 +100,7 @@ def accelerometer(
     mix: Mixture, count: int, states: Any, felt: float, dt: float, var: tuple[float, float],
     c: Constants, t: Scratch,
 ) -> float:  # fmt: skip
-    """Update with an accelerometer: a_x - p dv/dt = g theta + b + dv/dt. Returns the mean surplus.
+    """Update with an accelerometer: a_x - p dv/dt = g theta + b + dv/dt. Returns the surplus of var[0].
 
     states: `DRIVEN`, after `set_gained`; or `SENSED`, where the speeds' dv/dt is subtracted. felt: the left
     side. var: variance of a window of 0.2 s, and see `rocking_var`.
@@ -109,7 +109,7 @@ def accelerometer(
     r = var[0] * WINDOW_S / dt
     t.h[0], t.h[1] = GRAVITY_MPS2, 1.0
     condition_on(mix, count, states, felt, r + var[1], c.outlier_nis, t)
-    surplus: float = judge(mix, count, r + var[1], r, c, t)[1]
+    surplus: float = judge(mix, count, r + var[1], r, c, t)[1] * dt / WINDOW_S
     return surplus
 
 
