@@ -10,7 +10,8 @@ from canest.estimators.default import driver
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import CONSTANTS
 from canest.estimators.default.estimator import GaussianSum
-from tests.estimators.momentum import FACTS, trip
+from tests.estimators.momentum import trip
+from tests.estimators.test_canest_loads_and_roads import STATED
 from tests.estimators.test_canest_parts import mixture
 
 U = 1.0 / 20_000.0
@@ -53,6 +54,6 @@ def test_a_cruise_control_that_follows_traffic_over_hills_makes_no_wrong_mass_va
         return 0.01 * np.sin(s / 100.0) + 0.008 * np.sin(s / 230.0 + 1.0)
 
     drive = trip(300.0, mass_kg=mass_kg, road=road, throttle=follow, seed=2, start_mps=22.0)
-    e = GaussianSum("canest", FACTS).update(drive.block)
+    e = GaussianSum("canest", STATED).update(drive.block)
     wrong = (e.status == Status.VALID) & (np.abs(drive.error(e)) > 0.08)
     assert wrong.sum() == 0

@@ -34,7 +34,7 @@ BIAS = 11  #: offset of the accelerometer, m/s2
 BEGIN = 12  #: speed where the window began, m/s
 STATES = 13
 STATES_WITHOUT_ACCELEROMETER = 11
-#: products with the inverse mass
+#: products with the inverse mass, and what is in proportion to it
 TIMES_U = (WIND, RATE, DELAY, WINDUP, ANSWER)
 
 #: a mode: the road is straight, curved or rough; the driver is free, or the road answers the torque;
