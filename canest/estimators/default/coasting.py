@@ -68,12 +68,13 @@ def lines(
     """
     out = np.full((5, len(ends)), np.nan)
     usable = run - SETTLES - EARLY
-    full = (usable > 0.0) & (usable % LONGEST == 0.0)
-    stops = np.zeros(len(run), np.bool_)
-    stops[:-1] = (run[1:] <= 1.0) & (usable[:-1] % LONGEST >= FEWEST) & (usable[:-1] > 0.0)
-    for last in np.flatnonzero(full | stops):
-        n = int(usable[last] % LONGEST) or LONGEST
-        seen = last if full[last] else last + 1  # that it has stopped is known a sample later
+    coasts = np.flatnonzero(usable > 0.0)
+    lengths = usable[coasts] % LONGEST
+    full = lengths == 0.0
+    stops = (lengths >= FEWEST) & (np.append(run, np.inf)[coasts + 1] <= 1.0)
+    for at in np.flatnonzero(full | stops):
+        last, n = int(coasts[at]), int(lengths[at]) or LONGEST
+        seen = last if full[at] else last + 1  # that it has stopped is known a sample later
         w = int(np.searchsorted(ends, seen))
         if w < len(ends) and seen > ends[w] - window and last - EARLY - n + 1 >= 0:
             rows = slice(last - EARLY - n + 1, last - EARLY + 1)
