@@ -60,6 +60,7 @@ MECHANISMS = (
     # -- the driver
     Variant("roads that answer the torque", {"answered_share": 0.0}),
     Variant("answers in part", patch={"driver._SHARE": 1.0, "driver._SHARE_VAR": 0.0}),
+    Variant("answers drawn anew", {"answer_length_m": NEVER}),
     Variant("drivers whom the road does not answer", {"answered_share": 1.0}),
     Variant("evidence of fast torque", {"answer_curvature_1pm": NEVER}),
     Variant("rough roads that ask for more torque", patch={"kernel.own_torque": on_smooth_roads}),

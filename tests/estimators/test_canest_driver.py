@@ -27,7 +27,7 @@ def test_an_answer_is_drawn_anew_as_sums_of_random_numbers_are(left):
     F[m.ANSWER, m.ANSWER], F[m.ANSWER, m.U] = left, (1.0 - left) / 2.0
     expected = F @ P @ F.T
     expected[m.ANSWER, m.ANSWER] += (1.0 - left * left) * U * U / 12.0
-    driver.draw_answer(mix, 0, left)
+    driver.draw_answer(mix, 0, left, U)
     np.testing.assert_allclose(mix.x[0], F @ x, rtol=1e-12)
     np.testing.assert_allclose(mix.P[0], expected, rtol=1e-9, atol=1e-22)
 

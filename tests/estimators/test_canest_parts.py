@@ -242,7 +242,7 @@ def test_what_comes_to_a_mode_has_its_prior():
     """A steady load that begins to drift: the moments of its own density and of the prior, side by side."""
     mix, space = mixture(2, modes=[0, m.STEADY_MODES])
     rate = 1e-8
-    hypotheses.give_priors(mix, 2, 4e-8, rate, 0.5)
+    hypotheses.give_priors(mix, 2, 4e-8, 5e-5, rate, 0.5)
     assert mix.P[0, m.CURVATURE, m.CURVATURE] == 4e-8
     x, P = mix.x[:2].copy(), mix.P[:2].copy()
     assert (x[0, m.RATE], P[0, m.RATE, m.RATE]) == (rate, rate * rate)

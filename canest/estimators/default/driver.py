@@ -3,7 +3,8 @@
     g dtheta = s u dF
 
 s: share of the change of torque that answers the road. A driver, or cruise control, that answers it may have
-any share: uniform, as a normal density. Products s u enter linearly, so that is the state.
+any share between none and all; a normal density with mean and variance of a uniform one stands for that.
+Products s u enter linearly, so that is the state.
 """
 
 from __future__ import annotations
@@ -14,18 +15,21 @@ from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants
 from canest.estimators.default.model import Mixture, Window
 
-#: mean and variance of the share
+#: mean and variance of a share that is uniform between none and all: nothing to choose
 _SHARE, _SHARE_VAR = 0.5, 1.0 / 12.0
 
 
 @jit.kernel
-def draw_answer(mix: Mixture, d: int, left: float) -> None:
-    """Draw the answer anew but for a part that is left: s u <- left s u + (1 - left) u / 2 + noise."""
+def draw_answer(mix: Mixture, d: int, left: float, u: float) -> None:
+    """Draw the answer anew but for a part that is left: s u <- left s u + (1 - left) u / 2 + noise.
+
+    u: mean inverse mass. With its own u a heavy density would expect less noise, and be preferred.
+    """
     A, i = mix.A[d], m.ANSWER
     n, part = len(A), (1.0 - left) * _SHARE
     own_var = left * (left * A[i, i] + part * A[m.U, i])
     row = left * A[i] + part * A[m.U]
-    row[i] = own_var + part * row[m.U] + (1.0 - left * left) * _SHARE_VAR * A[m.U, n] * A[m.U, n]
+    row[i] = own_var + part * row[m.U] + (1.0 - left * left) * _SHARE_VAR * u * u
     A[i] = row
     A[:, i] = row[:n]
 

@@ -100,7 +100,7 @@ class GaussianSum(Estimator):
             mix.x[mode], mix.P[mode] = mean, np.diag(own * own)
             mix.x[mode, at.RATE] *= at.DRIFTS[mode]
             if at.ANSWERS[mode] > 0.0:
-                draw_answer.interpreted(mix, mode, 0.0)
+                draw_answer.interpreted(mix, mode, 0.0, u)
             mix.weight[mode], mix.mode[mode] = shares[mode], mode
         return mix
 

@@ -155,10 +155,11 @@ def mix_densities(mix: Mixture, count: int, made: int, space: Space) -> None:
 
 
 @jit.kernel
-def give_priors(mix: Mixture, count: int, bend_var: float, rate: float, left: float) -> None:
+def give_priors(mix: Mixture, count: int, bend_var: float, u: float, rate: float, left: float) -> None:
     """Give densities without curvature, drift or answer the prior of a mode that has it: they may come there.
 
-    rate: mean and standard deviation of the drift of u. left: part of an answer that is left.
+    u: mean inverse mass. rate: mean and standard deviation of its drift. left: part of an answer that is left,
+    where there was one; the rest is drawn anew.
     """
     for d in range(count):
         mode = mix.mode[d]
@@ -166,7 +167,7 @@ def give_priors(mix: Mixture, count: int, bend_var: float, rate: float, left: fl
             mix.P[d, m.CURVATURE, m.CURVATURE] = bend_var
         if m.DRIFTS[mode] == 0.0:
             mix.x[d, m.RATE], mix.P[d, m.RATE, m.RATE] = rate, rate * rate
-        draw_answer(mix, d, left * m.ANSWERS[mode])
+        draw_answer(mix, d, left * m.ANSWERS[mode], u)
 
 
 @jit.kernel
@@ -234,9 +235,9 @@ def change_modes(
 ) -> int:
     """Let modes exchange probability; returns the densities."""
     bend_var, left = c.curvature_std_1pm * c.curvature_std_1pm, math.exp(-metres / c.answer_length_m)
-    give_priors(mix, count, bend_var, c.drift_1ps * u, left)
-    left: int = exchange(mix, count, transitions(metres, driven_s, c), c.least_weight, space)
-    return left
+    give_priors(mix, count, bend_var, u, c.drift_1ps * u, left)
+    made: int = exchange(mix, count, transitions(metres, driven_s, c), c.least_weight, space)
+    return made
 
 
 @jit.kernel
