@@ -158,7 +158,7 @@ def mix_densities(mix: Mixture, count: int, made: int, space: Space) -> None:
 def give_priors(mix: Mixture, count: int, bend_var: float, u: float, rate: float, left: float) -> None:
     """Give densities without curvature, drift or answer the prior of a mode that has it: they may come there.
 
-    u: mean inverse mass. rate: mean and standard deviation of its drift. left: part of an answer that is left,
+    u: mean inverse mass. rate: mean and standard deviation of its drift. left: part of an answer that is left
     where there was one; the rest is drawn anew.
     """
     for d in range(count):
