@@ -263,6 +263,7 @@ def run(
         if not math.isnan(w.coast_mps2) and w.coast_back_s * w.speed_mps < _FAR_M:
             coasting(mix, count, w, c, t)
         # -- weigh, follow the noise, report
+        learns = mix.found[0] != 0.0  # what teaches no mass leaves the likelihoods alone
         weigh(mix, count, c.likelihood_power, t)
         count = prune(mix, count, c.least_weight)
         if is_open:
@@ -274,7 +275,7 @@ def run(
         u = mean_inverse_mass(mix, count, v, t)
         leave_out(mix, count, c.left_out_share, t)
         mass = (given.mass_kg, given.mass_var, 0.0 if begins else given.windows)
-        if not still:
+        if failed or (learns and not still):
             mass = report_mass(count, best, mass, c, v, space)
         given = report_grade(mix, count, mass, ahead_m, c, v, t)
         p = Progress(
