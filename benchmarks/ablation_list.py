@@ -27,6 +27,11 @@ def never(w: Any, surprise: float, innovation_mps: float, c: Constants) -> bool:
     return False
 
 
+def is_noise(missing_mps: float, var: float, c: Constants) -> bool:
+    """Take the place of `sensors.no_noise_explains`."""
+    return False
+
+
 def no_noise(torque_Nm: FloatColumn) -> FloatColumn:
     """Take the place of `windows.zigzag`."""
     return np.zeros(len(torque_Nm))
@@ -43,6 +48,11 @@ def on_smooth_roads(answered_N: float, u: float, metres: float, wander_1pm: floa
     return found
 
 
+def no_evidence(answered_N: float, u: float, metres: float, wander_1pm: float, c: Constants) -> float:
+    """Take the place of `driver.own_torque`."""
+    return 0.0
+
+
 def without_late(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
     """Take the place of `constants.vehicle_of`, for filtered states that are not late."""
     return vehicle_of(facts, late_s, c)._replace(late_s=0.0)
@@ -53,7 +63,7 @@ MECHANISMS = (
     Variant("another load after a stop", {"load_stop_s": NEVER}),
     Variant("stops too short for another load", {"shortest_stop_s": 0.0}),
     Variant("a load that drifts", {"steady_duration_s": NEVER}),
-    Variant("another load where innovations surprise", {"surprise_limit": NEVER}),
+    Variant("another load where innovations surprise", {"surprise_nis": NEVER}),
     Variant("hazard of another load in motion", {"motion_every_s": NEVER}),
     Variant("sharper bends where innovations surprise", {"sharp_curvature_1pm": 0.0}),
     Variant("brakes that nobody reports", patch={"kernel.brakes_unseen": never}),
@@ -62,14 +72,15 @@ MECHANISMS = (
     Variant("answers in part", patch={"driver._SHARE": 1.0, "driver._SHARE_VAR": 0.0}),
     Variant("answers drawn anew", {"answer_length_m": NEVER}),
     Variant("drivers whom the road does not answer", {"answered_share": 1.0}),
-    Variant("evidence of fast torque", {"answer_curvature_1pm": NEVER}),
+    Variant("evidence of fast torque", patch={"kernel.own_torque": no_evidence}),
     Variant("rough roads that ask for more torque", patch={"kernel.own_torque": on_smooth_roads}),
     # -- the road and the wind
     Variant("curved roads", {"straight_length_m": NEVER}),
     Variant("rough roads", {"smooth_length_m": NEVER}),
     Variant("curved and rough roads", {"straight_length_m": NEVER, "smooth_length_m": NEVER}),
-    Variant("steps of the road", {"road_step_nis": NEVER}),
+    Variant("steps of the road", patch={"sensors.no_noise_explains": is_noise}),
     Variant("wander of a smooth road", {"smooth_wander_1pm": 0.0}),
+    Variant("another wind at once", {"wind_change_s": NEVER}),
     Variant("state: wind", {"wind_std_mps": 0.0}),
     Variant("state: wind, errors of the drag area", {"wind_std_mps": 0.0}, facts={"drag_area_accuracy": 0.0}),
     # -- states of the vehicle and of its signals

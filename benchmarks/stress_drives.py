@@ -11,6 +11,7 @@ from canest.simulation.run import simulate
 Scenario = dict[str, Any]
 
 PULSES: Scenario = {"kind": "pulses"}
+SLIPSTREAM: Scenario = {"effect": "drafting", "reduction": 0.6, "period_s": 50.0}
 MIXED: Scenario = {"kind": "mixed", "retarder": True}
 LIGHT_KG, HEAVY_KG = (14000.0, 18000.0), (27000.0, 33000.0)
 NIGHT_S = 8 * 3600
@@ -97,6 +98,11 @@ def motorway(seed: int) -> Scenario:
     """Hold one speed on long gentle grades."""
     road = {"kind": "highway", "grade_max": 0.02, "stretch_m": [800, 2500]}
     return truck(seed, duration_s=700, road=road, driver=cruise(23.5, 20.0))
+
+
+def slipstreams(seed: int, driver: Scenario) -> Scenario:
+    """Drive behind a truck and alone by turns, 50 s each in the mean: 60 % of the drag comes and goes."""
+    return motorway(seed) | {"driver": driver, "undeclared": [SLIPSTREAM]}
 
 
 def cruise(speed_mps: float, start_mps: float, **more: Any) -> Scenario:

@@ -67,6 +67,7 @@ def trip(
     sensed_noise_mps2: float = 0.04,
     altitude: bool = False,
     unreported: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    unseen_N: Callable = flat,
     noise: float = 1.0,
     start_mps: float = 20.0,
     seed: int = 1,
@@ -74,7 +75,8 @@ def trip(
     """Drive; ``stops`` are (start, end) in seconds, ``mass_kg`` one load or (from second, load) pairs.
 
     In ``shifts`` the driveline is open, and the gates stay closed for 0.6 s more. ``unreported``
-    is a retarder that nobody reports: from, until (s) and its force (N).
+    is a retarder that nobody reports: from, until (s) and its force (N). ``unseen_N``: any other force
+    against the motion, by time.
     """
     rng = np.random.default_rng(seed)
     n = round(seconds / STEP_S)
@@ -101,7 +103,7 @@ def trip(
         slope = float(np.sin(np.arctan(road(np.array(x)))))
         traction[i] = pull
         road_force = mass[i] * GRAVITY_MPS2 * (slope + MU)
-        unseen = unreported[2] if unreported[0] <= t[i] < unreported[1] else 0.0
+        unseen = unseen_N(t[i]) + (unreported[2] if unreported[0] <= t[i] < unreported[1] else 0.0)
         a[i] = (pull - unseen - aero[i] - road_force) / (mass[i] + (WHEELS_KG if is_parted else ROTATING_KG))
         if braking:
             a[i], gate[i] = -min(2.0, v / STEP_S), Gate.BRAKE

@@ -35,6 +35,10 @@ class Constants(NamedTuple):
     altitude_std_m: Annotated[float, Source("s_h", "m", "chosen: a satellite receiver")] = 2.5
     wind_std_mps: Annotated[float, Source("s_w", "m/s", "chosen: 7 m/s in three; more widens cruises")] = 2.3
     wind_length_m: Annotated[float, Source("L_w", "m", "chosen: roads turn; less widens a cruise")] = 20e3
+    wind_change_s: Annotated[
+        float, Source("T_w", "s", "measured: at 1000 s steps of the wind are loads, at 150 cruises are wide")
+    ] = 250.0
+    wind_jump_mps: Annotated[float, Source("s_j", "m/s", "chosen: the slipstream of a truck, a forest")] = 5.0
     unknown_load_share: Annotated[
         float, Source("k_u", "1", "measured: std of an unknown load, in its range of ln u; 0.3 is too narrow")
     ] = 0.7
@@ -52,7 +56,6 @@ class Constants(NamedTuple):
     rough_length_m: Annotated[float, Source("L_rs", "m", "measured: at 2 km rough is forgotten")] = 10e3
     exchange_every_s: Annotated[float, Source("t_x", "s", "chosen: cost against delay")] = 1.0
     altitude_wander_m2ps: Annotated[float, Source("q_h", "m2/s", "chosen: a receiver, 3.5 m a minute")] = 0.2
-    road_step_nis: Annotated[float, Source("k_step", "1", "chosen: five standard deviations")] = 25.0
     # -- driver
     answered_share: Annotated[float, Source("P_a", "1", "chosen: less makes a cruise less safe")] = 0.8
     answer_length_m: Annotated[
@@ -60,7 +63,6 @@ class Constants(NamedTuple):
         Source("L_a", "m", "measured: less takes sine roads for masses, more an unloading for a driver"),
     ] = 500.0
     driver_length_m: Annotated[float, Source("L_d", "m", "chosen: a habit is kept for ten minutes")] = 10e3
-    answer_curvature_1pm: Annotated[float, Source("k_d", "1/m", "chosen: little more than a crest")] = 3e-4
     answer_noise_mps2: Annotated[
         float, Source("a_d", "m/s2", "measured: less takes a cruise control's torque for a free driver's")
     ] = 0.03
@@ -84,7 +86,9 @@ class Constants(NamedTuple):
         float, Source("T_rb", "s", "measured: rarer is found late, more often makes a cruise wide")
     ] = 2000.0
     drift_duration_s: Annotated[float, Source("T_re", "s", "measured: at 900 a car is 17 % off")] = 600.0
-    surprise_limit: Annotated[float, Source("S_max", "1", "chosen: one window at 5.3 stds")] = 25.0
+    gross_nis: Annotated[
+        float, Source("S_max", "1", "chosen: five stds; a step of the road, and in a sum a surprise")
+    ] = 25.0
     surprise_nis: Annotated[float, Source("k_S", "1", "measured: at 2, rough driving is a surprise")] = 3.0
     surprise_share: Annotated[
         float,

@@ -21,13 +21,15 @@ from canest.estimators.default.predict import moments
 
 #: least variance of an inverse mass, against rounding, 1/kg2
 _LEAST_VARIANCE = 1e-24
+#: what a density may say of load, wind, drift and driver
+_LASTING = 2 * LOADS * m.LASTING
 #: share of a mixture that does not change it
 _NEGLIGIBLE = 1e-6
 
 
 @jit.kernel
 def lasting(mix: Mixture, d: int) -> int:
-    """Return the number of what a density says of load, drift and driver: all but the road."""
+    """Return the number of what a density says of load, wind, drift and driver: all but the road."""
     number: int = m.LASTING * mix.load[d] + mix.mode[d] // ROADS
     return number
 
@@ -43,7 +45,7 @@ def weigh(mix: Mixture, count: int, power: float, t: Scratch) -> None:
     top = -math.inf
     for d in range(count):
         top = max(top, found[d])
-    for k in range(m.LASTING * LOADS):
+    for k in range(_LASTING):
         before[k] = after[k] = 0.0
     for d in range(count):
         k = lasting(mix, d)
@@ -51,7 +53,7 @@ def weigh(mix: Mixture, count: int, power: float, t: Scratch) -> None:
         before[k] += weight[d]
         after[k] += weight[d] * found[d]
     total = 0.0
-    for k in range(m.LASTING * LOADS):
+    for k in range(_LASTING):
         if after[k] > 0.0:  # before (after / before)^power
             likely = before[k] * math.exp(power * math.log(after[k] / before[k]))
             after[k] = likely / after[k]  # by which its densities count
@@ -180,6 +182,15 @@ def forget(room: Mixture, made: int, i: int, modes: Any) -> None:
 
 
 @jit.kernel
+def has_load(mix: Mixture, count: int, load: int) -> bool:
+    """Return whether any density has a load."""
+    found = False
+    for d in range(count):
+        found = found or mix.load[d] == load
+    return found
+
+
+@jit.kernel
 def exchange(mix: Mixture, count: int, chains: Any, least: float, space: Space) -> int:
     """Let the modes of each load exchange probability; returns the number of densities.
 
@@ -203,7 +214,7 @@ def exchange(mix: Mixture, count: int, chains: Any, least: float, space: Space) 
                     k += MOST
     made, whole = 0, 0.0
     for load in range(LOADS):
-        for mode in range(MODES):
+        for mode in range(MODES if has_load(mix, count, load) else 0):
             total, at, into = 0.0, (MODES * load + mode) * MOST, made * MOST
             for d in range(count):
                 if mix.load[d] == load:
@@ -260,7 +271,7 @@ def set_loads(mix: Mixture, count: int, t: Scratch) -> int:
     for k in range(3 * LOADS):
         loads[k] = 0.0
     for d in range(count):
-        k = 3 * mix.load[d]
+        k = 3 * (mix.load[d] % LOADS)
         loads[k] += mix.weight[d]
         loads[k + 1] += mix.weight[d] * us[d]
         loads[k + 2] += mix.weight[d] * (us[d] * us[d] + u_vars[d])

@@ -44,6 +44,7 @@ from canest.estimators.default.sensors import (
     closed_balance,
     coasting,
     gain_is_known,
+    learn_open,
     mapped_slope,
     mean_delay,
     mean_of,
@@ -52,7 +53,7 @@ from canest.estimators.default.sensors import (
     set_gained,
     speed,
 )
-from canest.estimators.default.update import judge
+from canest.estimators.default.wind import close_wind, open_wind
 
 #: after a gap this long the height is unknown, s; of a coasting further back the road is another, m
 _LOST_S, _FAR_M = 60.0, 100.0
@@ -119,26 +120,6 @@ def mean_inverse_mass(mix: Mixture, count: int, v: Vehicle, t: Scratch) -> float
 
 
 @jit.kernel
-def learn_open(
-    mix: Mixture, count: int, own: tuple[float, float], lever: float, r: float, c: Constants, t: Scratch
-) -> tuple[float, float]:
-    """Weigh the hypotheses by an open window's speed and torque; returns NIS and surplus, in the mean.
-
-    own: see `own_torque`, on a smooth and on a rough road. Where no noise explains an innovation the road has
-    a step, and the speed is what was measured. lever: grade per m/s of speed missing.
-    """
-    nis, surplus = judge(mix, count, r, r, c, t)
-    for d in range(count):
-        mode, missing = mix.mode[d], t.e[d]
-        mix.found[d] += own[int(m.IS_ROUGH[mode])] * m.ANSWERS[mode]
-        if missing * missing > c.road_step_nis * t.s[d]:
-            step = missing * lever
-            mix.P[d, m.GRADE, m.GRADE] += min(step * step, c.grade_std * c.grade_std)
-            mix.P[d, m.V, m.V] += missing * missing
-    return nis, surplus
-
-
-@jit.kernel
 def write(
     row: Any, given: Report, q: Joined, p: Progress, speed_mps: float, c: Constants, v: Vehicle
 ) -> None:
@@ -181,7 +162,7 @@ def run(
         road = follow_road(road, given, w, metres, ahead_m)
         failed = failed or road.lost > 0.0
         height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S and not failed
-        # -- other loads, other modes
+        # -- other loads, other modes, another wind
         unseen_s, surprise, opened = joined.unseen_s, p.surprise, False
         changed = changed_probability(unseen_s, c.load_stop_s) if begins else 0.0
         if failed or 1.0 - changed < c.left_out_share:  # nothing of what was learned holds
@@ -192,10 +173,11 @@ def run(
             levels = first_levels(v) if failed else levels
         elif begins and unseen_s >= c.shortest_stop_s:
             if p.learned > 0.0:
+                close_wind(mix, count)
                 count = open_load(mix, count, changed, False, 0.0, c, v, t)
                 opened = True
             unseen_s = surprise = 0.0
-        surprised = is_open and surprise > c.surprise_limit
+        surprised = is_open and surprise > c.gross_nis
         mixed_m, mixed_s = p.mixed_m + metres, p.mixed_s + (0.0 if still else dt + min(w.gap_s, 10.0))
         due = mixed_s >= c.exchange_every_s or surprised or opened
         if due:
@@ -203,6 +185,7 @@ def run(
             wind = math.sqrt(c.wind_std_mps * c.wind_std_mps + by_drag * by_drag) * p.u
             fade(mix, count, mixed_m, wind, c)
             drift(mix, count, mixed_s, t)
+            close_wind(mix, count)
             count = change_modes(mix, count, mixed_m, mixed_s, p.u, c, space)
             mixed_m = mixed_s = 0.0
         driven_s = p.driven_s + (dt if is_open else 0.0)
@@ -214,6 +197,8 @@ def run(
             known_N = 0.0 if p.braked > 0.0 else w.force_N - w.rotating_kg * w.accel_mps2
             count = open_load(mix, count, probability, True, known_N / GRAVITY_MPS2, c, v, t)
             driven_s = 0.0
+        if due and is_open and mix.x.shape[1] == m.STATES:
+            count = open_wind(mix, count, p.mixed_s + dt, p.u, c)
         # -- predict and update every density
         fill(count, mix.found, 0.0)
         climbed_m, climbed_s = p.climbed_m + metres, p.climbed_s + joined.seconds

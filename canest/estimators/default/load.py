@@ -27,7 +27,7 @@ def changed_probability(seconds: float, stop_s: float) -> float:
 @jit.kernel
 def surprise_probability(surprise: float, c: Constants) -> float:
     """Return the probability that a load has changed in motion: a road explains a larger surprise less."""
-    return min(c.surprise_share * surprise / c.surprise_limit, 0.5)
+    return min(c.surprise_share * surprise / c.gross_nis, 0.5)
 
 
 @jit.kernel
@@ -43,7 +43,7 @@ def brakes_unseen(w: Window, surprise: float, innovation_mps: float, c: Constant
     innovation_mps: of the speed, mean. A lighter load would be as slow; once the vehicle is driven
     again, only that one surprises.
     """
-    return surprise > c.surprise_limit and innovation_mps < 0.0 and in_overrun(w)
+    return surprise > c.gross_nis and innovation_mps < 0.0 and in_overrun(w)
 
 
 @jit.kernel

@@ -46,7 +46,7 @@ def leave_out(mix: Mixture, count: int, left_out: float, t: Scratch) -> None:
     least = left_out if small < left_out else 0.0
     total = rest if least > 0.0 else rest + small
     for d in range(count):
-        share[d] = mix.weight[d] / total if loads[3 * mix.load[d]] >= least else 0.0
+        share[d] = mix.weight[d] / total if loads[3 * (mix.load[d] % LOADS)] >= least else 0.0
 
 
 @jit.kernel

@@ -61,6 +61,32 @@ def speed(
 
 
 @jit.kernel
+def no_noise_explains(missing_mps: float, var: float, c: Constants) -> bool:
+    """Return whether an innovation is a gross one: the road has a step there."""
+    return missing_mps * missing_mps > c.gross_nis * var
+
+
+@jit.kernel
+def learn_open(
+    mix: Mixture, count: int, own: tuple[float, float], lever: float, r: float, c: Constants, t: Scratch
+) -> tuple[float, float]:
+    """Weigh the hypotheses by an open window's speed and torque; returns NIS and surplus, in the mean.
+
+    own: see `own_torque`, on a smooth and on a rough road. Where no noise explains an innovation the road has
+    a step, and the speed is what was measured. lever: grade per m/s of speed missing.
+    """
+    nis, surplus = judge(mix, count, r, r, c, t)
+    for d in range(count):
+        mode, missing = mix.mode[d], t.e[d]
+        mix.found[d] += own[int(m.IS_ROUGH[mode])] * m.ANSWERS[mode]
+        if no_noise_explains(missing, t.s[d], c):
+            step = missing * lever
+            mix.P[d, m.GRADE, m.GRADE] += min(step * step, c.grade_std * c.grade_std)
+            mix.P[d, m.V, m.V] += missing * missing
+    return nis, surplus
+
+
+@jit.kernel
 def remember_speed(mix: Mixture, count: int) -> None:
     """Keep the speed where a window begins."""
     A = mix.A[:count]
