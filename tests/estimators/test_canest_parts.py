@@ -293,6 +293,14 @@ def test_another_load_keeps_the_force_balance(moving):
     assert h @ mix.P[1] @ h < 1e-3 * net_kg**2 * TRUCK.unknown_var
 
 
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("count", [m.MOST - 3, m.MOST])
+def test_a_new_load_has_no_more_densities_than_there_is_room_for(count, moving):
+    mix, space = mixture(count)
+    assert load.open_load(mix, count, 0.2, moving, 0.0, CONSTANTS, TRUCK, space.scratch) == m.MOST
+    assert sum(mix.weight[: m.MOST]) == pytest.approx(1.0)
+
+
 def test_a_wide_mixture_is_summed_over_the_masses():
     """One normal density of u, against a fine sum by numpy (uniform in log u, weight u)."""
     mix, space = mixture(1)

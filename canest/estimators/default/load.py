@@ -15,7 +15,7 @@ from canest.core import jit
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.hypotheses import copy, set_loads
-from canest.estimators.default.model import LOADS, Mixture, Scratch, Window
+from canest.estimators.default.model import LOADS, MOST, Mixture, Scratch, Window
 
 
 @jit.kernel
@@ -77,19 +77,19 @@ def open_load(
     """Give a share of the probability to an unknown load, a copy of the densest; returns the densities.
 
     After a stop the loads that there are become one: an exchange has to follow. In motion nothing is done
-    where there is no room.
+    where there is no number for another load. What there is no room for is not copied.
     """
     base, label = set_loads(mix, count, t), -1
     for k in range(LOADS):
         if k != base and (t.loads[3 * k] == 0.0 or not moving):
             label = k
-    if label < 0:
+    if label < 0 or count >= MOST:
         return count
     made, total = count, 0.0
     for d in range(count):
         if not moving:
             mix.load[d] = base
-        if mix.load[d] == base:
+        if mix.load[d] == base and made < MOST:
             copy(mix, d, mix, made)
             reopen(mix, made, net_kg, v)
             if mix.x.shape[1] == m.STATES:  # a frame tilts under another load
