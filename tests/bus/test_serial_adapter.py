@@ -172,9 +172,8 @@ def test_an_adapter_closed_while_it_is_being_opened_is_let_go(adapter):
 def test_frames_go_out_as_lines(adapter):
     with opened(adapter) as (_, transmitter):
         assert transmitter.send(ID, bytes(range(8)))
-        time.sleep(0.05)
+        assert wait_for(lambda: transmitter.counters == {"sent": 1})
         assert adapter.received().endswith(b"T18FEF10080001020304050607\r")
-        assert transmitter.counters == {"sent": 1}
 
 
 def test_an_adapter_that_takes_no_more_frames_keeps_neither_the_loop_nor_the_end_waiting(adapter):
