@@ -58,6 +58,7 @@ def trip(
     stops: list[tuple[float, float]] | None = None,
     shifts: list[tuple[float, float]] | None = None,
     delay_s: float = 0.06,
+    lag_s: float = 0.0,
     slip_per_mps2: float = 0.0,
     windup_mpN: float = 0.0,
     gain: float = 1.0,
@@ -76,7 +77,7 @@ def trip(
 
     In ``shifts`` the driveline is open, and the gates stay closed for 0.6 s more. ``unreported``
     is a retarder that nobody reports: from, until (s) and its force (N). ``unseen_N``: any other force
-    against the motion, by time.
+    against the motion, by time. ``lag_s``: time constant with which the force follows the report.
     """
     rng = np.random.default_rng(seed)
     n = round(seconds / STEP_S)
@@ -87,7 +88,7 @@ def trip(
         mass[t >= since] = load
     v, a, s, traction, aero = start_mps, np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
     speed, gate, x, parted = np.zeros(n), np.zeros(n, np.uint8), 0.0, np.zeros(n, np.bool_)
-    pull = 0.0
+    pull, acts, asked = 0.0, 0.0, np.zeros(n)
     for i in range(n):
         standing = any(b <= t[i] < e for b, e in stops or [])
         braking = any(b - 15.0 <= t[i] < b for b, e in stops or [])
@@ -95,16 +96,17 @@ def trip(
         pull += (wanted - pull) * STEP_S / 0.3
         is_parted = any(b <= t[i] < e for b, e in shifts or [])
         if is_parted:
-            pull = 0.0
+            pull = acts = 0.0
             gate[i], parted[i] = Gate.SHIFT, True
         elif any(e <= t[i] < e + 0.6 for b, e in shifts or []):
             gate[i] = Gate.RECOVERY
         aero[i] = 3.8 * v * v
         slope = float(np.sin(np.arctan(road(np.array(x)))))
-        traction[i] = pull
+        acts += (pull - acts) * (1.0 if lag_s == 0.0 else 1.0 - np.exp(-STEP_S / lag_s))
+        traction[i], asked[i] = acts, pull
         road_force = mass[i] * GRAVITY_MPS2 * (slope + MU)
         unseen = unseen_N(t[i]) + (unreported[2] if unreported[0] <= t[i] < unreported[1] else 0.0)
-        a[i] = (pull - unseen - aero[i] - road_force) / (mass[i] + (WHEELS_KG if is_parted else ROTATING_KG))
+        a[i] = (acts - unseen - aero[i] - road_force) / (mass[i] + (WHEELS_KG if is_parted else ROTATING_KG))
         if braking:
             a[i], gate[i] = -min(2.0, v / STEP_S), Gate.BRAKE
         if standing:
@@ -115,7 +117,7 @@ def trip(
         if v < 2.0 and gate[i] == 0:
             gate[i] = Gate.LOW_SPEED
     late = round(delay_s / STEP_S)
-    reported = np.concatenate((np.full(late, traction[0]), traction[: n - late])) / gain
+    reported = np.concatenate((np.full(late, asked[0]), asked[: n - late])) / gain
     measured = speed * (1.0 + slip_per_mps2 * traction / mass) + noise * rng.normal(0, 0.002, n)
     measured += windup_mpN * np.gradient(traction, STEP_S)  # what the driveline gives way
     accel = np.diff(measured, prepend=measured[0]) / STEP_S

@@ -206,7 +206,6 @@ def test_a_window_is_the_sum_of_its_samples():
     assert w["speed_mps"] == b.speed_mps[end - SHIFT]
     assert w["begin_N"] == b.traction_N[end - TICKS]
     assert w["traction_N"] == b.traction_N[end]
-    assert w["traction_Nps"] == pytest.approx((b.traction_N[end] - b.traction_N[end - 1]) / 0.02)
     assert w["distance_m"] == pytest.approx(b.speed_mps[back].mean() * 0.2)
     assert w["roll_mps2"] == pytest.approx(9.80665 * 0.006)
     assert w["drag_N_per_mps"] == pytest.approx(2 * b.aero_N[back].mean() / b.speed_mps[back].mean())

@@ -19,10 +19,8 @@ class Joined(NamedTuple):
     windows: float = 0.0
     seconds: float = 0.0  #: of all that waited, missing time included
     begin_N: float = 0.0  #: traction where they begin
-    last_mps: float = math.nan  #: speed and rate of the traction at the end of the last window, if any
-    last_Nps: float = 0.0
+    last_mps: float = math.nan  #: speed at the end of the last window, if any
     before_mps: float = 0.0  #: and of the one before it
-    before_Nps: float = 0.0
     distance_m: float = 0.0  #: sums from here on
     force_N: float = 0.0
     roll_mps2: float = 0.0
@@ -36,9 +34,7 @@ class Joined(NamedTuple):
 @jit.kernel
 def begin_sums(w: Window, unseen_s: float) -> Joined:
     """Return empty sums after an update with a window. unseen_s: what is left of that time."""
-    return Joined(
-        0.0, 0.0, 0.0, w.speed_mps, w.traction_Nps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, unseen_s
-    )
+    return Joined(0.0, 0.0, 0.0, w.speed_mps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, unseen_s)
 
 
 @jit.kernel
@@ -49,7 +45,7 @@ def add_window(q: Joined, w: Window, begins: bool) -> Joined:
     goes_on = kept * q.windows > 0.0
     return Joined(
         kept * q.windows + 1.0, q.seconds + WINDOW_S + w.gap_s, q.begin_N if goes_on else w.begin_N,
-        w.speed_mps, w.traction_Nps, q.last_mps, q.last_Nps,
+        w.speed_mps, q.last_mps,
         q.distance_m + w.distance_m, kept * q.force_N + w.force_N, kept * q.roll_mps2 + w.roll_mps2,
         kept * q.accels_mps2 + w.accel_mps2, kept * q.drag_N_per_mps + w.drag_N_per_mps,
         (kept * q.sensed_mps2 if kept > 0.0 else 0.0) + w.sensed_mps2,
@@ -77,7 +73,7 @@ def join(q: Joined, w: Window) -> Window:
     n = q.windows
     return Window(
         w.gap_s, q.distance_m, q.begin_N, w.speed_mps, q.force_N / n,
-        w.traction_N, w.traction_Nps, q.roll_mps2 / n, q.accels_mps2 / n, q.drag_N_per_mps / n, w.gear_1pm,
+        w.traction_N, q.roll_mps2 / n, q.accels_mps2 / n, q.drag_N_per_mps / n, w.gear_1pm,
         w.rotating_kg, q.sensed_mps2 / n, q.altitude_m, w.open, w.retarding, w.stopped, w.coarse, w.bend_mps2,
         w.zigzag_Nm2s, w.road_sine, w.road_std,
         w.coast_mps2, w.coast_var, w.coast_N, w.coast_kg, w.coast_back_s,

@@ -21,7 +21,7 @@ from canest.estimators.default.load import (
     open_load,
     surprise_probability,
 )  # fmt: skip
-from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Space, Window
+from canest.estimators.default.model import WINDOW_S, Mixture, Scratch, Space, Window
 from canest.estimators.default.noise import Levels, first_levels, follow, lacking_force, swing_var
 from canest.estimators.default.predict import (
     accelerate,
@@ -43,6 +43,7 @@ from canest.estimators.default.sensors import (
     altitude,
     closed_balance,
     coasting,
+    ends_at,
     gain_is_known,
     learn_open,
     mapped_slope,
@@ -51,6 +52,7 @@ from canest.estimators.default.sensors import (
     remember_speed,
     rocking_var,
     set_gained,
+    slow_traction,
     speed,
 )
 from canest.estimators.default.wind import close_wind, open_wind
@@ -83,6 +85,7 @@ class Progress(NamedTuple):
     delay_s: float = 0.0  #: delay of the torque beyond the usual one
     driven_s: float = 0.0  #: seconds with open gates since another load was opened in motion
     swing: float = 0.0  #: variance of the speed by a driveline that swings
+    slow_N: float = math.nan  #: see `slow_traction`; NaN before the first window
 
 
 class Carried(NamedTuple):
@@ -106,7 +109,7 @@ def window_at(c: Any, k: int) -> Window:
     return Window(
         c[0, k], c[1, k], c[2, k], c[3, k], c[4, k], c[5, k], c[6, k], c[7, k], c[8, k], c[9, k],
         c[10, k], c[11, k], c[12, k], c[13, k], c[14, k], c[15, k], c[16, k], c[17, k], c[18, k], c[19, k],
-        c[20, k], c[21, k], c[22, k], c[23, k], c[24, k], c[25, k], c[26, k],
+        c[20, k], c[21, k], c[22, k], c[23, k], c[24, k], c[25, k],
     )  # fmt: skip
 
 
@@ -207,11 +210,14 @@ def run(
             climb(mix, count, climbed_m, c.altitude_wander_m2ps * climbed_s, t)
             climbed_m = climbed_s = 0.0
         swing = swing_var(0.0, w.begin_N, w, dt, p.u, c) if begins else p.swing
+        slow_N = w.begin_N if w.gap_s > 0.0 or math.isnan(p.slow_N) else p.slow_N
+        before = ends_at(joined.before_mps, w.begin_N, slow_N)
         if begins:
             widen(mix, count, m.V, UNKNOWN_V)  # no known force has led to the speed before it
             if w.gap_s == 0.0 and not math.isnan(joined.before_mps):
-                before = Ends(joined.before_mps, w.begin_N, joined.before_Nps)
                 speed(mix, count, before, p.u, levels.speed_var + swing, c, v, t)
+        slow_N = slow_traction(slow_N, w, dt)
+        end = ends_at(w.speed_mps, w.traction_N, slow_N)
         answered_N = answered_force(w, is_open, p.follows > 0.0, p.force_N)
         travel(mix, count, metres, answered_N / GRAVITY_MPS2, c, t)
         motion = w.accel_mps2
@@ -220,7 +226,6 @@ def run(
             if mix.x.shape[1] == m.STATES:
                 remember_speed(mix, count)
             motion = accelerate(mix, count, w, dt, lacking_force(w, levels.torque_Nm2s, c, v), p.u, v, t)
-            end = Ends(w.speed_mps, w.traction_N, w.traction_Nps)
             swing = swing_var(swing, w.traction_N - w.begin_N, w, dt, p.u, c)
             speed_var = levels.speed_var + swing
             speed(mix, count, end, p.u, speed_var, c, v, t)
@@ -239,7 +244,7 @@ def run(
         if sees:
             felt, var = w.sensed_mps2 - v.pitch * motion, (levels.sensed_var, rocking_var(w, p.u, v))
             if gain_is_known(is_open, v):
-                set_gained(w, dt, t)
+                set_gained(before, end, dt, t)
                 sensed_surplus = accelerometer(mix, count, DRIVEN, felt, dt, var, c, t)
             else:
                 sensed_surplus = accelerometer(mix, count, SENSED, felt - w.accel_mps2, dt, var, c, t)
@@ -269,7 +274,7 @@ def run(
             1.0 if is_open and not braked else 0.0,
             1.0 if is_open or p.learned > 0.0 else 0.0, surprise, 1.0 if braked else 0.0,
             1.0 if measured or height_known else 0.0,
-            0.0 if measured else climbed_m, 0.0 if measured else climbed_s, delay_s, driven_s, swing,
+            0.0 if measured else climbed_m, 0.0 if measured else climbed_s, delay_s, driven_s, swing, slow_N,
         )  # fmt: skip
         joined = begin_sums(w, unseen_s)
         write(out[k], given, joined, p, w.speed_mps, c, v)

@@ -75,7 +75,7 @@ class Ends(NamedTuple):
 
     speed_mps: float
     traction_N: float
-    traction_Nps: float  #: its rate
+    traction_Nps: float  #: its rate, over the time of a window
 
 
 class Scratch(NamedTuple):
@@ -109,7 +109,6 @@ class Window(NamedTuple):
     speed_mps: float  #: at its end
     force_N: float  #: known forces, mean; the inertia of `rotating_kg` is not subtracted
     traction_N: float  #: at its end
-    traction_Nps: float  #: its rate there
     roll_mps2: float  #: g mu, mean
     accel_mps2: float  #: by the speed, mean
     drag_N_per_mps: float  #: aerodynamic force per m/s of wind, mean

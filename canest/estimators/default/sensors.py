@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from canest.core import jit
@@ -13,7 +14,7 @@ from canest.estimators.default.predict import column, moments, restore, widen
 from canest.estimators.default.update import condition_on, judge
 
 SENSED = (m.GRADE, m.BIAS)
-DRIVEN = (m.GRADE, m.BIAS, m.V, m.BEGIN, m.DELAY)
+DRIVEN = (m.GRADE, m.BIAS, m.V, m.BEGIN, m.DELAY, m.WINDUP)
 _SPEED = (m.V, m.DELAY, m.WINDUP)
 _ALTITUDE = (m.HEIGHT,)
 _BALANCE = (m.GRADE, m.WIND, m.U)
@@ -43,6 +44,22 @@ def mean_delay(mix: Mixture, count: int, u: float, t: Scratch) -> float:
     """Return the delay of the torque beyond the usual one, s. u: mean inverse mass."""
     delay_s: float = mean_of(mix.weight, count, column(mix.x[:, m.DELAY], count)) / u
     return delay_s
+
+
+@jit.kernel
+def slow_traction(before_N: float, w: Window, dt: float) -> float:
+    """Return the traction T_s that follows T with a lag of 0.2 s, at the end of a window.
+
+    before_N: at its begin. T goes in a line from begin to end.
+    """
+    ramp_N = (w.traction_N - w.begin_N) * WINDOW_S / dt
+    return w.traction_N - ramp_N + (before_N - w.begin_N + ramp_N) * math.exp(-dt / WINDOW_S)
+
+
+@jit.kernel
+def ends_at(speed_mps: float, traction_N: float, slow_N: float) -> Ends:
+    """Return what is measured at one moment. slow_N: see `slow_traction`."""
+    return Ends(speed_mps, traction_N, (traction_N - slow_N) / WINDOW_S)
 
 
 @jit.kernel
@@ -112,13 +129,14 @@ def gain_is_known(is_open: bool, v: Vehicle) -> bool:
 
 
 @jit.kernel
-def set_gained(w: Window, dt: float, t: Scratch) -> None:
-    """Set the levers of a window's mean acceleration: (v1 - v0 + delta dT) / dt.
+def set_gained(before: Ends, end: Ends, dt: float, t: Scratch) -> None:
+    """Set the levers of a window's mean acceleration: (v1 - v0 + delta dT + gamma dT') / dt.
 
     Unlike the measured one it has no noise of the speeds, which acts on accelerometer and speed alike and
     would look like a rough road.
     """
-    t.h[2], t.h[3], t.h[4] = 1.0 / dt, -1.0 / dt, (w.traction_N - w.begin_N) / dt
+    t.h[2], t.h[3], t.h[4] = 1.0 / dt, -1.0 / dt, (end.traction_N - before.traction_N) / dt
+    t.h[5] = (end.traction_Nps - before.traction_Nps) / dt
 
 
 @jit.kernel

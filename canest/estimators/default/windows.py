@@ -149,7 +149,6 @@ class Windows:
             # traction is not shifted, the rest of the force is: force = (F - T)[k - SHIFT] + T[k]
             rest + mean_traction + rotating * accel,
             traction,
-            (traction - rows[_TRACTION, back_from(ends, 1)]) / STEP_S,
             GRAVITY_MPS2 * mu,
             accel,
             2.0 * aero / np.maximum(mean_speed, 1.0),

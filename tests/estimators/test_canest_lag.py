@@ -1,0 +1,60 @@
+"""A torque that acts later than it is reported: by a delay, or by a lag of first order."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from canest.core.samples import Status
+from canest.estimators.default.model import WINDOW_S, Window
+from canest.estimators.default.sensors import ends_at, slow_traction
+from canest.estimators.registry import create
+
+from .momentum import flat, hills, trip
+from .test_canest_loads_and_roads import STATED
+
+KG = 21_000.0
+
+
+def steps(t, v):
+    """Throttle that is set and taken away, as a driver of a truck does."""
+    return 0.7 if t % 9.0 < 5.0 and v < 24.0 else 0.02
+
+
+@pytest.mark.parametrize("lag_s", [0.1, 0.2])
+@pytest.mark.parametrize("sensed", [False, True])
+@pytest.mark.parametrize("road", [flat, hills])
+def test_a_force_that_lags_its_report_leaves_the_mass_right(road, sensed, lag_s):
+    drive = trip(120, mass_kg=KG, road=road, throttle=steps, accelerometer=sensed, lag_s=lag_s)
+    estimates = create("canest", replace(STATED, has_accelerometer=sensed)).update(drive.block)
+    late = slice(60 * 50, None)
+    valid = estimates.status[late] == Status.VALID
+    assert valid.mean() > 0.9
+    assert np.abs(drive.error(estimates)[late][valid]).max() < 0.025
+
+
+def window(begin_N, end_N):
+    return Window(**dict.fromkeys(Window._fields, 0.0))._replace(begin_N=begin_N, traction_N=end_N)
+
+
+@pytest.mark.parametrize("dt", [0.2, 1.0])
+def test_the_slow_traction_follows_a_ramp_as_its_differential_equation_does(dt):
+    begin_N, end_N, slow_N = 2000.0, -7000.0, 5000.0
+    expected, n = slow_N, 200_000
+    for k in range(n):
+        at = begin_N + (end_N - begin_N) * (k + 0.5) / n
+        expected += (at - expected) * dt / n / WINDOW_S
+    found = slow_traction.interpreted(slow_N, window(begin_N, end_N), dt)
+    assert found == pytest.approx(expected, rel=1e-4)
+    assert ends_at.interpreted(20.0, end_N, found).traction_Nps == pytest.approx(
+        (end_N - expected) / WINDOW_S, rel=1e-4
+    )
+
+
+def test_a_traction_that_stays_is_reached():
+    slow_N = 0.0
+    for _ in range(20):
+        slow_N = slow_traction.interpreted(slow_N, window(9000.0, 9000.0), WINDOW_S)
+    assert slow_N == pytest.approx(9000.0, rel=1e-6)
