@@ -26,7 +26,9 @@ class Constants(NamedTuple):
     longest_delay_s: Annotated[
         float, Source("d_max", "s", "measured: vehicles to 0.19 s; masses 10 to 25 % off from 0.4 s on")
     ] = 0.3
-    windup_std_s2: Annotated[float, Source("s_gamma", "s2", "chosen: more takes torque from the mass")] = 0.02
+    windup_std_s2: Annotated[
+        float, Source("s_gamma", "s2", "chosen: a lag of 0.14 s; more takes torque from the mass")
+    ] = 0.02
     bias_std_mps2: Annotated[float, Source("s_b", "m/s2", "chosen: 1.8 degrees of tilt of a mounting")] = 0.3
     pitch_rad_per_mps2: Annotated[
         float,
