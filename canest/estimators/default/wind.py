@@ -12,18 +12,17 @@ from canest.core import jit
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants
 from canest.estimators.default.hypotheses import copy
-from canest.estimators.default.load import changed_probability
 from canest.estimators.default.model import LOADS, MOST, OTHER_WIND, Mixture
 
 
 @jit.kernel
-def open_wind(mix: Mixture, count: int, seconds: float, u: float, c: Constants) -> int:
+def open_wind(mix: Mixture, count: int, changed: float, u: float, c: Constants) -> int:
     """Give a share of every density to a copy with another wind; returns the densities.
 
-    Not where it would be too improbable to live. seconds: time in which the wind may have changed.
+    Not where it would be too improbable to live. changed: probability that the wind has changed.
     u: mean inverse mass.
     """
-    changed, jump, made = changed_probability(seconds, c.wind_change_s), c.wind_jump_mps * u, count
+    jump, made = c.wind_jump_mps * u, count
     for d in range(count):
         if changed * mix.weight[d] > c.least_weight and made < MOST:
             copy(mix, d, mix, made)
