@@ -44,7 +44,6 @@ class Constants(NamedTuple):
     unknown_load_share: Annotated[
         float, Source("k_u", "1", "measured: std of an unknown load, in its range of ln u; 0.3 is too narrow")
     ] = 0.7
-    # -- road
     curvature_std_1pm: Annotated[float, Source("s_kappa", "1/m", "chosen: radius 5 km, country roads")] = 2e-4
     sharp_curvature_1pm: Annotated[
         float, Source("s_K", "1/m", "chosen: radius 1.2 km, a street; less takes its crests for loads")
@@ -58,6 +57,8 @@ class Constants(NamedTuple):
     rough_length_m: Annotated[float, Source("L_rs", "m", "measured: at 2 km rough is forgotten")] = 10e3
     exchange_every_s: Annotated[float, Source("t_x", "s", "chosen: cost against delay")] = 1.0
     altitude_wander_m2ps: Annotated[float, Source("q_h", "m2/s", "chosen: a receiver, 3.5 m a minute")] = 0.2
+    # -- engine
+    offset_duration_s: Annotated[float, Source("T_o", "s", "chosen: accessories run for minutes")] = 600.0
     # -- driver
     answered_share: Annotated[float, Source("P_a", "1", "chosen: less makes a cruise less safe")] = 0.8
     answer_length_m: Annotated[
@@ -136,7 +137,6 @@ class Constants(NamedTuple):
     # -- hypotheses and report
     least_weight: Annotated[float, Source("P_min", "1", "measured: at 1e-3 modes are missing later")] = 3e-4
     left_out_share: Annotated[float, Source("P_0", "1", "chosen: false alarms against new loads")] = 0.01
-    widest_normal: Annotated[float, Source("V_max", "1", "chosen: 1/u is nearly linear below")] = 0.1
 
 
 CONSTANTS = Constants()
@@ -158,6 +158,7 @@ class Vehicle(NamedTuple):
     sensed_floor_mps2: float
     torque_std_Nm: float
     slip_per_mps2: float  #: of the driven wheels per m/s2 of traction
+    offset_Nm: float  #: std of the crank torque that the report lacks: half a step
     period_windows: float  #: windows between two reports of a slow signal
     late_s: float  #: how much older than the samples the filtered states are
     pitch: float  #: of the body, m/s2 of the accelerometer per m/s2
@@ -182,6 +183,7 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         sensed_floor_mps2=max(facts.accelerometer_step_mps2, _FINEST) / 2.0,
         torque_std_Nm=facts.torque_step_Nm / math.sqrt(12.0),
         slip_per_mps2=c.slip_per_mps2 if facts.slips else 0.0,
+        offset_Nm=0.5 * facts.torque_step_Nm,
         period_windows=period,
         late_s=late_s,
         pitch=GRAVITY_MPS2 * (c.pitch_rad_per_mps2 if pitch is None else pitch),

@@ -118,6 +118,7 @@ class GaussianSum(Estimator):
         std[at.ROLLING] = facts.rolling_resistance_accuracy * facts.rolling_resistance
         if facts.has_road_map:
             std[at.ROLLING] = math.hypot(std[at.ROLLING], LEVEL_STD)
+        std[at.OFFSET] = self._vehicle.offset_Nm * u
         std[at.BIAS] = c.bias_std_mps2
         n = at.STATES if facts.has_accelerometer else at.STATES_WITHOUT_ACCELEROMETER
         return mean[:n], std[:n]
@@ -268,7 +269,7 @@ def _space(prior: Mixture, nodes: list[float]) -> Space:
     n = prior.x.shape[1]
     columns = tuple(_give([0.0] * MOST) for _ in range(4))
     h, f, K, e, s, loads, share = (
-        _give([0.0] * size) for size in (8, 3 * MOST, n + 1, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST)
+        _give([0.0] * size) for size in (8, 4 * MOST, n + 1, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST)
     )
     scratch = Scratch(h, f, K, columns, e, s, loads)
     return Space(scratch, share, _given(_room(n)), _given(prior), _give(nodes))

@@ -28,6 +28,7 @@ from canest.estimators.default.predict import (
     climb,
     drift,
     fade,
+    fade_offset,
     fill,
     sharpen,
     travel,
@@ -187,6 +188,7 @@ def run(
             by_drag = 0.5 * w.speed_mps * v.drag_share  # math.hypot rounds otherwise where it is compiled
             wind = math.sqrt(c.wind_std_mps * c.wind_std_mps + by_drag * by_drag) * p.u
             fade(mix, count, mixed_m, wind, c)
+            fade_offset(mix, count, mixed_s, v.offset_Nm * p.u, c)
             drift(mix, count, mixed_s, t)
             close_wind(mix, count)
             count = change_modes(mix, count, mixed_m, mixed_s, p.u, c, space)
@@ -202,7 +204,9 @@ def run(
             count = open_load(mix, count, probability, True, known_N / GRAVITY_MPS2, c, v, t)
             driven_s = 0.0
         if due and is_open and mix.x.shape[1] == m.STATES:
-            changed = max(changed_probability(p.mixed_s + dt, c.wind_change_s), probability if surprised else 0.0)
+            changed = max(
+                changed_probability(p.mixed_s + dt, c.wind_change_s), probability if surprised else 0.0
+            )
             count = open_wind(mix, count, changed, p.u, c)
         # -- predict and update every density
         fill(count, mix.found, 0.0)

@@ -2,10 +2,10 @@
 
 Newton's law divided by the mass, with u = 1/M:
 
-    dv/dt = (u F - g mu - g theta - c omega) / (1 + u J)
+    dv/dt = (u F - g mu - g theta - c omega - k tau) / (1 + u J)
 
 F known forces (N), J mass of what rotates (kg), g mu rolling resistance, theta apparent grade, c aerodynamic
-force per m/s of headwind. A state "times u" is a product with the inverse mass, so that it enters linearly.
+force per m/s of headwind, k force per torque at the crank, tau such a torque that the report lacks. A state "times u" is a product with the inverse mass, so that it enters linearly.
 """
 
 from __future__ import annotations
@@ -30,12 +30,13 @@ RATE = 7  #: drift of the inverse mass, 1/(kg s); zero where the load is steady
 DELAY = 8  #: remaining delay of the reported torque times u, s/kg
 WINDUP = 9  #: compliance of the driveline times u, s2/kg
 ANSWER = 10  #: share of the torque that answers the road, times u, 1/kg; zero where the driver is free
-BIAS = 11  #: offset of the accelerometer, m/s2
-BEGIN = 12  #: speed where the window began, m/s
-STATES = 13
-STATES_WITHOUT_ACCELEROMETER = 11
+OFFSET = 11  #: crank torque that the report lacks, times u, N m/kg
+BIAS = 12  #: offset of the accelerometer, m/s2
+BEGIN = 13  #: speed where the window began, m/s
+STATES = 14
+STATES_WITHOUT_ACCELEROMETER = 12
 #: products with the inverse mass, and what is in proportion to it
-TIMES_U = (WIND, RATE, DELAY, WINDUP, ANSWER)
+TIMES_U = (WIND, RATE, DELAY, WINDUP, ANSWER, OFFSET)
 
 #: a mode: the road is straight, curved or rough; the driver is free, or the road answers the torque;
 #: the load is steady or drifts. mode = road + ROADS * answered + STEADY_MODES * drifting
@@ -82,7 +83,7 @@ class Scratch(NamedTuple):
     """Room to work in: columns have one number per density."""
 
     h: Any  #: (8,) entries of a row of H
-    f: Any  #: (3 * MOST,) entries of a row of F
+    f: Any  #: (4 * MOST,) entries of a row of F
     K: Any  #: (n,) gain
     columns: Any  #: four columns
     e: Any  #: column: innovations of the last measurement

@@ -20,7 +20,7 @@ _EVERYWHERE = (1.0,) * m.MODES
 _DRIFT = (m.RATE,)
 _CLIMB = (m.GRADE, m.ROLLING)
 _TRAVEL = (m.CURVATURE, m.ANSWER)
-_ACCELERATE = (m.GRADE, m.WIND, m.U)
+_ACCELERATE = (m.GRADE, m.WIND, m.U, m.OFFSET)
 
 
 def _propagate(mix: Mixture, count: int, i: int, states: Any, t: Scratch) -> None:
@@ -135,28 +135,33 @@ def travel(mix: Mixture, count: int, metres: float, answered_kg: float, c: Const
 def accelerate(
     mix: Mixture, count: int, w: Window, dt: float, lacking: float, u_mean: float, v: Vehicle, t: Scratch
 ) -> float:
-    """Let the force act: v <- v + dt a, a = (u F - g mu - g theta - c omega) / (1 + u J).
+    """Let the force act: v <- v + dt a, a = (u F - g mu - g theta - c omega - k tau) / (1 + u J).
 
-    F of this row: da/dtheta = -g / (1 + u J), da/domega = -c / (1 + u J), da/du = (F - J a) / (1 + u J).
+    F of this row: da/dtheta = -g / (1 + u J), da/domega = -c / (1 + u J), da/dtau = -k / (1 + u J),
+    da/du = (F - J a) / (1 + u J). k: force per crank torque.
     lacking: density of the force that the model lacks. u_mean: mean inverse mass. Returns the acceleration.
     """
     us = column(mix.x[:, m.U], count)
     grades, winds = column(mix.x[:, m.GRADE], count), column(mix.x[:, m.WIND], count)
+    offsets = column(mix.x[:, m.OFFSET], count)
     f, least_u, most_u, mean = t.f, v.least_u, v.most_u, 0.0
     force_N, rotating_kg, drag_N_per_mps = w.force_N, w.rotating_kg, w.drag_N_per_mps
     lever = u_mean / (1.0 + u_mean * rotating_kg)
     noise = lever * lever * lacking * dt
     for d in range(count):
-        u, grade, wind = us[d], grades[d], winds[d]
+        u, grade, wind, offset = us[d], grades[d], winds[d], offsets[d]
         u = least_u if u < least_u else most_u if u > most_u else u
         part = dt / (1.0 + u * rotating_kg)
-        dv = part * (u * force_N - w.roll_mps2 - GRAVITY_MPS2 * grade - drag_N_per_mps * wind)
+        dv = part * (
+            u * force_N - w.roll_mps2 - GRAVITY_MPS2 * grade - drag_N_per_mps * wind - w.gear_1pm * offset
+        )
         by_grade, by_wind, by_u = (
             -part * GRAVITY_MPS2, -part * drag_N_per_mps, part * (force_N - rotating_kg * dv / dt),
         )  # fmt: skip
-        f[d], f[count + d], f[2 * count + d] = by_grade, by_wind, by_u
+        by_offset = -part * w.gear_1pm
+        f[d], f[count + d], f[2 * count + d], f[3 * count + d] = by_grade, by_wind, by_u, by_offset
         # less what the row adds by its states, and must not
-        mix.x[d, m.V] += dv - (by_grade * grade + by_wind * wind + by_u * u)
+        mix.x[d, m.V] += dv - (by_grade * grade + by_wind * wind + by_u * u + by_offset * offset)
         mix.P[d, m.V, m.V] += noise
         mean += mix.weight[d] * dv / dt
     propagate(mix, count, m.V, _ACCELERATE, t)
@@ -177,6 +182,13 @@ def fade(mix: Mixture, count: int, metres: float, wind: float, c: Constants) -> 
         c.curvature_std_1pm * c.curvature_std_1pm * (1.0 - left * left),
         m.BENDS,
     )
+
+
+@jit.kernel
+def fade_offset(mix: Mixture, count: int, seconds: float, offset: float, c: Constants) -> None:
+    """Let the crank torque that the report lacks fade in time. offset: its std times u."""
+    left = math.exp(-seconds / c.offset_duration_s)
+    decay(mix, count, m.OFFSET, left, offset * offset * (1.0 - left * left), _EVERYWHERE)
 
 
 @jit.kernel

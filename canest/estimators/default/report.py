@@ -16,6 +16,8 @@ from canest.estimators.default.load import changed_probability
 from canest.estimators.default.model import LOADS, Mixture, Scratch, Space
 from canest.estimators.default.predict import column
 
+#: std of ln u below which 1/u is nearly linear in u, and normal
+_WIDEST = 0.1
 #: windows between two sums over the nodes
 _EVERY = 5.0
 #: places among the states from the grade to the rolling resistance
@@ -95,8 +97,8 @@ def report_mass(
     spread = max(u2 - 2.0 * centre * u1 + centre * centre, 0.0) / (scale * scale)
     own = loads[best + 2] / (c.likelihood_power * scale * scale)
     inside = v.least_u < centre < v.most_u
-    narrow = own < c.widest_normal * c.widest_normal and inside
-    if spread < c.widest_normal * c.widest_normal and inside:
+    narrow = own < _WIDEST * _WIDEST and inside
+    if spread < _WIDEST * _WIDEST and inside:
         mass = (1.0 + own) / centre
         return mass, spread * mass * mass, 0.0
     if before[2] > 1.0:
