@@ -10,7 +10,7 @@ from canest.estimators.default import hypotheses, load, predict, report, sensors
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import CONSTANTS, Vehicle
 from canest.estimators.default.estimator import _room, _space
-from canest.estimators.default.model import MODES, MOST, Mixture, Window
+from canest.estimators.default.model import MODES, MOST, Ends, Mixture, Window
 
 N = m.STATES
 FAR = 1e9  #: no innovation is cut
@@ -136,11 +136,10 @@ def test_an_accelerometer_is_compared_with_the_speed_that_the_states_gained():
     sensors.remember_speed(mix, 1)
     np.testing.assert_allclose(mix.x[0], x)
     np.testing.assert_allclose(mix.P[0], P)
-    w = Window(**{**dict.fromkeys(Window._fields, 0.0), "begin_N": 1_000.0, "traction_N": 3_000.0})
-    sensors.set_gained(w, 0.4, t)
+    sensors.set_gained(Ends(9.0, 1_000.0, 500.0), Ends(9.5, 3_000.0, 1_500.0), 0.4, t)
     sensors.accelerometer(mix, 1, sensors.DRIVEN, 0.7, 0.4, (0.08, 0.02), CONSTANTS, t)
     P[m.BIAS, m.BIAS] += 0.4 * CONSTANTS.bias_wander_m2ps5
-    h = dense((m.GRADE, m.BIAS, m.V, m.BEGIN, m.DELAY), (9.80665, 1.0, 2.5, -2.5, 5_000.0))
+    h = dense(sensors.DRIVEN, (9.80665, 1.0, 2.5, -2.5, 5_000.0, 2_500.0))
     s = h @ P @ h + 0.08 * 0.2 / 0.4 + 0.02
     expected = x + P @ h / s * (0.7 - h @ x) * min(1.0, 3.0 * np.sqrt(s) / abs(0.7 - h @ x)) ** 2
     np.testing.assert_allclose(mix.x[0], expected, rtol=1e-6, atol=1e-9)
