@@ -14,8 +14,8 @@ class Estimator(ABC):
     """A causal estimator of mass and grade.
 
     `update` takes the next stretch of samples and returns one estimate per sample. It keeps its state
-    between calls and gives the same bits however the samples are cut. A gated sample
-    (``block.gate != 0``) never changes what is learned; it still gets an estimate. Nothing it returns
+    between calls and gives the same bits however the samples are cut. The force of a gated
+    sample (``block.gate != 0``) never teaches a mass; the sample still gets an estimate. Nothing it returns
     is ever infinite or outside the vehicle's bounds; NaN means "no number", never "went wrong".
     """
 

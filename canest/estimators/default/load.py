@@ -1,8 +1,9 @@
-"""The load as a process: it changes in stops, and where innovations surprise it may have changed in motion.
+"""The load as a process: it changes in stops, in motion at any time, and where innovations surprise.
 
-    P(changed | stood t) = 1 - exp(-t / T_l)
+    P(changed | stood t) = 1 - exp(-t / T_l),  P(changed | driven t) = 1 - exp(-t / T_m)
 
-Where the vehicle moves off, that share of the probability goes to an unknown load.
+Where the vehicle moves off, every 20 s of driving and after a surprise, such a share of the probability goes
+to an unknown load.
 """
 
 from __future__ import annotations
@@ -74,10 +75,11 @@ def open_load(
     mix: Mixture, count: int, probability: float, moving: bool, net_kg: float,
     c: Constants, v: Vehicle, t: Scratch,
 ) -> int:  # fmt: skip
-    """Give a share of the probability to an unknown load, a copy of the densest; returns the densities.
+    """Give a share of the probability to an unknown load; returns the densities.
 
-    After a stop the loads that there are become one: an exchange has to follow. In motion nothing is done
-    where there is no number for another load. What there is no room for is not copied.
+    In motion it is a copy of the densest, and nothing is done where there is no number for another load.
+    After a stop all loads become one and all are copied: an exchange has to follow. What there is no room for
+    is not copied.
     """
     base, label = set_loads(mix, count, t), -1
     for k in range(LOADS):

@@ -28,8 +28,8 @@ def lacking_force(w: Window, torque_Nm2s: float, c: Constants, v: Vehicle) -> fl
     """Return the density of the force that the model lacks, N2 s.
 
     A share of the traction; the noise of the torque; its rounding error, which lasts while it stands still;
-    and what a slow torque does between two reports T apart, of which only the ends are known: that of a
-    Wiener process, dF^2 T / 12 for a change dF (the variance of the integral of a Brownian bridge, by T).
+    and what a slow torque does between two reports t_r apart, of which only the ends are known: that of a
+    Wiener process, dF^2 t_r / 12 for a change dF (the variance of the integral of a Brownian bridge, by t_r).
     """
     step = v.torque_std_Nm * w.gear_1pm
     moved = abs(w.traction_N - w.begin_N)
@@ -46,7 +46,7 @@ def swing_var(before: float, jump_N: float, w: Window, dt: float, u: float, c: C
 
     before: that of the window before, which dies away. jump_N: change of the traction, which begins a swing.
     A spring of stiffness k = 1 / (s_gamma u) between rotating and moving mass swings with
-    omega^2 = k (1/J + u); a step of the traction makes it swing by a / omega.
+    omega_s^2 = k (1/J + u); a step of the traction makes the vehicle swing by a / omega_s.
     """
     if w.rotating_kg <= 0.0 or c.windup_std_s2 <= 0.0:
         return 0.0

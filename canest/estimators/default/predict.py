@@ -119,7 +119,7 @@ def climb(mix: Mixture, count: int, metres: float, wander: float, t: Scratch) ->
 
 @jit.kernel
 def travel(mix: Mixture, count: int, metres: float, answered_kg: float, c: Constants, t: Scratch) -> None:
-    """Let the road go on: theta <- theta + ds kappa + (dF / g) s u, Q = r ds. answered_kg: dF / g."""
+    """Let the road go on: theta <- theta + ds kappa + (dF / g) s u, Q = q_theta ds. answered_kg: dF / g."""
     if metres == 0.0 and answered_kg == 0.0:
         return
     bent_m, most = min(metres, c.curvature_length_m), c.grade_std * c.grade_std

@@ -21,7 +21,7 @@ _BALANCE = (m.GRADE, m.WIND, m.U)
 _COASTED = (m.GRADE, m.CURVATURE, m.WIND, m.U)
 _MAP = (m.GRADE, m.ROLLING)
 #: bounds of the delay at which its lever is taken, s
-_LONGEST_DELAY_S = 0.1
+_LEVER_DELAY_S = 0.1
 #: variance of a speed that no known force has led to, (m/s)2
 UNKNOWN_V = 1e4
 #: an altitude this many variances off begins anew
@@ -71,7 +71,7 @@ def speed(
     lambda: slip of the driven wheels. T of the delay: that halfway through it. u: mean inverse mass.
     """
     delay_s = mean_delay(mix, count, u, t)
-    half_s = 0.5 * min(max(delay_s, -_LONGEST_DELAY_S), _LONGEST_DELAY_S)
+    half_s = 0.5 * min(max(delay_s, -_LEVER_DELAY_S), _LEVER_DELAY_S)
     t.h[0], t.h[1], t.h[2] = 1.0, end.traction_N + half_s * end.traction_Nps, end.traction_Nps
     slip = v.slip_per_mps2 * u * end.traction_N
     condition_on(mix, count, _SPEED, end.speed_mps * (1.0 - slip), r, c.outlier_nis, t)
