@@ -53,6 +53,11 @@ def no_evidence(answered_N: float, u: float, metres: float, wander_1pm: float, c
     return 0.0
 
 
+def without_offset(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
+    """Take the place of `constants.vehicle_of`, for a report that lacks no torque."""
+    return vehicle_of(facts, late_s, c)._replace(offset_Nm=0.0)
+
+
 def without_late(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
     """Take the place of `constants.vehicle_of`, for filtered states that are not late."""
     return vehicle_of(facts, late_s, c)._replace(late_s=0.0)
@@ -86,7 +91,8 @@ MECHANISMS = (
     # -- states of the vehicle and of its signals
     Variant("state: error of the rolling resistance", facts={"rolling_resistance_accuracy": 0.0}),
     Variant("state: delay of the torque", {"delay_std_s": 0.0}),
-    Variant("state: compliance of the driveline", {"windup_std_s2": 0.0}),
+    Variant("state: lag of the torque, compliance of the driveline", {"windup_std_s2": 0.0}),
+    Variant("state: crank torque that the report lacks", patch={"estimator.vehicle_of": without_offset}),
     Variant("state: bias of the accelerometer", {"bias_std_mps2": 0.0, "bias_wander_m2ps5": 0.0}),
     Variant("load that tilts the frame", {"load_tilt_mps2": 0.0}),
     Variant("wander of that bias", {"bias_wander_m2ps5": 0.0}),
@@ -116,6 +122,6 @@ MECHANISMS = (
     Variant("faults of the accelerometer", patch={"accelerometer._FEWEST": NEVER}),
     # -- hypotheses and report
     Variant("improbable loads left out", {"left_out_share": 0.0}),
-    Variant("sums over nodes", {"widest_normal": NEVER}),
+    Variant("sums over nodes", patch={"report._WIDEST": NEVER}),
     Variant("grade where the vehicle is by now", patch={"estimator.vehicle_of": without_late}),
 )

@@ -85,14 +85,15 @@ def test_the_speed_follows_newtons_law():
     mix, space = mixture(1)
     t = space.scratch
     w = Window(**{**dict.fromkeys(Window._fields, 0.0), "force_N": 9_000.0, "roll_mps2": 0.06,
-                  "rotating_kg": 900.0, "drag_N_per_mps": 110.0})  # fmt: skip
-    x0 = dense((m.V, m.GRADE, m.U, m.WIND), (20.0, 0.01, 1 / 20_000, 2.0 / 20_000))
+                  "rotating_kg": 900.0, "drag_N_per_mps": 110.0, "gear_1pm": 30.0})  # fmt: skip
+    states = (m.V, m.GRADE, m.U, m.WIND, m.OFFSET)
+    x0 = dense(states, (20.0, 0.01, 1 / 20_000, 2.0 / 20_000, 8.0 / 20_000))
 
     def moved(x):
-        net = x[m.U] * 9_000.0 - 0.06 - 9.80665 * x[m.GRADE] - 110.0 * x[m.WIND]
+        net = x[m.U] * 9_000.0 - 0.06 - 9.80665 * x[m.GRADE] - 110.0 * x[m.WIND] - 30.0 * x[m.OFFSET]
         return x[m.V] + 0.2 * net / (1 + 900.0 * x[m.U])
 
-    for state in (None, m.GRADE, m.U, m.WIND):
+    for state in (None, *states[1:]):
         P = np.zeros((N, N))
         step = 1e-7 if state == m.U else 1e-3
         if state is not None:

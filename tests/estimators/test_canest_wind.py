@@ -27,7 +27,7 @@ def test_copies_have_another_wind_and_a_share():
     P = mix.P[:3].copy()
     changed = 1.0 - np.exp(-1.0 / CONSTANTS.wind_change_s)
     assert changed * 0.05 < CONSTANTS.least_weight  # it would not live
-    assert wind.open_wind(mix, 3, 1.0, U, CONSTANTS) == 5
+    assert wind.open_wind(mix, 3, changed, U, CONSTANTS) == 5
     shares = [0.5 * (1.0 - changed), 0.45 * (1.0 - changed), 0.05, 0.5 * changed, 0.45 * changed]
     np.testing.assert_allclose(mix.weight[:5], shares, rtol=1e-12)
     assert list(mix.load[:5]) == [1, 0, 1, 1 + m.OTHER_WIND, m.OTHER_WIND]
@@ -42,7 +42,7 @@ def test_copies_have_another_wind_and_a_share():
 def test_there_are_never_more_than_there_is_room_for():
     mix, _ = mixture(m.MOST - 1)
     mix.weight[: m.MOST - 1] = [1.0 / (m.MOST - 1)] * (m.MOST - 1)
-    assert wind.open_wind(mix, m.MOST - 1, 1e6, U, CONSTANTS) == m.MOST
+    assert wind.open_wind(mix, m.MOST - 1, 1.0, U, CONSTANTS) == m.MOST
 
 
 def test_they_come_back_to_the_load_that_they_have():

@@ -2,10 +2,11 @@
 
 Newton's law divided by the mass, with u = 1/M:
 
-    dv/dt = (u F - g mu - g theta - c omega - k tau) / (1 + u J)
+    dv/dt = (u F - g mu - g theta - c omega - G xi) / (1 + u J)
 
 F known forces (N), J mass of what rotates (kg), g mu rolling resistance, theta apparent grade, c aerodynamic
-force per m/s of headwind, k force per torque at the crank, tau such a torque that the report lacks. A state "times u" is a product with the inverse mass, so that it enters linearly.
+force per m/s of headwind, G force per torque at the crank, xi such a torque that the report lacks. A state
+"times u" is a product with the inverse mass, so that it enters linearly.
 """
 
 from __future__ import annotations

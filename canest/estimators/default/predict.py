@@ -135,10 +135,10 @@ def travel(mix: Mixture, count: int, metres: float, answered_kg: float, c: Const
 def accelerate(
     mix: Mixture, count: int, w: Window, dt: float, lacking: float, u_mean: float, v: Vehicle, t: Scratch
 ) -> float:
-    """Let the force act: v <- v + dt a, a = (u F - g mu - g theta - c omega - k tau) / (1 + u J).
+    """Let the force act: v <- v + dt a, a = (u F - g mu - g theta - c omega - G xi) / (1 + u J).
 
-    F of this row: da/dtheta = -g / (1 + u J), da/domega = -c / (1 + u J), da/dtau = -k / (1 + u J),
-    da/du = (F - J a) / (1 + u J). k: force per crank torque.
+    F of this row: da/dtheta = -g / (1 + u J), da/domega = -c / (1 + u J), da/dxi = -G / (1 + u J),
+    da/du = (F - J a) / (1 + u J). G: force per torque at the crank.
     lacking: density of the force that the model lacks. u_mean: mean inverse mass. Returns the acceleration.
     """
     us = column(mix.x[:, m.U], count)

@@ -1,0 +1,53 @@
+"""Torque at the crank that no message reports: accessories, cold oil."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from canest.core.samples import Status
+from canest.estimators.default import model as m
+from canest.estimators.default import predict
+from canest.estimators.default.constants import CONSTANTS
+from canest.estimators.registry import create
+
+from .momentum import hills, trip
+from .test_canest_loads_and_roads import STATED
+from .test_canest_parts import mixture
+
+STOPS = [(40.0 + 50.0 * k, 46.0 + 50.0 * k) for k in range(6)]
+SENSED = replace(STATED, has_accelerometer=True)
+
+
+def lever_1pm(t):
+    """Force per torque at the crank: a low gear after every stop."""
+    return 45.0 if any(end <= t < end + 12.0 for _, end in STOPS) else 9.0
+
+
+def test_accessories_that_nobody_reports_make_no_wrong_mass():
+    """60 Nm are 2.7 kN of a launch. Without the state 5 % of the valid samples are wrong, the median by 1 %."""
+    drive = trip(
+        340,
+        mass_kg=14_000.0,
+        road=hills,
+        accelerometer=True,
+        stops=STOPS,
+        unseen_N=lambda t: 60.0 * lever_1pm(t),
+        start_mps=12.0,
+    )
+    levers = np.array([lever_1pm(t) for t in np.arange(len(drive.block)) * 0.02])
+    estimates = create("canest", SENSED).update(replace(drive.block, force_per_torque_1pm=levers))
+    late = slice(60 * 50, None)
+    valid = estimates.status[late] == Status.VALID
+    error = np.abs(drive.error(estimates)[late][valid])
+    assert valid.mean() > 0.55
+    assert error.max() < 0.08 and np.median(error) < 0.006
+
+
+def test_it_fades_in_time_to_its_prior():
+    mix, _ = mixture(3)
+    for _ in range(300):
+        predict.fade_offset(mix, 3, 60.0, 10.0 / 20_000.0, CONSTANTS)
+    assert mix.P[:3, m.OFFSET, m.OFFSET] == pytest.approx([(10.0 / 20_000.0) ** 2] * 3, rel=1e-4)
