@@ -27,7 +27,7 @@ def lever_1pm(t):
 
 
 def test_accessories_that_nobody_reports_make_no_wrong_mass():
-    """60 Nm are 2.7 kN of a launch. Without the state 5 % of the valid samples are wrong, the median by 1 %."""
+    """60 Nm are 2.7 kN of a launch. Without the state 5 % of the valid samples are wrong."""
     drive = trip(
         340,
         mass_kg=14_000.0,
