@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from cramer_rao_bound import LOADS_KG, ROAD_M, Road, bounds, draw_road, truth_of
+from cramer_rao_bound import LOADS_KG, OFFSET_STD_NM, ROAD_M, Road, bounds, draw_road, truth_of
 from judging import Drive, estimate_with, prepare
 from tables import Run, page_head
 from variants import Variant
@@ -49,28 +49,29 @@ LIMITS = ("bound", "linear", "at once")
 PERCENT = 100.0
 #: long enough for nothing to change, s or m
 NEVER = 1e12
-#: the estimator, and the same told what the bound knows: load, wind and bias stay as they are
+#: the estimator, and the same told what the bound knows: all of these stay as they are
 STEADY = Variant(
-    "Told that load, wind and bias are steady",
+    "Told that load, wind, bias and torque are steady",
     {
         "steady_duration_s": NEVER, "surprise_share": 0.0, "motion_every_s": NEVER,
-        "wind_length_m": NEVER, "bias_wander_m2ps5": 0.0,
+        "wind_length_m": NEVER, "bias_wander_m2ps5": 0.0, "offset_duration_s": NEVER,
     },
 )  # fmt: skip
 ESTIMATORS = (Variant("As it is"), STEADY)
 
 ABOUT = """\
 RMS error of `canest` beside the Cramér-Rao bound, on {drives} simulated drives drawn from the estimator's
-own priors: roads, constant headwind (std 2 m/s), delay of the torque (0.08 s, std 0.04 s), bias of the
-accelerometer. Loads of 9 to 36 t, no altitude, nothing else undeclared, and the vehicle's facts stated as
-exact.
+own priors: roads, constant headwind (std 2 m/s), delay of the torque (0.08 s, std 0.04 s), torque at the
+crank that the report lacks (half a step), bias of the accelerometer. Loads of 9 to 36 t, no altitude, nothing
+else undeclared, and the vehicle's facts stated as exact.
 
 The bound is that of van Trees for a random state, by the recursion of Tichavsky, Muravchik and Nehorai
 (1998), along the true states of each drive, sample by sample. It has the unknowns above and the rounding of
 torque and friction. It knows the pitch, the stiffness of the driveline, and that the load, the wind, the
-bias and the driver are steady, which the estimator has to find out. What the first three cost of that is the
-difference between the two tables. `bound` is also told where the road is curved. `linear` is not told: it is
-what the best linear estimator reaches, to whom the curvature is noise of the same variance and correlation.
+bias, the lacking torque and the driver are steady, which the estimator has to find out. What the first four
+cost of that is the difference between the two tables. `bound` is also told where the road is curved. `linear`
+is not told: it is what the best linear estimator reaches, to whom the curvature is noise of the same variance
+and correlation.
 
 Between two gears the vehicle coasts, and there the road shows without the mass. A driveline that opens
 swings, and one that is reported open has closed already. So the bound counts a coasting from 0.12 s after
@@ -116,7 +117,10 @@ def scenario(driver: str, seed: int) -> tuple[dict[str, Any], Road]:
             "accelerometer_bias_mps2": float(rng.normal(0.0, CONSTANTS.bias_std_mps2)),
             "torque_delay_s": max(float(rng.normal(SHIFT * STEP_S, CONSTANTS.delay_std_s)), 0.0),
         },
-        "undeclared": [{"effect": "headwind", "wind_mps": float(rng.normal(0.0, CONSTANTS.wind_std_mps))}],
+        "undeclared": [
+            {"effect": "headwind", "wind_mps": float(rng.normal(0.0, CONSTANTS.wind_std_mps))},
+            {"effect": "torque_offset", "torque_Nm": float(rng.normal(0.0, OFFSET_STD_NM))},
+        ],
     }, road
 
 

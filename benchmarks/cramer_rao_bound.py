@@ -1,7 +1,8 @@
 """The Cramér-Rao bound of mass and grade along a drive whose true states are known.
 
 It is written from the equations of motion and shares no code with the estimator, only the priors of road,
-wind, delay and bias. It knows more than an estimator can: how soft the driveline is, and the pitch.
+wind, delay, bias and torque that the report lacks. It knows more than an estimator can: how soft the
+driveline is, and the pitch.
 """
 
 from __future__ import annotations
@@ -31,16 +32,19 @@ SPEED_VAR = MPS_PER_RPM**2 * (SHAFT_NOISE_RPM**2 + SHAFT_STEP_RPM**2 / 12.0)
 #: how the friction grows with the speed of the engine: 1.8 % of the reference torque per 1000 rpm
 FRICTION_NM_PER_RADPS = 0.018 * 2100.0 / 1000.0 * 30.0 / math.pi
 TORQUE_VAR = TORQUE_STEP_NM**2 / 12.0
+#: std of the torque at the crank that the report lacks: half a step
+OFFSET_STD_NM = 0.5 * TORQUE_STEP_NM
 SENSED_VAR = SENSED_NOISE_MPS2**2 + SENSED_STEP_MPS2**2 / 12.0
 #: variance of a speed that an unknown force has led to, (m/s)2, and before the first sample
 UNKNOWN_V, START_V = 100.0, 100.0
 #: states: speed, grade, its change per metre, inverse mass, rounding errors of indicated torque and of
-#: friction, delay of the torque, headwind, bias of the accelerometer
-STATES = 9
-V, GRADE, CURVATURE, U, TORQUE, FRICTION, DELAY, WIND, BIAS = range(STATES)
+#: friction, torque that the report lacks, delay of the torque, headwind, bias of the accelerometer
+STATES = 10
+V, GRADE, CURVATURE, U, TORQUE, FRICTION, OFFSET, DELAY, WIND, BIAS = range(STATES)
 #: which state acts on the speed by which column of `Truth`
 _ACTS = (
-    (U, "by_u"), (TORQUE, "by_torque"), (FRICTION, "by_friction"), (DELAY, "by_delay"), (WIND, "by_wind"),
+    (U, "by_u"), (TORQUE, "by_torque"), (FRICTION, "by_friction"), (OFFSET, "by_torque"), (DELAY, "by_delay"),
+    (WIND, "by_wind"),
 )  # fmt: skip
 #: when a simulated drive begins
 START_S = 1_700_000_000
@@ -206,7 +210,7 @@ def prior() -> Matrix:
     c, P = CONSTANTS, np.zeros((STATES, STATES))
     P[V, V], P[GRADE, GRADE], P[U, U] = START_V, START_GRADE_STD**2, square - mean * mean
     P[TORQUE, TORQUE] = P[FRICTION, FRICTION] = TORQUE_VAR
-    P[DELAY, DELAY] = c.delay_std_s**2
+    P[OFFSET, OFFSET], P[DELAY, DELAY] = OFFSET_STD_NM**2, c.delay_std_s**2
     P[WIND, WIND], P[BIAS, BIAS] = c.wind_std_mps**2, c.bias_std_mps2**2
     return P
 
