@@ -63,6 +63,9 @@ off makes the mass 2 % wrong, and no amount of driving shows it. Only a realisti
 into the standard deviation. A worse accuracy widens it, and `valid` comes later or, beyond
 `estimator.valid_std_pct`, never. An accuracy that is too good gives a narrow band around a wrong mass.
 
+The accuracy must hold whenever the vehicle drives: while a filter regenerates, at altitude, with cold oil.
+An engine whose report is 8 % too high for ten minutes has no accuracy of 2 %.
+
 The methods of the papers and version 0.1 of the default estimator do not use these facts.
 
 """
