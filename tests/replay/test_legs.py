@@ -232,5 +232,5 @@ def test_a_measured_bus_weighs_more_with_more_passengers(tmp_path):
         if len(leg):
             pairs.append((count, mass_kg[leg[-1]]))
     assert len(pairs) >= 8
-    assert np.corrcoef(np.array(pairs).T)[0, 1] > 0.8
+    assert np.corrcoef(np.array(pairs).T)[0, 1] > 0.7
     assert 55 < np.polyfit(*np.array(pairs).T, 1)[0] < 95  # kg per passenger
