@@ -61,14 +61,14 @@ ESTIMATORS = (Variant("As it is"), STEADY)
 
 ABOUT = """\
 RMS error of `canest` beside the Cramér-Rao bound, on {drives} simulated drives drawn from the estimator's
-own priors: roads, constant headwind (std 2 m/s), delay of the torque (0.08 s, std 0.04 s), torque at the
-crank that the report lacks (half a step), bias of the accelerometer. Loads of 9 to 36 t, no altitude, nothing
-else undeclared, and the vehicle's facts stated as exact.
+own priors: roads, constant headwind (std 2 m/s), delay of the torque (0.08 s, std 0.04 s) and bias of the
+accelerometer. The report lacks a constant torque at the crank (std half a step). Loads of 9 to 36 t, no altitude,
+nothing else undeclared, and the vehicle's facts stated as exact.
 
 The bound is that of van Trees for a random state, by the recursion of Tichavsky, Muravchik and Nehorai
 (1998), along the true states of each drive, sample by sample. It has the unknowns above and the rounding of
-torque and friction. It knows the pitch, the stiffness of the driveline, and that the load, the wind, the
-bias, the lacking torque and the driver are steady, which the estimator has to find out. What the first four
+torque and friction. It knows the pitch and the stiffness of the driveline. It also knows that load,
+wind, bias, lacking torque and driver are steady, which the estimator has to find out. What the first four
 cost of that is the difference between the two tables. `bound` is also told where the road is curved. `linear`
 is not told: it is what the best linear estimator reaches, to whom the curvature is noise of the same variance
 and correlation.
