@@ -62,8 +62,8 @@ ESTIMATORS = (Variant("As it is"), STEADY)
 ABOUT = """\
 RMS error of `canest` beside the Cramér-Rao bound, on {drives} simulated drives drawn from the estimator's
 own priors: roads, constant headwind (std 2 m/s), delay of the torque (0.08 s, std 0.04 s) and bias of the
-accelerometer. The report lacks a constant torque at the crank (std half a step). Loads of 9 to 36 t, no altitude,
-nothing else undeclared, and the vehicle's facts stated as exact.
+accelerometer. The report lacks a constant torque at the crank (std half a step). Loads of 9 to 36 t,
+no altitude, nothing else undeclared, and the vehicle's facts stated as exact.
 
 The bound is that of van Trees for a random state, by the recursion of Tichavsky, Muravchik and Nehorai
 (1998), along the true states of each drive, sample by sample. It has the unknowns above and the rounding of
