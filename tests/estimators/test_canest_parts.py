@@ -75,13 +75,13 @@ def test_decay_keeps_the_stationary_variance():
     without, (left, std) = mix.P[1].copy(), (0.9, 1.7)
     mix.P[0, :, m.CURVATURE] = mix.P[0, m.CURVATURE] = 0.0
     mix.P[0, m.CURVATURE, m.CURVATURE] = std**2
-    predict.decay(mix, 2, m.CURVATURE, left, std**2 * (1 - left**2), m.BENDS)
+    predict.decay(mix, 2, m.CURVATURE, left, std, m.BENDS)
     assert mix.P[0, m.CURVATURE, m.CURVATURE] == pytest.approx(std**2)
     np.testing.assert_array_equal(mix.P[1], without)  # a straight has no curvature
 
 
 def test_the_speed_follows_newtons_law():
-    """Row F of the speed against differences of dv = dt (u F - g mu - g theta - c omega) / (1 + u J)."""
+    """F of the speed against differences of dv = dt (u F - g mu - g theta - c omega - G xi) / (1 + u J)."""
     mix, space = mixture(1)
     t = space.scratch
     w = Window(**{**dict.fromkeys(Window._fields, 0.0), "force_N": 9_000.0, "roll_mps2": 0.06,

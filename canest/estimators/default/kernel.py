@@ -194,19 +194,17 @@ def run(
             count = change_modes(mix, count, mixed_m, mixed_s, p.u, c, space)
             mixed_m = mixed_s = 0.0
         driven_s = p.driven_s + (dt if is_open else 0.0)
-        probability = 0.0
+        surprising = surprise_probability(surprise, c) if surprised else 0.0
         if surprised or (is_open and driven_s >= c.motion_every_s):
-            probability = changed_probability(driven_s, c.motion_change_s)
             if surprised:
                 sharpen(mix, count, c)
-                probability, surprise = max(probability, surprise_probability(surprise, c)), 0.0
+                surprise = 0.0
+            probability = max(changed_probability(driven_s, c.motion_change_s), surprising)
             known_N = 0.0 if p.braked > 0.0 else w.force_N - w.rotating_kg * w.accel_mps2
             count = open_load(mix, count, probability, True, known_N / GRAVITY_MPS2, c, v, t)
             driven_s = 0.0
         if due and is_open and mix.x.shape[1] == m.STATES:
-            changed = max(
-                changed_probability(p.mixed_s + dt, c.wind_change_s), probability if surprised else 0.0
-            )
+            changed = max(changed_probability(p.mixed_s + dt, c.wind_change_s), surprising)
             count = open_wind(mix, count, changed, p.u, c)
         # -- predict and update every density
         fill(count, mix.found, 0.0)

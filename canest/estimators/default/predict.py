@@ -54,8 +54,9 @@ def propagate(mix: Mixture, count: int, i: int, states: Any, t: Scratch) -> None
 
 
 @jit.kernel
-def decay(mix: Mixture, count: int, i: int, left: float, fresh: float, modes: Any) -> None:
-    """x_i <- left x_i + noise of variance `fresh` (Ornstein-Uhlenbeck), in the modes that have it."""
+def decay(mix: Mixture, count: int, i: int, left: float, std: float, modes: Any) -> None:
+    """x_i <- left x_i + noise that restores a std (Ornstein-Uhlenbeck), in the modes that have it."""
+    fresh = std * std * (1.0 - left * left)
     for d in range(count):
         if modes[mix.mode[d]] > 0.0:
             mix.A[d, i] *= left
@@ -172,23 +173,15 @@ def accelerate(
 def fade(mix: Mixture, count: int, metres: float, wind: float, c: Constants) -> None:
     """Let wind and curvature fade over a distance. wind: std of the wind times u."""
     left = math.exp(-metres / c.wind_length_m)
-    decay(mix, count, m.WIND, left, wind * wind * (1.0 - left * left), _EVERYWHERE)
+    decay(mix, count, m.WIND, left, wind, _EVERYWHERE)
     left = math.exp(-metres / c.curvature_length_m)
-    decay(
-        mix,
-        count,
-        m.CURVATURE,
-        left,
-        c.curvature_std_1pm * c.curvature_std_1pm * (1.0 - left * left),
-        m.BENDS,
-    )
+    decay(mix, count, m.CURVATURE, left, c.curvature_std_1pm, m.BENDS)
 
 
 @jit.kernel
 def fade_offset(mix: Mixture, count: int, seconds: float, offset: float, c: Constants) -> None:
     """Let the crank torque that the report lacks fade in time. offset: its std times u."""
-    left = math.exp(-seconds / c.offset_duration_s)
-    decay(mix, count, m.OFFSET, left, offset * offset * (1.0 - left * left), _EVERYWHERE)
+    decay(mix, count, m.OFFSET, math.exp(-seconds / c.offset_duration_s), offset, _EVERYWHERE)
 
 
 @jit.kernel
