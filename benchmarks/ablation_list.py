@@ -13,6 +13,7 @@ from canest.core.frames import FloatColumn
 from canest.core.samples import VehicleFacts
 from canest.estimators.default.constants import Constants, Vehicle, vehicle_of
 from canest.estimators.default.driver import own_torque
+from canest.estimators.default.predict import Spreads
 
 #: a variance, limit, length or time that is never reached; and a likelihood that is none, but has a logarithm
 NEVER, NOTHING = 1e12, 1e-300
@@ -42,15 +43,26 @@ def gain_unknown(is_open: bool, v: Vehicle) -> bool:
     return False
 
 
-def on_smooth_roads(answered_N: float, u: float, metres: float, wander_1pm: float, c: Constants) -> float:
+def on_smooth_roads(
+    answered_N: float, u: float, metres: float, wander_1pm: float, bend_var: float, c: Constants
+) -> float:
     """Take the place of `driver.own_torque`."""
-    found: float = own_torque(answered_N, u, metres, c.smooth_wander_1pm, c)
+    found: float = own_torque(answered_N, u, metres, c.smooth_wander_1pm, bend_var, c)
     return found
 
 
-def no_evidence(answered_N: float, u: float, metres: float, wander_1pm: float, c: Constants) -> float:
+def no_evidence(
+    answered_N: float, u: float, metres: float, wander_1pm: float, bend_var: float, c: Constants
+) -> float:
     """Take the place of `driver.own_torque`."""
     return 0.0
+
+
+def fixed_spreads(
+    mix: Any, count: int, before: Spreads, metres: float, seconds: float, u: float, c: Constants, v: Vehicle
+) -> Spreads:
+    """Take the place of `predict.follow_spreads`."""
+    return before
 
 
 def without_offset(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
@@ -83,6 +95,7 @@ MECHANISMS = (
     Variant("curved roads", {"straight_length_m": NEVER}),
     Variant("rough roads", {"smooth_length_m": NEVER}),
     Variant("curved and rough roads", {"straight_length_m": NEVER, "smooth_length_m": NEVER}),
+    Variant("variances that follow what there was", patch={"kernel.follow_spreads": fixed_spreads}),
     Variant("steps of the road", patch={"sensors.no_noise_explains": is_noise}),
     Variant("wander of a smooth road", {"smooth_wander_1pm": 0.0}),
     Variant("another wind at once", {"wind_change_s": NEVER}),

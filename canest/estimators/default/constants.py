@@ -58,7 +58,9 @@ class Constants(NamedTuple):
     exchange_every_s: Annotated[float, Source("t_x", "s", "chosen: cost against delay")] = 1.0
     altitude_wander_m2ps: Annotated[float, Source("q_h", "m2/s", "chosen: a receiver, 3.5 m a minute")] = 0.2
     # -- engine
-    offset_duration_s: Annotated[float, Source("T_o", "s", "chosen: accessories run for minutes")] = 600.0
+    offset_duration_s: Annotated[
+        float, Source("T_o", "s", "measured: at 100 a cruise is wide, at 600 an accessory by turns a load")
+    ] = 200.0
     # -- driver
     answered_share: Annotated[float, Source("P_a", "1", "chosen: less makes a cruise less safe")] = 0.8
     answer_length_m: Annotated[
@@ -158,7 +160,7 @@ class Vehicle(NamedTuple):
     sensed_floor_mps2: float
     torque_std_Nm: float
     slip_per_mps2: float  #: of the driven wheels per m/s2 of traction
-    offset_Nm: float  #: std of the crank torque that the report lacks: half a step
+    offset_Nm: float  #: std of the crank torque that the report lacks, at first: half a step
     period_windows: float  #: windows between two reports of a slow signal
     late_s: float  #: how much older than the samples the filtered states are
     pitch: float  #: of the body, m/s2 of the accelerometer per m/s2

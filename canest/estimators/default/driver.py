@@ -48,13 +48,14 @@ def answered_force(w: Window, is_open: bool, follows: bool, before_N: float) -> 
 
 
 @jit.kernel
-def own_torque(answered_N: float, u: float, metres: float, wander_1pm: float, c: Constants) -> float:
+def own_torque(
+    answered_N: float, u: float, metres: float, wander_1pm: float, bend_var: float, c: Constants
+) -> float:
     """Return how much less probable a change of torque is where it answers the road (log likelihood).
 
-    Over so many metres a road bends by about `curvature_std_1pm`, and wanders by two stds at most; what
+    Over so many metres a curved road bends by its usual curvature, and wanders by two stds at most; what
     changes faster is the driver's own. A free driver may do anything, so slow changes speak for neither.
     """
-    bend = c.curvature_std_1pm * metres
-    usual = GRAVITY_MPS2 * GRAVITY_MPS2 * (bend * bend + 4.0 * wander_1pm * metres)
+    usual = GRAVITY_MPS2 * GRAVITY_MPS2 * (bend_var * metres * metres + 4.0 * wander_1pm * metres)
     ratio = u * u * answered_N * answered_N / (usual + c.answer_noise_mps2 * c.answer_noise_mps2)
     return -min(0.5 * max(ratio - 1.0, 0.0), 30.0)

@@ -242,10 +242,17 @@ def exchange(mix: Mixture, count: int, chains: Any, least: float, space: Space) 
 
 @jit.kernel
 def change_modes(
-    mix: Mixture, count: int, metres: float, driven_s: float, u: float, c: Constants, space: Space
+    mix: Mixture,
+    count: int,
+    metres: float,
+    driven_s: float,
+    u: float,
+    bend_var: float,
+    c: Constants,
+    space: Space,
 ) -> int:
     """Let modes exchange probability; returns the densities."""
-    bend_var, left = c.curvature_std_1pm * c.curvature_std_1pm, math.exp(-metres / c.answer_length_m)
+    left = math.exp(-metres / c.answer_length_m)
     give_priors(mix, count, bend_var, u, c.drift_1ps * u, left)
     made: int = exchange(mix, count, transitions(metres, driven_s, c), c.least_weight, space)
     return made

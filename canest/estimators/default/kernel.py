@@ -24,12 +24,13 @@ from canest.estimators.default.load import (
 from canest.estimators.default.model import WINDOW_S, Mixture, Scratch, Space, Window
 from canest.estimators.default.noise import Levels, first_levels, follow, lacking_force, swing_var
 from canest.estimators.default.predict import (
+    Spreads,
     accelerate,
     climb,
     drift,
     fade,
-    fade_offset,
     fill,
+    follow_spreads,
     sharpen,
     travel,
     widen,
@@ -98,6 +99,7 @@ class Carried(NamedTuple):
     report: Report
     road: RoadUse
     joined: Joined
+    spreads: Spreads
 
 
 def _window_at(rows: Any, k: int) -> Window:
@@ -143,7 +145,7 @@ def run(
     n: int, columns: Any, mix: Mixture, carried: Carried, c: Constants, v: Vehicle, space: Space, out: Any
 ) -> Carried:
     """Take n windows; out[k] holds what is known after window k (OUT_*). Returns what is carried on."""
-    p, levels, comparison, given, road, joined = carried
+    p, levels, comparison, given, road, joined, spreads = carried
     mix, space, columns, out = borrowed(mix), borrowed(space), borrowed(columns), borrowed(out)
     t = space.scratch
     count = int(p.alive)
@@ -187,11 +189,11 @@ def run(
         if due:
             by_drag = 0.5 * w.speed_mps * v.drag_share  # math.hypot rounds otherwise where it is compiled
             wind = math.sqrt(c.wind_std_mps * c.wind_std_mps + by_drag * by_drag) * p.u
-            fade(mix, count, mixed_m, wind, c)
-            fade_offset(mix, count, mixed_s, v.offset_Nm * p.u, c)
+            spreads = follow_spreads(mix, count, spreads, mixed_m, mixed_s, p.u, c, v)
+            fade(mix, count, mixed_m, mixed_s, wind, p.u, spreads, c)
             drift(mix, count, mixed_s, t)
             close_wind(mix, count)
-            count = change_modes(mix, count, mixed_m, mixed_s, p.u, c, space)
+            count = change_modes(mix, count, mixed_m, mixed_s, p.u, spreads.bend_var, c, space)
             mixed_m = mixed_s = 0.0
         driven_s = p.driven_s + (dt if is_open else 0.0)
         surprising = surprise_probability(surprise, c) if surprised else 0.0
@@ -234,8 +236,8 @@ def run(
             speed_var = levels.speed_var + swing
             speed(mix, count, end, p.u, speed_var, c, v, t)
             own = (
-                own_torque(answered_N, p.u, metres, c.smooth_wander_1pm, c),
-                own_torque(answered_N, p.u, metres, c.rough_wander_1pm, c),
+                own_torque(answered_N, p.u, metres, c.smooth_wander_1pm, spreads.bend_var, c),
+                own_torque(answered_N, p.u, metres, c.rough_wander_1pm, spreads.bend_var, c),
             )
             lever = (1.0 + p.u * w.rotating_kg) / (dt * GRAVITY_MPS2)
             innovation = mean_of(mix.weight, count, t.e)
@@ -282,4 +284,4 @@ def run(
         )  # fmt: skip
         joined = begin_sums(w, unseen_s)
         write(out[k], given, joined, p, w.speed_mps, c, v)
-    return Carried(p, levels, comparison, given, road, joined)
+    return Carried(p, levels, comparison, given, road, joined, spreads)
