@@ -13,7 +13,6 @@ from canest.core.frames import FloatColumn
 from canest.core.samples import VehicleFacts
 from canest.estimators.default.constants import Constants, Vehicle, vehicle_of
 from canest.estimators.default.driver import own_torque
-from canest.estimators.default.predict import Spreads
 
 #: a variance, limit, length or time that is never reached; and a likelihood that is none, but has a logarithm
 NEVER, NOTHING = 1e12, 1e-300
@@ -58,10 +57,8 @@ def no_evidence(
     return 0.0
 
 
-def fixed_spreads(
-    mix: Any, count: int, before: Spreads, metres: float, seconds: float, u: float, c: Constants, v: Vehicle
-) -> Spreads:
-    """Take the place of `predict.follow_spreads`."""
+def same_bends(mix: Any, count: int, before: float, metres: float, c: Constants) -> float:
+    """Take the place of `predict.follow_bends`."""
     return before
 
 
@@ -95,10 +92,10 @@ MECHANISMS = (
     Variant("curved roads", {"straight_length_m": NEVER}),
     Variant("rough roads", {"smooth_length_m": NEVER}),
     Variant("curved and rough roads", {"straight_length_m": NEVER, "smooth_length_m": NEVER}),
-    Variant("variances that follow what there was", patch={"kernel.follow_spreads": fixed_spreads}),
+    Variant("curvatures that follow the road", patch={"kernel.follow_bends": same_bends}),
     Variant("steps of the road", patch={"sensors.no_noise_explains": is_noise}),
     Variant("wander of a smooth road", {"smooth_wander_1pm": 0.0}),
-    Variant("another wind at once", {"wind_change_s": NEVER}),
+    Variant("another wind, or torque that the report lacks, at once", {"jump_every_s": NEVER}),
     Variant("state: wind", {"wind_std_mps": 0.0}),
     Variant("state: wind, errors of the drag area", {"wind_std_mps": 0.0}, facts={"drag_area_accuracy": 0.0}),
     # -- states of the vehicle and of its signals

@@ -1,4 +1,4 @@
-"""Roads that bend more than country roads: variances follow what there was."""
+"""Roads that bend more than country roads: the variance of the curvature follows them."""
 
 from __future__ import annotations
 
@@ -13,11 +13,9 @@ from canest.estimators.registry import create
 
 from .momentum import trip
 from .test_canest_loads_and_roads import STATED
-from .test_canest_parts import TRUCK, mixture
+from .test_canest_parts import mixture
 
 USUAL = CONSTANTS.curvature_std_1pm**2
-VEHICLE = TRUCK._replace(offset_Nm=10.0)
-U = 5e-5
 
 
 def wanted(t, v):
@@ -46,38 +44,27 @@ def test_short_waves_of_the_road_are_no_mass(length_m, sine, phase):
     assert (error * 14_000.0 < 3.0 * estimates.mass_std_kg[late][valid]).all()
 
 
-def spreads(mix, before, metres=25.0, seconds=1.0):
-    return predict.follow_spreads(mix, 2, before, metres, seconds, U, CONSTANTS, VEHICLE)
-
-
-def with_spreads(mix, bend_1pm, offset_Nm):
-    """Give every density a curvature and an offset of a mean, known well."""
-    for i, mean in ((m.CURVATURE, bend_1pm), (m.OFFSET, offset_Nm * U)):
-        mix.x[:2, i], mix.P[:2, i, i] = mean, (0.1 * mean) ** 2
+def curved(bend_1pm, std_1pm, road=m.CURVED):
+    """Densities with a curvature of this mean and std."""
+    mix, _ = mixture(2, modes=[road, road])
+    mix.x[:2, m.CURVATURE], mix.P[:2, m.CURVATURE, m.CURVATURE] = bend_1pm, std_1pm**2
     return mix
 
 
-def test_what_nobody_has_learned_leaves_the_variances_alone():
-    mix, _ = mixture(2, modes=[m.CURVED, m.CURVED])
-    for i, var in ((m.CURVATURE, 2.0 * USUAL), (m.OFFSET, (30.0 * U) ** 2)):
-        mix.x[:2, i], mix.P[:2, i, i] = 0.0, var
-    before = predict.Spreads(2.0 * USUAL, 900.0)
-    assert spreads(mix, before) == pytest.approx(tuple(before))
+def test_what_nobody_has_learned_leaves_the_variance_alone():
+    mix = curved(0.0, np.sqrt(2.0 * USUAL))
+    assert predict.follow_bends(mix, 2, 2.0 * USUAL, 25.0, CONSTANTS) == pytest.approx(2.0 * USUAL)
 
 
-def test_sharp_bends_and_large_offsets_raise_them_and_they_return():
-    mix, _ = mixture(2, modes=[m.CURVED, m.CURVED])
-    first = predict.Spreads(USUAL, 100.0)
-    one = spreads(with_spreads(mix, 5e-4, 60.0), first)
+def test_sharp_bends_raise_it_and_it_returns():
+    sharp = predict.follow_bends(curved(5e-4, 1e-4), 2, USUAL, 25.0, CONSTANTS)
     part = 25.0 / CONSTANTS.straight_length_m
-    assert one.bend_var == pytest.approx(USUAL + part * (1.01 * 25e-8 - USUAL))
-    assert one.offset_var == pytest.approx(100.0 + (1.01 * 3600.0 - 100.0) / CONSTANTS.offset_duration_s)
-    assert spreads(with_spreads(mix, 1e-5, 1.0), one, 1e6, 1e6) == pytest.approx(tuple(first))
-    sharpest = spreads(with_spreads(mix, 1e-2, 60.0), first, 1e6, 1e6).bend_var
+    assert sharp == pytest.approx(USUAL + part * (26e-8 - USUAL))
+    assert predict.follow_bends(curved(1e-5, 1e-5), 2, sharp, 1e6, CONSTANTS) == pytest.approx(USUAL)
+    sharpest = predict.follow_bends(curved(1e-2, 1e-4), 2, USUAL, 1e6, CONSTANTS)
     assert sharpest == pytest.approx(CONSTANTS.sharp_curvature_1pm**2)
 
 
 def test_a_straight_says_nothing_of_bends():
-    mix, _ = mixture(2, modes=[m.STRAIGHT, m.STRAIGHT])
-    before = predict.Spreads(3.0 * USUAL, 100.0)
-    assert spreads(with_spreads(mix, 5e-4, 10.0), before).bend_var == pytest.approx(3.0 * USUAL)
+    mix = curved(5e-4, 1e-4, road=m.STRAIGHT)
+    assert predict.follow_bends(mix, 2, 3.0 * USUAL, 25.0, CONSTANTS) == 3.0 * USUAL

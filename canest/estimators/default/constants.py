@@ -37,10 +37,12 @@ class Constants(NamedTuple):
     altitude_std_m: Annotated[float, Source("s_h", "m", "chosen: a satellite receiver")] = 2.5
     wind_std_mps: Annotated[float, Source("s_w", "m/s", "chosen: 7 m/s in three; more widens cruises")] = 2.3
     wind_length_m: Annotated[float, Source("L_w", "m", "chosen: roads turn; less widens a cruise")] = 20e3
-    wind_change_s: Annotated[
-        float, Source("T_w", "s", "measured: at 1000 s steps of the wind are loads, at 150 cruises are wide")
+    jump_every_s: Annotated[
+        float, Source("T_j", "s", "measured: at 1000 s steps of the wind are loads, at 150 cruises are wide")
     ] = 250.0
-    wind_jump_mps: Annotated[float, Source("s_j", "m/s", "chosen: the slipstream of a truck, a forest")] = 5.0
+    jump_stds: Annotated[
+        float, Source("k_j", "1", "measured: at 2 accessories that switch are loads; a slipstream, a forest")
+    ] = 3.0
     unknown_load_share: Annotated[
         float, Source("k_u", "1", "measured: std of an unknown load, in its range of ln u; 0.3 is too narrow")
     ] = 0.7
@@ -58,9 +60,7 @@ class Constants(NamedTuple):
     exchange_every_s: Annotated[float, Source("t_x", "s", "chosen: cost against delay")] = 1.0
     altitude_wander_m2ps: Annotated[float, Source("q_h", "m2/s", "chosen: a receiver, 3.5 m a minute")] = 0.2
     # -- engine
-    offset_duration_s: Annotated[
-        float, Source("T_o", "s", "measured: at 100 a cruise is wide, at 600 an accessory by turns a load")
-    ] = 200.0
+    offset_duration_s: Annotated[float, Source("T_o", "s", "chosen: accessories run for minutes")] = 600.0
     # -- driver
     answered_share: Annotated[float, Source("P_a", "1", "chosen: less makes a cruise less safe")] = 0.8
     answer_length_m: Annotated[
@@ -160,7 +160,7 @@ class Vehicle(NamedTuple):
     sensed_floor_mps2: float
     torque_std_Nm: float
     slip_per_mps2: float  #: of the driven wheels per m/s2 of traction
-    offset_Nm: float  #: std of the crank torque that the report lacks, at first: half a step
+    offset_Nm: float  #: std of the crank torque that the report lacks: half a step
     period_windows: float  #: windows between two reports of a slow signal
     late_s: float  #: how much older than the samples the filtered states are
     pitch: float  #: of the body, m/s2 of the accelerometer per m/s2

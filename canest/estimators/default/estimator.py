@@ -22,7 +22,6 @@ from canest.estimators.default.hypotheses import set_loads
 from canest.estimators.default.joining import Joined
 from canest.estimators.default.model import LOADS, MODES, MOST, Mixture, Scratch, Space
 from canest.estimators.default.noise import first_levels
-from canest.estimators.default.predict import Spreads
 from canest.estimators.default.report import Report, unknown_load_var
 from canest.estimators.default.road_map import LEVEL_STD, RoadUse
 from canest.estimators.default.windows import COLUMNS, SHIFT, Windows
@@ -81,11 +80,8 @@ class GaussianSum(Estimator):
         self._mixture = self._densities(u, u_var)
         guess = facts.initial_mass_kg or 1.0 / u
         report = Report(guess, guess * guess, facts.initial_grade or 0.0, c.grade_std * c.grade_std)
-        progress = kernel.Progress(float(MODES), u)
-        spreads = Spreads(c.curvature_std_1pm * c.curvature_std_1pm, v.offset_Nm * v.offset_Nm)
-        self._carried = kernel.Carried(
-            progress, first_levels(v), Comparison(), report, RoadUse(), Joined(), spreads
-        )
+        progress = kernel.Progress(float(MODES), u, bend_var=c.curvature_std_1pm**2)
+        self._carried = kernel.Carried(progress, first_levels(v), Comparison(), report, RoadUse(), Joined())
         self._windows = Windows(self._late_s)
         self._status = StatusTracker(facts.valid_std, bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
         self._last = np.zeros(kernel.OUTPUTS)

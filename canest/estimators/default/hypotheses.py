@@ -21,7 +21,7 @@ from canest.estimators.default.predict import moments
 
 #: least variance of an inverse mass, against rounding, 1/kg2
 _LEAST_VARIANCE = 1e-24
-#: what a density may say of load, wind, drift and driver
+#: what a density may say of load, disturbance, drift and driver
 _LASTING = 2 * LOADS * m.LASTING
 #: share of a mixture that does not change it
 _NEGLIGIBLE = 1e-6
@@ -29,7 +29,7 @@ _NEGLIGIBLE = 1e-6
 
 @jit.kernel
 def lasting(mix: Mixture, d: int) -> int:
-    """Return the number of what a density says of load, wind, drift and driver: all but the road."""
+    """Return the number of what a density says of load, disturbance, drift and driver: all but the road."""
     number: int = m.LASTING * mix.load[d] + mix.mode[d] // ROADS
     return number
 

@@ -11,6 +11,7 @@ from canest.core.samples import GRAVITY_MPS2
 from canest.estimators.default import model as m
 from canest.estimators.default.accelerometer import Comparison, compare
 from canest.estimators.default.constants import Constants, Vehicle
+from canest.estimators.default.disturbance import close_disturbance, open_disturbance
 from canest.estimators.default.driver import answered_force, own_torque
 from canest.estimators.default.hypotheses import change_modes, prune, set_loads, take, weigh
 from canest.estimators.default.joining import Joined, add_window, begin_sums, join, waits
@@ -24,13 +25,13 @@ from canest.estimators.default.load import (
 from canest.estimators.default.model import WINDOW_S, Mixture, Scratch, Space, Window
 from canest.estimators.default.noise import Levels, first_levels, follow, lacking_force, swing_var
 from canest.estimators.default.predict import (
-    Spreads,
     accelerate,
     climb,
     drift,
     fade,
+    fade_offset,
     fill,
-    follow_spreads,
+    follow_bends,
     sharpen,
     travel,
     widen,
@@ -57,7 +58,6 @@ from canest.estimators.default.sensors import (
     slow_traction,
     speed,
 )
-from canest.estimators.default.wind import close_wind, open_wind
 
 #: after a gap this long the height is unknown, s; of a coasting further back the road is another, m
 _LOST_S, _FAR_M = 60.0, 100.0
@@ -88,6 +88,7 @@ class Progress(NamedTuple):
     driven_s: float = 0.0  #: seconds with open gates since another load was opened in motion
     swing: float = 0.0  #: variance of the speed by a driveline that swings
     slow_N: float = math.nan  #: see `slow_traction`; NaN before the first window
+    bend_var: float = 0.0  #: see `follow_bends`
 
 
 class Carried(NamedTuple):
@@ -99,7 +100,6 @@ class Carried(NamedTuple):
     report: Report
     road: RoadUse
     joined: Joined
-    spreads: Spreads
 
 
 def _window_at(rows: Any, k: int) -> Window:
@@ -145,7 +145,7 @@ def run(
     n: int, columns: Any, mix: Mixture, carried: Carried, c: Constants, v: Vehicle, space: Space, out: Any
 ) -> Carried:
     """Take n windows; out[k] holds what is known after window k (OUT_*). Returns what is carried on."""
-    p, levels, comparison, given, road, joined, spreads = carried
+    p, levels, comparison, given, road, joined = carried
     mix, space, columns, out = borrowed(mix), borrowed(space), borrowed(columns), borrowed(out)
     t = space.scratch
     count = int(p.alive)
@@ -168,7 +168,7 @@ def run(
         road = follow_road(road, given, w, metres, ahead_m)
         failed = failed or road.lost > 0.0
         height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S and not failed
-        # -- other loads, other modes, another wind
+        # -- other loads, other modes, another disturbance
         unseen_s, surprise, opened = joined.unseen_s, p.surprise, False
         changed = changed_probability(unseen_s, c.load_stop_s) if begins else 0.0
         if failed or 1.0 - changed < c.left_out_share:  # nothing of what was learned holds
@@ -179,21 +179,26 @@ def run(
             levels = first_levels(v) if failed else levels
         elif begins and unseen_s >= c.shortest_stop_s:
             if p.learned > 0.0:
-                close_wind(mix, count)
+                close_disturbance(mix, count)
                 count = open_load(mix, count, changed, False, 0.0, c, v, t)
                 opened = True
             unseen_s = surprise = 0.0
         surprised = is_open and surprise > c.gross_nis
-        mixed_m, mixed_s = p.mixed_m + metres, p.mixed_s + (0.0 if still else dt + min(w.gap_s, 10.0))
+        bend_var, mixed_m, mixed_s = (
+            p.bend_var,
+            p.mixed_m + metres,
+            p.mixed_s + (0.0 if still else dt + min(w.gap_s, 10.0)),
+        )
         due = mixed_s >= c.exchange_every_s or surprised or opened
         if due:
             by_drag = 0.5 * w.speed_mps * v.drag_share  # math.hypot rounds otherwise where it is compiled
             wind = math.sqrt(c.wind_std_mps * c.wind_std_mps + by_drag * by_drag) * p.u
-            spreads = follow_spreads(mix, count, spreads, mixed_m, mixed_s, p.u, c, v)
-            fade(mix, count, mixed_m, mixed_s, wind, p.u, spreads, c)
+            bend_var = follow_bends(mix, count, bend_var, mixed_m, c)
+            fade(mix, count, mixed_m, wind, bend_var, c)
+            fade_offset(mix, count, mixed_s, v.offset_Nm * p.u, c)
             drift(mix, count, mixed_s, t)
-            close_wind(mix, count)
-            count = change_modes(mix, count, mixed_m, mixed_s, p.u, spreads.bend_var, c, space)
+            close_disturbance(mix, count)
+            count = change_modes(mix, count, mixed_m, mixed_s, p.u, bend_var, c, space)
             mixed_m = mixed_s = 0.0
         driven_s = p.driven_s + (dt if is_open else 0.0)
         surprising = surprise_probability(surprise, c) if surprised else 0.0
@@ -205,9 +210,9 @@ def run(
             known_N = 0.0 if p.braked > 0.0 else w.force_N - w.rotating_kg * w.accel_mps2
             count = open_load(mix, count, probability, True, known_N / GRAVITY_MPS2, c, v, t)
             driven_s = 0.0
-        if due and is_open and mix.x.shape[1] == m.STATES:
-            changed = max(changed_probability(p.mixed_s + dt, c.wind_change_s), surprising)
-            count = open_wind(mix, count, changed, p.u, c)
+        if due and is_open:
+            changed = max(changed_probability(p.mixed_s + dt, c.jump_every_s), surprising)
+            count = open_disturbance(mix, count, changed, p.u, c, v)
         # -- predict and update every density
         fill(count, mix.found, 0.0)
         climbed_m, climbed_s = p.climbed_m + metres, p.climbed_s + joined.seconds
@@ -236,8 +241,8 @@ def run(
             speed_var = levels.speed_var + swing
             speed(mix, count, end, p.u, speed_var, c, v, t)
             own = (
-                own_torque(answered_N, p.u, metres, c.smooth_wander_1pm, spreads.bend_var, c),
-                own_torque(answered_N, p.u, metres, c.rough_wander_1pm, spreads.bend_var, c),
+                own_torque(answered_N, p.u, metres, c.smooth_wander_1pm, bend_var, c),
+                own_torque(answered_N, p.u, metres, c.rough_wander_1pm, bend_var, c),
             )
             lever = (1.0 + p.u * w.rotating_kg) / (dt * GRAVITY_MPS2)
             innovation = mean_of(mix.weight, count, t.e)
@@ -281,7 +286,8 @@ def run(
             1.0 if is_open or p.learned > 0.0 else 0.0, surprise, 1.0 if braked else 0.0,
             1.0 if measured or height_known else 0.0,
             0.0 if measured else climbed_m, 0.0 if measured else climbed_s, delay_s, driven_s, swing, slow_N,
+            bend_var,
         )  # fmt: skip
         joined = begin_sums(w, unseen_s)
         write(out[k], given, joined, p, w.speed_mps, c, v)
-    return Carried(p, levels, comparison, given, road, joined, spreads)
+    return Carried(p, levels, comparison, given, road, joined)

@@ -21,7 +21,7 @@ from canest.estimators.default.model import LOADS, MOST, Mixture, Scratch, Windo
 
 @jit.kernel
 def changed_probability(seconds: float, mean_s: float) -> float:
-    """Return the probability that a load, or a wind, that changes once in `mean_s` has changed in a time."""
+    """Return the probability that what changes once in `mean_s` has changed in a time."""
     return 1.0 - math.exp(-seconds / mean_s)
 
 

@@ -54,8 +54,8 @@ ANSWERS = ((0.0,) * ROADS + (1.0,) * ROADS) * 2
 DRIFTS = (0.0,) * STEADY_MODES + (1.0,) * STEADY_MODES
 #: loads at most: the one there was, and others that it may have become
 LOADS = 3
-#: what is added to the number of a density's load where the wind is another
-OTHER_WIND = LOADS
+#: what is added to the number of a density's load where the disturbance is another
+OTHER_DISTURBANCE = LOADS
 #: densities at most, while a load begins
 MOST = 2 * LOADS * MODES
 
@@ -66,7 +66,7 @@ class Mixture(NamedTuple):
     x: Any  #: (MOST, n) means, a view of A
     P: Any  #: (MOST, n, n) covariances, a view of A
     A: Any  #: (MOST, n, n + 1) covariances, and the means as their last column: what a row of F does to both
-    load: Any  #: (MOST,) number of load and wind, whole; like all below a list interpreted, an array compiled
+    load: Any  #: (MOST,) load and disturbance, whole; like all below a list interpreted, an array compiled
     mode: Any  #: (MOST,) whole
     weight: Any  #: (MOST,) probabilities
     found: Any  #: (MOST,) log likelihood of the window

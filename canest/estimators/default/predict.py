@@ -6,7 +6,7 @@ All densities have the same states, and the first `count` are alive. Interpreted
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,14 +15,6 @@ from canest.core.samples import GRAVITY_MPS2
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.model import Mixture, Scratch, Window
-
-
-class Spreads(NamedTuple):
-    """Variances of what fades: they follow what there was (theory, section 3.4)."""
-
-    bend_var: float  #: of a curvature, 1/m2
-    offset_var: float  #: of the crank torque that the report lacks, (N m)2
-
 
 _EVERYWHERE = (1.0,) * m.MODES
 _DRIFT = (m.RATE,)
@@ -178,60 +170,36 @@ def accelerate(
 
 
 @jit.kernel
-def follow_variance(mix: Mixture, count: int, i: int, modes: Any, before: float, part: float) -> float:
-    """Return the variance that x_i has had, as a mean in which the modes that have it now are a part.
+def follow_bends(mix: Mixture, count: int, before: float, metres: float, c: Constants) -> float:
+    """Return the variance of a curvature, 1/m2: it follows that of the curved roads there were.
 
-    A step of expectation and maximisation (Dempster, Laird and Rubin 1977): P counts, so that what nobody
-    has learned of x_i leaves the variance as it was.
+    A step of expectation and maximisation (Dempster, Laird and Rubin 1977), as a mean over 500 m. P counts,
+    so that what nobody has learned leaves it as it was. Never less than at first, and never more than a
+    street's. before: the variance so far. metres: since then.
     """
+    least, most = c.curvature_std_1pm * c.curvature_std_1pm, c.sharp_curvature_1pm * c.sharp_curvature_1pm
     surplus = 0.0
     for d in range(count):
-        if modes[mix.mode[d]] > 0.0:
-            surplus += mix.weight[d] * (mix.x[d, i] * mix.x[d, i] + mix.P[d, i, i] - before)
-    followed: float = before + min(part, 1.0) * surplus
-    return followed
+        if m.BENDS[mix.mode[d]] > 0.0:
+            mean = mix.x[d, m.CURVATURE]
+            surplus += mix.weight[d] * (mean * mean + mix.P[d, m.CURVATURE, m.CURVATURE] - before)
+    followed: float = before + min(metres / c.straight_length_m, 1.0) * surplus
+    return max(min(followed, most), least)
 
 
 @jit.kernel
-def follow_spreads(
-    mix: Mixture,
-    count: int,
-    before: Spreads,
-    metres: float,
-    seconds: float,
-    u: float,
-    c: Constants,
-    v: Vehicle,
-) -> Spreads:
-    """Return the variances that states fade to, after metres and seconds; none is less than at first.
-
-    No road bends more than a street. u: mean inverse mass.
-    """
-    bend_std, sharp_std, offset_std = c.curvature_std_1pm, c.sharp_curvature_1pm, v.offset_Nm
-    bend = follow_variance(mix, count, m.CURVATURE, m.BENDS, before.bend_var, metres / c.straight_length_m)
-    offset = follow_variance(
-        mix, count, m.OFFSET, _EVERYWHERE, before.offset_var * u * u, seconds / c.offset_duration_s
-    )
-    return Spreads(
-        max(min(bend, sharp_std * sharp_std), bend_std * bend_std),
-        max(offset / (u * u), offset_std * offset_std),
-    )
-
-
-@jit.kernel
-def fade(
-    mix: Mixture, count: int, metres: float, seconds: float, wind: float, u: float, to: Spreads, c: Constants
-) -> None:
-    """Let wind and curvature fade over a distance, and the crank torque that the report lacks in time.
-
-    wind: std of the wind times u. u: mean inverse mass.
-    """
+def fade(mix: Mixture, count: int, metres: float, wind: float, bend_var: float, c: Constants) -> None:
+    """Let wind and curvature fade over a distance. wind: its std times u. bend_var: see `follow_bends`."""
     left = math.exp(-metres / c.wind_length_m)
     decay(mix, count, m.WIND, left, wind, _EVERYWHERE)
     left = math.exp(-metres / c.curvature_length_m)
-    decay(mix, count, m.CURVATURE, left, math.sqrt(to.bend_var), m.BENDS)
-    left = math.exp(-seconds / c.offset_duration_s)
-    decay(mix, count, m.OFFSET, left, math.sqrt(to.offset_var) * u, _EVERYWHERE)
+    decay(mix, count, m.CURVATURE, left, math.sqrt(bend_var), m.BENDS)
+
+
+@jit.kernel
+def fade_offset(mix: Mixture, count: int, seconds: float, offset: float, c: Constants) -> None:
+    """Let the crank torque that the report lacks fade in time. offset: its std times u."""
+    decay(mix, count, m.OFFSET, math.exp(-seconds / c.offset_duration_s), offset, _EVERYWHERE)
 
 
 @jit.kernel

@@ -1,4 +1,4 @@
-"""A wind that is another at once: a hypothesis of its own, so that a load is not the only one."""
+"""Wind or accessories that are others at once: a hypothesis, so that a load is not the only one."""
 
 from __future__ import annotations
 
@@ -8,32 +8,34 @@ import numpy as np
 import pytest
 
 from canest.core.samples import Status
+from canest.estimators.default import disturbance
 from canest.estimators.default import model as m
-from canest.estimators.default import wind
 from canest.estimators.default.constants import CONSTANTS
-from canest.estimators.default.estimator import GaussianSum
+from canest.estimators.default.estimator import GaussianSum, _room
 from tests.estimators.momentum import hills, trip
 from tests.estimators.test_canest_loads_and_roads import STATED
-from tests.estimators.test_canest_parts import mixture
+from tests.estimators.test_canest_parts import TRUCK, mixture
 
 SENSED = replace(STATED, has_accelerometer=True)
 U = 1.0 / 20_000.0
+VEHICLE = TRUCK._replace(offset_Nm=10.0)
 
 
-def test_copies_have_another_wind_and_a_share():
-    """1 - exp(-1 / 250) = 0.4 % goes to copies that differ in the variance of the wind alone."""
+def test_copies_have_another_disturbance_and_a_share():
+    """1 - exp(-1 / 250) = 0.4 % goes to copies that differ in the variances of wind and offset alone."""
     mix, _ = mixture(3)
     mix.load[:3], mix.weight[:3] = [1, 0, 1], [0.5, 0.45, 0.05]
     P = mix.P[:3].copy()
-    changed = 1.0 - np.exp(-1.0 / CONSTANTS.wind_change_s)
+    changed = 1.0 - np.exp(-1.0 / CONSTANTS.jump_every_s)
     assert changed * 0.05 < CONSTANTS.least_weight  # it would not live
-    assert wind.open_wind(mix, 3, changed, U, CONSTANTS) == 5
+    assert disturbance.open_disturbance(mix, 3, changed, U, CONSTANTS, VEHICLE) == 5
     shares = [0.5 * (1.0 - changed), 0.45 * (1.0 - changed), 0.05, 0.5 * changed, 0.45 * changed]
     np.testing.assert_allclose(mix.weight[:5], shares, rtol=1e-12)
-    assert list(mix.load[:5]) == [1, 0, 1, 1 + m.OTHER_WIND, m.OTHER_WIND]
+    assert list(mix.load[:5]) == [1, 0, 1, 1 + m.OTHER_DISTURBANCE, m.OTHER_DISTURBANCE]
     for made, of in ((3, 0), (4, 1)):
         added = np.zeros_like(P[of])
-        added[m.WIND, m.WIND] = (5.0 * U) ** 2
+        added[m.WIND, m.WIND] = (3.0 * CONSTANTS.wind_std_mps * U) ** 2
+        added[m.OFFSET, m.OFFSET] = (3.0 * 10.0 * U) ** 2
         np.testing.assert_array_equal(mix.x[made], mix.x[of])
         np.testing.assert_allclose(mix.P[made] - P[of], added, atol=1e-22)
         assert mix.mode[made] == mix.mode[of]
@@ -42,14 +44,21 @@ def test_copies_have_another_wind_and_a_share():
 def test_there_are_never_more_than_there_is_room_for():
     mix, _ = mixture(m.MOST - 1)
     mix.weight[: m.MOST - 1] = [1.0 / (m.MOST - 1)] * (m.MOST - 1)
-    assert wind.open_wind(mix, m.MOST - 1, 1.0, U, CONSTANTS) == m.MOST
+    assert disturbance.open_disturbance(mix, m.MOST - 1, 1.0, U, CONSTANTS, VEHICLE) == m.MOST
 
 
 def test_they_come_back_to_the_load_that_they_have():
     mix, _ = mixture(4)
-    mix.load[:4] = [0, 2 + m.OTHER_WIND, 2, m.OTHER_WIND]
-    wind.close_wind(mix, 4)
+    mix.load[:4] = [0, 2 + m.OTHER_DISTURBANCE, 2, m.OTHER_DISTURBANCE]
+    disturbance.close_disturbance(mix, 4)
     assert list(mix.load[:4]) == [0, 2, 2, 0]
+
+
+def test_without_accelerometer_the_wind_is_as_it_was():
+    mix = _room(m.STATES_WITHOUT_ACCELEROMETER)
+    mix.weight[0] = 1.0
+    assert disturbance.open_disturbance.interpreted(mix, 1, 0.5, U, CONSTANTS, VEHICLE) == 2
+    assert mix.P[1, m.WIND, m.WIND] == 0.0 < mix.P[1, m.OFFSET, m.OFFSET]
 
 
 def gusts(t):
