@@ -184,11 +184,8 @@ def run(
                 opened = True
             unseen_s = surprise = 0.0
         surprised = is_open and surprise > c.gross_nis
-        bend_var, mixed_m, mixed_s = (
-            p.bend_var,
-            p.mixed_m + metres,
-            p.mixed_s + (0.0 if still else dt + min(w.gap_s, 10.0)),
-        )
+        bend_var, mixed_m = p.bend_var, p.mixed_m + metres
+        mixed_s = p.mixed_s + (0.0 if still else dt + min(w.gap_s, 10.0))
         due = mixed_s >= c.exchange_every_s or surprised or opened
         if due:
             by_drag = 0.5 * w.speed_mps * v.drag_share  # math.hypot rounds otherwise where it is compiled
