@@ -149,6 +149,13 @@ def with_effects(seed: int, *effects: Scenario, **changes: Any) -> Scenario:
     return truck(seed, undeclared=list(effects), **changes)
 
 
+def reported_late(seed: int) -> Scenario:
+    """Push and lift the throttle where torque acts 0.4 s before its report."""
+    late = {"effect": "torque_delay", "delay_s": 0.4}
+    sensors = {"altitude_noise_m": 2.0, "torque_delay_s": 0.0}
+    return with_effects(seed, late, driver=PULSES, small_errors=False, sensors=sensors)
+
+
 def one_manoeuvre(phase: int) -> Scenario:
     """Hold 21 m/s, push and lift the throttle twice within 168 m, hold 21 m/s; the phase moves it along."""
     begin = MANOEUVRE_S + phase % PHASES * PHASES_M / PHASES / MANOEUVRE_MPS

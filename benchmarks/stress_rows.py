@@ -28,6 +28,7 @@ from stress_drives import (
     motorway,
     one_manoeuvre,
     other_vehicle,
+    reported_late,
     rough_road,
     sine_road,
     slipstreams,
@@ -139,12 +140,14 @@ ROWS = (
         Row(f"torque zeros {percent} %", FAULTS, truck, edit_frames=partial(torque_zeros, percent / 100))
         for percent in (2, 5, 10)
     ),
+    Row("torque reported 0.4 s late, pulses", FAULTS, reported_late),
     Row("retarder unreported", FAULTS, lambda seed: with_effects(seed, _UNREPORTED)),
     Row("accelerometer inverted", FAULTS, truck, edit_samples=inverted, accelerometer=(True,)),
     Row("accelerometer stuck", FAULTS, truck, edit_samples=stuck, accelerometer=(True,)),
     Row("road in steps", ROADS, stepped_road),
     Row("sine road, cruise", ROADS, partial(sine_road, wavelength_m=800.0, driver=cruise(22.0, 21.0))),
     Row("sine road, mixed", ROADS, partial(sine_road, wavelength_m=600.0, driver=MIXED)),
+    Row("short waves, mixed", ROADS, partial(sine_road, wavelength_m=200.0, driver=MIXED)),
     Row("motorway", ROADS, motorway),
     Row("slipstreams, cruise", ROADS, partial(slipstreams, driver=cruise(23.5, 20.0))),
     Row("slipstreams, mixed", ROADS, partial(slipstreams, driver=MIXED)),
