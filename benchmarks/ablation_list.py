@@ -13,6 +13,7 @@ from canest.core.frames import FloatColumn
 from canest.core.samples import VehicleFacts
 from canest.estimators.default.constants import Constants, Vehicle, vehicle_of
 from canest.estimators.default.driver import own_torque
+from canest.estimators.default.model import Scratch
 
 #: a variance, limit, length or time that is never reached; and a likelihood that is none, but has a logarithm
 NEVER, NOTHING = 1e12, 1e-300
@@ -62,6 +63,14 @@ def same_bends(mix: Any, count: int, before: float, metres: float, c: Constants)
     return before
 
 
+def all_differ(mix: Any, count: int, t: Scratch) -> None:
+    """Take the place of `load.merge_loads`."""
+
+
+def no_bound(mix: Any, count: int, c: Constants, v: Vehicle) -> None:
+    """Take the place of `sensors.bound_delay`."""
+
+
 def without_offset(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
     """Take the place of `constants.vehicle_of`, for a report that lacks no torque."""
     return vehicle_of(facts, late_s, c)._replace(offset_Nm=0.0)
@@ -76,6 +85,7 @@ MECHANISMS = (
     # -- the load
     Variant("another load after a stop", {"load_stop_s": NEVER}),
     Variant("stops too short for another load", {"shortest_stop_s": 0.0}),
+    Variant("loads that say the same become one", patch={"kernel.merge_loads": all_differ}),
     Variant("a load that drifts", {"steady_duration_s": NEVER}),
     Variant("another load where innovations surprise", {"surprise_nis": NEVER}),
     Variant("hazard of another load in motion", {"motion_every_s": NEVER}),
@@ -107,6 +117,7 @@ MECHANISMS = (
     Variant("load that tilts the frame", {"load_tilt_mps2": 0.0}),
     Variant("wander of that bias", {"bias_wander_m2ps5": 0.0}),
     Variant("slip of the driven wheels", {"slip_per_mps2": 0.0}),
+    Variant("the longest delay is a bound", patch={"kernel.bound_delay": no_bound}),
     Variant("torque that acts 0.08 s before its report", patch={"windows.SHIFT": 0, "estimator.SHIFT": 0}),
     Variant("noise of the speed kept from the accelerometer", patch={"kernel.gain_is_known": gain_unknown}),
     Variant("pitch of the body", facts={"pitch_rad_per_mps2": 0.0}),

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from canest.core.samples import Status
+from canest.estimators.default.constants import CONSTANTS
 from canest.estimators.default.model import WINDOW_S, Window
 from canest.estimators.default.sensors import ends_at, slow_traction
 from canest.estimators.registry import create
 
-from .momentum import flat, hills, trip
+from . import momentum
+from .momentum import flat, hills, pulses, trip
 from .test_canest_loads_and_roads import STATED
 
 KG = 21_000.0
@@ -35,6 +37,20 @@ def test_a_force_that_lags_its_report_leaves_the_mass_right(road, sensed, lag_s)
     assert np.abs(drive.error(estimates)[late][valid]).max() < 0.025
 
 
+@pytest.mark.parametrize("rotating_kg", [700.0, 21_000.0])
+@pytest.mark.parametrize("sensed", [False, True])
+def test_a_delay_is_found_in_every_gear(monkeypatch, rotating_kg, sensed):
+    """In the lowest gear of a truck as much rotates as moves, and a delay shows by half."""
+    monkeypatch.setattr(momentum, "ROTATING_KG", rotating_kg)
+    found_s = []
+    for delay_s in (0.08, 0.2):
+        drive = trip(90, mass_kg=KG, road=flat, throttle=pulses, accelerometer=sensed, delay_s=delay_s)
+        estimator = create("canest", replace(STATED, has_accelerometer=sensed))
+        estimator.update(drive.block)
+        found_s.append(estimator._carried.progress.delay_s)
+    assert found_s[1] - found_s[0] == pytest.approx(0.12, abs=0.02)
+
+
 def window(begin_N, end_N):
     return Window(**dict.fromkeys(Window._fields, 0.0))._replace(begin_N=begin_N, traction_N=end_N)
 
@@ -48,9 +64,8 @@ def test_the_slow_traction_follows_a_ramp_as_its_differential_equation_does(dt):
         expected += (at - expected) * dt / n / WINDOW_S
     found = slow_traction.interpreted(slow_N, window(begin_N, end_N), dt)
     assert found == pytest.approx(expected, rel=1e-4)
-    assert ends_at.interpreted(20.0, end_N, found).traction_Nps == pytest.approx(
-        (end_N - expected) / WINDOW_S, rel=1e-4
-    )
+    rate_Nps = ends_at.interpreted(20.0, end_N, found, 0.0).traction_Nps
+    assert rate_Nps == pytest.approx((end_N - expected) / WINDOW_S, rel=1e-4)
 
 
 def test_a_traction_that_stays_is_reached():
@@ -58,3 +73,20 @@ def test_a_traction_that_stays_is_reached():
     for _ in range(20):
         slow_N = slow_traction.interpreted(slow_N, window(9000.0, 9000.0), WINDOW_S)
     assert slow_N == pytest.approx(9000.0, rel=1e-6)
+
+
+def bumps(s):
+    return 0.004 * sum(np.sin(s / of_m + 2.1 * k) for k, of_m in enumerate((15, 30, 60, 120, 240)))
+
+
+def controlled(t, v):
+    """A stiff cruise control between bursts of pulses."""
+    return pulses(t, v) if t % 60.0 <= 12.0 else float(np.clip(0.25 + 0.9 * (20.0 - v), 0.0, 0.85))
+
+
+def test_torque_that_follows_the_road_is_no_delay():
+    """What a controller does after the road has slowed the vehicle was taken for a delay of 0.8 s."""
+    drive = trip(300, mass_kg=KG, road=bumps, throttle=controlled)
+    estimator = create("canest", STATED)
+    estimator.update(drive.block)
+    assert abs(estimator._carried.progress.delay_s) < CONSTANTS.longest_delay_s

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from canest.core import jit
-from canest.estimators.default import hypotheses, load, predict, report, sensors, update
+from canest.estimators.default import hypotheses, predict, report, sensors, update
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import CONSTANTS, Vehicle
 from canest.estimators.default.estimator import _room, _space
@@ -266,39 +266,6 @@ def test_pruning_keeps_what_is_probable():
     assert hypotheses.prune(mix, 4, 1e-6) == 3
     np.testing.assert_allclose(mix.weight[:3], [0.5, 0.2, 0.3])
     np.testing.assert_array_equal(mix.x[:3], x[[0, 3, 2]])
-
-
-def test_a_stop_changes_the_load_with_the_time_it_lasts():
-    assert load.changed_probability(0.0, 60.0) == 0.0
-    assert load.changed_probability(60.0, 60.0) == pytest.approx(1.0 - np.exp(-1.0))
-
-
-@pytest.mark.parametrize("moving", [False, True])
-def test_another_load_keeps_the_force_balance(moving):
-    """u F - g theta has been right, whatever the load: it stays, and u is open."""
-    mix, space = mixture(1)
-    t = space.scratch
-    mix.x[0, m.U], mix.x[0, m.GRADE] = 1 / 25_000, 0.02
-    mix.P[0] *= 1e-12
-    net_kg = 12_000.0 / 9.80665
-    count = load.open_load(mix, 1, 0.2, moving, net_kg, CONSTANTS, TRUCK, t)
-    assert count == 2
-    np.testing.assert_allclose(mix.weight[:2], [0.8, 0.2])
-    assert mix.load[0] != mix.load[1]
-    assert mix.x[1, m.U] == pytest.approx(TRUCK.unknown_u)
-    assert mix.P[1, m.U, m.U] == pytest.approx(TRUCK.unknown_var)
-    balance = mix.x[:2, m.U] * net_kg - mix.x[:2, m.GRADE]
-    assert balance[1] == pytest.approx(balance[0])
-    h = dense((m.U, m.GRADE), (net_kg, -1.0))
-    assert h @ mix.P[1] @ h < 1e-3 * net_kg**2 * TRUCK.unknown_var
-
-
-@pytest.mark.parametrize("moving", [False, True])
-@pytest.mark.parametrize("count", [m.MOST - 3, m.MOST])
-def test_a_new_load_has_no_more_densities_than_there_is_room_for(count, moving):
-    mix, space = mixture(count)
-    assert load.open_load(mix, count, 0.2, moving, 0.0, CONSTANTS, TRUCK, space.scratch) == m.MOST
-    assert sum(mix.weight[: m.MOST]) == pytest.approx(1.0)
 
 
 def test_a_wide_mixture_is_summed_over_the_masses():

@@ -25,7 +25,7 @@ class Constants(NamedTuple):
     delay_std_s: Annotated[float, Source("s_delta", "s", "chosen: two cycles of an engine message")] = 0.04
     longest_delay_s: Annotated[
         float, Source("d_max", "s", "measured: vehicles to 0.19 s; masses 10 to 25 % off from 0.4 s on")
-    ] = 0.3
+    ] = 0.32
     windup_std_s2: Annotated[
         float, Source("s_gamma", "s2", "chosen: a lag of 0.14 s; more takes torque from the mass")
     ] = 0.02

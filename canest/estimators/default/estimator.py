@@ -24,6 +24,7 @@ from canest.estimators.default.model import LOADS, MODES, MOST, Mixture, Scratch
 from canest.estimators.default.noise import first_levels
 from canest.estimators.default.report import Report, unknown_load_var
 from canest.estimators.default.road_map import LEVEL_STD, RoadUse
+from canest.estimators.default.sensors import delay_is_too_long
 from canest.estimators.default.windows import COLUMNS, SHIFT, Windows
 from canest.estimators.description import Description
 from canest.estimators.options import Options, parse
@@ -42,7 +43,8 @@ _FAULTY = (
     "the accelerometer does not follow the speed's acceleration, and is not used: another unit, sign or axis?"
 )
 _APART = (
-    "torque and speed seem {:.1f} s apart, or the road is too rough: no mass is valid (effect torque_delay)"
+    "torque and speed seem {:.1f} s apart or more, or the road is too rough: "
+    "no mass is valid (effect torque_delay)"
 )
 
 
@@ -206,8 +208,9 @@ class GaussianSum(Estimator):
     def contradiction(self) -> str:
         """Return what in the samples contradicts the vehicle's facts ('' for nothing)."""
         faulty = _FAULTY if self._carried.comparison.faulty > 0.0 else ""
-        apart_s = abs(self._carried.progress.delay_s)
-        apart = _APART.format(apart_s) if apart_s > self.constants.longest_delay_s else ""
+        delay_s = self._carried.progress.delay_s
+        too_long = delay_is_too_long.interpreted(delay_s, self.constants)
+        apart = _APART.format(abs(delay_s)) if too_long else ""
         return "; ".join(found for found in (self._beyond_bound(), faulty, apart) if found)
 
     def _beyond_bound(self) -> str:

@@ -19,6 +19,7 @@ from canest.estimators.default.load import (
     brakes_unseen,
     changed_probability,
     in_overrun,
+    merge_loads,
     open_load,
     surprise_probability,
 )  # fmt: skip
@@ -44,8 +45,10 @@ from canest.estimators.default.sensors import (
     UNKNOWN_V,
     accelerometer,
     altitude,
+    bound_delay,
     closed_balance,
     coasting,
+    delay_is_too_long,
     ends_at,
     gain_is_known,
     learn_open,
@@ -132,7 +135,7 @@ def write(
     """Write what is known after a window, the grade carried on since the last update."""
     row[OUT_MASS] = given.mass_kg
     row[OUT_VAR] = given.mass_var + unknown_load_var(given.mass_kg, q.unseen_s, p.braked > 0.0, c, v)
-    if abs(p.delay_s) > c.longest_delay_s:  # more than a state can follow
+    if delay_is_too_long(p.delay_s, c):
         row[OUT_VAR] += given.mass_kg * given.mass_kg
     row[OUT_GRADE] = given.grade + given.slope_1pm * q.distance_m
     row[OUT_GRADE_VAR] = given.grade_var + given.wander_1pm * q.distance_m
@@ -194,7 +197,9 @@ def run(
             fade(mix, count, mixed_m, wind, bend_var, c)
             fade_offset(mix, count, mixed_s, v.offset_Nm * p.u, c)
             drift(mix, count, mixed_s, t)
+            bound_delay(mix, count, c, v)
             close_disturbance(mix, count)
+            merge_loads(mix, count, t)
             count = change_modes(mix, count, mixed_m, mixed_s, p.u, bend_var, c, space)
             mixed_m = mixed_s = 0.0
         driven_s = p.driven_s + (dt if is_open else 0.0)
@@ -219,13 +224,13 @@ def run(
             climbed_m = climbed_s = 0.0
         swing = swing_var(0.0, w.begin_N, w, dt, p.u, c) if begins else p.swing
         slow_N = w.begin_N if w.gap_s > 0.0 or math.isnan(p.slow_N) else p.slow_N
-        before = ends_at(joined.before_mps, w.begin_N, slow_N)
+        before = ends_at(joined.before_mps, w.begin_N, slow_N, p.u * w.rotating_kg)
         if begins:
             widen(mix, count, m.V, UNKNOWN_V)  # no known force has led to the speed before it
             if w.gap_s == 0.0 and not math.isnan(joined.before_mps):
                 speed(mix, count, before, p.u, levels.speed_var + swing, c, v, t)
         slow_N = slow_traction(slow_N, w, dt)
-        end = ends_at(w.speed_mps, w.traction_N, slow_N)
+        end = ends_at(w.speed_mps, w.traction_N, slow_N, p.u * w.rotating_kg)
         answered_N = answered_force(w, is_open, p.follows > 0.0, p.force_N)
         travel(mix, count, metres, answered_N / GRAVITY_MPS2, c, t)
         motion = w.accel_mps2

@@ -18,6 +18,9 @@ from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.hypotheses import copy, set_loads
 from canest.estimators.default.model import LOADS, MOST, Mixture, Scratch, Window
 
+#: divergence of two loads, in nats, below which one stands for both
+_SAME = 0.1
+
 
 @jit.kernel
 def changed_probability(seconds: float, mean_s: float) -> float:
@@ -68,6 +71,22 @@ def reopen(mix: Mixture, d: int, net_kg: float, v: Vehicle) -> None:
     x += a * (v.unknown_u - known_u)
     for i in range(len(x)):
         P[i] += a[i] * v.unknown_var * a
+
+
+@jit.kernel
+def merge_loads(mix: Mixture, count: int, t: Scratch) -> None:
+    """Give loads that say the same of u as the densest its number, so that theirs are free again.
+
+    D = ((mean - mean')^2 / var' + var / var' - 1 - ln(var / var')) / 2 (Kullback and Leibler). An exchange
+    has to follow.
+    """
+    loads, base = t.loads, set_loads(mix, count, t)
+    mean, var = loads[3 * base + 1], loads[3 * base + 2]
+    for d in range(count):
+        k = 3 * mix.load[d]
+        off, ratio = loads[k + 1] - mean, loads[k + 2] / var
+        if ratio > 0.0 and 0.5 * (off * off / var + ratio - 1.0 - math.log(ratio)) < _SAME:
+            mix.load[d] = base
 
 
 @jit.kernel

@@ -76,7 +76,7 @@ class Ends(NamedTuple):
     """What is measured at one moment."""
 
     speed_mps: float
-    traction_N: float
+    traction_N: float  #: what of it moves the vehicle: T / (1 + u J)
     traction_Nps: float  #: its rate, over the time of a window
 
 

@@ -22,6 +22,8 @@ _COASTED = (m.GRADE, m.CURVATURE, m.WIND, m.U)
 _MAP = (m.GRADE, m.ROLLING)
 #: bounds of the delay at which its lever is taken, s
 _LEVER_DELAY_S = 0.1
+#: share of the longest delay that is its bound, since it moves a little between two exchanges
+_AT_BOUND = 0.95
 #: variance of a speed that no known force has led to, (m/s)2
 UNKNOWN_V = 1e4
 #: an altitude this many variances off begins anew
@@ -47,6 +49,32 @@ def mean_delay(mix: Mixture, count: int, u: float, t: Scratch) -> float:
 
 
 @jit.kernel
+def bound_delay(mix: Mixture, count: int, c: Constants, v: Vehicle) -> None:
+    """Bring delays beyond the longest back to it, and weigh the densities by how far off they were.
+
+    x <- x + P_i (bound - x_i) / P_ii: the most probable state within the bound. Torque that a controller sets
+    after the road has slowed the vehicle looks like a delay that is ever longer.
+    """
+    i, total = m.DELAY, 0.0
+    for d in range(count):
+        x, P = mix.x[d], mix.P[d]
+        most = c.longest_delay_s * min(max(x[m.U], v.least_u), v.most_u)
+        beyond = x[i] - min(max(x[i], -most), most)
+        if beyond != 0.0:
+            mix.weight[d] *= math.exp(-min(0.5 * c.likelihood_power * beyond * beyond / P[i, i], 30.0))
+            x -= P[i] * (beyond / P[i, i])
+        total += mix.weight[d]
+    for d in range(count):
+        mix.weight[d] /= total
+
+
+@jit.kernel
+def delay_is_too_long(delay_s: float, c: Constants) -> bool:
+    """Return whether the delay is at its bound, so that it may be longer."""
+    return abs(delay_s) > _AT_BOUND * c.longest_delay_s
+
+
+@jit.kernel
 def slow_traction(before_N: float, w: Window, dt: float) -> float:
     """Return the traction T_s that follows T with a lag of 0.2 s, at the end of a window.
 
@@ -57,9 +85,10 @@ def slow_traction(before_N: float, w: Window, dt: float) -> float:
 
 
 @jit.kernel
-def ends_at(speed_mps: float, traction_N: float, slow_N: float) -> Ends:
-    """Return what is measured at one moment. slow_N: see `slow_traction`."""
-    return Ends(speed_mps, traction_N, (traction_N - slow_N) / WINDOW_S)
+def ends_at(speed_mps: float, traction_N: float, slow_N: float, ratio: float) -> Ends:
+    """Return what is measured at one moment. slow_N: see `slow_traction`. ratio: u J, of what rotates."""
+    moving_N = traction_N / (1.0 + ratio)
+    return Ends(speed_mps, moving_N, (moving_N - slow_N / (1.0 + ratio)) / WINDOW_S)
 
 
 @jit.kernel
