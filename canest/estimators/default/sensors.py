@@ -22,7 +22,7 @@ _COASTED = (m.GRADE, m.CURVATURE, m.WIND, m.U)
 _MAP = (m.GRADE, m.ROLLING)
 #: bounds of the delay at which its lever is taken, s
 _LEVER_DELAY_S = 0.1
-#: share of the longest delay that is its bound, since it moves a little between two exchanges
+#: share of the longest delay at which one counts as bounded: updates move it between two exchanges
 _AT_BOUND = 0.95
 #: variance of a speed that no known force has led to, (m/s)2
 UNKNOWN_V = 1e4
