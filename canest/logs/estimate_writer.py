@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from canest.core import jit
 from canest.core.errors import OutputError, UsageError
+from canest.core.frames import FloatColumn
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS
 from canest.logs import text_fields as text
@@ -80,11 +82,8 @@ class CsvEstimateWriter(EstimateWriter):
         """Append the next rows."""
         for first in range(0, len(estimates), _ROWS_AT_ONCE):
             rows = slice(first, first + _ROWS_AT_ONCE)
-            fields: list[text.Field] = []
-            for name, decimals in self._more.items():
-                values = (more or {})[name][rows]
-                fields += [text.constant(b",", len(values)), text.fixed(values, decimals)]
-            self._write(estimates_csv(estimates, rows, fields))
+            others = [((more or {})[name][rows], decimals) for name, decimals in self._more.items()]
+            self._write(estimates_csv(estimates, rows, others))
 
     def _write(self, data: bytes) -> None:
         self._out.write(data if self._machine is None else self._machine.compress(data))
@@ -94,22 +93,29 @@ class CsvEstimateWriter(EstimateWriter):
             self._out.write(self._machine.flush())
 
 
-def estimates_csv(estimates: Estimates, rows: slice, more: Sequence[text.Field] = ()) -> bytes:
-    """Return rows of est.csv; more: further fields of each, with their commas."""
+def estimates_csv(estimates: Estimates, rows: slice, more: Sequence[tuple[FloatColumn, int]] = ()) -> bytes:
+    """Return rows of est.csv; more: further numbers of each, with their decimals."""
     t_us = estimates.t_us[rows]
-    comma = text.constant(b",", len(t_us))
     numbers = [
-        (estimates.mass_kg, MASS_DECIMALS),
-        (estimates.mass_std_kg, MASS_DECIMALS),
-        (estimates.grade, GRADE_DECIMALS),
-        (estimates.grade_std, GRADE_DECIMALS),
+        (estimates.mass_kg[rows], MASS_DECIMALS),
+        (estimates.mass_std_kg[rows], MASS_DECIMALS),
+        (estimates.grade[rows], GRADE_DECIMALS),
+        (estimates.grade_std[rows], GRADE_DECIMALS),
     ]
+    labels = [(estimates.status[rows], STATUS_LABELS), (estimates.gate[rows], LABELS)]
+    if jit.enabled():
+        from canest.logs.estimate_kernel import rows_csv
+
+        return rows_csv(t_us, numbers, labels, more)
+    comma = text.constant(b",", len(t_us))
     fields = [text.seconds(t_us)]
-    for column, decimals in numbers:
-        fields += [comma, text.fixed(column[rows], decimals)]
-    for codes, labels in ((estimates.status, STATUS_LABELS), (estimates.gate, LABELS)):
-        fields += [comma, text.labels(codes[rows], labels)]
-    return text.join([*fields, *more, text.constant(b"\n", len(t_us))])
+    for values, decimals in numbers:
+        fields += [comma, text.fixed(values, decimals)]
+    for codes, names in labels:
+        fields += [comma, text.labels(codes, names)]
+    for values, decimals in more:
+        fields += [comma, text.fixed(values, decimals)]
+    return text.join([*fields, text.constant(b"\n", len(t_us))])
 
 
 class ParquetEstimateWriter(EstimateWriter):

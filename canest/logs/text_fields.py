@@ -17,7 +17,7 @@ _ZERO = 0x30
 _MINUS = 0x2D
 _GROUP = 10_000
 #: beyond this a float64 in microseconds or tenths is no exact integer any more
-_EXACT = 2.0**53
+EXACT = 2.0**53
 
 #: "0000" to "9999" as four characters each
 _FOUR_DIGITS = (
@@ -63,7 +63,7 @@ def sign(values: IntColumn) -> Field:
 def fixed(values: FloatColumn, decimals: int) -> Field:
     """Return numbers with a fixed count of decimals; nothing where there is no (sane) number."""
     scaled = np.rint(values * 10.0**decimals)
-    known = np.abs(scaled) < _EXACT  # false for NaN
+    known = np.abs(scaled) < EXACT  # false for NaN
     whole = np.where(known, scaled, 0.0).astype(np.int64)
     magnitude = np.abs(whole)
     units = magnitude // 10**decimals

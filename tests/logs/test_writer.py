@@ -17,13 +17,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from canest.core import jit
 from canest.core.errors import OutputError
 from canest.core.estimates import Estimates
 from canest.core.frames import EXTENDED, FrameBlock
 from canest.core.gates import LABELS
 from canest.logs.candump import CandumpParser
 from canest.logs.candump_writer import CandumpWriter, candump_text
-from canest.logs.estimate_writer import open_writer
+from canest.logs.estimate_writer import estimates_csv, open_writer
 from tests.logs.helpers_logs import DATA, FRAMES, LONG_FRAMES, assert_same, log_form
 
 MCAP = ["est.mcap"] if importlib.util.find_spec("mcap") else []
@@ -63,6 +64,17 @@ def oracle(e: Estimates, row: int) -> list[str]:
     ]
 
 
+@pytest.fixture(params=["numpy", "compiled"])
+def form(request):
+    """Both ways to the same text, which each test below compares with Python's own."""
+    if request.param == "compiled" and not jit.available():
+        pytest.skip("numba is not installed (extra: fast)")
+    jit.enable(request.param == "compiled")
+    yield
+    jit.enable(False)
+
+
+@pytest.mark.usefixtures("form")
 def test_csv_equals_plain_formatting(tmp_path):
     e = estimates(20_000)
     with open_writer(tmp_path / "est.csv") as writer:
@@ -72,6 +84,7 @@ def test_csv_equals_plain_formatting(tmp_path):
     assert [rows[1 + i] for i in range(len(e))] == [oracle(e, i) for i in range(len(e))]
 
 
+@pytest.mark.usefixtures("form")
 @pytest.mark.parametrize(
     ("t_us", "text"),
     [
@@ -92,6 +105,7 @@ def test_stamps_are_exact(tmp_path, t_us, text):
     assert (tmp_path / "est.csv").read_text().splitlines()[1].split(",")[0] == text
 
 
+@pytest.mark.usefixtures("form")
 @pytest.mark.parametrize(
     ("value", "text"),
     [
@@ -109,6 +123,27 @@ def test_numbers_at_the_edges(tmp_path, value, text):
     with open_writer(tmp_path / "est.csv") as writer:
         writer.write(e)
     assert (tmp_path / "est.csv").read_text().splitlines()[2].split(",")[3] == text
+
+
+@given(
+    values=st.lists(st.floats(width=64) | st.floats(-1e4, 1e4), min_size=1, max_size=20),
+    first_us=st.integers(-(10**15), 10**16),
+    step_us=st.integers(0, 10**6),
+    decimals=st.integers(0, 7),
+)
+@settings(max_examples=100, deadline=None)
+def test_compiled_writes_what_numpy_writes(values, first_us, step_us, decimals):
+    if not jit.available():
+        pytest.skip("numba is not installed (extra: fast)")
+    n, column = len(values), np.array(values)
+    codes = (np.arange(n) * 37 % 256).astype(np.uint8)  # a code without a name is an empty field
+    e = Estimates(first_us + step_us * np.arange(n), column, -column, column / 7, column[::-1], codes, codes)
+    texts = []
+    for compiled in (False, True):
+        jit.enable(compiled)
+        texts.append(estimates_csv(e, slice(None), [(column, decimals), (-column, 3)]))
+        jit.enable(False)
+    assert texts[0] == texts[1]
 
 
 @pytest.mark.parametrize("name", ["est.csv", "est.parquet", *MCAP])
