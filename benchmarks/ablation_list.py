@@ -131,6 +131,7 @@ MECHANISMS = (
     Variant("driveline that swings", {"torque_rise_s": NEVER}),
     Variant("noise of the torque", patch={"windows.zigzag": no_noise}),
     Variant("outliers cut", {"outlier_nis": NEVER}),
+    Variant("mean of the innovations squared", patch={"noise._INCONSISTENT": NEVER}),
     Variant("heavy tails of the likelihood", {"likelihood_floor": NOTHING}),
     Variant("dependent windows (power 1)", {"likelihood_power": 1.0}),
     # -- windows and gated samples

@@ -90,3 +90,31 @@ def test_torque_that_follows_the_road_is_no_delay():
     estimator = create("canest", STATED)
     estimator.update(drive.block)
     assert abs(estimator._carried.progress.delay_s) < CONSTANTS.longest_delay_s
+
+
+def kicks(t, v):
+    """All or nothing, every three seconds."""
+    return 0.9 if t % 6.0 < 3.0 and v < 26.0 else 0.0
+
+
+@pytest.mark.parametrize(("road", "late_s"), [(flat, 0.4), (hills, 0.4), (hills, 0.5)])
+def test_what_the_model_does_not_explain_takes_valid_away(road, late_s):
+    """The report of the torque is late for 90 s: masses were valid and up to 30 % off."""
+    usual = trip(420, mass_kg=KG, road=road, throttle=kicks, accelerometer=True)
+    late = trip(420, mass_kg=KG, road=road, throttle=kicks, accelerometer=True, delay_s=late_s)
+    t_s = np.arange(len(usual.block)) * 0.02
+    columns = {}
+    for name in ("traction_N", "force_N", "raw_force_N", "raw_torque_Nm"):
+        both = [getattr(drive.block, name) for drive in (late, usual)]
+        columns[name] = np.where((t_s >= 120.0) & (t_s < 210.0), *both)
+    block = replace(usual.block, **columns)
+    estimator = create("canest", replace(STATED, has_accelerometer=True))
+    first = estimator.update(block[: 200 * 50])
+    assert "do not go together" in estimator.contradiction()
+    rest = estimator.update(block[200 * 50 :])
+    assert estimator.contradiction() == ""
+    valid = np.concatenate((first.status, rest.status)) == Status.VALID
+    error = np.abs(np.concatenate((first.mass_kg, rest.mass_kg)) / KG - 1.0)
+    assert valid[(t_s >= 60.0) & (t_s < 120.0)].all()
+    assert error[valid & (t_s >= 60.0)].max() < 0.08
+    assert valid[t_s >= 400.0].all()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from canest.estimators.default import load, sensors
+from canest.estimators.default import hypotheses, load, sensors
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import CONSTANTS
 
@@ -50,6 +50,15 @@ def test_loads_that_say_the_same_leave_their_numbers_to_others():
     load.merge_loads(mix, 3, space.scratch)
     assert list(mix.load[:3]) == [0, 0, 2]
     assert load.open_load(mix, 3, 0.01, True, 0.0, CONSTANTS, TRUCK, space.scratch) == 5
+
+
+def test_a_load_of_negative_mean_is_the_densest_where_there_is_no_other():
+    """A Gaussian knows no bounds; the first load, which has no density, was divided by."""
+    mix, space = mixture(2, loads=[1, 1])
+    mix.x[:2, m.U] = -1e-6
+    assert hypotheses.set_loads(mix, 2, space.scratch) == 1
+    load.merge_loads(mix, 2, space.scratch)
+    assert list(mix.load[:2]) == [1, 1]
 
 
 @pytest.mark.parametrize("ratio", [0.25, 0.5, 2.0, 4.0])

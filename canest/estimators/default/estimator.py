@@ -46,6 +46,10 @@ _APART = (
     "torque and speed seem {:.1f} s apart or more, or the road is too rough: "
     "no mass is valid (effect torque_delay)"
 )
+_INCONSISTENT = (
+    "speed and torque do not go together (normalised innovations squared of {:.1f}, where 1 is consistent): "
+    "no mass is valid until they do; is a signal late, or another one?"
+)
 
 
 class GaussianSumOptions(Options):
@@ -211,7 +215,9 @@ class GaussianSum(Estimator):
         delay_s = self._carried.progress.delay_s
         too_long = delay_is_too_long.interpreted(delay_s, self.constants)
         apart = _APART.format(abs(delay_s)) if too_long else ""
-        return "; ".join(found for found in (self._beyond_bound(), faulty, apart) if found)
+        levels = self._carried.levels
+        unlike = _INCONSISTENT.format(levels.nis) if levels.inconsistent > 0.0 and not apart else ""
+        return "; ".join(found for found in (self._beyond_bound(), faulty, apart, unlike) if found)
 
     def _beyond_bound(self) -> str:
         """Return the bound of the mass beyond which the driving leads, in a sentence."""

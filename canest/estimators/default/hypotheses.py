@@ -282,7 +282,7 @@ def set_loads(mix: Mixture, count: int, t: Scratch) -> int:
         loads[k] += mix.weight[d]
         loads[k + 1] += mix.weight[d] * us[d]
         loads[k + 2] += mix.weight[d] * (us[d] * us[d] + u_vars[d])
-    best, highest = 0, 0.0
+    best, highest = 0, -math.inf  # a mean may be negative
     for k in range(0, 3 * LOADS, 3):
         if loads[k] > 0.0:
             mean = loads[k + 1] / loads[k]

@@ -130,12 +130,13 @@ def mean_inverse_mass(mix: Mixture, count: int, v: Vehicle, t: Scratch) -> float
 
 @jit.kernel
 def write(
-    row: Any, given: Report, q: Joined, p: Progress, speed_mps: float, c: Constants, v: Vehicle
-) -> None:
+    row: Any, given: Report, q: Joined, p: Progress, levels: Levels, speed_mps: float,
+    c: Constants, v: Vehicle,
+) -> None:  # fmt: skip
     """Write what is known after a window, the grade carried on since the last update."""
     row[OUT_MASS] = given.mass_kg
     row[OUT_VAR] = given.mass_var + unknown_load_var(given.mass_kg, q.unseen_s, p.braked > 0.0, c, v)
-    if delay_is_too_long(p.delay_s, c):
+    if levels.inconsistent > 0.0 or delay_is_too_long(p.delay_s, c):
         row[OUT_VAR] += given.mass_kg * given.mass_kg
     row[OUT_GRADE] = given.grade + given.slope_1pm * q.distance_m
     row[OUT_GRADE_VAR] = given.grade_var + given.wander_1pm * q.distance_m
@@ -162,7 +163,7 @@ def run(
         begins = is_open and (p.was_open == 0.0 or w.gap_s > 0.0)
         joined = add_window(joined, w, begins)
         if not failed and waits(joined, w, p.was_open > 0.0, v):
-            write(out[k], given, joined, p, w.speed_mps, c, v)
+            write(out[k], given, joined, p, levels, w.speed_mps, c, v)
             continue
         w, dt = join(joined, w), WINDOW_S * joined.windows
         # -- what has happened since the window before
@@ -291,5 +292,5 @@ def run(
             bend_var,
         )  # fmt: skip
         joined = begin_sums(w, unseen_s)
-        write(out[k], given, joined, p, w.speed_mps, c, v)
+        write(out[k], given, joined, p, levels, w.speed_mps, c, v)
     return Carried(p, levels, comparison, given, road, joined)
