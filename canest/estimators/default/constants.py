@@ -164,6 +164,7 @@ class Vehicle(NamedTuple):
     period_windows: float  #: windows between two reports of a slow signal
     late_s: float  #: how much older than the samples the filtered states are
     pitch: float  #: of the body, m/s2 of the accelerometer per m/s2
+    pitch_stated: float  #: 1 where the config states it
 
 
 def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
@@ -189,4 +190,5 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         period_windows=period,
         late_s=late_s,
         pitch=GRAVITY_MPS2 * (c.pitch_rad_per_mps2 if pitch is None else pitch),
+        pitch_stated=0.0 if pitch is None else 1.0,
     )

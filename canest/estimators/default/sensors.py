@@ -30,6 +30,8 @@ UNKNOWN_V = 1e4
 _FAR_OFF = 25.0
 #: what a body does that the pitch does not tell, share of the acceleration squared: 0.007 rad per m/s2
 _ROCKING = 0.005
+#: and where nobody states the pitch, whose error of 0.0065 rad per m/s2 lasts: as if it did for 25 windows
+_UNKNOWN_PITCH = 0.1
 
 
 @jit.kernel
@@ -142,13 +144,14 @@ def remember_speed(mix: Mixture, count: int) -> None:
 
 @jit.kernel
 def rocking_var(w: Window, u: float, v: Vehicle) -> float:
-    """Return the variance of what a body does that its pitch does not tell, (m/s2)2.
+    """Return the variance of what a body does that the pitch known of it does not tell, (m/s2)2.
 
     Between two reports of a slow signal the acceleration may have changed as the traction did.
     u: mean inverse mass.
     """
     changed = u * (w.traction_N - w.begin_N) if v.period_windows > 1.0 else 0.0
-    return _ROCKING * w.accel_mps2 * w.accel_mps2 + changed * changed
+    share = _ROCKING if v.pitch_stated > 0.0 else _UNKNOWN_PITCH
+    return share * w.accel_mps2 * w.accel_mps2 + changed * changed
 
 
 @jit.kernel
