@@ -17,7 +17,7 @@ _SECOND, _CHANGE_MPS2 = 5.0, 0.2
 _ROUNDED_1PS = 10.0
 #: squares of changes, (m/s2)2: how many decide, and how many are remembered
 _FEWEST, _MOST = 1.5, 5.0
-#: share of a change that a sound accelerometer shows: 0.8 to 1.1 on trucks and cars, more on soft springs, and
+#: share of a change that a sound accelerometer shows: 0.8 to 1.1 on trucks and cars, more on soft springs,
 #: less where a road changes the speed, which it does not feel; one in g shows 0.1
 _LEAST_SHARE, _MOST_SHARE = 0.25, 1.6
 #: slower than this a speed sensor's pulses are too rare, m/s
