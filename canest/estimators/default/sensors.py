@@ -30,8 +30,8 @@ UNKNOWN_V = 1e4
 _FAR_OFF = 25.0
 #: what a body does that the pitch does not tell, share of the acceleration squared: 0.007 rad per m/s2
 _ROCKING = 0.005
-#: and where nobody states the pitch, whose error of 0.0065 rad per m/s2 lasts: as if it did for 25 windows
-_UNKNOWN_PITCH = 0.1
+#: and where nobody states the pitch, whose error of 0.0046 rad per m/s2 lasts: as if it did for 25 windows
+_UNKNOWN_PITCH = 0.05
 
 
 @jit.kernel
