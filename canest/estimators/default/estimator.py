@@ -48,7 +48,7 @@ _APART = (
 )
 _INCONSISTENT = (
     "speed and torque do not go together (normalised innovations squared of {:.1f}, where 1 is consistent): "
-    "no mass is valid until they do; is a signal late, or another one?"
+    "no mass is valid until they do; is one of them reported late, or is it another signal?"
 )
 
 
