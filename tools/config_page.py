@@ -143,9 +143,9 @@ A role is what the estimator needs to know, under a name that no bus gives it. A
 - where a vehicle has several gears, one way to the ratio: `gear_ratio`, `gear`, or `engine_speed` with
   `output_shaft_speed` or `vehicle_speed`.
 
-The messages EEC1 and CCVS1 alone are enough. Every other role improves the estimate or closes a gate,
-except four that only `canest check` shows: `selected_gear`, `input_shaft_speed`, `steering_angle` and
-`reported_mass`.
+The messages EEC1 and CCVS1 alone are enough. Every other role improves the estimate or closes a gate, with
+these exceptions: `selected_gear`, `input_shaft_speed`, `steering_angle` and `reported_mass` are shown by
+`canest check` alone; `pitch`, a slope sensor, is used by `canest diagnose` and the estimator `resistance4`.
 
 """
 

@@ -70,8 +70,7 @@ def read_database(path: str | Path) -> Database:
         with file.open("rb") as opened:
             content = opened.read(MOST_FILE_BYTES + 1)
     except OSError as error:
-        found = error.strerror or str(error)
-        raise ConfigError("cannot read database", where=str(path), found=found) from error
+        raise ConfigError(f"cannot be read: {error.strerror or error}", where=str(path)) from error
     same = before is not None and before[1] == content
     database = before[2] if before is not None and same else parse(content, file.suffix, str(path))
     _parsed[file] = version, content, database

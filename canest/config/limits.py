@@ -42,7 +42,7 @@ def read_text(path: Path) -> str:
             expected="a file saved as UTF-8",
         ) from error
     except OSError as error:
-        raise ConfigError(f"cannot be read ({error})", where=str(path)) from error
+        raise ConfigError(f"cannot be read: {error.strerror or error}", where=str(path)) from error
 
 
 def mistake_in_yaml(error: Exception, text: str) -> tuple[str, str]:

@@ -37,7 +37,7 @@ def missing_signal_warnings(config: Config, received: Collection[str]) -> list[s
     elif missing.issuperset(brakes) and not config.gates.brake.assume_when_pedal_released:
         warnings.append(
             _unseen("the brake", " or ".join(brakes or BRAKES))
-            + ("" if brakes else ". No such role is mapped: SPN 597 is in CCVS1")
+            + ("" if brakes else ". No such role is mapped: on J1939 it is SPN 597, in CCVS1; on your own DBC, the brake's message")
         )
     return warnings
 

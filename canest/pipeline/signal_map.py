@@ -16,7 +16,7 @@ from canest.decode.value_table import TextTable, raw_table
 from canest.vehicle.role_sources import speed_in_use
 
 if TYPE_CHECKING:
-    from cantools.database.can import Signal
+    from cantools.database.can import Message, Signal
 
 #: how a DBC declares a message as J1939, which is matched by parameter group and not by its identifier
 J1939_DATABASE = 'a DBC that declares J1939 (VFrameFormat "J1939PG", or ProtocolType "J1939")'
@@ -40,7 +40,7 @@ def wants_of(config: Config) -> dict[str, Want]:
         where = config.at(f"signals.{role}")
         if not databases:
             raise ConfigError("names a DBC signal, but the config has no dbc: file", where=where)
-        message, signal = find_signal(databases, source.message, source.signal, where)
+        message, signal = _of_database(config, role, where)
         if source.source is not None and not is_j1939(message):
             raise ConfigError(
                 f"{message.name} is no J1939 message: its identifier holds no source address",
@@ -65,6 +65,36 @@ def wants_of(config: Config) -> dict[str, Want]:
             texts=TextTable(source.map) if source.map and source.validity == "ascii" else None,
         )
     return wants
+
+
+def _of_database(config: Config, role: str, where: str) -> tuple[Message, Signal]:
+    """Return a role's message and signal. Errors: ConfigError, which names all other roles without one."""
+    try:
+        return _named(config, role, where)
+    except ConfigError as error:
+        roles = list(config.signals)
+        others = [other for other in roles[roles.index(role) + 1 :] if not _is_there(config, other)]
+        more = f". Nor is there one for: {', '.join(others)}" if others else ""
+        remedy = "; map each to what the DBC calls it, or delete its line" if others else ""
+        raise ConfigError(
+            error.what, where=where, found=error.found, expected=error.expected + more + remedy
+        ) from None
+
+
+def _is_there(config: Config, role: str) -> bool:
+    source = config.signals[role]
+    if source.message is None or source.signal is None:
+        return True
+    try:
+        _named(config, role)
+    except ConfigError:
+        return False
+    return True
+
+
+def _named(config: Config, role: str, where: str = "") -> tuple[Message, Signal]:
+    source = config.signals[role]
+    return find_signal(config.databases, source.message or "", source.signal or "", where)
 
 
 def _refuse_zero_factor(source: Source, signal: Signal, where: str) -> None:

@@ -170,8 +170,8 @@ def wrong_kind(config: Config, log: LogReader) -> str:
     if log.kind == "table" and not columns:
         if log.format == "csv":  # any text may be read as one
             return (
-                "the config maps only DBC signals, and this is a decoded table, or no log format that canest "
-                f"knows; those are {KNOWN_LOGS}"
+                f"no log of frames ({KNOWN_LOGS}). Is it a table of decoded signals? Then name its columns in "
+                "the config (signals.ROLE.column), which maps only DBC signals"
             )
         return "the config maps only DBC signals, and this log holds a decoded table"
     if log.kind == "frames" and columns == len(config.signals):

@@ -89,7 +89,13 @@ def output_errors(path: str | Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise OutputError(f"cannot write: {error.strerror or error}", where=str(path)) from None
+        folder = Path(path).parent
+        absent = isinstance(error, FileNotFoundError) and not folder.is_dir()
+        raise OutputError(
+            f"cannot write: {error.strerror or error}",
+            where=str(path),
+            expected=f"a directory that exists: mkdir -p {folder}" if absent else "",
+        ) from None
 
 
 def _is_open_already(path: Path) -> bool:

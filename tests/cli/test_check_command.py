@@ -336,7 +336,7 @@ def test_an_unknown_text_is_not_called_a_table_for_certain(canest, tmp_path):
 @pytest.mark.parametrize(
     ("roles", "message"),
     [
-        (("brake_switch", "brake_pedal"), "No such role is mapped: SPN 597 is in CCVS1"),
+        (("brake_switch", "brake_pedal"), "No such role is mapped: on J1939 it is SPN 597, in CCVS1"),
         (("brake_switch",), None),  # the pedal shows it
         (("engine_friction_pct",), "no signal reports the engine's friction"),
     ],

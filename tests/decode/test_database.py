@@ -56,7 +56,7 @@ def test_a_mark_of_utf_8_at_the_begin_does_no_harm(tmp_path):
 
 
 def test_missing_file(tmp_path):
-    with pytest.raises(ConfigError, match=r"nowhere\.dbc: cannot read database.*No such file"):
+    with pytest.raises(ConfigError, match=r"nowhere\.dbc: cannot be read.*No such file"):
         read_database(tmp_path / "nowhere.dbc")
 
 

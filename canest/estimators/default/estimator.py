@@ -276,7 +276,7 @@ def _given(mix: Mixture) -> Mixture:
 
 def _space(prior: Mixture, nodes: list[float]) -> Space:
     n = prior.x.shape[1]
-    columns = tuple(_give([0.0] * MOST) for _ in range(4))
+    columns = tuple(_give([0.0] * MOST) for _ in range(3))
     h, f, K, e, s, loads, share = (
         _give([0.0] * size) for size in (8, 4 * MOST, n + 1, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST)
     )

@@ -129,7 +129,7 @@ def _mix(mix: Mixture, count: int, made: int, space: Space) -> None:
 def mix_densities(mix: Mixture, count: int, made: int, space: Space) -> None:
     """Give density k of the room mean and covariance of those of the mixture, by share[k * MOST + d].
 
-    By second moments about the first mean, for which the mixture is no more what it was.
+    Sums second moments about the mean of the first density, and leaves these in the mixture.
     """
     A, R, share, middle = mix.A, space.room.A, space.share, space.scratch.K
     n = A.shape[1]
@@ -182,15 +182,6 @@ def forget(room: Mixture, made: int, i: int, modes: Any) -> None:
 
 
 @jit.kernel
-def has_load(mix: Mixture, count: int, load: int) -> bool:
-    """Return whether any density has a load."""
-    found = False
-    for d in range(count):
-        found = found or mix.load[d] == load
-    return found
-
-
-@jit.kernel
 def exchange(mix: Mixture, count: int, chains: Any, least: float, space: Space) -> int:
     """Let the modes of each load exchange probability; returns the number of densities.
 
@@ -214,7 +205,7 @@ def exchange(mix: Mixture, count: int, chains: Any, least: float, space: Space) 
                     k += MOST
     made, whole = 0, 0.0
     for load in range(LOADS):
-        for mode in range(MODES if has_load(mix, count, load) else 0):
+        for mode in range(MODES):
             total, at, into = 0.0, (MODES * load + mode) * MOST, made * MOST
             for d in range(count):
                 if mix.load[d] == load:

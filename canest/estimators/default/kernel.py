@@ -62,8 +62,10 @@ from canest.estimators.default.sensors import (
     speed,
 )
 
-#: after a gap this long the height is unknown, s; of a coasting further back the road is another, m
+#: after a gap this long the height is unknown, s; a coasting further back says nothing of this road, m
 _LOST_S, _FAR_M = 60.0, 100.0
+#: so much of a gap at most counts as driven, s
+_DRIVEN_GAP_S = 10.0
 #: columns of the output, one row per window
 OUTPUTS = 8
 (
@@ -148,7 +150,10 @@ def write(
 def run(
     n: int, columns: Any, mix: Mixture, carried: Carried, c: Constants, v: Vehicle, space: Space, out: Any
 ) -> Carried:
-    """Take n windows; out[k] holds what is known after window k (OUT_*). Returns what is carried on."""
+    """Take n windows; returns what is carried on.
+
+    columns: (fields of a Window, n); interpreted a list of n rows. out: (n, OUTPUTS), what is known after each.
+    """
     p, levels, comparison, given, road, joined = carried
     mix, space, columns, out = borrowed(mix), borrowed(space), borrowed(columns), borrowed(out)
     t = space.scratch
@@ -183,13 +188,12 @@ def run(
             levels = first_levels(v) if failed else levels
         elif begins and unseen_s >= c.shortest_stop_s:
             if p.learned > 0.0:
-                close_disturbance(mix, count)
                 count = open_load(mix, count, changed, False, 0.0, c, v, t)
                 opened = True
             unseen_s = surprise = 0.0
         surprised = is_open and surprise > c.gross_nis
         bend_var, mixed_m = p.bend_var, p.mixed_m + metres
-        mixed_s = p.mixed_s + (0.0 if still else dt + min(w.gap_s, 10.0))
+        mixed_s = p.mixed_s + (0.0 if still else dt + min(w.gap_s, _DRIVEN_GAP_S))
         due = mixed_s >= c.exchange_every_s or surprised or opened
         if due:
             by_drag = 0.5 * w.speed_mps * v.drag_share  # math.hypot rounds otherwise where it is compiled

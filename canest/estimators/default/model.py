@@ -69,7 +69,7 @@ class Mixture(NamedTuple):
     load: Any  #: (MOST,) load and disturbance, whole; like all below a list interpreted, an array compiled
     mode: Any  #: (MOST,) whole
     weight: Any  #: (MOST,) probabilities
-    found: Any  #: (MOST,) log likelihood of the window
+    found: Any  #: (MOST,) log likelihood of the window; zero where nothing in it speaks for a load
 
 
 class Ends(NamedTuple):
@@ -86,7 +86,7 @@ class Scratch(NamedTuple):
     h: Any  #: (8,) entries of a row of H
     f: Any  #: (4 * MOST,) entries of a row of F
     K: Any  #: (n,) gain
-    columns: Any  #: four columns
+    columns: Any  #: three columns
     e: Any  #: column: innovations of the last measurement
     s: Any  #: column: their variances
     loads: Any  #: (3 * LOADS,) weight, mean and variance of u of every load

@@ -127,7 +127,7 @@ def travel(mix: Mixture, count: int, metres: float, answered_kg: float, c: Const
     smooth, rough = min(c.smooth_wander_1pm * metres, most), min(c.rough_wander_1pm * metres, most)
     for d in range(count):
         t.f[d], t.f[count + d] = bent_m, answered_kg
-        # of the row's own state, so that it may be added before
+        # noise of the state itself: the row adds no multiple of it, so it may come first
         mix.P[d, m.GRADE, m.GRADE] += rough if m.IS_ROUGH[mix.mode[d]] > 0.0 else smooth
     propagate(mix, count, m.GRADE, _TRAVEL, t)
 

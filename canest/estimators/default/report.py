@@ -55,7 +55,7 @@ def leave_out(mix: Mixture, count: int, left_out: float, t: Scratch) -> None:
 def sum_over_nodes(count: int, power: float, space: Space) -> tuple[float, float]:
     """Return mean and variance of 1/u over nodes uniform in ln u; zeros where all is beyond them."""
     nodes = space.nodes
-    us, u_vars, share, _ = space.scratch.columns
+    us, u_vars, share = space.scratch.columns
     half = 0.5 * (nodes[1] / nodes[0] - 1.0)  # of the way between two: a narrower density would fall through
     total = first = second = 0.0
     for i in range(len(nodes)):
@@ -85,7 +85,7 @@ def report_mass(
     Where they are narrow by the moments of u: M = (1 + V) / u, Var(M) = V M^2; else summed over the nodes.
     before: these three of the window before.
     """
-    us, u_vars, share, _ = space.scratch.columns
+    us, u_vars, share = space.scratch.columns
     loads = space.scratch.loads
     best *= 3
     u1 = u2 = 0.0
@@ -153,7 +153,7 @@ def unknown_load_var(mass: float, unknown_s: float, braked: bool, c: Constants, 
     probability = changed_probability(unknown_s, c.load_stop_s)
     if braked:
         probability = max(probability, 2.0 * c.left_out_share)
-    elif unknown_s <= c.shortest_stop_s:
+    elif unknown_s < c.shortest_stop_s:
         return 0.0
     least, most = 1.0 / v.most_u, 1.0 / v.least_u
     width = math.log(most / least)

@@ -162,7 +162,7 @@ class Windows:
             coarse & ~is_open,
             bend_mps2,
             mean_of(zigzag(rows[_TORQUE])[None], ends, 0)[0],
-            *rows[_ROAD:, back_from(ends, self._road_back)],
+            *rows[_ROAD : _ROAD_STD + 1, back_from(ends, self._road_back)],
         ]
         return np.array(columns, np.float64)
 
