@@ -10,6 +10,9 @@ from canest.vehicle.role_sources import is_at_wheels, torque_role
 
 FRICTION, RETARDER = "engine_friction_pct", "retarder_torque_pct"
 
+#: where a brake is reported
+_BRAKE_SIGNAL = "on J1939 it is SPN 597, in CCVS1; on your own DBC, the brake's message"
+
 
 def missing_signal_warnings(config: Config, received: Collection[str]) -> list[str]:
     """Return one sentence for each gap; ``received``: the roles that have had a value."""
@@ -37,7 +40,7 @@ def missing_signal_warnings(config: Config, received: Collection[str]) -> list[s
     elif missing.issuperset(brakes) and not config.gates.brake.assume_when_pedal_released:
         warnings.append(
             _unseen("the brake", " or ".join(brakes or BRAKES))
-            + ("" if brakes else ". No such role is mapped: on J1939 it is SPN 597, in CCVS1; on your own DBC, the brake's message")
+            + ("" if brakes else f". No such role is mapped: {_BRAKE_SIGNAL}")
         )
     return warnings
 

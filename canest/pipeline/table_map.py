@@ -170,7 +170,7 @@ def wrong_kind(config: Config, log: LogReader) -> str:
     if log.kind == "table" and not columns:
         if log.format == "csv":  # any text may be read as one
             return (
-                f"no log of frames ({KNOWN_LOGS}). Is it a table of decoded signals? Then name its columns in "
+                f"no log of frames ({KNOWN_LOGS}). Is it a table of decoded signals? Name its columns in "
                 "the config (signals.ROLE.column), which maps only DBC signals"
             )
         return "the config maps only DBC signals, and this log holds a decoded table"

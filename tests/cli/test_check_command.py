@@ -330,7 +330,12 @@ def test_an_unknown_text_is_not_called_a_table_for_certain(canest, tmp_path):
     log = tmp_path / "odd.csv"
     log.write_text("a;b;c\nx;y;z\n")
     done = canest("replay", log, "-c", "class8")
-    assert done.code == 1 and "no log format that canest knows" in done.err and "Vehicle Spy" in done.err
+    assert (
+        done.code == 1
+        and "no log of frames" in done.err
+        and "table of decoded signals?" in done.err
+        and "Vehicle Spy" in done.err
+    )
 
 
 @pytest.mark.parametrize(

@@ -170,7 +170,7 @@ def test_a_load_narrower_than_the_nodes_is_summed_as_it_is(known_kg):
         count = fine * len(estimator._nodes)
         nodes = np.exp((np.arange(count) + 0.5) * width / count) / FACTS.mass_max_kg
         space = _space(estimator._unknown, nodes.tolist())
-        us, variances, shares, _ = space.scratch.columns
+        us, variances, shares = space.scratch.columns
         us[:2], shares[:2] = [1.0 / known_kg, 1.0 / 30_000.0], [0.7, 0.3]
         variances[:2] = [(0.008 / known_kg) ** 2, (0.25 / 30_000.0) ** 2]
         mean, var = sum_over_nodes.interpreted(2, 1.0, space)

@@ -116,3 +116,11 @@ def test_a_new_load_has_no_more_densities_than_there_is_room_for(count, moving):
     mix, space = mixture(count)
     assert load.open_load(mix, count, 0.2, moving, 0.0, CONSTANTS, TRUCK, space.scratch) == m.MOST
     assert sum(mix.weight[: m.MOST]) == pytest.approx(1.0)
+
+
+def test_a_new_load_copies_those_with_another_disturbance_too():
+    """They are of the same load, whatever the wind."""
+    mix, space = mixture(3, loads=[m.OTHER_DISTURBANCE] * 3)
+    assert load.open_load(mix, 3, 0.2, True, 0.0, CONSTANTS, TRUCK, space.scratch) == 6
+    assert sum(mix.weight[:6]) == pytest.approx(1.0)
+    assert sum(mix.weight[3:6]) == pytest.approx(0.2)

@@ -32,6 +32,8 @@ from canest.estimators.status import StatusTracker
 
 #: masses over which a wide mixture is summed: 4 % apart
 _NODES = 48
+#: speed for which the first std of the wind takes the error of the drag area, m/s: where drag matters
+_USUAL_MPS = 25.0
 _SENSED = COLUMNS.index("sensed_mps2")
 #: sine of the steepest slope given out; no road is steeper than 35 %
 _STEEPEST = 0.33
@@ -118,7 +120,7 @@ class GaussianSum(Estimator):
         mean[at.U] = u
         std[at.V], std[at.HEIGHT] = 10.0, 1.0
         std[at.CURVATURE] = c.curvature_std_1pm
-        std[at.WIND] = c.wind_std_mps * u
+        std[at.WIND] = math.hypot(c.wind_std_mps, 0.5 * _USUAL_MPS * facts.drag_area_accuracy) * u
         mean[at.RATE] = std[at.RATE] = c.drift_1ps * u
         std[at.DELAY], std[at.WINDUP] = c.delay_std_s * u, c.windup_std_s2 * u
         std[at.ROLLING] = facts.rolling_resistance_accuracy * facts.rolling_resistance

@@ -62,10 +62,9 @@ from canest.estimators.default.sensors import (
     speed,
 )
 
-#: after a gap this long the height is unknown, s; a coasting further back says nothing of this road, m
-_LOST_S, _FAR_M = 60.0, 100.0
-#: so much of a gap at most counts as driven, s
-_DRIVEN_GAP_S = 10.0
+#: after a gap this long the height is unknown, and so much of one counts as driven, s; a coasting further
+#: back says nothing of this road, m
+_LOST_S, _DRIVEN_GAP_S, _FAR_M = 60.0, 10.0, 100.0
 #: columns of the output, one row per window
 OUTPUTS = 8
 (
@@ -150,10 +149,7 @@ def write(
 def run(
     n: int, columns: Any, mix: Mixture, carried: Carried, c: Constants, v: Vehicle, space: Space, out: Any
 ) -> Carried:
-    """Take n windows; returns what is carried on.
-
-    columns: (fields of a Window, n); interpreted a list of n rows. out: (n, OUTPUTS), what is known after each.
-    """
+    """Take n windows (fields, n; interpreted n rows); returns what is carried on. out: (n, OUTPUTS)."""
     p, levels, comparison, given, road, joined = carried
     mix, space, columns, out = borrowed(mix), borrowed(space), borrowed(columns), borrowed(out)
     t = space.scratch
@@ -232,7 +228,7 @@ def run(
         before = ends_at(joined.before_mps, w.begin_N, slow_N, p.u * w.rotating_kg)
         if begins:
             widen(mix, count, m.V, UNKNOWN_V)  # no known force has led to the speed before it
-            if w.gap_s == 0.0 and not math.isnan(joined.before_mps):
+            if w.gap_s == 0.0 and joined.windows == 1.0 and not math.isnan(joined.before_mps):
                 speed(mix, count, before, p.u, levels.speed_var + swing, c, v, t)
         slow_N = slow_traction(slow_N, w, dt)
         end = ends_at(w.speed_mps, w.traction_N, slow_N, p.u * w.rotating_kg)
@@ -265,6 +261,8 @@ def run(
                 set_gained(before, end, dt, t)
                 sensed_surplus = accelerometer(mix, count, DRIVEN, felt, dt, var, c, t)
             else:
+                if v.period_windows <= 1.0:  # else the level has the noise of two speeds
+                    var = var[0], var[1] + 2.0 * levels.speed_var / (dt * dt)
                 sensed_surplus = accelerometer(mix, count, SENSED, felt - w.accel_mps2, dt, var, c, t)
         if road.uses > 0.0:
             mapped_slope(mix, count, w.road_sine, cell_var(w), c, t)

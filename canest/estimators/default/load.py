@@ -110,7 +110,7 @@ def open_load(
     for d in range(count):
         if not moving:
             mix.load[d] = base
-        if mix.load[d] == base and made < MOST:
+        if mix.load[d] % LOADS == base and made < MOST:
             copy(mix, d, mix, made)
             reopen(mix, made, net_kg, v)
             if mix.x.shape[1] == m.STATES:  # a frame tilts under another load

@@ -207,6 +207,25 @@ def altitude(mix: Mixture, count: int, height_m: float, known: bool, c: Constant
 
 
 @jit.kernel
+def gained(
+    mix: Mixture, count: int, w: Window, speed_var: float, u: float, c: Constants, t: Scratch
+) -> tuple[float, float]:
+    """Return the acceleration by two speeds at the time of the traction, and its variance.
+
+    dv/dt - delta dT/dt / (1 + u J), variance 2 r_v / dt^2 + N_c Var(delta) (...)^2: the error of a delay is
+    alike in all windows.
+    """
+    means, variances = t.columns[0], t.columns[1]
+    moments(mix, count, m.DELAY, means, variances)
+    delay = mean_of(mix.weight, count, means)
+    for d in range(count):
+        variances[d] += (means[d] - delay) * (means[d] - delay)
+    moved = (w.traction_N - w.begin_N) / (WINDOW_S * (1.0 + u * w.rotating_kg))
+    by_delay = c.hidden_windows * mean_of(mix.weight, count, variances) * moved * moved
+    return w.accel_mps2 - delay * moved, 2.0 * speed_var / (WINDOW_S * WINDOW_S) + by_delay
+
+
+@jit.kernel
 def closed_balance(
     mix: Mixture, count: int, w: Window, speed_var: float, u: float, c: Constants, t: Scratch
 ) -> None:
@@ -215,12 +234,13 @@ def closed_balance(
     The gate is a retarder of known force, a bend, or the dwell after another gate. A force known to a tenth
     must not teach a mass: u takes part with its uncertainty and keeps its density (Schmidt 1966).
     """
+    accel_mps2, accel_var = gained(mix, count, w, speed_var, u, c, t)
     hidden = c.hidden_force_share * u * w.force_N
     r = c.hidden_windows * (hidden * hidden + w.bend_mps2 * w.bend_mps2)
-    r += 2.0 * speed_var / (WINDOW_S * WINDOW_S)
-    t.h[0], t.h[1], t.h[2] = GRAVITY_MPS2, w.drag_N_per_mps, w.rotating_kg * w.accel_mps2 - w.force_N
+    r += accel_var
+    t.h[0], t.h[1], t.h[2] = GRAVITY_MPS2, w.drag_N_per_mps, w.rotating_kg * accel_mps2 - w.force_N
     moments(mix, count, m.U, t.columns[0], t.columns[1])
-    condition_on(mix, count, _BALANCE, -w.accel_mps2 - w.roll_mps2, r, c.outlier_nis, t)
+    condition_on(mix, count, _BALANCE, -accel_mps2 - w.roll_mps2, r, c.outlier_nis, t)
     restore(mix, count, m.U, t.columns[0], t.columns[1])
 
 

@@ -1,0 +1,50 @@
+"""What the speeds say of the acceleration where no state holds the speed gained."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from canest.core.gates import Gate
+from canest.estimators.default import model as m
+from canest.estimators.default import sensors
+from canest.estimators.default.constants import CONSTANTS
+from canest.estimators.default.model import WINDOW_S, Window
+from canest.estimators.registry import create
+
+from .momentum import FACTS, flat, pulses, trip
+from .test_canest_parts import mixture
+
+
+def test_the_acceleration_gained_has_mean_and_variance_of_a_drawn_delay():
+    """dv/dt - delta dT/dt / (1 + u J), of delays drawn from the mixture."""
+    mix, space = mixture(3)
+    rng, u, rotating_kg, drawn = np.random.default_rng(4), 1 / 20_000, 4_000.0, []
+    shares = (0.2, 0.3, 0.5)
+    for d in range(3):
+        mix.weight[d], mix.x[d, m.DELAY] = shares[d], (0.05, -0.1, 0.15)[d] * u
+        mix.P[d, m.DELAY, m.DELAY] = (0.02 * (d + 1) * u) ** 2
+        n = round(200_000 * shares[d])
+        drawn.append(rng.normal(mix.x[d, m.DELAY], np.sqrt(mix.P[d, m.DELAY, m.DELAY]), n))
+    w = Window(**{**dict.fromkeys(Window._fields, 0.0), "accel_mps2": -0.4, "begin_N": 3_000.0,
+                  "traction_N": -5_000.0, "rotating_kg": rotating_kg})  # fmt: skip
+    mean, var = sensors.gained(mix, 3, w, 1e-4, u, CONSTANTS, space.scratch)
+    delays = np.concatenate(drawn)
+    off = delays * -8_000.0 / WINDOW_S / (1.0 + u * rotating_kg)
+    assert mean == pytest.approx(-0.4 - off.mean(), abs=2e-3)
+    noise = 2.0 * 1e-4 / WINDOW_S**2
+    assert var == pytest.approx(noise + CONSTANTS.hidden_windows * off.var(), rel=0.01)
+
+
+@pytest.mark.parametrize(("noise_mps", "most"), [(0.01, 0.0023), (0.04, 0.0062)])
+def test_noise_of_a_speed_is_no_rough_road_while_gates_are_closed(noise_mps, most):
+    """A flat road; a power take-off closes the gates, so only accelerometer and speed say how steep it is."""
+    sensed = replace(FACTS, has_accelerometer=True, accelerometer_step_mps2=0.01)
+    drive = trip(140, road=flat, throttle=pulses, accelerometer=True, noise=noise_mps / 0.002, seed=3)
+    gate = drive.block.gate.copy()
+    gate[5_000:7_000] = Gate.PTO
+    estimates = create("canest", sensed).update(replace(drive.block, gate=gate))
+    off = (estimates.grade - drive.grade)[5_100:7_000]
+    assert np.sqrt(np.mean(off**2)) < most
