@@ -103,7 +103,10 @@ class Space(NamedTuple):
 
 
 class Window(NamedTuple):
-    """One window of 0.2 s: its measurements and known forces, NaN where there is none (see `windows`)."""
+    """One window of 0.2 s: its measurements and known forces, NaN where there is none (see `windows`).
+
+    The order is that of the columns of `Windows._windows` and of `kernel.window_at`.
+    """
 
     gap_s: float  #: time missing before it
     distance_m: float
