@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from canest.core import jit
-from canest.estimators.default import hypotheses, predict, report, sensors, update
+from canest.estimators.default import hypotheses, kernel, predict, report, sensors, update
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import CONSTANTS, Vehicle
 from canest.estimators.default.estimator import _room, _space
@@ -296,3 +296,11 @@ def test_an_improbable_load_is_no_part_of_the_report():
 def test_there_is_room_for_every_mode_of_every_load():
     assert len(m.BENDS) == len(m.IS_ROUGH) == len(m.ANSWERS) == len(m.DRIFTS) == MODES
     assert MOST >= m.LOADS * MODES
+
+
+def test_a_window_has_the_columns_in_their_order():
+    """The compiled form names each column, so one that is forgotten or swapped shows here."""
+    fields = np.arange(float(len(Window._fields)))
+    as_it_stands = kernel.window_at._source
+    assert tuple(as_it_stands(fields[:, None], 0)) == tuple(fields)
+    assert tuple(kernel.window_at.interpreted([fields.tolist()], 0)) == tuple(fields)
