@@ -32,15 +32,9 @@ def decoder_for(config: Config) -> Decoder:
 
 def wants_of(config: Config) -> dict[str, Want]:
     """Return role -> DBC signal. Errors: ConfigError as above."""
-    databases = config.databases
     wants: dict[str, Want] = {}
-    for role, source in config.signals.items():
-        if source.message is None or source.signal is None:
-            continue
-        where = config.at(f"signals.{role}")
-        if not databases:
-            raise ConfigError("names a DBC signal, but the config has no dbc: file", where=where)
-        message, signal = _of_database(config, role, where)
+    for role, (message, signal) in _of_databases(config).items():
+        source, where = config.signals[role], config.at(f"signals.{role}")
         if source.source is not None and not is_j1939(message):
             raise ConfigError(
                 f"{message.name} is no J1939 message: its identifier holds no source address",
@@ -52,8 +46,8 @@ def wants_of(config: Config) -> dict[str, Want]:
         factor, offset = factor_and_offset(role, source, unit_of(source, signal), where)
         wants[role] = Want(
             role=role,
-            message=source.message,
-            signal=source.signal,
+            message=message.name,
+            signal=signal.name,
             source=source.source,
             validity=source.validity,
             factor=factor,
@@ -67,34 +61,30 @@ def wants_of(config: Config) -> dict[str, Want]:
     return wants
 
 
-def _of_database(config: Config, role: str, where: str) -> tuple[Message, Signal]:
-    """Return a role's message and signal. Errors: ConfigError, which names all other roles without one."""
-    try:
-        return _named(config, role, where)
-    except ConfigError as error:
-        roles = list(config.signals)
-        others = [other for other in roles[roles.index(role) + 1 :] if not _is_there(config, other)]
-        more = f". Nor is there one for: {', '.join(others)}" if others else ""
-        remedy = "; map each to what the DBC calls it, or delete its line" if others else ""
+def _of_databases(config: Config) -> dict[str, tuple[Message, Signal]]:
+    """Return role -> message and signal. Errors: ConfigError, which names all roles that have none."""
+    found: dict[str, tuple[Message, Signal]] = {}
+    missing: dict[str, ConfigError] = {}
+    for role, source in config.signals.items():
+        if source.message is None or source.signal is None:
+            continue
+        where = config.at(f"signals.{role}")
+        if not config.databases:
+            raise ConfigError("names a DBC signal, but the config has no dbc: file", where=where)
+        try:
+            found[role] = find_signal(config.databases, source.message, source.signal, where)
+        except ConfigError as error:
+            missing[role] = error
+    if len(missing) > 1:
+        (_, first), *others = missing.items()
         raise ConfigError(
-            error.what, where=where, found=error.found, expected=error.expected + more + remedy
-        ) from None
-
-
-def _is_there(config: Config, role: str) -> bool:
-    source = config.signals[role]
-    if source.message is None or source.signal is None:
-        return True
-    try:
-        _named(config, role)
-    except ConfigError:
-        return False
-    return True
-
-
-def _named(config: Config, role: str, where: str = "") -> tuple[Message, Signal]:
-    source = config.signals[role]
-    return find_signal(config.databases, source.message or "", source.signal or "", where)
+            first.what, where=first.where, found=first.found,
+            expected=f"{first.expected}. Nor is there one for: {', '.join(role for role, _ in others)}; map "
+            "each to what the DBC calls it, or delete its line",
+        )  # fmt: skip
+    if missing:
+        raise next(iter(missing.values()))
+    return found
 
 
 def _refuse_zero_factor(source: Source, signal: Signal, where: str) -> None:

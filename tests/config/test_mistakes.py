@@ -350,6 +350,19 @@ def test_a_signal_that_the_dbc_does_not_have(old: str, new: str, words: list[str
         assert str(caught.value).startswith(f"truck.yaml:{line_with(text, new)}: {words[0]}")
 
 
+def test_all_roles_that_the_dbc_lacks_are_named_at_once() -> None:
+    text = TRUCK.replace("message: EEC2", "message: EEC22").replace("message: CCVS1", "message: Speeds")
+    with pytest.raises(ConfigError) as caught:
+        decoder_for(read_databases(parse_config(text, "truck.yaml")))
+    first, others = str(caught.value).split("Nor is there one for: ")
+    config = parse_config(text, "truck.yaml")
+    lacking = [role for role, source in config.signals.items() if source.message in ("EEC22", "Speeds")]
+    assert len(lacking) > 2
+    assert f"signals.{lacking[0]}: no such message" in first
+    assert others.split("; ")[0].split(", ") == lacking[1:]
+    assert "map each to what the DBC calls it, or delete its line" in others
+
+
 def test_an_address_where_none_can_be_is_refused(tmp_path: Path) -> None:
     (tmp_path / "car.dbc").write_text(
         'VERSION ""\nBU_:\nBO_ 416 Motion: 8 Vector__XXX\n'
