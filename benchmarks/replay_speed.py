@@ -4,13 +4,15 @@ Usage: python benchmarks/replay_speed.py [--log DRIVE.log.xz] [--config class8] 
 
 One drive is repeated with shifted stamps. The cost per frame is the slope between a short and a long log, so
 start-up counts in the whole-process figure only (numba is used from 45 minutes of log on).
-Peers run on a part of the same log, in this process. Costs and ratios are CPU time: on an idle machine
-that is the time on the clock and on a busy one still means something.
+Peers run on a part of the same log, in this process, in turn with the replays: a shared machine is not as
+fast all the time. Of the rounds there is the median, the least and the most. Costs and ratios are CPU time:
+on an idle machine that is the time on the clock and on a busy one still means something.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import subprocess
 import sys
@@ -28,7 +30,7 @@ from canest.logs.candump_writer import CandumpWriter
 
 PEER_FRAMES = 100_000
 SHORT_LOG_S = 600.0
-REPEATS = 3
+ROUNDS = 3
 #: J1939: data page, format and specific, without priority and source; cantools wants it applied by the caller
 _PGN_MASK = 0x03FF_FF00
 _RUN = "from canest.cli.main import main; import sys; sys.exit(main())"
@@ -66,23 +68,20 @@ def repeat(one: FrameBlock, duration_s: float, path: Path) -> int:
     return frames
 
 
-def replay(log: Path, config: str, numba: bool, repeats: int) -> Cost:
-    """Run `canest replay` in a process of its own; the best of some runs."""
-    costs = []
-    for _ in range(repeats):
-        code = _RUN if numba else _WITHOUT_NUMBA + _RUN
-        output = log.with_suffix(".est.csv")
-        argv = ["replay", str(log), "-c", config, "-o", str(output), "--json", str(log.with_suffix(".json"))]
-        begin = time.perf_counter()
-        process = subprocess.Popen([sys.executable, "-c", code, *argv], stdout=subprocess.DEVNULL)
-        _, status, usage = os.wait4(process.pid, 0)
-        wall_s = time.perf_counter() - begin
-        process.returncode = os.waitstatus_to_exitcode(status)
-        if process.returncode:
-            sys.exit(f"canest replay failed with exit code {process.returncode}")
-        costs.append(Cost(wall_s, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024))
-        output.unlink()
-    return min(costs, key=lambda cost: cost.cpu_s)
+def replay(log: Path, config: str, numba: bool) -> Cost:
+    """Run `canest replay` in a process of its own."""
+    code = _RUN if numba else _WITHOUT_NUMBA + _RUN
+    output = log.with_suffix(".est.csv")
+    argv = ["replay", str(log), "-c", config, "-o", str(output), "--json", str(log.with_suffix(".json"))]
+    begin = time.perf_counter()
+    process = subprocess.Popen([sys.executable, "-c", code, *argv], stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    wall_s = time.perf_counter() - begin
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        sys.exit(f"canest replay failed with exit code {process.returncode}")
+    output.unlink()
+    return Cost(wall_s, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024)
 
 
 def python_can_and_cantools(log: Path, dbc: Path) -> float:
@@ -123,15 +122,20 @@ def asammdf_extraction(log: Path, dbc: Path) -> float:
     return took
 
 
-def peer(name: str, run: Callable[[Path, Path], float], log: Path, frames: int, dbc: Path) -> float | None:
-    """Run a peer; print and return nanoseconds per frame (best of some), None when it cannot run here."""
+#: what others take, by name
+PEERS = {
+    "python-can + cantools, decoding only": python_can_and_cantools,
+    "asammdf, extraction only": asammdf_extraction,
+}
+
+
+def peer(name: str, run: Callable[[Path, Path], float], log: Path, dbc: Path) -> float:
+    """Return the seconds that a peer takes, NaN where it cannot run here."""
     try:
-        cost_ns = min(run(log, dbc) for _ in range(REPEATS)) / frames * 1e9
+        return run(log, dbc)
     except Exception as error:  # a peer that is missing or fails must not end the benchmark
-        print(f"{name:<44} not measured ({type(error).__name__}: {error})")
-        return None
-    print(f"{name:<44} {cost_ns:8.0f} ns/frame")
-    return cost_ns
+        print(f"{name} not measured ({type(error).__name__}: {error})")
+        return math.nan
 
 
 def main() -> None:
@@ -152,30 +156,47 @@ def main() -> None:
 
 
 def measure(one: FrameBlock, folder: Path, config: str, hours: tuple[float, float]) -> None:
-    """Write the logs into ``folder``, run everything on them, print figures and ratios."""
+    """Write the logs into ``folder``, run everything on them round by round, print figures and ratios."""
     from canest.system.shipped_files import shipped
 
     durations_s = (SHORT_LOG_S, *(3600 * h for h in hours))
     logs = [folder / f"{duration_s:.0f}s.log" for duration_s in durations_s]
     frames = [repeat(one, duration_s, log) for duration_s, log in zip(durations_s, logs, strict=True)]
-    part = folder / "peers.log"
+    part, dbc = folder / "peers.log", shipped("dbc") / "j1939.dbc"
     with CandumpWriter(part) as writer:
         writer.write(one[:PEER_FRAMES])
-    cut, dbc = min(PEER_FRAMES, len(one)), shipped("dbc") / "j1939.dbc"
-    naive = peer("python-can + cantools, decoding only", python_can_and_cantools, part, cut, dbc)
-    vectorised = peer("asammdf, extraction only", asammdf_extraction, part, cut, dbc)
-    for numba in (True, False):
+    to_ns = 1e9 / min(PEER_FRAMES, len(one))
+    peers_ns: dict[str, list[float]] = {name: [] for name in PEERS}
+    costs: dict[bool, list[list[Cost]]] = {True: [], False: []}
+    for number in range(1, ROUNDS + 1):
+        print(f"round {number} of {ROUNDS}", file=sys.stderr, flush=True)
+        for name, run in PEERS.items():
+            peers_ns[name].append(to_ns * peer(name, run, part, dbc))
+        for numba, taken in costs.items():
+            taken.append([replay(log, config, numba) for log in logs])
+    for name, found in peers_ns.items():
+        print(f"{name:<44} {spread(found, 0)} ns/frame")
+    for numba, taken in costs.items():
         name = "canest replay, " + ("numba" if numba else "plain numpy")
-        small, short, long = (replay(log, config, numba, REPEATS if log != logs[-1] else 2) for log in logs)
-        wall = (long.wall_s - short.wall_s) / (frames[2] - frames[1]) * 1e9
-        slope = (long.cpu_s - short.cpu_s) / (frames[2] - frames[1]) * 1e9
-        print(f"{name + ', text to estimates on disk':<44} {slope:8.0f} ns/frame ({wall:.0f} on the clock)")
-        for other, cost in (("python-can + cantools", naive), ("asammdf", vectorised)):
-            if cost is not None:
-                print(f"    {other} over canest{'':<20} {cost / slope:8.1f}")
-        for log_name, cost in (("10 min", small), (f"{hours[0]:g} h", short), (f"{hours[1]:g} h", long)):
-            print(f"    {log_name:<8} {cost.wall_s:7.2f} s whole process ({cost.cpu_s:.2f} of CPU), ", end="")
-            print(f"{cost.peak_mb:6.0f} MB at most")
+        more = (frames[2] - frames[1]) / 1e9
+        slopes = [(long.cpu_s - short.cpu_s) / more for _, short, long in taken]
+        walls = [(long.wall_s - short.wall_s) / more for _, short, long in taken]
+        print(
+            f"{name + ', text to estimates on disk':<44} {spread(slopes, 0)} ns/frame "
+            f"({spread(walls, 0)} on the clock)"
+        )
+        for other, found in peers_ns.items():
+            print(f"    {other} over canest: {spread(list(np.divide(found, slopes)), 1)}")
+        titles = ("10 min", f"{hours[0]:g} h", f"{hours[1]:g} h")
+        for title, runs in zip(titles, zip(*taken, strict=True), strict=True):
+            best, peak_mb = min(runs, key=lambda cost: cost.cpu_s), max(cost.peak_mb for cost in runs)
+            print(f"    {title:<8} {best.wall_s:7.2f} s whole process ({best.cpu_s:.2f} of CPU), ", end="")
+            print(f"{peak_mb:6.0f} MB at most")
+
+
+def spread(values: list[float], digits: int) -> str:
+    """Return the median, and the least and the most."""
+    return f"{np.median(values):.{digits}f} ({min(values):.{digits}f} to {max(values):.{digits}f})"
 
 
 if __name__ == "__main__":
