@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from canest.core.samples import Status
-from canest.estimators.default.constants import CONSTANTS
+from canest.estimators.default.constants import CONSTANTS, vehicle_of
 from canest.estimators.default.model import WINDOW_S, Window
+from canest.estimators.default.noise import first_levels, follow, refuted
 from canest.estimators.default.sensors import ends_at, slow_traction
 from canest.estimators.registry import create
 
@@ -118,3 +119,16 @@ def test_what_the_model_does_not_explain_takes_valid_away(road, late_s):
     assert valid[(t_s >= 60.0) & (t_s < 120.0)].all()
     assert error[valid & (t_s >= 60.0)].max() < 0.08
     assert valid[t_s >= 400.0].all()
+
+
+@pytest.mark.parametrize(("gross", "expected"), [(0, False), (5, False), (12, True)])
+def test_a_few_gross_windows_in_two_minutes_refute_no_model(gross, expected):
+    vehicle = vehicle_of(STATED, 0.1, CONSTANTS)
+    levels = first_levels.interpreted(vehicle)
+    found = []
+    for k in range(1200):
+        is_gross = k >= 600 and gross > 0 and k % (600 // gross) == 0
+        nis = 1e4 if is_gross else 0.8
+        levels = follow.interpreted(levels, window(0.0, 0.0), nis, 0.0, 0.0, False, CONSTANTS, vehicle)
+        found.append(refuted.interpreted(levels))
+    assert any(found) == expected

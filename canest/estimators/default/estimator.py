@@ -21,7 +21,7 @@ from canest.estimators.default.driver import draw_answer
 from canest.estimators.default.hypotheses import set_loads
 from canest.estimators.default.joining import Joined
 from canest.estimators.default.model import LOADS, MODES, MOST, Mixture, Scratch, Space
-from canest.estimators.default.noise import first_levels
+from canest.estimators.default.noise import first_levels, refuted
 from canest.estimators.default.report import Report, unknown_load_var
 from canest.estimators.default.road_map import LEVEL_STD, RoadUse
 from canest.estimators.default.sensors import delay_is_too_long
@@ -218,7 +218,7 @@ class GaussianSum(Estimator):
         too_long = delay_is_too_long.interpreted(delay_s, self.constants)
         apart = _APART.format(abs(delay_s)) if too_long else ""
         levels = self._carried.levels
-        unlike = _INCONSISTENT.format(levels.nis) if levels.inconsistent > 0.0 and not apart else ""
+        unlike = _INCONSISTENT.format(levels.nis) if refuted.interpreted(levels) and not apart else ""
         return "; ".join(found for found in (self._beyond_bound(), faulty, apart, unlike) if found)
 
     def _beyond_bound(self) -> str:

@@ -24,7 +24,7 @@ from canest.estimators.default.load import (
     surprise_probability,
 )  # fmt: skip
 from canest.estimators.default.model import WINDOW_S, Mixture, Scratch, Space, Window
-from canest.estimators.default.noise import Levels, first_levels, follow, lacking_force, swing_var
+from canest.estimators.default.noise import Levels, first_levels, follow, lacking_force, refuted, swing_var
 from canest.estimators.default.predict import (
     accelerate,
     climb,
@@ -137,7 +137,7 @@ def write(
     """Write what is known after a window, the grade carried on since the last update."""
     row[OUT_MASS] = given.mass_kg
     row[OUT_VAR] = given.mass_var + unknown_load_var(given.mass_kg, q.unseen_s, p.braked > 0.0, c, v)
-    if levels.inconsistent > 0.0 or delay_is_too_long(p.delay_s, c):
+    if refuted(levels) or delay_is_too_long(p.delay_s, c):
         row[OUT_VAR] += given.mass_kg * given.mass_kg
     row[OUT_GRADE] = given.grade + given.slope_1pm * q.distance_m
     row[OUT_GRADE_VAR] = given.grade_var + given.wander_1pm * q.distance_m

@@ -11,9 +11,8 @@ from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.model import WINDOW_S, Window
 
 _STEP_STD = math.sqrt(12.0)
-#: mean NIS above which the model does not explain what happens, and until which that lasts; a consistent
-#: filter's is 1
-_INCONSISTENT, _CONSISTENT = 2.0, 1.4
+#: mean NIS above which the model does not explain what happens; a consistent filter's is 1
+_INCONSISTENT = 1.8
 #: one window counts as that many gross ones at most
 _MOST_GROSS = 4.0
 
@@ -26,8 +25,7 @@ class Levels(NamedTuple):
     windows: float = 0.0  #: open windows so far
     nis_sum: float = 0.0  #: sum of their normalised innovations squared
     torque_Nm2s: float = 0.0  #: density of the noise of the torque
-    nis: float = 1.0  #: mean of the last minute
-    inconsistent: float = 0.0  #: 1 while that is more than the model explains
+    nis: float = 1.0  #: mean of the last two minutes
 
 
 @jit.kernel
@@ -69,7 +67,13 @@ def swing_var(before: float, jump_N: float, w: Window, dt: float, u: float, c: C
 def first_levels(v: Vehicle) -> Levels:
     """Return the levels with which all begins."""
     sensed = 2.0 * v.sensed_floor_mps2
-    return Levels(v.speed_first_mps * v.speed_first_mps, sensed * sensed, 0.0, 0.0, 0.0, 1.0, 0.0)
+    return Levels(v.speed_first_mps * v.speed_first_mps, sensed * sensed, 0.0, 0.0, 0.0, 1.0)
+
+
+@jit.kernel
+def refuted(levels: Levels) -> bool:
+    """Return whether the innovations refute the model."""
+    return levels.nis > _INCONSISTENT
 
 
 @jit.kernel
@@ -87,9 +91,6 @@ def follow(
     most = c.outlier_nis * max(levels.torque_Nm2s, v.torque_std_Nm * v.torque_std_Nm * STEP_S)
     zigzag = min(max(w.zigzag_Nm2s, -most), most)
     torque_Nm2s = max(levels.torque_Nm2s + (zigzag - levels.torque_Nm2s) / memory, 0.0)
+    memory = min(2.0 * c.noise_memory_windows, c.first_noise_windows + windows)
     mean_nis = levels.nis + (min(nis, _MOST_GROSS * c.gross_nis) - levels.nis) / memory
-    limit = _CONSISTENT if levels.inconsistent > 0.0 else _INCONSISTENT
-    return Levels(
-        speed_var, sensed_var, windows, levels.nis_sum + nis, torque_Nm2s,
-        mean_nis, 1.0 if mean_nis > limit else 0.0,
-    )  # fmt: skip
+    return Levels(speed_var, sensed_var, windows, levels.nis_sum + nis, torque_Nm2s, mean_nis)
