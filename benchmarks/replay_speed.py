@@ -174,6 +174,7 @@ def measure(one: FrameBlock, folder: Path, config: str, hours: tuple[float, floa
             peers_ns[name].append(to_ns * peer(name, run, part, dbc))
         for numba, taken in costs.items():
             taken.append([replay(log, config, numba) for log in logs])
+    peers_ns = {name: found for name, found in peers_ns.items() if not np.isnan(found).any()}
     for name, found in peers_ns.items():
         print(f"{name:<44} {spread(found, 0)} ns/frame")
     for numba, taken in costs.items():

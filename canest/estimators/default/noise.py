@@ -91,6 +91,6 @@ def follow(
     most = c.outlier_nis * max(levels.torque_Nm2s, v.torque_std_Nm * v.torque_std_Nm * STEP_S)
     zigzag = min(max(w.zigzag_Nm2s, -most), most)
     torque_Nm2s = max(levels.torque_Nm2s + (zigzag - levels.torque_Nm2s) / memory, 0.0)
-    memory = min(2.0 * c.noise_memory_windows, c.first_noise_windows + windows)
-    mean_nis = levels.nis + (min(nis, _MOST_GROSS * c.gross_nis) - levels.nis) / memory
+    longer_memory = min(2.0 * c.noise_memory_windows, c.first_noise_windows + windows)
+    mean_nis = levels.nis + (min(nis, _MOST_GROSS * c.gross_nis) - levels.nis) / longer_memory
     return Levels(speed_var, sensed_var, windows, levels.nis_sum + nis, torque_Nm2s, mean_nis)
