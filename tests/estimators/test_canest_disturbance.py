@@ -11,7 +11,7 @@ from canest.core.samples import Status
 from canest.estimators.default import disturbance
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import CONSTANTS
-from canest.estimators.default.estimator import GaussianSum, _room
+from canest.estimators.default.estimator import GaussianSum
 from tests.estimators.momentum import hills, trip
 from tests.estimators.test_canest_loads_and_roads import STATED
 from tests.estimators.test_canest_parts import TRUCK, mixture
@@ -54,11 +54,16 @@ def test_they_come_back_to_the_load_that_they_have():
     assert list(mix.load[:4]) == [0, 2, 2, 0]
 
 
-def test_without_accelerometer_the_wind_is_as_it_was():
-    mix = _room(m.STATES_WITHOUT_ACCELEROMETER)
-    mix.weight[0] = 1.0
-    assert disturbance.open_disturbance.interpreted(mix, 1, 0.5, U, CONSTANTS, VEHICLE) == 2
-    assert mix.P[1, m.WIND, m.WIND] == 0.0 < mix.P[1, m.OFFSET, m.OFFSET]
+@pytest.mark.parametrize("accelerometer", [True, False])
+def test_only_with_an_accelerometer_may_it_be_another(accelerometer):
+    """Without, no variance of the offset is beyond the prior's: it fades, and is measured."""
+    drive = trip(60.0, mass_kg=16_000.0, road=hills, throttle=held, accelerometer=accelerometer)
+    estimator = GaussianSum("canest", replace(STATED, has_accelerometer=accelerometer))
+    estimator.update(drive.block)
+    progress = estimator._carried.progress
+    offset_var = estimator._mixture.P[: int(progress.alive), m.OFFSET, m.OFFSET]
+    prior_var = (estimator._vehicle.offset_Nm * progress.u) ** 2
+    assert bool(offset_var.max() > 1.1 * prior_var) is accelerometer
 
 
 def gusts(t):

@@ -125,6 +125,19 @@ def test_a_map_that_fits_after_a_gap_is_not_lost():
     assert road.right > 0.9
 
 
+def test_what_is_known_of_a_map_fades_where_it_has_no_road():
+    """After 20 km it is that of a map of which nothing is known, 10 of 12; a distance is all that counts."""
+    given, found = Report(21_000.0, 1e4, 0.01, 1e-5), []
+    on, off = (NOTHING._replace(road_sine=sine, road_std=0.02) for sine in (0.01, np.nan))
+    for part_m in (1.0, 100.0, 20_000.0):
+        road = road_map.RoadUse(right=0.3)
+        for _ in range(round(20_000.0 / part_m)):
+            road = road_map.follow_road.interpreted(road, given, off, part_m, 0.0)
+        found.append(road_map.follow_road.interpreted(road, given, on, 1.0, 0.0).right)
+    np.testing.assert_allclose(found, found[0], rtol=1e-12)
+    assert 0.83 < found[0] < 0.9
+
+
 def test_a_slower_vehicle_after_a_gap_is_no_surprise():
     drive = synthetic.drive(seconds=160.0, noise_mps2=0.02).block
     speed = drive.speed_mps + 4.0 - drive.speed_mps[4_000:].min()

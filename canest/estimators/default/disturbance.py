@@ -3,7 +3,7 @@
     P(changed in t) = 1 - exp(-t / T_j),  Var(change) = (k_j std)^2
 
 A forest ends, a truck ahead turns off, an air conditioning switches. Without this hypothesis a load is the
-only other force that changes so fast. Only an accelerometer tells a wind that jumps from a road.
+only other force that changes so fast. Only an accelerometer tells it from a road: without one it is none.
 """
 
 from __future__ import annotations
@@ -26,8 +26,7 @@ def open_disturbance(mix: Mixture, count: int, changed: float, u: float, c: Cons
     for d in range(count):
         if changed * mix.weight[d] > c.least_weight and made < MOST:
             copy(mix, d, mix, made)
-            if mix.x.shape[1] == m.STATES:
-                mix.P[made, m.WIND, m.WIND] += wind * wind
+            mix.P[made, m.WIND, m.WIND] += wind * wind
             mix.P[made, m.OFFSET, m.OFFSET] += offset * offset
             mix.weight[made], mix.load[made] = changed * mix.weight[d], mix.load[d] + OTHER_DISTURBANCE
             mix.weight[d] *= 1.0 - changed

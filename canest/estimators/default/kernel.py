@@ -213,7 +213,7 @@ def run(
             known_N = 0.0 if p.braked > 0.0 else w.force_N - w.rotating_kg * w.accel_mps2
             count = open_load(mix, count, probability, True, known_N / GRAVITY_MPS2, c, v, t)
             driven_s = 0.0
-        if due and is_open:
+        if due and is_open and mix.x.shape[1] == m.STATES:
             changed = max(changed_probability(p.mixed_s + dt, c.jump_every_s), surprising)
             count = open_disturbance(mix, count, changed, p.u, c, v)
         # -- predict and update every density

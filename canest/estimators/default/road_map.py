@@ -47,7 +47,7 @@ def follow_road(road: RoadUse, given: Report, w: Window, metres: float, ahead_m:
     """
     since_m = road.since_m + metres
     if math.isnan(w.road_sine):
-        return RoadUse(min(since_m, CELL_M), road.right, 0.0, road.trusted, 0.0)
+        return RoadUse(since_m, road.right, 0.0, road.trusted, 0.0)
     if since_m < CELL_M or metres <= 0.0:
         return RoadUse(since_m, road.right, 0.0, road.trusted, 0.0)
     e = w.road_sine - (given.grade - given.slope_1pm * ahead_m)
