@@ -13,14 +13,12 @@ from canest.core.frames import FloatColumn
 from canest.core.samples import VehicleFacts
 from canest.estimators.default.constants import Constants, Vehicle, vehicle_of
 from canest.estimators.default.driver import own_torque
-from canest.estimators.default.model import Scratch
+from canest.estimators.default.model import MODES, Scratch
 
 #: a variance, limit, length or time that is never reached; and a likelihood that is none, but has a logarithm
 NEVER, NOTHING = 1e12, 1e-300
-
-
-def keep_nothing(mix: Any, count: int, i: int, mean: Any, variance: Any) -> None:
-    """Take the place of `predict.restore`."""
+#: no mode
+NOWHERE = (0.0,) * MODES
 
 
 def never(w: Any, surprise: float, innovation_mps: float, c: Constants) -> bool:
@@ -118,6 +116,7 @@ MECHANISMS = (
     Variant("wander of that bias", {"bias_wander_m2ps5": 0.0}),
     Variant("slip of the driven wheels", {"slip_per_mps2": 0.0}),
     Variant("the longest delay is a bound", patch={"kernel.bound_delay": no_bound}),
+    Variant("delay kept where the road answers", patch={"sensors._HIDES_DELAY": NOWHERE}),
     Variant("torque that acts 0.08 s before its report", patch={"windows.SHIFT": 0, "estimator.SHIFT": 0}),
     Variant("noise of the speed kept from the accelerometer", patch={"kernel.gain_is_known": gain_unknown}),
     Variant("pitch of the body", facts={"pitch_rad_per_mps2": 0.0}),
@@ -136,7 +135,7 @@ MECHANISMS = (
     Variant("dependent windows (power 1)", {"likelihood_power": 1.0}),
     # -- windows and gated samples
     Variant("retarders, bends and dwells while gated", {"hidden_force_share": 1e6}),
-    Variant("mass kept while gated", patch={"sensors.restore": keep_nothing}),
+    Variant("mass kept while gated", patch={"sensors.EVERYWHERE": NOWHERE}),
     Variant("coasting", edit=partial(without, "coasting_N")),
     Variant("altitude", edit=partial(without, "altitude_m")),
     Variant("wander of the altitude", {"altitude_wander_m2ps": 0.0}),

@@ -52,6 +52,21 @@ def test_a_delay_is_found_in_every_gear(monkeypatch, rotating_kg, sensed):
     assert found_s[1] - found_s[0] == pytest.approx(0.12, abs=0.02)
 
 
+def cruise_control(t, v):
+    """Set torque by how much slower than 22 m/s the vehicle is: after a climb has slowed it."""
+    return float(np.clip(0.25 + 0.25 * (22.0 - v), -0.03, 0.85))
+
+
+@pytest.mark.parametrize("sensed", [False, True])
+def test_a_cruise_control_that_answers_late_is_no_delay_of_the_torque(sensed):
+    """Else the delay is -0.08 s after ten minutes, -0.05 with accelerometer, and goes on to its bound."""
+    drive = trip(600, mass_kg=KG, road=hills, throttle=cruise_control, accelerometer=sensed)
+    estimator = create("canest", replace(STATED, has_accelerometer=sensed))
+    estimator.update(drive.block)
+    assert estimator._carried.progress.delay_s == pytest.approx(0.0, abs=0.02)
+    assert estimator.contradiction() == ""
+
+
 def window(begin_N, end_N):
     return Window(**dict.fromkeys(Window._fields, 0.0))._replace(begin_N=begin_N, traction_N=end_N)
 

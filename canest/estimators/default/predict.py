@@ -16,7 +16,7 @@ from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.model import Mixture, Scratch, Window
 
-_EVERYWHERE = (1.0,) * m.MODES
+EVERYWHERE = (1.0,) * m.MODES
 _DRIFT = (m.RATE,)
 _CLIMB = (m.GRADE, m.ROLLING)
 _TRAVEL = (m.CURVATURE, m.ANSWER)
@@ -89,10 +89,11 @@ def moments(mix: Mixture, count: int, i: int, mean: Any, variance: Any) -> None:
 
 
 @jit.kernel
-def restore(mix: Mixture, count: int, i: int, mean: Any, variance: Any) -> None:
-    """Give mean and variance back to x_i in every density."""
+def restore(mix: Mixture, count: int, i: int, mean: Any, variance: Any, modes: Any) -> None:
+    """Give mean and variance back to x_i in the modes that keep it (Schmidt 1966)."""
     for d in range(count):
-        mix.x[d, i], mix.P[d, i, i] = mean[d], variance[d]
+        if modes[mix.mode[d]] > 0.0:
+            mix.x[d, i], mix.P[d, i, i] = mean[d], variance[d]
 
 
 @jit.kernel
@@ -191,7 +192,7 @@ def follow_bends(mix: Mixture, count: int, before: float, metres: float, c: Cons
 def fade(mix: Mixture, count: int, metres: float, wind: float, bend_var: float, c: Constants) -> None:
     """Let wind and curvature fade over a distance. wind: its std times u. bend_var: see `follow_bends`."""
     left = math.exp(-metres / c.wind_length_m)
-    decay(mix, count, m.WIND, left, wind, _EVERYWHERE)
+    decay(mix, count, m.WIND, left, wind, EVERYWHERE)
     left = math.exp(-metres / c.curvature_length_m)
     decay(mix, count, m.CURVATURE, left, math.sqrt(bend_var), m.BENDS)
 
@@ -199,7 +200,7 @@ def fade(mix: Mixture, count: int, metres: float, wind: float, bend_var: float, 
 @jit.kernel
 def fade_offset(mix: Mixture, count: int, seconds: float, offset: float, c: Constants) -> None:
     """Let the crank torque that the report lacks fade in time. offset: its std times u."""
-    decay(mix, count, m.OFFSET, math.exp(-seconds / c.offset_duration_s), offset, _EVERYWHERE)
+    decay(mix, count, m.OFFSET, math.exp(-seconds / c.offset_duration_s), offset, EVERYWHERE)
 
 
 @jit.kernel

@@ -10,7 +10,7 @@ from canest.core.samples import GRAVITY_MPS2
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Window
-from canest.estimators.default.predict import column, moments, restore, widen
+from canest.estimators.default.predict import EVERYWHERE, column, moments, restore, widen
 from canest.estimators.default.update import condition_on, judge
 
 SENSED = (m.GRADE, m.BIAS)
@@ -20,6 +20,8 @@ _ALTITUDE = (m.HEIGHT,)
 _BALANCE = (m.GRADE, m.WIND, m.U)
 _COASTED = (m.GRADE, m.CURVATURE, m.WIND, m.U)
 _MAP = (m.GRADE, m.ROLLING)
+#: modes in which a speed tells no delay
+_HIDES_DELAY = m.ANSWERS
 #: bounds of the delay at which its lever is taken, s
 _LEVER_DELAY_S = 0.1
 #: share of the longest delay at which one counts as bounded: updates move it between two exchanges
@@ -100,12 +102,15 @@ def speed(
     """Update with a speed: v measured (1 - lambda u T) = v + delta T + gamma dT/dt.
 
     lambda: slip of the driven wheels. T of the delay: that halfway through it. u: mean inverse mass.
+    Where the road answers the torque no delay is learned: an answer comes late, and the speed shows the sum.
     """
     delay_s = mean_delay(mix, count, u, t)
     half_s = 0.5 * min(max(delay_s, -_LEVER_DELAY_S), _LEVER_DELAY_S)
     t.h[0], t.h[1], t.h[2] = 1.0, end.traction_N + half_s * end.traction_Nps, end.traction_Nps
     slip = v.slip_per_mps2 * u * end.traction_N
+    moments(mix, count, m.DELAY, t.columns[0], t.columns[1])
     condition_on(mix, count, _SPEED, end.speed_mps * (1.0 - slip), r, c.outlier_nis, t)
+    restore(mix, count, m.DELAY, t.columns[0], t.columns[1], _HIDES_DELAY)
 
 
 @jit.kernel
@@ -241,7 +246,7 @@ def closed_balance(
     t.h[0], t.h[1], t.h[2] = GRAVITY_MPS2, w.drag_N_per_mps, w.rotating_kg * accel_mps2 - w.force_N
     moments(mix, count, m.U, t.columns[0], t.columns[1])
     condition_on(mix, count, _BALANCE, -accel_mps2 - w.roll_mps2, r, c.outlier_nis, t)
-    restore(mix, count, m.U, t.columns[0], t.columns[1])
+    restore(mix, count, m.U, t.columns[0], t.columns[1], EVERYWHERE)
 
 
 @jit.kernel
