@@ -145,6 +145,8 @@ CONSTANTS = Constants()
 
 #: no signal is finer than this, m/s and m/s2: noise levels stay above zero
 _FINEST = 1e-4
+#: what a compressor or an alternator takes of a car's engine: a finer report lacks it as well, std, N m
+_LEAST_OFFSET_NM = 3.0
 
 
 class Vehicle(NamedTuple):
@@ -160,7 +162,7 @@ class Vehicle(NamedTuple):
     sensed_floor_mps2: float
     torque_std_Nm: float
     slip_per_mps2: float  #: of the driven wheels per m/s2 of traction
-    offset_Nm: float  #: std of the crank torque that the report lacks: half a step
+    offset_Nm: float  #: std of the crank torque that the report lacks: half a step, 3 N m at least
     period_windows: float  #: windows between two reports of a slow signal
     late_s: float  #: how much older than the samples the filtered states are
     pitch: float  #: of the body, m/s2 of the accelerometer per m/s2
@@ -186,7 +188,7 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         sensed_floor_mps2=max(facts.accelerometer_step_mps2, _FINEST) / 2.0,
         torque_std_Nm=facts.torque_step_Nm / math.sqrt(12.0),
         slip_per_mps2=c.slip_per_mps2 if facts.slips else 0.0,
-        offset_Nm=0.5 * facts.torque_step_Nm,
+        offset_Nm=max(0.5 * facts.torque_step_Nm, _LEAST_OFFSET_NM),
         period_windows=period,
         late_s=late_s,
         pitch=GRAVITY_MPS2 * (c.pitch_rad_per_mps2 if pitch is None else pitch),
