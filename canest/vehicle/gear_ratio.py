@@ -7,8 +7,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from canest.core.columns import constant
+from canest.core.columns import constant, shifted
 from canest.core.frames import FloatColumn, IntColumn
+from canest.core.samples import STEP_S
 from canest.vehicle.facts import NOTHING_ENGAGED, Vehicle
 
 #: a shaft slower than this gives no ratio, rpm
@@ -24,6 +25,7 @@ class GearRatio:
         self._rpm_per_mps = 1.0 / vehicle.mps_per_shaft_rpm
         self._gears = np.array(sorted(vehicle.gear_ratios), np.float64)
         self._ratios = np.array([vehicle.gear_ratios[int(g)] for g in self._gears], np.float64)
+        self._last = math.nan
 
     def of(self, values: Mapping[str, FloatColumn], n: int) -> tuple[FloatColumn, FloatColumn]:
         """Return transmission ratio and gear number: from ETC2, else the gear table, else shaft speeds."""
@@ -46,6 +48,18 @@ class GearRatio:
             nearest = self._nearest(np.where(ratio > 0, ratio, 1.0))
             gear = np.where(ratio > 0, self._gears[nearest], 0.0)
         return ratio, gear
+
+    def rate(self, ratio: FloatColumn, continues: bool) -> FloatColumn:
+        """Return how fast a transmission without steps changes its ratio, as a share, 1/s (n,).
+
+        Zero with a table of gears, and where the ratio changes by more than `RATIO_SNAP` at once.
+        """
+        if len(self._gears):
+            return constant(0.0, len(ratio))
+        change = ratio - shifted(ratio, self._last if continues else math.nan)
+        self._last = float(ratio[-1])
+        glides = np.abs(change) < RATIO_SNAP * ratio
+        return np.where(glides, change, 0.0) / np.where(glides, ratio, 1.0) / STEP_S
 
     def _by_table(self, gear: FloatColumn) -> FloatColumn:
         at = np.minimum(np.searchsorted(self._gears, gear), len(self._gears) - 1)

@@ -131,7 +131,10 @@ class LongitudinalModel:
             crank_force, crank_mass = c.wheel_torque_Nm * lever, constant(0.0, len(c))
         else:
             lever, efficiency = c.ratio / c.radius_m, c.efficiency
-            crank_force, crank_mass = c.torque_Nm * lever, c.crank_inertia_kgm2 * lever * lever
+            crank_mass = c.crank_inertia_kgm2 * lever * lever
+            gained = c.engine_radps * self._gear_ratio.rate(c.ratio, grid.continues)  # beyond the vehicle's
+            own_torque = c.crank_inertia_kgm2 * np.where(np.isfinite(gained), gained, 0.0)
+            crank_force = (c.torque_Nm - own_torque) * lever
         # for the slip of the wheels, without which there is no acceleration yet
         c.auxiliary["traction_N"] = loss_factor(crank_force, efficiency) * crank_force
         known = self._clutch_reports.reported(c)

@@ -144,6 +144,28 @@ def test_the_rotating_mass_and_so_the_momentum_does_not_jump_in_overrun() -> Non
     )
 
 
+@pytest.mark.parametrize("cuts", [(), (7, 100, 101, 250)])
+def test_an_engine_that_keeps_its_speed_takes_no_torque_for_itself(cuts: tuple[int, ...]) -> None:
+    """No steps: 200 rad/s while the vehicle gains 1 m/s2, and from the middle on one ratio."""
+    n, radps = 400, 200.0
+    speed = 10.0 + np.arange(n) * STEP_S
+    ratio = radps * RADIUS_M / speed / FINAL_DRIVE
+    ratio[200:] = ratio[200]
+    engine = np.where(np.arange(n) < 200, radps, ratio * FINAL_DRIVE * speed / RADIUS_M)
+    rpm = engine * 30.0 / math.pi
+    values = {"engine_torque": 500.0, "vehicle_speed": speed, "gear_ratio": ratio, "engine_speed": rpm}
+    model = FilteredModel(model_spec(config(tuple(values), vehicle={"gear_ratios": {}})))
+    edges, blocks = (0, *cuts, n), []
+    for k, (a, b) in enumerate(pairwise(edges)):
+        part = {role: x if isinstance(x, float) else x[a:b] for role, x in values.items()}
+        blocks.append(model.process(ticks(part, b - a, a, k > 0)))
+    force = np.concatenate([block.raw_force_N + block.aero_N for block in blocks])
+    lever = ratio * FINAL_DRIVE / RADIUS_M
+    gains = np.where(np.arange(n) > 200, ENGINE_INERTIA * lever, 0.0)  # rad/s2 by rad/s2 of the crank, 1 m/s2
+    expected = EFFICIENCY * lever * (500.0 - gains) - WHEELS_KG
+    np.testing.assert_allclose(force[2:], expected[2:], rtol=5e-3)  # the wheels slip
+
+
 def test_the_filtered_acceleration_is_the_difference_of_the_filtered_speed() -> None:
     speed = 15 + np.cumsum(np.random.default_rng(3).standard_normal(100)) * 0.01
     block = FilteredModel(model_spec(config(ROLES, vehicle=FIXED_GEAR))).process(
