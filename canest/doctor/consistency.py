@@ -8,7 +8,7 @@ import numpy as np
 
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.roles import RADPS_PER_RPM
-from canest.doctor.gear_table import GearFit, table_line
+from canest.doctor.gear_table import GearFit, slipping_gears, table_line
 from canest.doctor.speed_units import SPEED_TOLERANCE, UNIT_FACTORS, mistaken_unit
 from canest.doctor.stretches import Samples, Stretches, at
 
@@ -261,11 +261,14 @@ class ConsistencyCheck:
             ]
         shown = [f"{found[n]:.3g} in gear {n} (gear_ratios: {v.gear_ratios[n]:g})" for n in wrong[:_SHOWN]]
         more = f" and {len(wrong) - _SHOWN} gears more" if len(wrong) > _SHOWN else ""
-        listed = ", ".join(shown) + more
-        return [
-            f"engine and {against} turn in the ratio {listed}: is the table another gearbox's? "
-            f"Measured{self._at_radius()}: {table_line(self._measured())}"
-        ]
+        listed = f"engine and {against} turn in the ratio {', '.join(shown)}{more}"
+        if slipping_gears(times):
+            return [
+                f"{listed}, and the higher gears fit: a torque converter that slips in low gears does that. "
+                "Leave gear_ratios as they are; signals.lockup_engaged tells when it does"
+            ]
+        measured = f"Measured{self._at_radius()}: {table_line(self._measured())}"
+        return [f"{listed}: is the table another gearbox's? {measured}"]
 
     def _table_hints(self) -> list[str]:
         """Return what is wrong with a gear table where no signal carries the gear."""

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn
+from canest.doctor.speed_units import SPEED_TOLERANCE
 from canest.doctor.stretches import at
 
 #: ratios are counted in bins of 1 %, from and to
@@ -23,6 +24,8 @@ _FEWEST = 400
 _FITS, _FAILS = 0.6, 0.35
 #: of a table that is proposed: at most so many gears, each with at least this share of the steady samples
 _MOST_GEARS, _LEAST_SHARE = 20, 0.01
+#: a torque converter that turns steadily slips by no more
+MOST_SLIP = 0.1
 #: tables are tried this much larger and smaller
 _MOST_TIMES = 1.6
 
@@ -96,6 +99,18 @@ class GearFit:
             found.append(float(np.exp(self._sums[near].sum() / self._counts[near].sum())))
             counts[max(0, peak - 5) : peak + 6] = 0.0
         return found
+
+
+def slipping_gears(times: Mapping[int, float]) -> list[int]:
+    """Return the lowest gears where those alone turn the engine a little too fast: a torque converter slips.
+
+    times: gear -> measured ratio by the table's.
+    """
+    slip = [number for number, factor in times.items() if factor > 1 + SPEED_TOLERANCE]
+    rest = [number for number in times if number not in slip]
+    others_fit = all(abs(times[number] - 1) <= SPEED_TOLERANCE for number in rest)
+    lowest = bool(slip) and bool(rest) and max(slip) < min(rest)
+    return slip if lowest and others_fit and max(times.values()) <= 1 + MOST_SLIP else []
 
 
 def table_line(ratios: Mapping[int, float]) -> str:

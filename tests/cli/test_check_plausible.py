@@ -10,6 +10,7 @@ import pytest
 from canest.config import load_config
 from canest.doctor.check import Doctor
 from canest.doctor.consistency import ConsistencyCheck
+from canest.doctor.gear_table import slipping_gears
 from canest.logs import open_log
 from tests.pulsing_truck import config_of, write_drive
 
@@ -50,6 +51,30 @@ def test_gears_of_another_gearbox(drive):
         drive, f"vehicle.gear_ratios={RATIOS.replace('1.38', '1.62')}", without=("gear_ratio",)
     )
     assert "engine and output shaft turn in the ratio 1.38 in gear 8 (gear_ratios: 1.62)" in hint_text
+
+
+def test_low_gears_in_which_the_engine_turns_too_fast_are_a_torque_converter(drive):
+    table = RATIOS.replace("8: 1.38", "8: 1.31")
+    (hint_text,) = hints(drive, f"vehicle.gear_ratios={table}", without=("gear_ratio",))
+    assert "a torque converter that slips in low gears does that" in hint_text
+    assert "another gearbox" not in hint_text
+
+
+@pytest.mark.parametrize(
+    ("times", "slip"),
+    [
+        ({1: 1.05, 2: 1.0, 3: 1.0}, [1]),
+        ({1: 1.08, 2: 1.04, 3: 1.0}, [1, 2]),
+        ({1: 1.0, 2: 1.05, 3: 1.0}, []),  # a lower gear fits
+        ({1: 1.05, 2: 0.95, 3: 1.0}, []),
+        ({1: 0.95, 2: 1.0}, []),  # no converter turns the engine slower
+        ({1: 1.2, 2: 1.0}, []),
+        ({1: 1.05, 2: 1.05}, []),
+        ({1: 1.0}, []),
+    ],
+)
+def test_which_gears_slip(times, slip):
+    assert slipping_gears(times) == slip
 
 
 def test_without_an_output_shaft_all_gears_off_alike_are_one_wheel_radius(drive):
