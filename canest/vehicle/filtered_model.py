@@ -17,13 +17,10 @@ from canest.vehicle.butterworth import Filter
 from canest.vehicle.driveline_losses import loss_factor
 from canest.vehicle.gating import Excitation, Gating
 from canest.vehicle.model import LongitudinalModel, RawModel
-from canest.vehicle.range_rate_check import MAX_SPEED_MPS, MOTION_JUMP
+from canest.vehicle.range_rate_check import MAX_SPEED_MPS, MOTION_JUMP, STANDSTILL_MPS
 from canest.vehicle.spec import ModelSpec
 from canest.vehicle.stuck_sensor import StuckSensor
 from canest.vehicle.working_columns import ModelColumns
-
-#: slower than this (m/s) the vehicle stands: speed sensors give no pulses below
-STANDSTILL_MPS = 0.2
 
 
 class _LastUsable:

@@ -25,6 +25,8 @@ Samples = dict[str, tuple[IntColumn, FloatColumn]]
 MAX_ACCEL_MPS2 = 12.0
 #: nor is it faster; a first value has nothing else to be judged by
 MAX_SPEED_MPS = 150.0
+#: slower than this the vehicle stands: speed sensors give no pulses below
+STANDSTILL_MPS = 0.2
 #: two speeds of one vehicle may differ by noise, rounding to a mile per hour and timing
 SPEED_SLACK_MPS = 1.5
 #: channels that are 1 for `JUMP_HOLD_S` after a sample was refused, any one or one of the motion

@@ -20,7 +20,7 @@ from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 from canest.core.roles import LASTING
 from canest.core.samples import RATE_HZ, STEP_US
 from canest.grid.grid import GridBlock
-from canest.vehicle.range_rate_check import MAX_ACCEL_MPS2
+from canest.vehicle.range_rate_check import MAX_ACCEL_MPS2, STANDSTILL_MPS
 from canest.vehicle.role_sources import speed_in_use
 from canest.vehicle.spec import ModelSpec
 
@@ -94,11 +94,15 @@ class StuckSensor:
         return stood
 
     def _changes(self, ticks: GridBlock) -> FloatColumn:
-        """Return by how much the acceleration has changed according to the speed, m/s2 (n,)."""
+        """Return by how much the acceleration has changed according to the speed, m/s2 (n,).
+
+        Zero where the vehicle stands: a speed that is late shows the end of the braking after the sensor has.
+        """
         if not ticks.continues:
             self._past[:] = np.nan
         speed = np.concatenate((self._past, self._scale * ticks.values[self._speed]))
         self._past = speed[len(ticks) :]
         mean = (speed[MEAN_TICKS:] - speed[:-MEAN_TICKS]) * (RATE_HZ / MEAN_TICKS)
         changes = np.abs(mean[APART_TICKS:] - mean[:-APART_TICKS])
-        return np.where(changes <= MAX_ACCEL_MPS2, changes, 0.0)  # beyond it is damage
+        moves = np.abs(speed[-len(ticks) :]) > STANDSTILL_MPS
+        return np.where(moves & (changes <= MAX_ACCEL_MPS2), changes, 0.0)  # beyond it is damage

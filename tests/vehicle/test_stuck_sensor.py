@@ -115,6 +115,17 @@ def test_an_accelerometer_that_shows_no_braking_is_taken_as_stuck(
         assert sensor.stuck_ticks == {"longitudinal_accel": len(lost["yaw_rate"])}
 
 
+@pytest.mark.parametrize("late_s", [0.0, 0.5, 1.0])
+def test_a_sensor_that_is_quiet_while_the_vehicle_stands_is_not_stuck(late_s: float) -> None:
+    """It stops from 8 m/s at 1.5 m/s2 after 8 s, and the speed that is used comes late."""
+    speed = np.maximum(8.0 - 1.5 * np.maximum(T_S - late_s - 8.0 + 8.0 / 1.5, 0.0), 0.0)
+    accel = np.where((T_S > 8.0 - 8.0 / 1.5) & (T_S < 8.0), -1.5 + NOISE, 0.0)
+    shaft = speed * RPM_PER_MPS
+    sensor = StuckSensor(model_spec(mapped()))
+    block = drive(output_shaft_speed=shaft, undriven_speed=speed, longitudinal_accel=accel)
+    assert silent(block, sensor.mask_stuck(block)) == {}
+
+
 def test_any_cut_gives_the_same_bits() -> None:
     still = frozen(frozen(SHAFT), 100, 260)
     gone = np.where((T_S > 12) & (T_S < 12.5), np.nan, SPEED)
