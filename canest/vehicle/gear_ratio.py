@@ -49,17 +49,21 @@ class GearRatio:
             gear = np.where(ratio > 0, self._gears[nearest], 0.0)
         return ratio, gear
 
-    def rate(self, ratio: FloatColumn, continues: bool) -> FloatColumn:
-        """Return how fast a transmission without steps changes its ratio, as a share, 1/s (n,).
+    @property
+    def has_steps(self) -> bool:
+        """Whether there is a table of gears."""
+        return len(self._gears) > 0
 
-        Zero with a table of gears, and where the ratio changes by more than `RATIO_SNAP` at once.
+    def gained(self, ratio: FloatColumn, engine_radps: FloatColumn, continues: bool) -> FloatColumn:
+        """Return what a transmission without steps accelerates the engine beyond the vehicle, rad/s2 (n,).
+
+        Zero where that is unknown, and where the ratio changes by more than `RATIO_SNAP` at once.
         """
-        if len(self._gears):
-            return constant(0.0, len(ratio))
         change = ratio - shifted(ratio, self._last if continues else math.nan)
         self._last = float(ratio[-1])
         glides = np.abs(change) < RATIO_SNAP * ratio
-        return np.where(glides, change, 0.0) / np.where(glides, ratio, 1.0) / STEP_S
+        gained = engine_radps * (np.where(glides, change, 0.0) / np.where(glides, ratio, 1.0) / STEP_S)
+        return np.where(np.isfinite(gained), gained, 0.0)
 
     def _by_table(self, gear: FloatColumn) -> FloatColumn:
         at = np.minimum(np.searchsorted(self._gears, gear), len(self._gears) - 1)

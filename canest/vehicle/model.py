@@ -130,11 +130,11 @@ class LongitudinalModel:
             lever, efficiency = 1.0 / c.radius_m, constant(1.0, len(c))
             crank_force, crank_mass = c.wheel_torque_Nm * lever, constant(0.0, len(c))
         else:
-            lever, efficiency = c.ratio / c.radius_m, c.efficiency
-            crank_mass = c.crank_inertia_kgm2 * lever * lever
-            gained = c.engine_radps * self._gear_ratio.rate(c.ratio, grid.continues)  # beyond the vehicle's
-            own_torque = c.crank_inertia_kgm2 * np.where(np.isfinite(gained), gained, 0.0)
-            crank_force = (c.torque_Nm - own_torque) * lever
+            lever, efficiency, torque = c.ratio / c.radius_m, c.efficiency, c.torque_Nm
+            if not self._gear_ratio.has_steps:
+                gained = self._gear_ratio.gained(c.ratio, c.engine_radps, grid.continues)
+                torque = torque - c.crank_inertia_kgm2 * gained
+            crank_force, crank_mass = torque * lever, c.crank_inertia_kgm2 * lever * lever
         # for the slip of the wheels, without which there is no acceleration yet
         c.auxiliary["traction_N"] = loss_factor(crank_force, efficiency) * crank_force
         known = self._clutch_reports.reported(c)
