@@ -174,7 +174,7 @@ def run(
         failed = failed or road.lost > 0.0
         height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S and not failed
         # -- other loads, other modes, another disturbance
-        unseen_s, surprise, opened = joined.unseen_s, p.surprise, False
+        unseen_s, surprise, bend_var, opened = joined.unseen_s, p.surprise, p.bend_var, False
         changed = changed_probability(unseen_s, c.load_stop_s) if begins else 0.0
         if failed or 1.0 - changed < c.left_out_share:  # nothing of what was learned holds
             take(space.prior, m.MODES, mix)
@@ -182,13 +182,14 @@ def run(
             unseen_s = surprise = 0.0
             braked = height_known = False
             levels = first_levels(v) if failed else levels
+            bend_var = c.curvature_std_1pm * c.curvature_std_1pm
         elif begins and unseen_s >= c.shortest_stop_s:
             if p.learned > 0.0:
                 count = open_load(mix, count, changed, False, 0.0, c, v, t)
                 opened = True
             unseen_s = surprise = 0.0
         surprised = is_open and surprise > c.gross_nis
-        bend_var, mixed_m = p.bend_var, p.mixed_m + metres
+        mixed_m = p.mixed_m + metres
         mixed_s = p.mixed_s + (0.0 if still else dt + min(w.gap_s, _DRIVEN_GAP_S))
         due = mixed_s >= c.exchange_every_s or surprised or opened
         if due:
