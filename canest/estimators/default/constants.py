@@ -129,7 +129,9 @@ class Constants(NamedTuple):
         float, Source("c_0", "1", "chosen: one window in seventy is anything, within 30 times its noise")
     ] = 6e-4
     likelihood_power: Annotated[float, Source("alpha", "1", "measured: at 1 cruises are too sure")] = 0.5
-    bias_wander_m2ps5: Annotated[float, Source("q_b", "(m/s2)2/s", "measured: 0.03 m/s2 in an hour")] = 2e-7
+    bias_wander_m2ps5: Annotated[
+        float, Source("q_b", "(m/s2)2/s", "chosen: 0.04 m/s2 in an hour; more costs `valid` on motorways")
+    ] = 4e-7
     # -- closed gates
     hidden_force_share: Annotated[float, Source("k_c", "1", "chosen: retarder, gearbox that closes")] = 0.1
     hidden_windows: Annotated[float, Source("N_c", "1", "chosen: such an error lasts 5 s")] = 25.0
