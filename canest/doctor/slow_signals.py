@@ -56,7 +56,7 @@ def slow_signal_hints(config: Config, reports: Iterable[RoleReport]) -> list[str
 def delay_notes(config: Config) -> list[str]:
     """Return how late the estimates of a config with slow signals are, in one sentence; none for others."""
     late_s = behind_s(config)
-    if not late_s:
+    if not any(source.period_s for source in config.signals.values()):
         return []
     return [
         f"slow signals are joined: estimates use the vehicle as it was {late_s:.2g} s ago, and the grade is "

@@ -216,6 +216,7 @@ def facts_of(config: Config) -> VehicleFacts:
         has_accelerometer=sensor is not None and (sensor.period_s or 0.0) <= SLOWEST_ACCELEROMETER_S,
         has_road_map=config.road_map is not None,
         filter_delay_s=delay_s(butterworth(config.filter.order, config.filter.cutoff_hz)) + behind_s(config),
+        waits_s=behind_s(config),
         report_period_s=max((period or 0.0 for period in slow), default=0.0),
         torque_accuracy=v.torque_accuracy_pct / TWO_STD_PCT,
         wheel_radius_accuracy=v.wheel_radius_accuracy_pct / TWO_STD_PCT,
@@ -267,8 +268,8 @@ def wait_us(source: Source) -> int:
 
 
 def behind_s(config: Config) -> float:
-    """Return how long ago it is what the ticks show, for slow signals to be joined, s."""
-    return max((wait_us(source) for source in config.signals.values()), default=0) * 1e-6
+    """Return how long ago it is what the ticks show, for late and slow signals to be joined, s."""
+    return max((c.delay_us + c.wait_us for c in grid_spec(config).channels), default=0) * 1e-6
 
 
 def _column_factors(config: Config) -> dict[str, float]:

@@ -48,3 +48,13 @@ def test_noise_of_a_speed_is_no_rough_road_while_gates_are_closed(noise_mps, mos
     estimates = create("canest", sensed).update(replace(drive.block, gate=gate))
     off = (estimates.grade - drive.grade)[5_100:7_000]
     assert np.sqrt(np.mean(off**2)) < most
+
+
+def test_a_coasting_lies_behind_the_vehicle_however_long_slow_signals_are_waited_for():
+    """Waiting delays raw and filtered columns alike: only the grade that is reported is carried further."""
+    drive = trip(120.0, throttle=pulses, shifts=[(30.0, 31.0), (60.0, 61.0), (90.0, 91.0)], seed=3)
+    waited = replace(FACTS, filter_delay_s=FACTS.filter_delay_s + 1.2, waits_s=1.2)
+    at_once, later = (create("canest", facts).update(drive.block) for facts in (FACTS, waited))
+    assert np.isfinite(drive.block.coasting_N).any()
+    np.testing.assert_allclose(later.mass_kg, at_once.mass_kg, rtol=1e-9)
+    assert (later.grade != at_once.grade).any()

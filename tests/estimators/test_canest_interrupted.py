@@ -125,6 +125,18 @@ def test_a_map_that_fits_after_a_gap_is_not_lost():
     assert road.right > 0.9
 
 
+@pytest.mark.parametrize("period_s", [0.0, 0.5, 1.0])
+def test_a_right_map_is_kept_on_waves_however_slow_the_reports(period_s):
+    """Its slope is that of the place where a window ends, and in a second waves of 630 m change by 0.5 %."""
+    drive = trip(120.0, road=lambda s: 0.03 * np.sin(s / 100.0), seed=3)
+    block = replace(drive.block, road_sine=np.sin(np.arctan(drive.grade)), road_std=np.full(6_000, 3e-4))
+    estimator = GaussianSum("canest", replace(FACTS, has_road_map=True, report_period_s=period_s))
+    parts = [estimator.update(block[i : i + 50]) for i in range(0, 6_000, 50)]
+    mass_kg = np.concatenate([part.mass_kg for part in parts])
+    assert estimator._carried.road.right > 0.95
+    assert np.abs(mass_kg[3_000:] / drive.mass_kg[3_000:] - 1.0).max() < 0.03
+
+
 def test_what_is_known_of_a_map_fades_where_it_has_no_road():
     """After 20 km it is that of a map of which nothing is known, 10 of 12; a distance is all that counts."""
     given, found = Report(21_000.0, 1e4, 0.01, 1e-5), []

@@ -30,7 +30,7 @@ from canest.estimators.description import Description
 from canest.estimators.options import Options, parse
 from canest.estimators.status import StatusTracker
 
-#: masses over which a wide mixture is summed: 4 % apart
+#: masses over which a wide mixture is summed: a factor of 6 of bounds is 4 % from one to the next
 _NODES = 48
 #: speed for which the first std of the wind takes the error of the drag area, m/s: where drag matters
 _USUAL_MPS = 25.0
@@ -90,7 +90,7 @@ class GaussianSum(Estimator):
         report = Report(guess, guess * guess, facts.initial_grade or 0.0, c.grade_std * c.grade_std)
         progress = kernel.Progress(float(MODES), u, bend_var=c.curvature_std_1pm**2)
         self._carried = kernel.Carried(progress, first_levels(v), Comparison(), report, RoadUse(), Joined())
-        self._windows = Windows(self._late_s)
+        self._windows = Windows(self._late_s - facts.waits_s)
         self._status = StatusTracker(facts.valid_std, bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
         self._last = np.zeros(kernel.OUTPUTS)
         self._last[: kernel.OUT_SLOPE] = report[: kernel.OUT_SLOPE]

@@ -170,7 +170,7 @@ def run(
         # -- what has happened since the window before
         metres = w.distance_m + w.gap_s * max(w.speed_mps, 0.0)
         ahead_m = max(w.speed_mps, 0.0) * (v.late_s + 0.5 * dt)  # theta is that of the window's middle
-        road = follow_road(road, given, w, metres, ahead_m)
+        road = follow_road(road, given, w, metres, v.late_s)
         failed = failed or road.lost > 0.0
         height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S and not failed
         # -- other loads, other modes, another disturbance
@@ -266,7 +266,7 @@ def run(
                     var = var[0], var[1] + 2.0 * levels.speed_var / (dt * dt)
                 sensed_surplus = accelerometer(mix, count, SENSED, felt - w.accel_mps2, dt, var, c, t)
         if road.uses > 0.0:
-            mapped_slope(mix, count, w.road_sine, cell_var(w), c, t)
+            mapped_slope(mix, count, w.road_sine, 0.5 * metres, cell_var(w), c, t)
         if not math.isnan(w.coast_mps2) and w.coast_back_s * w.speed_mps < _FAR_M:
             coasting(mix, count, w, c, t)
         # -- weigh, follow the noise, report

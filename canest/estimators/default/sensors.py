@@ -19,7 +19,7 @@ _SPEED = (m.V, m.DELAY, m.WINDUP)
 _ALTITUDE = (m.HEIGHT,)
 _BALANCE = (m.GRADE, m.WIND, m.U)
 _COASTED = (m.GRADE, m.CURVATURE, m.WIND, m.U)
-_MAP = (m.GRADE, m.ROLLING)
+_MAP = (m.GRADE, m.ROLLING, m.CURVATURE)
 #: modes in which a speed tells no delay
 _HIDES_DELAY = m.ANSWERS
 #: bounds of the delay at which its lever is taken, s
@@ -264,8 +264,10 @@ def coasting(mix: Mixture, count: int, w: Window, c: Constants, t: Scratch) -> N
 
 
 @jit.kernel
-def mapped_slope(mix: Mixture, count: int, sine: float, r: float, c: Constants, t: Scratch) -> None:
-    """Update with the slope of a road map: z = theta - rho."""
-    t.h[0], t.h[1] = 1.0, -1.0
+def mapped_slope(
+    mix: Mixture, count: int, sine: float, half_m: float, r: float, c: Constants, t: Scratch
+) -> None:
+    """Update with a road map: z = theta + d kappa - rho at a window's end, half of it beyond theta."""
+    t.h[0], t.h[1], t.h[2] = 1.0, -1.0, half_m
     condition_on(mix, count, _MAP, sine, r, c.outlier_nis, t)
     judge(mix, count, r, r, c, t)
