@@ -10,6 +10,7 @@ import pytest
 
 from canest.core.gates import Gate
 from canest.core.samples import Status
+from canest.estimators.cutting import WINDOW_S
 from canest.estimators.default import hypotheses, joining, road_map
 from canest.estimators.default import model as m
 from canest.estimators.default.accelerometer import Comparison, compare
@@ -171,7 +172,7 @@ def test_a_stop_is_no_part_of_the_motion_after_it():
     q = joining.add_window.interpreted(q, rolling, False)
     assert q.windows == 1.0
     assert q.sensed_mps2 == 0.7
-    assert q.unseen_s == pytest.approx(50 * m.WINDOW_S)
+    assert q.unseen_s == pytest.approx(50 * WINDOW_S)
 
 
 def test_an_exchange_loses_nothing():

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from canest.core.samples import Status
+from canest.estimators.cutting import WINDOW_S
 from canest.estimators.default.constants import CONSTANTS, vehicle_of
-from canest.estimators.default.model import WINDOW_S, Window
+from canest.estimators.default.model import Window
 from canest.estimators.default.noise import first_levels, follow, refuted
 from canest.estimators.default.sensors import ends_at, slow_traction
 from canest.estimators.registry import create

@@ -18,7 +18,8 @@ from canest.estimators.canest_0_1 import states as at
 from canest.estimators.canest_0_1.noise import SWING_MPN
 from canest.estimators.canest_0_1.prior import LOUDEST, prior_of
 from canest.estimators.canest_0_1.roads import CURVED_M, STRAIGHT_M
-from canest.estimators.canest_0_1.windows import COLUMNS, SHIFT, Windows
+from canest.estimators.canest_0_1.windows import COLUMNS, Windows
+from canest.estimators.cutting import SHIFT
 from canest.estimators.description import Description
 from canest.estimators.kernel_arrays import pack as give
 from canest.estimators.kernel_arrays import state_in, state_out

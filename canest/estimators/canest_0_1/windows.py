@@ -12,18 +12,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.core.frames import FloatColumn
 from canest.core.gates import Gate
 from canest.core.samples import GRAVITY_MPS2, STEP_S, STEP_US, ModelBlock
 from canest.estimators.canest_0_1.lines import COLUMNS as COASTED
 from canest.estimators.canest_0_1.lines import CoastLines
-
-TICKS = 10  #: samples per window; 0.2 s, about the correlation time of speeds filtered at 2 Hz
-WINDOW_S = TICKS * STEP_S
-SHIFT = 4  #: ticks that torque is typically late
-_REACH = TICKS + SHIFT + 1  #: samples before its last one that a window looks back to
-_LONGEST_S = 86_400.0  #: a gap beyond a day is one of the clock
-_SETTLED = 50  #: ticks after which a filter that began anew shows accelerations as they are
+from canest.estimators.cutting import (
+    REACH,
+    SHIFT,
+    TICKS,
+    WINDOW_S,
+    Cutter,
+    back_from,
+    extremes,
+    gates,
+    mean_of,
+    within,
+)
 
 #: columns of a window, in the kernel's order
 COLUMNS = (
@@ -86,19 +90,15 @@ _MOST_SENSED, _MOST_SPEED, _MOST_ALTITUDE, _MOST_YAW = 50.0, 150.0, 1e4, 3.0
 #: drag of cornering tyres by lateral acceleration squared: 1 / (g x cornering stiffness per load, some 5/rad)
 _CORNERING_S2PM = 0.02
 
-Picked = slice | NDArray[np.int64]  #: indices of samples, one per window
-
 
 class Windows:
     """Carries the samples of the unfinished window and what the next one needs of the past."""
 
     def __init__(self, late_s: float = 0.0) -> None:
         self._late_s = late_s
-        self._road_back = min(round(late_s / STEP_S), _REACH - 1)  # the road where the filtered vehicle is
+        self._road_back = min(round(late_s / STEP_S), REACH - 1)  # the road where the filtered vehicle is
         self._kept: NDArray[np.float64] = np.empty((_COLUMNS, 0))
-        self._altitude_m = np.nan
-        self._last_end: int | None = None
-        self._started = 0
+        self._cutter = Cutter()
         self._lines = CoastLines()
 
     def push(self, block: ModelBlock) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -106,16 +106,15 @@ class Windows:
         rows = self._rows(block)
         ticks = rows[_TICK].astype(np.int64)
         past = rows.shape[1] - len(block)
-        ends = self._ends(ticks, past)
-        starts = self._starts(rows[_GATE], ticks, past, ends)
+        ends = self._cutter.ends(ticks, past)
+        starts = self._cutter.starts(rows[_GATE], ticks, past, ends)
         coasted = self._lines.push(past, rows[_LINED], ends)
         if len(ends):
             coasted[-1] -= self._late_s
             windows = np.concatenate((self._windows(rows, ticks, ends, starts), coasted))
-            self._last_end = int(ticks[ends[-1]])
         else:
             windows = np.empty((len(COLUMNS), 0))
-        self._kept = rows[:, max(0, rows.shape[1] - _REACH) :].copy()
+        self._kept = rows[:, max(0, rows.shape[1] - REACH) :].copy()
         return windows, ends - past
 
     def _rows(self, block: ModelBlock) -> NDArray[np.float64]:
@@ -159,18 +158,6 @@ class Windows:
             new[_GATE, broken] = np.where(new[_GATE, broken] == Gate.OPEN, Gate.INVALID, new[_GATE, broken])
         return rows
 
-    @staticmethod
-    def _ends(ticks: NDArray[np.int64], past: int) -> NDArray[np.int64]:
-        """Return the indices of samples that end a window, with every sample there that it looks back to."""
-        n = len(ticks)
-        if n and (ticks[1:] - ticks[:-1] == 1).all():  # none is missing
-            first = max(past, _REACH)
-            return np.arange(first + (-1 - int(ticks[0]) - first) % TICKS, n, TICKS)
-        candidates = past + np.flatnonzero((ticks[past:] + 1) % TICKS == 0)
-        candidates = candidates[candidates >= _REACH]
-        whole: NDArray[np.int64] = candidates[ticks[candidates] - ticks[candidates - _REACH] == _REACH]
-        return whole
-
     def _windows(
         self,
         rows: NDArray[np.float64],
@@ -184,27 +171,12 @@ class Windows:
         sensed, mean_speed, rest, mu, accel, aero = mean_of(rows[_LATE], ends, SHIFT)
         (mean_traction,) = mean_of(rows[_TRACTION : _TRACTION + 1], ends, 0)
         traction, rotating = now[_TRACTION], now[_ROTATING]
-        before = np.empty(len(ends), np.int64)
-        before[0] = ticks[ends[0]] - TICKS if self._last_end is None else self._last_end
-        before[1:] = ticks[ends[:-1]]
-        closed = rows[_GATE] != Gate.OPEN
-        is_open = none_of(closed, ends, TICKS)
-        retarding = none_of(closed & (rows[_GATE] != Gate.RETARDER), ends, TICKS)
-        turning = rows[_GATE] == Gate.TURNING
-        coarse = none_of(closed & (rows[_GATE] != Gate.RECOVERY) & ~turning, ends, _REACH)
-        coarse &= ticks[ends] - starts > _SETTLED
+        is_open, retarding, coarse, turns = gates(rows[_GATE], rows[_BROKEN], ticks[ends] - starts, ends)
         lateral_mps2 = late[_SPEED] * within(late[_YAW], _MOST_YAW)
-        bend_mps2 = np.where(none_of(turning, ends, _REACH), 0.0, _CORNERING_S2PM * lateral_mps2**2)
+        bend_mps2 = np.where(turns, _CORNERING_S2PM * lateral_mps2**2, 0.0)
         coarse &= bend_mps2 >= 0.0  # NaN where nobody tells how sharp the bend is
-        if rows[_BROKEN].any():
-            sound = none_of(rows[_BROKEN] > 0.0, ends, _REACH + 1)
-            is_open &= sound
-            retarding &= sound
-            coarse &= sound
-        between_s = (ticks[ends] - before - TICKS) * STEP_S
         columns = [
-            # no time runs backwards where a clock is set back, and no vehicle waits for years
-            np.where(between_s < 0.0, WINDOW_S, np.minimum(between_s, _LONGEST_S)),
+            self._cutter.gaps_s(ticks[ends]),
             np.maximum(mean_speed, 0.0) * WINDOW_S,
             before_mps,
             first_N,
@@ -221,7 +193,7 @@ class Windows:
             rotating,
             within(late[_UNDRIVEN], _MOST_SPEED),
             sensed,
-            self._new_altitudes(within(now[_ALTITUDE], _MOST_ALTITUDE)),
+            self._cutter.new_altitudes(within(now[_ALTITUDE], _MOST_ALTITUDE)),
             is_open,
             retarding & ~is_open,
             now[_STOPPED],
@@ -230,67 +202,3 @@ class Windows:
             *rows[_ROAD:, back_from(ends, self._road_back)],
         ]
         return np.array(columns, np.float64)
-
-    def _starts(
-        self, gate: FloatColumn, ticks: NDArray[np.int64], past: int, ends: NDArray[np.int64]
-    ) -> NDArray[np.int64]:
-        """Return for each window the tick on which filters last began anew (gap, missing signal)."""
-        new = ticks[past:]
-        anew = (gate[past:] == Gate.STALE) | (gate[past:] == Gate.INVALID)
-        anew[1:] |= new[1:] - new[:-1] != 1
-        if len(new):
-            anew[0] |= not past or new[0] - ticks[past - 1] != 1
-        begun = np.flatnonzero(anew)
-        starts = np.concatenate(([self._started], new[begun]))
-        self._started = int(starts[-1])
-        return starts[np.searchsorted(begun, ends - past, side="right")]
-
-    def _new_altitudes(self, altitude_m: FloatColumn) -> FloatColumn:
-        """Return altitudes where they differ from the one before, else NaN."""
-        before = np.concatenate(([self._altitude_m], altitude_m[:-1]))
-        self._altitude_m = float(altitude_m[-1])
-        return np.where(altitude_m != before, altitude_m, np.nan)
-
-
-def back_from(ends: NDArray[np.int64], back: int) -> Picked:
-    """Return the samples ``back`` ticks before each end: a slice (no copy) where none is missing."""
-    first, last = int(ends[0]) - back, int(ends[-1]) - back
-    if last - first == TICKS * (len(ends) - 1):
-        return slice(first, last + 1, TICKS)
-    return ends - back
-
-
-def mean_of(columns: NDArray[np.float64], ends: NDArray[np.int64], back: int) -> NDArray[np.float64]:
-    """Return the means of columns (c, n) over the windows' samples, `back` ticks earlier: (c, w).
-
-    Summed in order of time whatever the number of windows, so that no bit depends on it.
-    """
-    if len(ends) == 1:  # a live block, where numpy's cost per call rules
-        last = int(ends[0]) - back
-        sums: NDArray[np.float64] = columns[:, last - TICKS + 1 : last + 1].cumsum(axis=1)[:, -1:]
-        return sums / TICKS
-    total = columns[:, back_from(ends, back + TICKS - 1)].copy()
-    for earlier in range(TICKS - 2, -1, -1):
-        total += columns[:, back_from(ends, back + earlier)]
-    total /= TICKS
-    return total
-
-
-def none_of(marked: NDArray[np.bool_], ends: NDArray[np.int64], ticks: int) -> NDArray[np.bool_]:
-    """Return for each end whether none of the last ``ticks`` samples is marked, bool (w,)."""
-    if not marked.any():
-        return np.ones(len(ends), np.bool_)
-    found = marked[back_from(ends, 0)].copy()
-    for back in range(1, ticks):
-        found |= marked[back_from(ends, back)]
-    return ~found
-
-
-def within(values: FloatColumn, most: float) -> FloatColumn:
-    """Return values (n,), NaN where they are beyond physics."""
-    return np.where(np.abs(values) <= most, values, np.nan)
-
-
-def extremes(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the least and the largest value of each row, (rows, 2); NaN where there is one."""
-    return np.stack([rows.min(axis=1), rows.max(axis=1)], axis=1)

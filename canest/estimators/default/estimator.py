@@ -13,6 +13,7 @@ from canest.core import jit
 from canest.core.samples import STEP_S, STEP_US, EstimateBlock, ModelBlock, Status, VehicleFacts
 from canest.estimators.base import Estimator
 from canest.estimators.bounds import beyond_bound, gain_std
+from canest.estimators.cutting import SHIFT
 from canest.estimators.default import kernel
 from canest.estimators.default import model as at
 from canest.estimators.default.accelerometer import Comparison
@@ -25,8 +26,9 @@ from canest.estimators.default.noise import first_levels, refuted
 from canest.estimators.default.report import Report, unknown_load_var
 from canest.estimators.default.road_map import LEVEL_STD, RoadUse
 from canest.estimators.default.sensors import delay_is_too_long
-from canest.estimators.default.windows import COLUMNS, SHIFT, Windows
+from canest.estimators.default.windows import COLUMNS, Windows
 from canest.estimators.description import Description
+from canest.estimators.kernel_arrays import state_in
 from canest.estimators.options import Options, parse
 from canest.estimators.status import StatusTracker
 
@@ -54,10 +56,6 @@ _INCONSISTENT = (
 )
 
 
-class GaussianSumOptions(Options):
-    """None: everything follows from the vehicle's facts and signals."""
-
-
 class GaussianSum(Estimator):
     """Mass and grade as a sum of normal densities over the inverse mass (docs/theory.md)."""
 
@@ -66,14 +64,13 @@ class GaussianSum(Estimator):
             "canest",
             "sum of Kalman filters over the inverse mass, one per hypothesis of load, road and driver",
             "this project, the default (docs/theory.md)",
-            options=GaussianSumOptions,
         ),
     )
     constants: Constants = CONSTANTS
 
     def __init__(self, name: str, facts: VehicleFacts, options: Mapping[str, Any] | None = None) -> None:
         super().__init__(name, facts, options)
-        self.options = parse(GaussianSumOptions, options)
+        self.options = parse(Options, options)  # none: all follows from the vehicle and its signals
         self._late_s = SHIFT * STEP_S + facts.filter_delay_s
         self._vehicle = v = vehicle_of(facts, self._late_s, self.constants)
         width = math.log(v.most_u / v.least_u)
@@ -150,19 +147,11 @@ class GaussianSum(Estimator):
         columns: Any = np.ascontiguousarray(windows) if jit.enabled() else windows.T.tolist()
         mix = _given(self._mixture)
         rows: Any = out if jit.enabled() else out.tolist()
+        space = _space(self._unknown, self._nodes)
         self._carried = kernel.run(
-            count,
-            columns,
-            mix,
-            self._carried,
-            self.constants,
-            self._vehicle,
-            _space(self._unknown, self._nodes),
-            rows,
+            count, columns, mix, self._carried, self.constants, self._vehicle, space, rows
         )
-        self._mixture = Mixture(
-            *mix[:3], *(list(column) if isinstance(column, list) else column.tolist() for column in mix[3:])
-        )
+        self._mixture = Mixture(*mix[:3], *(np.asarray(column).tolist() for column in mix[3:]))
         self._carried = _plain(self._carried)
         return np.asarray(rows)
 
@@ -205,11 +194,18 @@ class GaussianSum(Estimator):
         return EstimateBlock(mass, mass_std, grade, grade_std, status)
 
     def snapshot(self) -> dict[str, Any]:
-        """Return the mass with its std, and how well the innovations behave."""
+        """Return the mass with its std, and the mean normalised innovation squared over how many windows."""
         mass = float(self._last[kernel.OUT_MASS])
         std = math.sqrt(self._last[kernel.OUT_VAR] + (self._gain * mass) ** 2)
-        learned = bool(self._last[kernel.OUT_LEARNED] > 0.0)
-        return {"mass_kg": mass, "mass_std_kg": std, "learned": learned, **self.consistency()}
+        learned, levels = bool(self._last[kernel.OUT_LEARNED] > 0.0), self._carried.levels
+        nis = levels.nis_sum / levels.windows if levels.windows else float("nan")
+        return {
+            "mass_kg": mass,
+            "mass_std_kg": std,
+            "learned": learned,
+            "nis": nis,
+            "windows": levels.windows,
+        }
 
     def contradiction(self) -> str:
         """Return what in the samples contradicts the vehicle's facts ('' for nothing)."""
@@ -229,12 +225,6 @@ class GaussianSum(Estimator):
         best = set_loads.interpreted(self._mixture, int(self._carried.progress.alive), t)
         u, u_var = t.loads[3 * best + 1], t.loads[3 * best + 2] / self.constants.likelihood_power
         return beyond_bound(float(u), float(u_var), self.facts)
-
-    def consistency(self) -> dict[str, float]:
-        """Return the mean normalised innovation squared (1 when honest), and over how many windows."""
-        levels = self._carried.levels
-        nis = levels.nis_sum / levels.windows if levels.windows else float("nan")
-        return {"nis": nis, "windows": levels.windows}
 
     def restore(self, mass_kg: float, mass_std_kg: float, unseen_s: float = 0.0) -> None:
         """Start from a remembered mass with its standard deviation; unseen time counts as standing."""
@@ -261,10 +251,6 @@ def _mode_shares(c: Constants) -> list[float]:
     return [load * driver * road for load in (1.0 - drifts, drifts) for driver in drivers for road in roads]
 
 
-def _give(column: list[Any]) -> Any:
-    return np.array(column) if jit.enabled() else list(column)
-
-
 def _room(n: int) -> Mixture:
     """Return a mixture of n states with nothing in it."""
     A = np.zeros((MOST, n, n + 1))
@@ -273,17 +259,17 @@ def _room(n: int) -> Mixture:
 
 def _given(mix: Mixture) -> Mixture:
     """Return a mixture with columns as the kernels take them."""
-    return Mixture(*mix[:3], *(_give(column) for column in mix[3:]))
+    return Mixture(*mix[:3], *(state_in(column) for column in mix[3:]))
 
 
 def _space(prior: Mixture, nodes: list[float]) -> Space:
     n = prior.x.shape[1]
-    columns = tuple(_give([0.0] * MOST) for _ in range(3))
+    columns = tuple(state_in([0.0] * MOST) for _ in range(3))
     h, f, K, e, s, loads, share = (
-        _give([0.0] * size) for size in (8, 4 * MOST, n + 1, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST)
+        state_in([0.0] * size) for size in (8, 4 * MOST, n + 1, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST)
     )
     scratch = Scratch(h, f, K, columns, e, s, loads)
-    return Space(scratch, share, _given(_room(n)), _given(prior), _give(nodes))
+    return Space(scratch, share, _given(_room(n)), _given(prior), state_in(nodes))
 
 
 def _plain(carried: kernel.Carried) -> kernel.Carried:

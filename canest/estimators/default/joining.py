@@ -9,8 +9,9 @@ import math
 from typing import NamedTuple
 
 from canest.core import jit
+from canest.estimators.cutting import WINDOW_S
 from canest.estimators.default.constants import Vehicle
-from canest.estimators.default.model import WINDOW_S, Window
+from canest.estimators.default.model import Window
 
 
 class Joined(NamedTuple):

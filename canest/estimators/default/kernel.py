@@ -8,29 +8,28 @@ from typing import Any, NamedTuple
 from canest.core import jit
 from canest.core.jit import borrowed
 from canest.core.samples import GRAVITY_MPS2
+from canest.estimators.cutting import WINDOW_S
 from canest.estimators.default import model as m
 from canest.estimators.default.accelerometer import Comparison, compare
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.disturbance import close_disturbance, open_disturbance
 from canest.estimators.default.driver import answered_force, own_torque
-from canest.estimators.default.hypotheses import change_modes, prune, set_loads, take, weigh
+from canest.estimators.default.hypotheses import change_modes, changed, prune, set_loads, take, weigh
 from canest.estimators.default.joining import Joined, add_window, begin_sums, join, waits
 from canest.estimators.default.load import (
     brakes_unseen,
-    changed_probability,
     in_overrun,
     merge_loads,
     open_load,
     surprise_probability,
 )  # fmt: skip
-from canest.estimators.default.model import WINDOW_S, Mixture, Scratch, Space, Window
+from canest.estimators.default.model import Mixture, Scratch, Space, Window
 from canest.estimators.default.noise import Levels, first_levels, follow, lacking_force, refuted, swing_var
 from canest.estimators.default.predict import (
     accelerate,
     climb,
     drift,
     fade,
-    fade_offset,
     fill,
     follow_bends,
     sharpen,
@@ -175,8 +174,8 @@ def run(
         height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S and not failed
         # -- other loads, other modes, another disturbance
         unseen_s, surprise, bend_var, opened = joined.unseen_s, p.surprise, p.bend_var, False
-        changed = changed_probability(unseen_s, c.load_stop_s) if begins else 0.0
-        if failed or 1.0 - changed < c.left_out_share:  # nothing of what was learned holds
+        another = changed(unseen_s, c.load_stop_s) if begins else 0.0
+        if failed or 1.0 - another < c.left_out_share:  # nothing of what was learned holds
             take(space.prior, m.MODES, mix)
             count, begins = m.MODES, is_open
             unseen_s = surprise = 0.0
@@ -185,7 +184,7 @@ def run(
             bend_var = c.curvature_std_1pm * c.curvature_std_1pm
         elif begins and unseen_s >= c.shortest_stop_s:
             if p.learned > 0.0:
-                count = open_load(mix, count, changed, False, 0.0, c, v, t)
+                count = open_load(mix, count, another, False, 0.0, c, v, t)
                 opened = True
             unseen_s = surprise = 0.0
         surprised = is_open and surprise > c.gross_nis
@@ -196,8 +195,7 @@ def run(
             by_drag = 0.5 * w.speed_mps * v.drag_share  # math.hypot rounds otherwise where it is compiled
             wind = math.sqrt(c.wind_std_mps * c.wind_std_mps + by_drag * by_drag) * p.u
             bend_var = follow_bends(mix, count, bend_var, mixed_m, c)
-            fade(mix, count, mixed_m, wind, bend_var, c)
-            fade_offset(mix, count, mixed_s, v.offset_Nm * p.u, c)
+            fade(mix, count, mixed_m, mixed_s, wind, v.offset_Nm * p.u, bend_var, c)
             drift(mix, count, mixed_s, t)
             bound_delay(mix, count, c, v)
             close_disturbance(mix, count)
@@ -210,13 +208,13 @@ def run(
             if surprised:
                 sharpen(mix, count, c)
                 surprise = 0.0
-            probability = max(changed_probability(driven_s, c.motion_change_s), surprising)
+            probability = max(changed(driven_s, c.motion_change_s), surprising)
             known_N = 0.0 if p.braked > 0.0 else w.force_N - w.rotating_kg * w.accel_mps2
             count = open_load(mix, count, probability, True, known_N / GRAVITY_MPS2, c, v, t)
             driven_s = 0.0
         if due and is_open and mix.x.shape[1] == m.STATES:
-            changed = max(changed_probability(p.mixed_s + dt, c.jump_every_s), surprising)
-            count = open_disturbance(mix, count, changed, p.u, c, v)
+            probability = max(changed(p.mixed_s + dt, c.jump_every_s), surprising)
+            count = open_disturbance(mix, count, probability, p.u, c, v)
         # -- predict and update every density
         fill(count, mix.found, 0.0)
         climbed_m, climbed_s = p.climbed_m + metres, p.climbed_s + joined.seconds
@@ -277,7 +275,7 @@ def run(
             surprise = max(surprise + nis - c.surprise_nis, 0.0)
             braked = sees and brakes_unseen(w, surprise, innovation, c)
             levels = follow(levels, w, nis, speed_surplus, sensed_surplus, sees, c, v)
-        delay_s = mean_delay(mix, count, p.u, t) if is_open else p.delay_s
+        delay_s = mean_delay(mix, count, p.u) if is_open else p.delay_s
         best = set_loads(mix, count, t)
         u = mean_inverse_mass(mix, count, v, t)
         leave_out(mix, count, c.left_out_share, t)

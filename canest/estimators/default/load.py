@@ -23,12 +23,6 @@ _SAME = 0.1
 
 
 @jit.kernel
-def changed_probability(seconds: float, mean_s: float) -> float:
-    """Return the probability that what changes once in `mean_s` has changed in a time."""
-    return 1.0 - math.exp(-seconds / mean_s)
-
-
-@jit.kernel
 def surprise_probability(surprise: float, c: Constants) -> float:
     """Return the probability that a load has changed in motion: a road explains a larger surprise less."""
     return min(c.surprise_share * surprise / c.gross_nis, 0.5)

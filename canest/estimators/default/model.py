@@ -13,12 +13,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from canest.core.samples import STEP_S
-
-#: samples per window, and its length: about the correlation time of speeds filtered at 2 Hz
-TICKS = 10
-WINDOW_S = TICKS * STEP_S
-
 #: states of every density
 V = 0  #: speed, m/s
 GRADE = 1  #: apparent grade: sine of the slope plus the error of the rolling resistance coefficient

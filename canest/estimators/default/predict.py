@@ -189,17 +189,18 @@ def follow_bends(mix: Mixture, count: int, before: float, metres: float, c: Cons
 
 
 @jit.kernel
-def fade(mix: Mixture, count: int, metres: float, wind: float, bend_var: float, c: Constants) -> None:
-    """Let wind and curvature fade over a distance. wind: its std times u. bend_var: see `follow_bends`."""
+def fade(
+    mix: Mixture, count: int, metres: float, seconds: float, wind: float, offset: float, bend_var: float,
+    c: Constants,
+) -> None:  # fmt: skip
+    """Let wind and curvature fade over a distance, and the crank torque that the report lacks in time.
+
+    wind, offset: their stds times u. bend_var: see `follow_bends`.
+    """
     left = math.exp(-metres / c.wind_length_m)
     decay(mix, count, m.WIND, left, wind, EVERYWHERE)
     left = math.exp(-metres / c.curvature_length_m)
     decay(mix, count, m.CURVATURE, left, math.sqrt(bend_var), m.BENDS)
-
-
-@jit.kernel
-def fade_offset(mix: Mixture, count: int, seconds: float, offset: float, c: Constants) -> None:
-    """Let the crank torque that the report lacks fade in time. offset: its std times u."""
     decay(mix, count, m.OFFSET, math.exp(-seconds / c.offset_duration_s), offset, EVERYWHERE)
 
 

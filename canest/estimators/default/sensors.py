@@ -7,9 +7,10 @@ from typing import Any
 
 from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2
+from canest.estimators.cutting import WINDOW_S
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants, Vehicle
-from canest.estimators.default.model import WINDOW_S, Ends, Mixture, Scratch, Window
+from canest.estimators.default.model import Ends, Mixture, Scratch, Window
 from canest.estimators.default.predict import EVERYWHERE, column, moments, restore, widen
 from canest.estimators.default.update import condition_on, judge
 
@@ -46,7 +47,7 @@ def mean_of(weight: Any, count: int, values: Any) -> float:
 
 
 @jit.kernel
-def mean_delay(mix: Mixture, count: int, u: float, t: Scratch) -> float:
+def mean_delay(mix: Mixture, count: int, u: float) -> float:
     """Return the delay of the torque beyond the usual one, s. u: mean inverse mass."""
     delay_s: float = mean_of(mix.weight, count, column(mix.x[:, m.DELAY], count)) / u
     return delay_s
@@ -104,7 +105,7 @@ def speed(
     lambda: slip of the driven wheels. T of the delay: that halfway through it. u: mean inverse mass.
     Where the road answers the torque no delay is learned: an answer comes late, and the speed shows the sum.
     """
-    delay_s = mean_delay(mix, count, u, t)
+    delay_s = mean_delay(mix, count, u)
     half_s = 0.5 * min(max(delay_s, -_LEVER_DELAY_S), _LEVER_DELAY_S)
     t.h[0], t.h[1], t.h[2] = 1.0, end.traction_N + half_s * end.traction_Nps, end.traction_Nps
     slip = v.slip_per_mps2 * u * end.traction_N

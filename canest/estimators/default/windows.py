@@ -1,7 +1,4 @@
-"""Cuts the 50 Hz samples into windows of 0.2 s, over which the estimator balances momentum.
-
-A window ends on the ticks whose number is one less than a multiple of `TICKS`, whatever the cut of the
-blocks; sums run tick by tick in one order, so the bits do not depend on the cut either.
+"""The columns of the windows over which the estimator balances momentum (docs/theory.md, section 3).
 
 Reported torque acts earlier than it is reported. Everything but traction is therefore taken `SHIFT` ticks
 back (a typical delay); what remains of the delay is a state of the filter.
@@ -15,15 +12,24 @@ from numpy.typing import NDArray
 from canest.core.frames import FloatColumn
 from canest.core.gates import Gate
 from canest.core.samples import GRAVITY_MPS2, STEP_S, STEP_US, ModelBlock
-from canest.estimators.default.coasting import REACH, lines, run_lengths
-from canest.estimators.default.model import TICKS, WINDOW_S, Window
+from canest.estimators.cutting import (
+    REACH,
+    SHIFT,
+    TICKS,
+    WINDOW_S,
+    Cutter,
+    back_from,
+    extremes,
+    gates,
+    mean_of,
+    within,
+)
+from canest.estimators.default.coasting import REACH as COASTED
+from canest.estimators.default.coasting import lines, run_lengths
+from canest.estimators.default.model import Window
 
-SHIFT = 4  #: ticks that torque is typically late
 COLUMNS = Window._fields
-_REACH = TICKS + SHIFT + 1  #: samples before its last one that a window looks back to
-_KEPT = REACH + TICKS + 2  #: and a coasting before it
-_LONGEST_S = 86_400.0  #: a gap beyond a day is one of the clock
-_SETTLED = 50  #: ticks after which a filter that began anew shows accelerations as they are
+_KEPT = COASTED + TICKS + 2  #: samples that the next block may look back to: a window, and a coasting
 #: drag of cornering tyres by lateral acceleration squared: 1 / (g x cornering stiffness per load, some 5/rad)
 _CORNERING_S2PM = 0.02
 
@@ -40,33 +46,28 @@ _NEEDED = slice(_SPEED, _ROTATING + 1)  #: columns without which a sample is bro
 _MOST = np.array([[150.0], [1e7], [1.0], [50.0], [1e7], [1e7], [1e4], [1e6]])
 _MOST_SENSED, _MOST_ALTITUDE, _MOST_YAW, _MOST_TORQUE = 50.0, 1e4, 3.0, 1e6
 
-Picked = slice | NDArray[np.int64]  #: indices of samples, one per window
-
 
 class Windows:
     """Carries the samples of the unfinished window and what the next one needs of the past."""
 
     def __init__(self, late_s: float = 0.0) -> None:
         self._late_s = late_s
-        self._road_back = min(round(late_s / STEP_S), _REACH - 1)  # the road where the filtered vehicle is
+        self._road_back = min(round(late_s / STEP_S), REACH - 1)  # the road where the filtered vehicle is
         self._kept: NDArray[np.float64] = np.empty((_COLUMNS, 0))
-        self._altitude_m = np.nan
-        self._last_end: int | None = None
-        self._started = 0
+        self._cutter = Cutter()
 
     def push(self, block: ModelBlock) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Take samples (n,); return finished windows (len(COLUMNS), w) and the samples that end them (w,)."""
         rows = self._rows(block)
         ticks = rows[_TICK].astype(np.int64)
         past = rows.shape[1] - len(block)
-        ends = self._ends(ticks, past)
-        starts = self._starts(rows[_GATE], ticks, past, ends)
+        ends = self._cutter.ends(ticks, past)
+        starts = self._cutter.starts(rows[_GATE], ticks, past, ends)
         windows = np.empty((len(COLUMNS), 0))
         if len(ends):
             coasted = lines(rows[_RUN], rows[_COAST], rows[_ROTATING], rows[_RAW], ends, TICKS)
             coasted[-1] -= self._late_s
             windows = np.concatenate((self._windows(rows, ticks, ends, starts), coasted))
-            self._last_end = int(ticks[ends[-1]])
         self._kept = rows[:, max(0, rows.shape[1] - _KEPT) :].copy()
         return windows, ends - past
 
@@ -109,40 +110,20 @@ class Windows:
             new[_GATE, broken & (new[_GATE] == Gate.OPEN)] = Gate.INVALID
         return rows
 
-    @staticmethod
-    def _ends(ticks: NDArray[np.int64], past: int) -> NDArray[np.int64]:
-        """Return the indices of samples that end a window, with every sample there that it looks back to."""
-        n = len(ticks)
-        if n and (ticks[1:] - ticks[:-1] == 1).all():  # none is missing
-            first = max(past, _REACH)
-            return np.arange(first + (-1 - int(ticks[0]) - first) % TICKS, n, TICKS)
-        candidates = past + np.flatnonzero((ticks[past:] + 1) % TICKS == 0)
-        candidates = candidates[candidates >= _REACH]
-        whole: NDArray[np.int64] = candidates[ticks[candidates] - ticks[candidates - _REACH] == _REACH]
-        return whole
-
     def _windows(
-        self,
-        rows: NDArray[np.float64],
-        ticks: NDArray[np.int64],
-        ends: NDArray[np.int64],
+        self, rows: NDArray[np.float64], ticks: NDArray[np.int64], ends: NDArray[np.int64],
         starts: NDArray[np.int64],
-    ) -> NDArray[np.float64]:
+    ) -> NDArray[np.float64]:  # fmt: skip
         now, late = rows[:, back_from(ends, 0)], rows[:, back_from(ends, SHIFT)]
         sensed, mean_speed, rest, mu, accel, aero = mean_of(rows[_LATE], ends, SHIFT)
         (mean_traction,) = mean_of(rows[_TRACTION : _TRACTION + 1], ends, 0)
         traction, rotating = now[_TRACTION], now[_ROTATING]
-        before = np.empty(len(ends), np.int64)
-        before[0] = ticks[ends[0]] - TICKS if self._last_end is None else self._last_end
-        before[1:] = ticks[ends[:-1]]
-        between_s = (ticks[ends] - before - TICKS) * STEP_S
         lateral_mps2 = late[_SPEED] * within(late[_YAW], _MOST_YAW)
-        is_open, retarding, coarse, turns = self._gates(rows, ticks[ends] - starts, ends)
+        is_open, retarding, coarse, turns = gates(rows[_GATE], rows[_BROKEN], ticks[ends] - starts, ends)
         bend_mps2 = np.where(turns, _CORNERING_S2PM * lateral_mps2**2, 0.0)
         coarse &= bend_mps2 >= 0.0  # NaN where nobody tells how sharp the bend is
         columns = [
-            # no time runs backwards where a clock is set back, and no vehicle waits for years
-            np.where(between_s < 0.0, WINDOW_S, np.minimum(between_s, _LONGEST_S)),
+            self._cutter.gaps_s(ticks[ends]),
             np.maximum(mean_speed, 0.0) * WINDOW_S,
             rows[_TRACTION, back_from(ends, TICKS)],
             late[_SPEED],
@@ -155,7 +136,7 @@ class Windows:
             now[_GEAR],
             rotating,
             sensed,
-            self._new_altitudes(within(now[_ALTITUDE], _MOST_ALTITUDE)),
+            self._cutter.new_altitudes(within(now[_ALTITUDE], _MOST_ALTITUDE)),
             is_open,
             retarding & ~is_open,
             np.maximum(now[_STOPPED], np.isnan(now[_RAW])),  # for all that is known it stands
@@ -165,78 +146,6 @@ class Windows:
             *rows[_ROAD : _ROAD_STD + 1, back_from(ends, self._road_back)],
         ]
         return np.array(columns, np.float64)
-
-    @staticmethod
-    def _gates(
-        rows: NDArray[np.float64], settled: NDArray[np.int64], ends: NDArray[np.int64]
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return where no gate is closed, only a retarder's, only one of a bend or dwell, and where it turns.
-
-        settled: ticks since filters last began anew.
-        """
-        closed, turning = rows[_GATE] != Gate.OPEN, rows[_GATE] == Gate.TURNING
-        is_open = none_of(closed, ends, TICKS)
-        retarding = none_of(closed & (rows[_GATE] != Gate.RETARDER), ends, TICKS)
-        coarse = none_of(closed & (rows[_GATE] != Gate.RECOVERY) & ~turning, ends, _REACH)
-        coarse &= settled > _SETTLED
-        if rows[_BROKEN].any():
-            sound = none_of(rows[_BROKEN] > 0.0, ends, _REACH + 1)
-            is_open, retarding, coarse = is_open & sound, retarding & sound, coarse & sound
-        return is_open, retarding, coarse, ~none_of(turning, ends, _REACH)
-
-    def _starts(
-        self, gate: FloatColumn, ticks: NDArray[np.int64], past: int, ends: NDArray[np.int64]
-    ) -> NDArray[np.int64]:
-        """Return for each window the tick on which filters last began anew (gap, missing signal)."""
-        new = ticks[past:]
-        anew = (gate[past:] == Gate.STALE) | (gate[past:] == Gate.INVALID)
-        anew[1:] |= new[1:] - new[:-1] != 1
-        if len(new):
-            anew[0] |= not past or new[0] - ticks[past - 1] != 1
-        begun = np.flatnonzero(anew)
-        starts = np.concatenate(([self._started], new[begun]))
-        self._started = int(starts[-1])
-        return starts[np.searchsorted(begun, ends - past, side="right")]
-
-    def _new_altitudes(self, altitude_m: FloatColumn) -> FloatColumn:
-        """Return altitudes where they differ from the one before, else NaN."""
-        before = np.concatenate(([self._altitude_m], altitude_m[:-1]))
-        self._altitude_m = float(altitude_m[-1])
-        return np.where(altitude_m != before, altitude_m, np.nan)
-
-
-def back_from(ends: NDArray[np.int64], back: int) -> Picked:
-    """Return the samples ``back`` ticks before each end: a slice (no copy) where none is missing."""
-    first, last = int(ends[0]) - back, int(ends[-1]) - back
-    if last - first == TICKS * (len(ends) - 1):
-        return slice(first, last + 1, TICKS)
-    return ends - back
-
-
-def mean_of(columns: NDArray[np.float64], ends: NDArray[np.int64], back: int) -> NDArray[np.float64]:
-    """Return the means of columns (c, n) over the windows' samples, `back` ticks earlier: (c, w).
-
-    Summed in order of time whatever the number of windows, so that no bit depends on it.
-    """
-    if len(ends) == 1:  # a live block, where numpy's cost per call rules
-        last = int(ends[0]) - back
-        sums: NDArray[np.float64] = columns[:, last - TICKS + 1 : last + 1].cumsum(axis=1)[:, -1:]
-        return sums / TICKS
-    total = columns[:, back_from(ends, back + TICKS - 1)].copy()
-    for earlier in range(TICKS - 2, -1, -1):
-        total += columns[:, back_from(ends, back + earlier)]
-    total /= TICKS
-    return total
-
-
-def none_of(marked: NDArray[np.bool_], ends: NDArray[np.int64], ticks: int) -> NDArray[np.bool_]:
-    """Return for each end whether none of the last ``ticks`` samples is marked, bool (w,)."""
-    if not marked.any():
-        return np.ones(len(ends), np.bool_)
-    found = marked[back_from(ends, 0)].copy()
-    for back in range(1, ticks):
-        found |= marked[back_from(ends, back)]
-    return ~found
 
 
 def zigzag(torque_Nm: FloatColumn) -> FloatColumn:
@@ -251,13 +160,3 @@ def zigzag(torque_Nm: FloatColumn) -> FloatColumn:
     found = -change[at[1:]] * change[at[:-1]] * ticks * ticks * STEP_S  # each for the ticks that it lasts
     out[at[1:]] = np.where((ticks <= _REPORT) & np.isfinite(found), found, 0.0)
     return out
-
-
-def within(values: FloatColumn, most: float) -> FloatColumn:
-    """Return values (n,), NaN where they are beyond physics."""
-    return np.where(np.abs(values) <= most, values, np.nan)
-
-
-def extremes(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the least and the largest value of each row, (rows, 2); NaN where there is one."""
-    return np.stack([rows.min(axis=1), rows.max(axis=1)], axis=1)
