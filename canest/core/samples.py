@@ -139,13 +139,13 @@ class VehicleFacts:
     speed_step_mps, torque_step_Nm, accelerometer_step_mps2: resolution of the signals in use.
     has_road_map: whether samples may have the slope of a road map.
     filter_delay_s: how much later than the vehicle the filtered columns are.
-    waits_s: the part of it by which all columns are later, raw ones as well: slow signals are waited for.
     report_period_s: time between two reports of the slowest of speed and torque, 0 where they are fast.
         Between two reports a signal is a line, so that what is measured is at its ends.
     torque_accuracy, wheel_radius_accuracy, rolling_resistance_accuracy, drag_area_accuracy: how well each is
         known, one standard deviation as a fraction of its value (2 % in the config is 0.01).
     slips: whether the speed is that of driven wheels, and no effect of the model has taken their slip off.
     valid_std: the mass may be valid while its standard deviation is below this fraction of it.
+    waits_s: the part of `filter_delay_s` by which raw columns are late as well: slow signals are waited for.
     """
 
     mass_min_kg: float
@@ -160,7 +160,6 @@ class VehicleFacts:
     has_accelerometer: bool = False
     has_road_map: bool = False
     filter_delay_s: float = 0.0
-    waits_s: float = 0.0
     report_period_s: float = 0.0
     torque_accuracy: float = 0.025
     wheel_radius_accuracy: float = 0.01
@@ -168,3 +167,4 @@ class VehicleFacts:
     drag_area_accuracy: float = 0.10
     slips: bool = True
     valid_std: float = 0.045
+    waits_s: float = 0.0
