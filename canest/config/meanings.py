@@ -51,9 +51,9 @@ MEANINGS: dict[str, str] = {
     "gates.driveline.ratio_mismatch": "closes when the ratio of engine and shaft speed is off by this share",
     "gates.brake.pedal_pct": "closes beyond this pedal position, %",
     "gates.brake.assume_when_pedal_released": "a released accelerator counts as possible braking",
-    "gates.possible_brake.propulsion_mps2": "without a brake or pedal role: closes where the "
-    "traction gives the lightest vehicle less than this, m/s²",
-    "gates.possible_brake.steepest_grade": "without a brake or pedal role: closes where the "
+    "gates.possible_brake.propulsion_mps2": "without a brake role: closes where the accelerator, "
+    "if any, is released and the traction gives the lightest vehicle less than this, m/s²",
+    "gates.possible_brake.steepest_grade": "without a brake role: closes where the "
     "vehicle, whatever its mass, would have to climb steeper",
     "gates.retarder.torque_pct": "closes beyond this torque, % of the retarder's reference",
     "gates.low_speed.min_mps": "closes below this speed, m/s",

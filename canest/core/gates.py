@@ -22,7 +22,7 @@ class Gate(IntEnum):
     IMPLAUSIBLE = 11  #: two signals that must agree do not, or one jumps beyond physics
     LOW_EXCITATION = 12
     RECOVERY = 13  #: nothing wrong any more, but the filters still hold what was
-    POSSIBLE_BRAKE = 14  #: no brake or pedal is mapped, and the vehicle may be braking
+    POSSIBLE_BRAKE = 14  #: no brake is mapped, and the vehicle may be braking
 
     @property
     def label(self) -> str:

@@ -14,7 +14,7 @@ LOOKS: dict[str, tuple[str, str]] = {
     "brake": ("#d55e00", "braking"),
     "shift": ("#e69f00", "shifting"),
     "driveline": ("#0072b2", "driveline open or slipping"),
-    "possible_brake": ("#8c510a", "may be braking: no brake or pedal signal"),
+    "possible_brake": ("#8c510a", "may be braking: no brake signal"),
     "retarder": ("#be185d", "retarder at work"),
     "pto": ("#009e73", "power take-off"),
     "turning": ("#56b4e9", "curve"),

@@ -13,6 +13,7 @@ from canest.core import jit
 from canest.core.columns import constant, shifted
 from canest.core.frames import BoolColumn, FloatColumn
 from canest.core.gates import Gate
+from canest.core.roles import PEDAL
 from canest.core.samples import GRAVITY_MPS2, RATE_HZ, STEP_US
 from canest.grid.grid import GridBlock
 from canest.vehicle.coasting import OPEN_DRIVELINE_GATES, Coasting
@@ -121,7 +122,8 @@ class Gating:
         causes.append((Gate.SHIFT, self._shifting(grid, raw, has)))
         causes.append((Gate.DRIVELINE, self._disengaged(raw, has, accel_mps2)))
         if self._unreported is not None:
-            causes.append((Gate.POSSIBLE_BRAKE, self._unreported.may_act(raw, accel_mps2)))
+            pressed = has[PEDAL] >= RELEASED_PCT if PEDAL in has else constant(False, len(grid))
+            causes.append((Gate.POSSIBLE_BRAKE, self._unreported.may_act(raw, accel_mps2, pressed)))
         if "pto_state" in has:
             causes.append((Gate.PTO, has["pto_state"] > 0))
         if "yaw_rate" in has or "lateral_accel" in has:
@@ -162,8 +164,8 @@ class Gating:
                 closed = closed | c.on(role)
         if "brake_pedal" in has:
             closed = closed | c.on("brake_pedal", self._gates.brake.pedal_pct)
-        if self._pedal_only and "accelerator" in has:
-            closed = closed | ~(has["accelerator"] >= RELEASED_PCT)
+        if self._pedal_only and PEDAL in has:
+            closed = closed | ~(has[PEDAL] >= RELEASED_PCT)
         return closed
 
     def _shifting(self, grid: GridBlock, raw: RawModel, has: dict[str, FloatColumn]) -> BoolColumn:

@@ -235,8 +235,18 @@ def test_without_brake_and_pedal_driving_without_propulsion_may_be_braking() -> 
     assert names(drive.go(50)) == {"RECOVERY", "OPEN"}
 
 
+def test_a_pressed_accelerator_is_no_braking_and_a_released_one_may_be() -> None:
+    drive = Drive(UNREPORTED | {"accelerator": 30.0})
+    assert names(drive.go(20, **NO_TORQUE)) == {"OPEN"}
+    assert names(drive.go(20, accelerator=0.0)) == {"OPEN"}  # a cruise control drives it
+    assert names(drive.go(20, accelerator=0.0, **NO_TORQUE)) == {"POSSIBLE_BRAKE"}
+    assert names(drive.go(20, accelerator=math.nan, **NO_TORQUE)) == {"POSSIBLE_BRAKE"}
+    gates = {"brake": {"assume_when_pedal_released": True}}
+    assert names(Drive(UNREPORTED | {"accelerator": 30.0}, gates=gates).go(20, **NO_TORQUE)) == {"OPEN"}
+
+
 @pytest.mark.parametrize("known", ["brake_switch", "brake_pedal", "accelerator"])
-def test_where_a_brake_or_the_pedal_is_mapped_no_brake_is_supposed(known: str) -> None:
+def test_where_a_brake_or_a_pressed_pedal_is_mapped_no_brake_is_supposed(known: str) -> None:
     drive = Drive(UNREPORTED | {known: DRIVING[known]})
     assert names(drive.go(20, **NO_TORQUE)) == {"OPEN"}
 
