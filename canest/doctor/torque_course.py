@@ -35,7 +35,7 @@ class TorqueCourseCheck:
         self._config = config
         role = torque_role(config.signals, config.vehicle)
         self._role = role if role in config.signals else None
-        limits = torque_limits([role] if self._role else [], config.vehicle, {})
+        limits = torque_limits([role] if self._role else [], config.vehicle, {}, {})
         self._far = limits[role].far if self._role and role in limits else np.inf
         self._stretches = Stretches([*([role] if self._role else []), *SPEEDS])
         self._largest, self._driven_s, self._against_s = 0.0, 0.0, 0.0

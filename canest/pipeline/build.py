@@ -146,7 +146,9 @@ def intake_spec(config: Config) -> IntakeSpec:
         max_backward_us=round(config.sampling.max_backward_s * 1e6),
         limits=limits_of(roles, vehicle.mps_per_shaft_rpm),
         motion=frozenset(motion_roles(roles, vehicle)),
-        torque=torque_limits(roles, vehicle, _column_factors(config)),
+        torque=torque_limits(
+            roles, vehicle, _column_factors(config), {role: step_of(config, role) or 0.0 for role in roles}
+        ),
     )
 
 

@@ -31,6 +31,7 @@ CONFIRMED, CONFIRMED_US = 2, 60_000_000
 _ALIKE = 0.5
 #: nearer to zero no dropout bends a mass: percent of the reference torque, or what pushes the empty vehicle
 _FAR_PCT, _FAR_MPS2 = 5.0, 0.1
+_FAR_STEPS = 3.0  #: nor one of so many steps of a coarse signal, which may be a torque
 #: SPN 513 ends at 125 % (raw 0xFA), and no engine exceeds the 100 % that is the most of all its ratings
 _MOST_PCT = 124.0
 #: engines give less, N m; torques of wheels push the full vehicle harder than tyres hold at this, m/s2
@@ -136,11 +137,12 @@ class TorqueLimit(NamedTuple):
 
 
 def torque_limits(
-    roles: Collection[str], vehicle: Vehicle, factors: Mapping[str, float]
+    roles: Collection[str], vehicle: Vehicle, factors: Mapping[str, float], steps: Mapping[str, float]
 ) -> dict[str, TorqueLimit]:
     """Return the limits of every torque role that is mapped.
 
     factors: role -> what a number of its table column is multiplied by (none for a DBC signal).
+    steps: role -> resolution of its DBC signal. A driver's foot moves a torque by some steps and back.
     """
     ratio = min(vehicle.gear_ratios.values(), default=1.0) * vehicle.final_drive
     limits = {}
@@ -157,5 +159,5 @@ def torque_limits(
         elif role == "engine_torque":
             most = min(most, _MOST_ENGINE_NM)
         ends = tuple(end * factors[role] for end in _TYPE_ENDS) if role in factors else ()
-        limits[role] = TorqueLimit(far, most, ends)
+        limits[role] = TorqueLimit(max(far, _FAR_STEPS * steps.get(role, 0.0)), most, ends)
     return limits

@@ -17,7 +17,7 @@ from canest.logs.format_detection import open_log
 from canest.pipeline.build import intake_spec
 from canest.pipeline.pipeline import Pipeline
 from canest.vehicle import torque_dropout as module
-from canest.vehicle.torque_dropout import TorqueDropoutCheck
+from canest.vehicle.torque_dropout import TorqueDropoutCheck, torque_limits
 
 EEC1_US = 20_000
 PROVE = [60.0, 0.0, 60.0, 0.0]  # two dropouts
@@ -57,6 +57,19 @@ def test_a_pedal_let_go_for_one_row_of_a_table_at_1_Hz_stays():
 def test_torques_near_zero_may_reach_it_as_often_as_they_like():
     idling = [1.0, 0.0, 3.0, 0.0, -2.0] * 40
     assert passed(idling) == idling
+
+
+def test_the_steps_of_a_coarse_signal_may_reach_zero_too():
+    """What 9 N m would push here, 10 N m are far from zero; in steps of 10, even 30 may be a foot's doing."""
+    van = load_config("class8").vehicle.model_copy(update={"mass_min_kg": 500.0})
+    fine, coarse = (
+        torque_limits(["engine_torque"], van, {}, steps)["engine_torque"]
+        for steps in ({}, {"engine_torque": 10.0})
+    )
+    creeping = [20.0, 10.0, 0.0, 10.0, 0.0, 10.0] * 40
+    assert passed(creeping, 100_000, TorqueDropoutCheck(*fine)) != creeping
+    assert passed(creeping, 100_000, TorqueDropoutCheck(*coarse)) == creeping
+    assert coarse.far == 30.0
 
 
 def test_a_zero_that_ends_somewhere_else_proves_nothing():
