@@ -43,15 +43,14 @@ class RoadUse(NamedTuple):
 def follow_road(road: RoadUse, given: Report, w: Window, metres: float, late_s: float) -> RoadUse:
     """Return whether the window has a cell, and how well the map agrees with the grade so far.
 
+    metres: since then. late_s: how far what a window shows lies behind the vehicle.
     P(right) by Bayes' rule from N(e; 0, s) against N(e; 0, s + other roads' variance).
     """
     since_m = road.since_m + metres
     if math.isnan(w.road_sine) or since_m < CELL_M or metres <= 0.0:
         return RoadUse(since_m, road.right, 0.0, road.trusted, 0.0)
-    further_m = min(metres, ALIKE_M) - late_s * max(
-        w.speed_mps, 0.0
-    )  # `given` is that of now, the cell is not
-    e = w.road_sine - (given.grade + given.slope_1pm * further_m)
+    late_m = late_s * max(w.speed_mps, 0.0)  # `given` is the grade of now, the cell that of a window's end
+    e = w.road_sine - (given.grade + given.slope_1pm * (min(metres, ALIKE_M) - late_m))
     unseen = min(w.gap_s * max(w.speed_mps, 0.0) / ALIKE_M, 1.0)  # the road may be as another there
     s = given.grade_var + cell_var(w) + unseen * _OTHER_STD * _OTHER_STD
     wide = s + _OTHER_STD * _OTHER_STD
