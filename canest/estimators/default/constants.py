@@ -1,4 +1,4 @@
-"""Every constant of the estimator, once: symbol, unit and source beside each (docs/theory.md, section 9)."""
+"""The constants of the theory: symbol, unit and source beside each (docs/theory.md, section 9)."""
 
 from __future__ import annotations
 
