@@ -27,8 +27,8 @@ from variants import Variant
 from canest.core import jit
 from canest.core.frames import FloatColumn
 from canest.core.samples import STEP_S
-from canest.estimators.cutting import SHIFT
 from canest.estimators.default.constants import CONSTANTS
+from canest.estimators.windowing import SHIFT
 from canest.simulation.run import simulate
 
 DRIVERS: dict[str, dict[str, Any]] = {

@@ -32,18 +32,16 @@ def missing_signal_warnings(config: Config, received: Collection[str]) -> list[s
         if RETARDER in missing and config.vehicle.retarder is not None:
             warnings.append(_unseen("a retarder", RETARDER))
     brakes = [role for role in BRAKES if role in config.signals]
+    unmapped = "" if brakes else f". No such role is mapped: {_BRAKE_SIGNAL}"
     assumed = config.gates.brake.assume_when_pedal_released
     if not brakes and config.gates.possible_brake.enabled and not (assumed and PEDAL in config.signals):
         unless = " unless the accelerator is pressed" if PEDAL in config.signals else ""
         warnings.append(
             f"no signal reports whether the brake acts: without propulsion nothing is learned{unless} (gate "
-            f"possible_brake, signals.brake_switch or brake_pedal). No such role is mapped: {_BRAKE_SIGNAL}"
+            f"possible_brake, signals.brake_switch or brake_pedal){unmapped}"
         )
     elif missing.issuperset(brakes) and not assumed:
-        warnings.append(
-            _unseen("the brake", " or ".join(brakes or BRAKES))
-            + ("" if brakes else f". No such role is mapped: {_BRAKE_SIGNAL}")
-        )
+        warnings.append(_unseen("the brake", " or ".join(brakes or BRAKES)) + unmapped)
     return warnings
 
 

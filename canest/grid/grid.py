@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -41,6 +41,11 @@ class Channel(NamedTuple):
     stale_us: int = FOREVER_US
     between: Between | None = None
     wait_us: int = 0
+
+
+def behind_us(channels: Iterable[Channel]) -> int:
+    """Return how long before a tick it is what the tick shows, for the latest of the channels, us."""
+    return max((c.delay_us + c.wait_us for c in channels), default=0)
 
 
 class Feed(NamedTuple):
@@ -95,7 +100,7 @@ class Grid:
     def __init__(self, channels: Sequence[Channel], hold_us: int) -> None:
         self._channels, self._hold_us = channels, hold_us
         #: D: every tick shows the vehicle as it was so long before
-        self.behind_us = max((c.delay_us + c.wait_us for c in channels), default=0)
+        self.behind_us = behind_us(channels)
         self._shift_us = {c.role: self.behind_us - c.delay_us for c in channels}
         #: role -> the sample in force: its stamp and value
         self._held: dict[str, tuple[int, float]] = {c.role: _NOTHING for c in channels}

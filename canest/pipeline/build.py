@@ -20,7 +20,7 @@ from canest.decode.groups import Want
 from canest.estimators.base import Estimator
 from canest.estimators.registry import create
 from canest.grid.between import Between, earlier, larger, line
-from canest.grid.grid import FOREVER_US, Channel
+from canest.grid.grid import FOREVER_US, Channel, behind_us
 from canest.pipeline.assumed_constants import AssumedConstants
 from canest.pipeline.signal_map import resolution_of, step_of, unit_of, wants_of
 from canest.vehicle.butterworth import butterworth, delay_s
@@ -34,7 +34,7 @@ from canest.vehicle.role_sources import (
     torque_role,
 )
 from canest.vehicle.spec import AccelerometerSource, FilterSpec, ModelSpec
-from canest.vehicle.torque_dropout import TorqueLimit, torque_limits
+from canest.vehicle.torque_dropout import LIMITED, TorqueLimit, torque_limits
 
 if TYPE_CHECKING:
     from cantools.database.can import Database
@@ -139,6 +139,7 @@ def located(config: Config) -> Iterator[None]:
 def intake_spec(config: Config) -> IntakeSpec:
     """Return what decodes and checks the samples of a config."""
     roles, vehicle = tuple(config.signals), config.vehicle
+    steps = {role: step_of(config, role) or 0.0 for role in LIMITED if role in roles}
     return IntakeSpec(
         wants=wants_of(config),
         databases=config.databases,
@@ -146,9 +147,7 @@ def intake_spec(config: Config) -> IntakeSpec:
         max_backward_us=round(config.sampling.max_backward_s * 1e6),
         limits=limits_of(roles, vehicle.mps_per_shaft_rpm),
         motion=frozenset(motion_roles(roles, vehicle)),
-        torque=torque_limits(
-            roles, vehicle, _column_factors(config), {role: step_of(config, role) or 0.0 for role in roles}
-        ),
+        torque=torque_limits(roles, vehicle, _column_factors(config), steps),
     )
 
 
@@ -205,6 +204,7 @@ def facts_of(config: Config) -> VehicleFacts:
     speed = speed_in_use(roles, v)
     sensor = config.signals.get(_ACCELEROMETER)
     slow = (config.signals[role].period_s for role in (torque, speed) if role in config.signals)
+    waits_s = behind_s(config)
     return VehicleFacts(
         mass_min_kg=v.mass_min_kg,
         mass_max_kg=v.mass_max_kg,
@@ -217,8 +217,8 @@ def facts_of(config: Config) -> VehicleFacts:
         accelerometer_step_mps2=resolution["accelerometer"],
         has_accelerometer=sensor is not None and (sensor.period_s or 0.0) <= SLOWEST_ACCELEROMETER_S,
         has_road_map=config.road_map is not None,
-        filter_delay_s=delay_s(butterworth(config.filter.order, config.filter.cutoff_hz)) + behind_s(config),
-        waits_s=behind_s(config),
+        filter_delay_s=delay_s(butterworth(config.filter.order, config.filter.cutoff_hz)) + waits_s,
+        waits_s=waits_s,
         report_period_s=max((period or 0.0 for period in slow), default=0.0),
         torque_accuracy=v.torque_accuracy_pct / TWO_STD_PCT,
         wheel_radius_accuracy=v.wheel_radius_accuracy_pct / TWO_STD_PCT,
@@ -271,7 +271,7 @@ def wait_us(source: Source) -> int:
 
 def behind_s(config: Config) -> float:
     """Return how long ago it is what the ticks show, for late and slow signals to be joined, s."""
-    return max((c.delay_us + c.wait_us for c in grid_spec(config).channels), default=0) * 1e-6
+    return behind_us(grid_spec(config).channels) * 1e-6
 
 
 def _column_factors(config: Config) -> dict[str, float]:

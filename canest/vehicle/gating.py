@@ -122,7 +122,7 @@ class Gating:
         causes.append((Gate.SHIFT, self._shifting(grid, raw, has)))
         causes.append((Gate.DRIVELINE, self._disengaged(raw, has, accel_mps2)))
         if self._unreported is not None:
-            pressed = has[PEDAL] >= RELEASED_PCT if PEDAL in has else constant(False, len(grid))
+            pressed = _pressed(has, len(grid))
             causes.append((Gate.POSSIBLE_BRAKE, self._unreported.may_act(raw, accel_mps2, pressed)))
         if "pto_state" in has:
             causes.append((Gate.PTO, has["pto_state"] > 0))
@@ -165,7 +165,7 @@ class Gating:
         if "brake_pedal" in has:
             closed = closed | c.on("brake_pedal", self._gates.brake.pedal_pct)
         if self._pedal_only and PEDAL in has:
-            closed = closed | ~(has[PEDAL] >= RELEASED_PCT)
+            closed = closed | ~_pressed(has, len(c))
         return closed
 
     def _shifting(self, grid: GridBlock, raw: RawModel, has: dict[str, FloatColumn]) -> BoolColumn:
@@ -238,6 +238,12 @@ class Excitation:
         _excitation_kernel(force, flags, n, self._decay, self._least_N, state, low)
         self._state = [float(s) for s in state]
         return np.asarray(low, np.bool_)
+
+
+def _pressed(has: dict[str, FloatColumn], n: int) -> BoolColumn:
+    """Return where the accelerator is known to be pressed (n,)."""
+    pressed: BoolColumn = has[PEDAL] >= RELEASED_PCT if PEDAL in has else constant(False, n)
+    return pressed
 
 
 def _lateral_mps2(speed_mps: FloatColumn, has: dict[str, FloatColumn]) -> FloatColumn:

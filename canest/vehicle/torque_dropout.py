@@ -40,6 +40,7 @@ _MOST_ENGINE_NM, _MOST_MPS2 = 20_000.0, 24.0
 _TYPE_ENDS = (32767.0, -32768.0, 65535.0)
 _ENGINE = ("engine_torque_pct", "engine_torque")
 _WHEELS = ("wheel_force", "wheel_torque", "half_shaft_torque_left", "half_shaft_torque_right")
+LIMITED = (*_ENGINE, *_WHEELS)  #: roles whose samples are looked at
 _FEW = 50  #: samples up to which walking them is faster than columns (both give the same bits)
 
 
@@ -146,7 +147,7 @@ def torque_limits(
     """
     ratio = min(vehicle.gear_ratios.values(), default=1.0) * vehicle.final_drive
     limits = {}
-    for role in (*_ENGINE, *_WHEELS):
+    for role in LIMITED:
         if role not in roles:
             continue
         per_mps2 = vehicle.wheel_radius_m / (ratio if role in _ENGINE else 1.0)

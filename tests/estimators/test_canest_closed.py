@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from canest.core.gates import Gate
-from canest.estimators.cutting import WINDOW_S
 from canest.estimators.default import model as m
 from canest.estimators.default import sensors
 from canest.estimators.default.constants import CONSTANTS
 from canest.estimators.default.model import Window
 from canest.estimators.registry import create
+from canest.estimators.windowing import WINDOW_S
 
 from .momentum import FACTS, flat, pulses, trip
 from .test_canest_parts import mixture

@@ -10,7 +10,6 @@ import pytest
 
 from canest.core.gates import Gate
 from canest.core.samples import Status
-from canest.estimators.cutting import WINDOW_S
 from canest.estimators.default import hypotheses, joining, road_map
 from canest.estimators.default import model as m
 from canest.estimators.default.accelerometer import Comparison, compare
@@ -18,6 +17,7 @@ from canest.estimators.default.constants import CONSTANTS
 from canest.estimators.default.estimator import GaussianSum, _space
 from canest.estimators.default.model import Window
 from canest.estimators.default.report import Report, sum_over_nodes
+from canest.estimators.windowing import WINDOW_S
 
 from . import synthetic
 from .momentum import FACTS, flat, steady, trip

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from canest.core.samples import Status
-from canest.estimators.cutting import WINDOW_S
 from canest.estimators.default.constants import CONSTANTS, vehicle_of
 from canest.estimators.default.model import Window
 from canest.estimators.default.noise import first_levels, follow, refuted
 from canest.estimators.default.sensors import ends_at, slow_traction
 from canest.estimators.registry import create
+from canest.estimators.windowing import WINDOW_S
 
 from . import momentum
 from .momentum import flat, hills, pulses, trip

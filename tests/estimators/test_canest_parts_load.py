@@ -15,8 +15,8 @@ __all__ = ["form"]
 
 
 def test_a_stop_changes_the_load_with_the_time_it_lasts():
-    assert hypotheses.changed(0.0, 60.0) == 0.0
-    assert hypotheses.changed(60.0, 60.0) == pytest.approx(1.0 - np.exp(-1.0))
+    assert hypotheses.p_changed(0.0, 60.0) == 0.0
+    assert hypotheses.p_changed(60.0, 60.0) == pytest.approx(1.0 - np.exp(-1.0))
 
 
 @pytest.mark.parametrize("moving", [False, True])

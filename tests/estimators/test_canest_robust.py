@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from canest.core import jit
 from canest.core.gates import Gate
 from canest.core.samples import EstimateBlock, ModelBlock
-from canest.estimators.cutting import SHIFT, TICKS
 from canest.estimators.default.windows import COLUMNS, Windows
 from canest.estimators.registry import create
+from canest.estimators.windowing import SHIFT, TICKS
 
 from .momentum import FACTS, trip
 

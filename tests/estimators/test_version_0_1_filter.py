@@ -44,7 +44,7 @@ from canest.estimators.canest_0_1.roads import (
 )
 from canest.estimators.canest_0_1.senses import HEIGHT_STD_M, HEIGHT_WANDER
 from canest.estimators.canest_0_1.windows import COLUMNS
-from canest.estimators.cutting import WINDOW_S
+from canest.estimators.windowing import WINDOW_S
 
 from .synthetic import FACTS
 

@@ -14,7 +14,7 @@ from canest.core.samples import GRAVITY_MPS2
 from canest.estimators.canest_0_1.filter import OUTLIER
 from canest.estimators.canest_0_1.prior import ROLLING_SHARE_STD
 from canest.estimators.canest_0_1.states import COARSE_GRADE, COARSE_VAR, LAST_GRADE, LAST_VAR
-from canest.estimators.cutting import WINDOW_S
+from canest.estimators.windowing import WINDOW_S
 
 Container = Any  #: list interpreted, array compiled
 

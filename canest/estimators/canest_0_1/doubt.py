@@ -28,7 +28,7 @@ from canest.estimators.canest_0_1.states import (
     STEADY_N,
     SURPRISED_M,
 )
-from canest.estimators.cutting import WINDOW_S
+from canest.estimators.windowing import WINDOW_S
 
 Container = Any  #: list interpreted, array compiled
 

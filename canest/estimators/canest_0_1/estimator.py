@@ -19,12 +19,12 @@ from canest.estimators.canest_0_1.noise import SWING_MPN
 from canest.estimators.canest_0_1.prior import LOUDEST, prior_of
 from canest.estimators.canest_0_1.roads import CURVED_M, STRAIGHT_M
 from canest.estimators.canest_0_1.windows import COLUMNS, Windows
-from canest.estimators.cutting import SHIFT
 from canest.estimators.description import Description
 from canest.estimators.kernel_arrays import pack as give
 from canest.estimators.kernel_arrays import state_in, state_out
 from canest.estimators.options import Options, parse
 from canest.estimators.status import StatusTracker
+from canest.estimators.windowing import SHIFT
 
 #: effort that a remembered mass stands for: its std says all that is in doubt, m2/s3
 REMEMBERED = 10.0

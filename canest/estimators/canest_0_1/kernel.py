@@ -96,7 +96,7 @@ from canest.estimators.canest_0_1.states import (
     Q,
     U,
 )
-from canest.estimators.cutting import WINDOW_S
+from canest.estimators.windowing import WINDOW_S
 
 Container = Any  #: list interpreted, array compiled
 

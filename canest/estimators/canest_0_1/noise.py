@@ -8,7 +8,7 @@ from typing import Any
 from canest.core import jit
 from canest.estimators.canest_0_1.filter import OUTLIER
 from canest.estimators.canest_0_1.states import COUNT, NIS_SUM, POSITIVE, RINGING, RUNS, SIGN, SWING_VAR
-from canest.estimators.cutting import WINDOW_S
+from canest.estimators.windowing import WINDOW_S
 
 Container = Any  #: list interpreted, array compiled
 

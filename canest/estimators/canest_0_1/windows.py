@@ -1,8 +1,5 @@
 """Cuts the 50 Hz samples into windows of 0.2 s and balances momentum over each.
 
-A window ends on the ticks whose number is one less than a multiple of `TICKS`, whatever the cut of the
-blocks; sums run tick by tick in one order, so the bits do not depend on the cut either.
-
 Reported torque acts earlier than it is reported. Everything but traction is therefore taken `SHIFT` ticks
 back (a typical delay); what remains of the delay is a state of the filter.
 """
@@ -16,16 +13,16 @@ from canest.core.gates import Gate
 from canest.core.samples import GRAVITY_MPS2, STEP_S, STEP_US, ModelBlock
 from canest.estimators.canest_0_1.lines import COLUMNS as COASTED
 from canest.estimators.canest_0_1.lines import CoastLines
-from canest.estimators.cutting import (
+from canest.estimators.windowing import (
     REACH,
     SHIFT,
     TICKS,
     WINDOW_S,
-    Cutter,
+    WindowCutter,
     back_from,
     extremes,
-    gates,
     mean_of,
+    window_gates,
     within,
 )
 
@@ -98,7 +95,7 @@ class Windows:
         self._late_s = late_s
         self._road_back = min(round(late_s / STEP_S), REACH - 1)  # the road where the filtered vehicle is
         self._kept: NDArray[np.float64] = np.empty((_COLUMNS, 0))
-        self._cutter = Cutter()
+        self._cutter = WindowCutter()
         self._lines = CoastLines()
 
     def push(self, block: ModelBlock) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -171,7 +168,9 @@ class Windows:
         sensed, mean_speed, rest, mu, accel, aero = mean_of(rows[_LATE], ends, SHIFT)
         (mean_traction,) = mean_of(rows[_TRACTION : _TRACTION + 1], ends, 0)
         traction, rotating = now[_TRACTION], now[_ROTATING]
-        is_open, retarding, coarse, turns = gates(rows[_GATE], rows[_BROKEN], ticks[ends] - starts, ends)
+        is_open, retarding, coarse, turns = window_gates(
+            rows[_GATE], rows[_BROKEN], ticks[ends] - starts, ends
+        )
         lateral_mps2 = late[_SPEED] * within(late[_YAW], _MOST_YAW)
         bend_mps2 = np.where(turns, _CORNERING_S2PM * lateral_mps2**2, 0.0)
         coarse &= bend_mps2 >= 0.0  # NaN where nobody tells how sharp the bend is

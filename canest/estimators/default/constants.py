@@ -6,7 +6,7 @@ import math
 from typing import Annotated, NamedTuple
 
 from canest.core.samples import GRAVITY_MPS2, VehicleFacts
-from canest.estimators.cutting import WINDOW_S
+from canest.estimators.windowing import WINDOW_S
 
 
 class Source(NamedTuple):

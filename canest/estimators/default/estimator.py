@@ -13,7 +13,6 @@ from canest.core import jit
 from canest.core.samples import STEP_S, STEP_US, EstimateBlock, ModelBlock, Status, VehicleFacts
 from canest.estimators.base import Estimator
 from canest.estimators.bounds import beyond_bound, gain_std
-from canest.estimators.cutting import SHIFT
 from canest.estimators.default import kernel
 from canest.estimators.default import model as at
 from canest.estimators.default.accelerometer import Comparison
@@ -31,6 +30,7 @@ from canest.estimators.description import Description
 from canest.estimators.kernel_arrays import state_in
 from canest.estimators.options import Options, parse
 from canest.estimators.status import StatusTracker
+from canest.estimators.windowing import SHIFT
 
 #: masses over which a wide mixture is summed: a factor of 6 of bounds is 4 % from one to the next
 _NODES = 48
@@ -151,7 +151,7 @@ class GaussianSum(Estimator):
         self._carried = kernel.run(
             count, columns, mix, self._carried, self.constants, self._vehicle, space, rows
         )
-        self._mixture = Mixture(*mix[:3], *(np.asarray(column).tolist() for column in mix[3:]))
+        self._mixture = Mixture(*mix[:3], *(_plain_list(column) for column in mix[3:]))
         self._carried = _plain(self._carried)
         return np.asarray(rows)
 
@@ -249,6 +249,10 @@ def _mode_shares(c: Constants) -> list[float]:
     roads = ((1.0 - rough) * straight, (1.0 - rough) * (1.0 - straight), rough)
     drivers = (1.0 - c.answered_share, c.answered_share)
     return [load * driver * road for load in (1.0 - drifts, drifts) for driver in drivers for road in roads]
+
+
+def _plain_list(column: Any) -> Any:
+    return column if isinstance(column, list) else column.tolist()
 
 
 def _room(n: int) -> Mixture:

@@ -88,7 +88,7 @@ def prune(mix: Mixture, count: int, least: float) -> int:
 
 
 @jit.kernel
-def changed(span: float, mean: float) -> float:
+def p_changed(span: float, mean: float) -> float:
     """Return the probability that what lasts for `mean` on average has changed within a span."""
     return 1.0 - math.exp(-span / mean)
 
@@ -96,10 +96,13 @@ def changed(span: float, mean: float) -> float:
 @jit.kernel
 def transitions(metres: float, driven_s: float, c: Constants) -> tuple[Any, Any, Any]:
     """Return the transition probabilities of road (3 x 3), driver and load (2 x 2), row by row."""
-    curves, straightens = changed(metres, c.straight_length_m), changed(metres, c.curved_length_m)
-    roughens, smoothens = changed(metres, c.smooth_length_m), changed(metres, c.rough_length_m)
-    drawn = changed(metres, c.driver_length_m)
-    begins, ends = changed(driven_s, c.steady_duration_s), changed(driven_s, c.drift_duration_s)
+    curves = p_changed(metres, c.straight_length_m)
+    straightens = p_changed(metres, c.curved_length_m)
+    roughens = p_changed(metres, c.smooth_length_m)
+    smoothens = p_changed(metres, c.rough_length_m)
+    drawn = p_changed(metres, c.driver_length_m)
+    begins = p_changed(driven_s, c.steady_duration_s)
+    ends = p_changed(driven_s, c.drift_duration_s)
     smooth, frees, answers = 1.0 - roughens, drawn * (1.0 - c.answered_share), drawn * c.answered_share
     roads = (
         smooth * (1.0 - curves), smooth * curves, roughens,

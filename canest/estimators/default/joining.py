@@ -9,9 +9,9 @@ import math
 from typing import NamedTuple
 
 from canest.core import jit
-from canest.estimators.cutting import WINDOW_S
 from canest.estimators.default.constants import Vehicle
 from canest.estimators.default.model import Window
+from canest.estimators.windowing import WINDOW_S
 
 
 class Joined(NamedTuple):

@@ -8,13 +8,12 @@ from typing import Any, NamedTuple
 from canest.core import jit
 from canest.core.jit import borrowed
 from canest.core.samples import GRAVITY_MPS2
-from canest.estimators.cutting import WINDOW_S
 from canest.estimators.default import model as m
 from canest.estimators.default.accelerometer import Comparison, compare
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.disturbance import close_disturbance, open_disturbance
 from canest.estimators.default.driver import answered_force, own_torque
-from canest.estimators.default.hypotheses import change_modes, changed, prune, set_loads, take, weigh
+from canest.estimators.default.hypotheses import change_modes, p_changed, prune, set_loads, take, weigh
 from canest.estimators.default.joining import Joined, add_window, begin_sums, join, waits
 from canest.estimators.default.load import (
     brakes_unseen,
@@ -60,6 +59,7 @@ from canest.estimators.default.sensors import (
     slow_traction,
     speed,
 )
+from canest.estimators.windowing import WINDOW_S
 
 #: after a gap this long the height is unknown, and so much of one counts as driven, s; a coasting further
 #: back says nothing of this road, m
@@ -174,8 +174,8 @@ def run(
         height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S and not failed
         # -- other loads, other modes, another disturbance
         unseen_s, surprise, bend_var, opened = joined.unseen_s, p.surprise, p.bend_var, False
-        another = changed(unseen_s, c.load_stop_s) if begins else 0.0
-        if failed or 1.0 - another < c.left_out_share:  # nothing of what was learned holds
+        load_changed = p_changed(unseen_s, c.load_stop_s) if begins else 0.0
+        if failed or 1.0 - load_changed < c.left_out_share:  # nothing of what was learned holds
             take(space.prior, m.MODES, mix)
             count, begins = m.MODES, is_open
             unseen_s = surprise = 0.0
@@ -184,7 +184,7 @@ def run(
             bend_var = c.curvature_std_1pm * c.curvature_std_1pm
         elif begins and unseen_s >= c.shortest_stop_s:
             if p.learned > 0.0:
-                count = open_load(mix, count, another, False, 0.0, c, v, t)
+                count = open_load(mix, count, load_changed, False, 0.0, c, v, t)
                 opened = True
             unseen_s = surprise = 0.0
         surprised = is_open and surprise > c.gross_nis
@@ -208,12 +208,12 @@ def run(
             if surprised:
                 sharpen(mix, count, c)
                 surprise = 0.0
-            probability = max(changed(driven_s, c.motion_change_s), surprising)
+            probability = max(p_changed(driven_s, c.motion_change_s), surprising)
             known_N = 0.0 if p.braked > 0.0 else w.force_N - w.rotating_kg * w.accel_mps2
             count = open_load(mix, count, probability, True, known_N / GRAVITY_MPS2, c, v, t)
             driven_s = 0.0
         if due and is_open and mix.x.shape[1] == m.STATES:
-            probability = max(changed(p.mixed_s + dt, c.jump_every_s), surprising)
+            probability = max(p_changed(p.mixed_s + dt, c.jump_every_s), surprising)
             count = open_disturbance(mix, count, probability, p.u, c, v)
         # -- predict and update every density
         fill(count, mix.found, 0.0)

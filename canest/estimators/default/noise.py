@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 from canest.core import jit
 from canest.core.samples import STEP_S
-from canest.estimators.cutting import WINDOW_S
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.model import Window
+from canest.estimators.windowing import WINDOW_S
 
 _STEP_STD = math.sqrt(12.0)
 #: mean NIS above which the model does not explain what happens; a consistent filter's is 1

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from canest.core import jit
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants, Vehicle
-from canest.estimators.default.hypotheses import changed
+from canest.estimators.default.hypotheses import p_changed
 from canest.estimators.default.model import LOADS, Mixture, Scratch, Space
 from canest.estimators.default.predict import column
 
@@ -150,7 +150,7 @@ def unknown_load_var(mass: float, unknown_s: float, braked: bool, c: Constants, 
     It is P(changed) E[(M' - M)^2], M' log-uniform: after a stop, or while a surprise waits for its
     explanation (braked, see `load.brakes_unseen`).
     """
-    probability = changed(unknown_s, c.load_stop_s)
+    probability = p_changed(unknown_s, c.load_stop_s)
     if braked:
         probability = max(probability, 2.0 * c.left_out_share)
     elif unknown_s < c.shortest_stop_s:

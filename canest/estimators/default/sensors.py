@@ -7,12 +7,12 @@ from typing import Any
 
 from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2
-from canest.estimators.cutting import WINDOW_S
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.model import Ends, Mixture, Scratch, Window
 from canest.estimators.default.predict import EVERYWHERE, column, moments, restore, widen
 from canest.estimators.default.update import condition_on, judge
+from canest.estimators.windowing import WINDOW_S
 
 SENSED = (m.GRADE, m.BIAS)
 DRIVEN = (m.GRADE, m.BIAS, m.V, m.BEGIN, m.DELAY, m.WINDUP)

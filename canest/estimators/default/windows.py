@@ -12,21 +12,21 @@ from numpy.typing import NDArray
 from canest.core.frames import FloatColumn
 from canest.core.gates import Gate
 from canest.core.samples import GRAVITY_MPS2, STEP_S, STEP_US, ModelBlock
-from canest.estimators.cutting import (
+from canest.estimators.default.coasting import REACH as COASTED
+from canest.estimators.default.coasting import lines, run_lengths
+from canest.estimators.default.model import Window
+from canest.estimators.windowing import (
     REACH,
     SHIFT,
     TICKS,
     WINDOW_S,
-    Cutter,
+    WindowCutter,
     back_from,
     extremes,
-    gates,
     mean_of,
+    window_gates,
     within,
 )
-from canest.estimators.default.coasting import REACH as COASTED
-from canest.estimators.default.coasting import lines, run_lengths
-from canest.estimators.default.model import Window
 
 COLUMNS = Window._fields
 _KEPT = COASTED + TICKS + 2  #: samples that the next block may look back to: a window, and a coasting
@@ -54,7 +54,7 @@ class Windows:
         self._late_s = late_s
         self._road_back = min(round(late_s / STEP_S), REACH - 1)  # the road where the filtered vehicle is
         self._kept: NDArray[np.float64] = np.empty((_COLUMNS, 0))
-        self._cutter = Cutter()
+        self._cutter = WindowCutter()
 
     def push(self, block: ModelBlock) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Take samples (n,); return finished windows (len(COLUMNS), w) and the samples that end them (w,)."""
@@ -119,7 +119,9 @@ class Windows:
         (mean_traction,) = mean_of(rows[_TRACTION : _TRACTION + 1], ends, 0)
         traction, rotating = now[_TRACTION], now[_ROTATING]
         lateral_mps2 = late[_SPEED] * within(late[_YAW], _MOST_YAW)
-        is_open, retarding, coarse, turns = gates(rows[_GATE], rows[_BROKEN], ticks[ends] - starts, ends)
+        is_open, retarding, coarse, turns = window_gates(
+            rows[_GATE], rows[_BROKEN], ticks[ends] - starts, ends
+        )
         bend_mps2 = np.where(turns, _CORNERING_S2PM * lateral_mps2**2, 0.0)
         coarse &= bend_mps2 >= 0.0  # NaN where nobody tells how sharp the bend is
         columns = [

@@ -23,7 +23,7 @@ _SETTLED = 50  #: ticks after which a filter that began anew shows accelerations
 Picked = slice | NDArray[np.int64]  #: indices of samples, one per window
 
 
-class Cutter:
+class WindowCutter:
     """Tells where windows end and begin anew, over blocks that follow each other."""
 
     def __init__(self) -> None:
@@ -78,7 +78,7 @@ class Cutter:
         return np.where(altitude_m != before, altitude_m, np.nan)
 
 
-def gates(
+def window_gates(
     gate: FloatColumn, broken: FloatColumn, settled: NDArray[np.int64], ends: NDArray[np.int64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
     """Return where no gate is closed, only a retarder's, only one of a bend or dwell, and where it turns.
