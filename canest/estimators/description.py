@@ -4,17 +4,7 @@ from __future__ import annotations
 
 import types
 from collections.abc import Iterator
-from typing import (
-    Any,
-    Literal,
-    NamedTuple,
-    Protocol,
-    Union,
-    get_args,
-    get_origin,
-    get_type_hints,
-    runtime_checkable,
-)
+from typing import Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, Field
 from pydantic.config import JsonDict
@@ -73,23 +63,6 @@ class ConstantRow(NamedTuple):
     source: str
 
 
-@runtime_checkable
-class AboutConstant(Protocol):
-    """What the annotation of a constant tells of it, `Annotated[float, ...]`."""
-
-    @property
-    def symbol(self) -> str:
-        """In the method's equations."""
-
-    @property
-    def unit(self) -> str:
-        """ "1" for a number without one."""
-
-    @property
-    def text(self) -> str:
-        """A paper, a measurement, or what was weighed against what."""
-
-
 def option(
     default: Any,
     text: str,
@@ -125,12 +98,11 @@ def option_rows(model: type[BaseModel], prefix: str = "") -> Iterator[OptionRow]
 
 
 def constant_rows(constants: tuple[Any, ...]) -> Iterator[ConstantRow]:
-    """Yield every constant that is annotated with an `AboutConstant`. constants: a named tuple, or ()."""
+    """Yield every constant. constants: a named tuple of `Annotated[float, symbol, unit, source]`, or ()."""
     hints = get_type_hints(type(constants), include_extras=True)
     for name, value in zip(getattr(constants, "_fields", ()), constants, strict=True):
-        for about in getattr(hints.get(name), "__metadata__", ()):
-            if isinstance(about, AboutConstant):
-                yield ConstantRow(name, about.symbol, value, about.unit, about.text)
+        symbol, unit, source = hints[name].__metadata__
+        yield ConstantRow(name, symbol, value, unit, source)
 
 
 def _allowed(field: FieldInfo) -> str:

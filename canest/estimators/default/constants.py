@@ -9,138 +9,76 @@ from canest.core.samples import GRAVITY_MPS2, VehicleFacts
 from canest.estimators.windowing import WINDOW_S
 
 
-class Source(NamedTuple):
-    """What is known of a constant beside its value. "Chosen" names the trade-off, "measured" the runs."""
-
-    symbol: str
-    unit: str
-    text: str
-
-
 class Constants(NamedTuple):
-    """All of them."""
+    """All of them: symbol, unit, and whether the value is chosen (with the trade-off), measured or read."""
 
     # -- before the first sample
-    grade_std: Annotated[float, Source("s_theta", "1", "chosen: country roads end at about 10 %")] = 0.03
-    delay_std_s: Annotated[float, Source("s_delta", "s", "chosen: two cycles of an engine message")] = 0.04
-    longest_delay_s: Annotated[
-        float, Source("d_max", "s", "measured: vehicles to 0.19 s; masses 10 to 25 % off from 0.4 s on")
-    ] = 0.32
-    windup_std_s2: Annotated[
-        float, Source("s_gamma", "s2", "chosen: a lag of 0.14 s; more takes torque from the mass")
-    ] = 0.02
-    bias_std_mps2: Annotated[float, Source("s_b", "m/s2", "chosen: 1.8 degrees of tilt of a mounting")] = 0.3
-    pitch_rad_per_mps2: Annotated[
-        float,
-        Source("p_0", "rad s2/m", "measured: trucks 0.01, cars and the gain of a sensor -0.003 to 0.003"),
-    ] = 0.003
-    altitude_std_m: Annotated[float, Source("s_h", "m", "chosen: a satellite receiver")] = 2.5
-    wind_std_mps: Annotated[float, Source("s_w", "m/s", "chosen: 7 m/s in three; more widens cruises")] = 2.3
-    wind_length_m: Annotated[float, Source("L_w", "m", "chosen: roads turn; less widens a cruise")] = 20e3
-    jump_every_s: Annotated[
-        float, Source("T_j", "s", "measured: at 1000 s steps of the wind are loads, at 150 cruises are wide")
-    ] = 250.0
-    jump_stds: Annotated[
-        float, Source("k_j", "1", "measured: at 2 accessories that switch are loads; a slipstream, a forest")
-    ] = 3.0
-    unknown_load_share: Annotated[
-        float, Source("k_u", "1", "measured: std of an unknown load, in its range of ln u; 0.3 is too narrow")
-    ] = 0.7
-    curvature_std_1pm: Annotated[float, Source("s_kappa", "1/m", "chosen: radius 5 km, country roads")] = 2e-4
-    sharp_curvature_1pm: Annotated[
-        float, Source("s_K", "1/m", "chosen: radius 1.2 km, a street; less takes its crests for loads")
-    ] = 8e-4
-    straight_length_m: Annotated[float, Source("L_s", "m", "chosen: shorter says less of the mass")] = 500.0
-    curved_length_m: Annotated[float, Source("L_c", "m", "chosen: length of a crest")] = 150.0
-    curvature_length_m: Annotated[float, Source("L_kappa", "m", "chosen: a crest keeps a curvature")] = 300.0
-    smooth_wander_1pm: Annotated[float, Source("q_s", "1/m", "chosen: 0.3 % of grade in a kilometre")] = 1e-8
-    rough_wander_1pm: Annotated[float, Source("q_r", "1/m", "measured: 1.5 % RMS, waves from 50 m")] = 6e-6
-    smooth_length_m: Annotated[float, Source("L_r", "m", "chosen: rough roads are rare")] = 20e3
-    rough_length_m: Annotated[float, Source("L_rs", "m", "measured: at 2 km rough is forgotten")] = 10e3
-    exchange_every_s: Annotated[float, Source("t_x", "s", "chosen: cost against delay")] = 1.0
-    altitude_wander_m2ps: Annotated[float, Source("q_h", "m2/s", "chosen: a receiver, 3.5 m a minute")] = 0.2
+    grade_std: Annotated[float, "s_theta", "1", "chosen: country roads end at about 10 %"] = 0.03
+    delay_std_s: Annotated[float, "s_delta", "s", "chosen: two cycles of an engine message"] = 0.04
+    longest_delay_s: Annotated[float, "d_max", "s", "measured: vehicles to 0.19 s; masses fail at 0.4"] = 0.32
+    windup_std_s2: Annotated[float, "s_gamma", "s2", "chosen: a lag of 0.14 s; more hides the mass"] = 0.02
+    bias_std_mps2: Annotated[float, "s_b", "m/s2", "chosen: 1.8 degrees of tilt of a mounting"] = 0.3
+    pitch_rad_per_mps2: Annotated[float, "p_0", "rad s2/m", "measured: trucks 0.01, cars +-0.003"] = 0.003
+    altitude_std_m: Annotated[float, "s_h", "m", "chosen: a satellite receiver"] = 2.5
+    wind_std_mps: Annotated[float, "s_w", "m/s", "chosen: 7 m/s in three; more widens cruises"] = 2.3
+    wind_length_m: Annotated[float, "L_w", "m", "chosen: roads turn; less widens a cruise"] = 20e3
+    jump_every_s: Annotated[float, "T_j", "s", "measured: 1000 makes gusts loads, 150 cruises wide"] = 250.0
+    jump_stds: Annotated[float, "k_j", "1", "measured: at 2 accessories that switch are loads"] = 3.0
+    unknown_load_share: Annotated[float, "k_u", "1", "measured: of the range of ln u; 0.3 is too sure"] = 0.7
+    curvature_std_1pm: Annotated[float, "s_kappa", "1/m", "chosen: radius 5 km, country roads"] = 2e-4
+    sharp_curvature_1pm: Annotated[float, "s_K", "1/m", "chosen: streets; less takes crests for loads"] = 8e-4
+    straight_length_m: Annotated[float, "L_s", "m", "chosen: shorter says less of the mass"] = 500.0
+    curved_length_m: Annotated[float, "L_c", "m", "chosen: length of a crest"] = 150.0
+    curvature_length_m: Annotated[float, "L_kappa", "m", "chosen: a crest keeps a curvature"] = 300.0
+    smooth_wander_1pm: Annotated[float, "q_s", "1/m", "chosen: 0.3 % of grade in a kilometre"] = 1e-8
+    rough_wander_1pm: Annotated[float, "q_r", "1/m", "measured: 1.5 % RMS, waves from 50 m"] = 6e-6
+    smooth_length_m: Annotated[float, "L_r", "m", "chosen: rough roads are rare"] = 20e3
+    rough_length_m: Annotated[float, "L_rs", "m", "measured: at 2 km rough is forgotten"] = 10e3
+    exchange_every_s: Annotated[float, "t_x", "s", "chosen: cost against delay"] = 1.0
+    altitude_wander_m2ps: Annotated[float, "q_h", "m2/s", "chosen: a receiver, 3.5 m a minute"] = 0.2
     # -- engine
-    offset_duration_s: Annotated[float, Source("T_o", "s", "chosen: accessories run for minutes")] = 600.0
+    offset_duration_s: Annotated[float, "T_o", "s", "chosen: accessories run for minutes"] = 600.0
     # -- driver
-    answered_share: Annotated[float, Source("P_a", "1", "chosen: less makes a cruise less safe")] = 0.8
-    answer_length_m: Annotated[
-        float,
-        Source("L_a", "m", "measured: less takes sine roads for masses, more an unloading for a driver"),
-    ] = 500.0
-    driver_length_m: Annotated[float, Source("L_d", "m", "chosen: a habit is kept for ten minutes")] = 10e3
-    answer_noise_mps2: Annotated[
-        float, Source("a_d", "m/s2", "measured: less takes a cruise control's torque for a free driver's")
-    ] = 0.03
+    answered_share: Annotated[float, "P_a", "1", "chosen: less makes a cruise less safe"] = 0.8
+    answer_length_m: Annotated[float, "L_a", "m", "measured: less fails on waves, more on unloading"] = 500.0
+    driver_length_m: Annotated[float, "L_d", "m", "chosen: a habit is kept for ten minutes"] = 10e3
+    answer_noise_mps2: Annotated[float, "a_d", "m/s2", "measured: less finds cruise controls free"] = 0.03
     # -- load
-    load_stop_s: Annotated[float, Source("T_l", "s", "chosen: less costs `valid` at every light")] = 130.0
-    shortest_stop_s: Annotated[
-        float, Source("T_0", "s", "chosen: up to here a change is less probable than a miss of two std")
-    ] = 7.0
-    motion_change_s: Annotated[
-        float, Source("T_m", "s", "measured: less finds a load sooner, and costs `valid`")
-    ] = 10_000.0
-    motion_every_s: Annotated[float, Source("t_m", "s", "chosen: cost against delay")] = 20.0
-    load_tilt_mps2: Annotated[
-        float,
-        Source("s_t", "m/s2", "chosen: 0.3 degrees of a sprung frame; more takes a retarder for a load"),
-    ] = 0.05
-    drift_1ps: Annotated[
-        float, Source("m_r", "1/s", "measured: mean and std, 5 kg/s of 20 t; more takes `valid` from cruises")
-    ] = 2.5e-4
-    steady_duration_s: Annotated[
-        float, Source("T_rb", "s", "measured: rarer is found late, more often makes a cruise wide")
-    ] = 2000.0
-    drift_duration_s: Annotated[float, Source("T_re", "s", "measured: at 900 a car is 17 % off")] = 600.0
-    gross_nis: Annotated[
-        float, Source("S_max", "1", "chosen: five stds; a step of the road, and in a sum a surprise")
-    ] = 25.0
-    surprise_nis: Annotated[float, Source("k_S", "1", "measured: at 2, rough driving is a surprise")] = 3.0
-    surprise_share: Annotated[
-        float,
-        Source("P_S", "1", "measured: at the limit; less finds a tipper late, more costs `valid` on hills"),
-    ] = 0.009
+    load_stop_s: Annotated[float, "T_l", "s", "chosen: less costs `valid` at every light"] = 130.0
+    shortest_stop_s: Annotated[float, "T_0", "s", "chosen: up to here rarer than a miss of two std"] = 7.0
+    motion_change_s: Annotated[float, "T_m", "s", "measured: less finds loads, costs `valid`"] = 10_000.0
+    motion_every_s: Annotated[float, "t_m", "s", "chosen: cost against delay"] = 20.0
+    load_tilt_mps2: Annotated[float, "s_t", "m/s2", "chosen: 0.3 degrees; more makes retarders loads"] = 0.05
+    drift_1ps: Annotated[float, "m_r", "1/s", "measured: 5 kg/s of 20 t; more costs `valid`"] = 2.5e-4
+    steady_duration_s: Annotated[float, "T_rb", "s", "measured: more is late, less widens cruises"] = 2000.0
+    drift_duration_s: Annotated[float, "T_re", "s", "measured: at 900 a car is 17 % off"] = 600.0
+    gross_nis: Annotated[float, "S_max", "1", "chosen: five std; a road's step, in sum a surprise"] = 25.0
+    surprise_nis: Annotated[float, "k_S", "1", "measured: at 2, rough driving is a surprise"] = 3.0
+    surprise_share: Annotated[float, "P_S", "1", "measured: less is late, more costs `valid`"] = 0.009
     # -- noise
-    force_std_share: Annotated[float, Source("k_F", "1", "chosen: a controller's momentary torque")] = 0.02
-    torque_noise_times: Annotated[
-        float,
-        Source("k_n", "1", "measured: it acts as force and as regressor; at 2 masses are 12 % too high"),
-    ] = 4.0
-    longest_rounding_s: Annotated[float, Source("t_q", "s", "measured: less is too sure of a car")] = 2.0
-    slip_per_mps2: Annotated[
-        float, Source("k_lambda", "s2/m", "literature: tyre stiffness 40 per unit slip (Gustafsson 1997)")
-    ] = 0.0025
-    driveline_swing_mps: Annotated[
-        float,
-        Source("s_v", "m/s", "measured: a first level of 0.05 makes NIS 0.7, of 0.02 first masses too sure"),
-    ] = 0.038
-    torque_rise_s: Annotated[
-        float, Source("t_v", "s", "measured: more leaves first masses too light, less too wide")
-    ] = 0.1
-    swing_damping: Annotated[
-        float, Source("D", "1", "chosen: drivelines have 0.05 to 0.2, clutches and controllers add to it")
-    ] = 0.3
-    first_noise_steps: Annotated[float, Source("k_v", "1", "chosen: first level, in rounding errors")] = 20.0
-    most_noise: Annotated[float, Source("k_vm", "1", "measured: 1 is too little for a bus at 1 Hz")] = 2.0
-    noise_memory_windows: Annotated[float, Source("N_v", "1", "chosen: a minute of open gates")] = 300.0
-    first_noise_windows: Annotated[float, Source("N_0", "1", "chosen: weight of the start")] = 10.0
-    noise_dominates: Annotated[float, Source("k_s", "1", "measured: without it a bus is less valid")] = 5.0
-    outlier_nis: Annotated[float, Source("k_e", "1", "textbook: three standard deviations")] = 9.0
-    likelihood_floor: Annotated[
-        float, Source("c_0", "1", "chosen: one window in seventy is anything, within 30 times its noise")
-    ] = 6e-4
-    likelihood_power: Annotated[float, Source("alpha", "1", "measured: at 1 cruises are too sure")] = 0.5
-    bias_wander_m2ps5: Annotated[
-        float, Source("q_b", "(m/s2)2/s", "chosen: 0.04 m/s2 in an hour; more costs `valid` on motorways")
-    ] = 4e-7
+    force_std_share: Annotated[float, "k_F", "1", "chosen: a controller's momentary torque"] = 0.02
+    torque_noise_times: Annotated[float, "k_n", "1", "measured: at 2 masses are 12 % too high"] = 4.0
+    longest_rounding_s: Annotated[float, "t_q", "s", "measured: less is too sure of a car"] = 2.0
+    slip_per_mps2: Annotated[float, "k_lambda", "s2/m", "literature: Gustafsson 1997, stiffness 40"] = 0.0025
+    driveline_swing_mps: Annotated[float, "s_v", "m/s", "measured: 0.02 is too sure, 0.05 too wide"] = 0.038
+    torque_rise_s: Annotated[float, "t_v", "s", "measured: more makes first masses light, less wide"] = 0.1
+    swing_damping: Annotated[float, "D", "1", "chosen: drivelines 0.05 to 0.2, clutches add to it"] = 0.3
+    first_noise_steps: Annotated[float, "k_v", "1", "chosen: first level, in rounding errors"] = 20.0
+    most_noise: Annotated[float, "k_vm", "1", "measured: 1 is too little for a bus at 1 Hz"] = 2.0
+    noise_memory_windows: Annotated[float, "N_v", "1", "chosen: a minute of open gates"] = 300.0
+    first_noise_windows: Annotated[float, "N_0", "1", "chosen: weight of the start"] = 10.0
+    noise_dominates: Annotated[float, "k_s", "1", "measured: without it a bus is less valid"] = 5.0
+    outlier_nis: Annotated[float, "k_e", "1", "textbook: three standard deviations"] = 9.0
+    likelihood_floor: Annotated[float, "c_0", "1", "chosen: one window in seventy is anything"] = 6e-4
+    likelihood_power: Annotated[float, "alpha", "1", "measured: at 1 cruises are too sure"] = 0.5
+    bias_wander_m2ps5: Annotated[float, "q_b", "(m/s2)2/s", "chosen: 0.04 m/s2 an hour; more is wide"] = 4e-7
     # -- closed gates
-    hidden_force_share: Annotated[float, Source("k_c", "1", "chosen: retarder, gearbox that closes")] = 0.1
-    hidden_windows: Annotated[float, Source("N_c", "1", "chosen: such an error lasts 5 s")] = 25.0
-    coasting_std_mps2: Annotated[
-        float, Source("s_c", "m/s2", "chosen: drag of an open driveline, 300 N on 20 t")
-    ] = 0.015
+    hidden_force_share: Annotated[float, "k_c", "1", "chosen: retarder, gearbox that closes"] = 0.1
+    hidden_windows: Annotated[float, "N_c", "1", "chosen: such an error lasts 5 s"] = 25.0
+    coasting_std_mps2: Annotated[float, "s_c", "m/s2", "chosen: an open driveline's 300 N on 20 t"] = 0.015
     # -- hypotheses and report
-    least_weight: Annotated[float, Source("P_min", "1", "measured: at 1e-3 modes are missing later")] = 3e-4
-    left_out_share: Annotated[float, Source("P_0", "1", "chosen: false alarms against new loads")] = 0.01
+    least_weight: Annotated[float, "P_min", "1", "measured: at 1e-3 modes are missing later"] = 3e-4
+    left_out_share: Annotated[float, "P_0", "1", "chosen: false alarms against new loads"] = 0.01
 
 
 CONSTANTS = Constants()
