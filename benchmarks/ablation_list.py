@@ -12,7 +12,7 @@ from variants import Variant, without
 from canest.core.frames import FloatColumn
 from canest.core.samples import VehicleFacts
 from canest.estimators.default.constants import Constants, Vehicle, vehicle_of
-from canest.estimators.default.driver import own_torque
+from canest.estimators.default.driver import answer_log_likelihood
 from canest.estimators.default.model import MODES, Scratch
 
 #: a variance, limit, length or time that is never reached; and a likelihood that is none, but has a logarithm
@@ -44,15 +44,15 @@ def gain_unknown(is_open: bool, v: Vehicle) -> bool:
 def on_smooth_roads(
     answered_N: float, u: float, metres: float, wander_1pm: float, bend_var: float, c: Constants
 ) -> float:
-    """Take the place of `driver.own_torque`."""
-    found: float = own_torque(answered_N, u, metres, c.smooth_wander_1pm, bend_var, c)
+    """Take the place of `driver.answer_log_likelihood`."""
+    found: float = answer_log_likelihood(answered_N, u, metres, c.smooth_wander_1pm, bend_var, c)
     return found
 
 
 def no_evidence(
     answered_N: float, u: float, metres: float, wander_1pm: float, bend_var: float, c: Constants
 ) -> float:
-    """Take the place of `driver.own_torque`."""
+    """Take the place of `driver.answer_log_likelihood`."""
     return 0.0
 
 
@@ -94,8 +94,8 @@ MECHANISMS = (
     Variant("answers in part", patch={"driver._SHARE": 1.0, "driver._SHARE_VAR": 0.0}),
     Variant("answers drawn anew", {"answer_length_m": NEVER}),
     Variant("drivers whom the road does not answer", {"answered_share": 1.0}),
-    Variant("evidence of fast torque", patch={"kernel.own_torque": no_evidence}),
-    Variant("rough roads that ask for more torque", patch={"kernel.own_torque": on_smooth_roads}),
+    Variant("evidence of fast torque", patch={"kernel.answer_log_likelihood": no_evidence}),
+    Variant("rough roads that ask for more torque", patch={"kernel.answer_log_likelihood": on_smooth_roads}),
     # -- the road and the wind
     Variant("curved roads", {"straight_length_m": NEVER}),
     Variant("rough roads", {"smooth_length_m": NEVER}),
@@ -135,7 +135,7 @@ MECHANISMS = (
     Variant("dependent windows (power 1)", {"likelihood_power": 1.0}),
     # -- windows and gated samples
     Variant("retarders, bends and dwells while gated", {"hidden_force_share": 1e6}),
-    Variant("mass kept while gated", patch={"sensors.EVERYWHERE": NOWHERE}),
+    Variant("mass kept while gated", patch={"sensors._HIDES_MASS": NOWHERE}),
     Variant("coasting", edit=partial(without, "coasting_N")),
     Variant("altitude", edit=partial(without, "altitude_m")),
     Variant("wander of the altitude", {"altitude_wander_m2ps": 0.0}),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from canest.core.samples import Status
-from canest.estimators.default import disturbance
+from canest.estimators.default import load
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import CONSTANTS
 from canest.estimators.default.estimator import GaussianSum
@@ -28,7 +28,7 @@ def test_copies_have_another_disturbance_and_a_share():
     P = mix.P[:3].copy()
     changed = 1.0 - np.exp(-1.0 / CONSTANTS.jump_every_s)
     assert changed * 0.05 < CONSTANTS.least_weight  # it would not live
-    assert disturbance.open_disturbance(mix, 3, changed, U, CONSTANTS, VEHICLE) == 5
+    assert load.open_disturbance(mix, 3, changed, U, CONSTANTS, VEHICLE) == 5
     shares = [0.5 * (1.0 - changed), 0.45 * (1.0 - changed), 0.05, 0.5 * changed, 0.45 * changed]
     np.testing.assert_allclose(mix.weight[:5], shares, rtol=1e-12)
     assert list(mix.load[:5]) == [1, 0, 1, 1 + m.OTHER_DISTURBANCE, m.OTHER_DISTURBANCE]
@@ -44,13 +44,13 @@ def test_copies_have_another_disturbance_and_a_share():
 def test_there_are_never_more_than_there_is_room_for():
     mix, _ = mixture(m.MOST - 1)
     mix.weight[: m.MOST - 1] = [1.0 / (m.MOST - 1)] * (m.MOST - 1)
-    assert disturbance.open_disturbance(mix, m.MOST - 1, 1.0, U, CONSTANTS, VEHICLE) == m.MOST
+    assert load.open_disturbance(mix, m.MOST - 1, 1.0, U, CONSTANTS, VEHICLE) == m.MOST
 
 
 def test_they_come_back_to_the_load_that_they_have():
     mix, _ = mixture(4)
     mix.load[:4] = [0, 2 + m.OTHER_DISTURBANCE, 2, m.OTHER_DISTURBANCE]
-    disturbance.close_disturbance(mix, 4)
+    load.close_disturbance(mix, 4)
     assert list(mix.load[:4]) == [0, 2, 2, 0]
 
 

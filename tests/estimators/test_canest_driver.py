@@ -35,11 +35,11 @@ def test_an_answer_is_drawn_anew_as_sums_of_random_numbers_are(left):
 def test_what_a_road_asks_for_grows_with_the_metres():
     """9.8 (2e-4 4 m) = 0.008 m/s2: 0.1 m/s2 in a window at 20 m/s is the driver's own, in 60 m a crest's."""
     N, wander = 0.1 / U, CONSTANTS.smooth_wander_1pm
-    fast = driver.own_torque.interpreted(N, U, 4.0, wander, 4e-8, CONSTANTS)
-    slow = driver.own_torque.interpreted(N, U, 60.0, wander, 4e-8, CONSTANTS)
+    fast = driver.answer_log_likelihood.interpreted(N, U, 4.0, wander, 4e-8, CONSTANTS)
+    slow = driver.answer_log_likelihood.interpreted(N, U, 60.0, wander, 4e-8, CONSTANTS)
     assert fast < -3.0
     assert slow == 0.0
-    assert driver.own_torque.interpreted(100.0 * N, U, 4.0, wander, 4e-8, CONSTANTS) == -30.0
+    assert driver.answer_log_likelihood.interpreted(100.0 * N, U, 4.0, wander, 4e-8, CONSTANTS) == -30.0
 
 
 @pytest.mark.parametrize(("gain", "mass_kg"), [(0.3, 12_000.0), (0.6, 30_000.0), (0.3, 20_000.0)])

@@ -26,8 +26,8 @@ def test_another_load_keeps_the_force_balance(moving):
     t = space.scratch
     mix.x[0, m.U], mix.x[0, m.GRADE] = 1 / 25_000, 0.02
     mix.P[0] *= 1e-12
-    net_kg = 12_000.0 / 9.80665
-    count = load.open_load(mix, 1, 0.2, moving, net_kg, CONSTANTS, TRUCK, t)
+    net_N, net_kg = 12_000.0, 12_000.0 / 9.80665
+    count = load.open_load(mix, 1, 0.2, moving, net_N, CONSTANTS, TRUCK, t)
     assert count == 2
     np.testing.assert_allclose(mix.weight[:2], [0.8, 0.2])
     assert mix.load[0] != mix.load[1]

@@ -1,13 +1,8 @@
-"""The driver: what a change of torque says of the road (docs/theory.md, section 7.3).
-
-    g dtheta = s u dF
-
-s: share of the change of torque that answers the road. A driver, or cruise control, that answers it may have
-any share between none and all; a normal density with mean and variance of a uniform one stands for that.
-Products s u enter linearly, so that is the state.
-"""
+"""The driver: a share of every change of torque may answer the road (docs/theory.md, section 7.3)."""
 
 from __future__ import annotations
+
+import math
 
 from canest.core import jit
 from canest.core.samples import GRAVITY_MPS2
@@ -35,23 +30,20 @@ def draw_answer(mix: Mixture, d: int, left: float, u: float) -> None:
 
 
 @jit.kernel
-def answered_force(w: Window, is_open: bool, follows: bool, before_N: float) -> float:
-    """Return the change of force over a window that a driver may have answered the road with, N.
-
-    follows: whether the force of the window before was known. before_N: that force.
-    """
+def answered_force(w: Window, is_open: bool, before_N: float) -> float:
+    """Return the change of force over a window that may answer the road, N. before_N: the force, or NaN."""
     if is_open:
         return w.traction_N - w.begin_N
-    if w.retarding > 0.0 and follows and w.gap_s == 0.0:
+    if w.retarding > 0.0 and w.gap_s == 0.0 and not math.isnan(before_N):
         return w.force_N - before_N
     return 0.0
 
 
 @jit.kernel
-def own_torque(
+def answer_log_likelihood(
     answered_N: float, u: float, metres: float, wander_1pm: float, bend_var: float, c: Constants
 ) -> float:
-    """Return how much less probable a change of torque is where it answers the road (log likelihood).
+    """Return how much less probable a change of torque is where it answers the road.
 
     Over so many metres a curved road bends by its usual curvature, and wanders by two stds at most; what
     changes faster is the driver's own. A free driver may do anything, so slow changes speak for neither.

@@ -233,18 +233,11 @@ def exchange(mix: Mixture, count: int, chains: Any, least: float, space: Space) 
 
 @jit.kernel
 def change_modes(
-    mix: Mixture,
-    count: int,
-    metres: float,
-    driven_s: float,
-    u: float,
-    bend_var: float,
-    c: Constants,
-    space: Space,
-) -> int:
-    """Let modes exchange probability; returns the densities."""
-    left = math.exp(-metres / c.answer_length_m)
-    give_priors(mix, count, bend_var, u, c.drift_1ps * u, left)
+    mix: Mixture, count: int, metres: float, driven_s: float, u: float, bend_var: float,
+    c: Constants, space: Space,
+) -> int:  # fmt: skip
+    """Let modes exchange probability; returns the densities. u: mean inverse mass."""
+    give_priors(mix, count, bend_var, u, c.drift_1ps * u, math.exp(-metres / c.answer_length_m))
     made: int = exchange(mix, count, transitions(metres, driven_s, c), c.least_weight, space)
     return made
 

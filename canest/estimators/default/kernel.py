@@ -11,30 +11,30 @@ from canest.core.samples import GRAVITY_MPS2
 from canest.estimators.default import model as m
 from canest.estimators.default.accelerometer import Comparison, compare
 from canest.estimators.default.constants import Constants, Vehicle
-from canest.estimators.default.disturbance import close_disturbance, open_disturbance
-from canest.estimators.default.driver import answered_force, own_torque
+from canest.estimators.default.driver import answer_log_likelihood, answered_force
 from canest.estimators.default.hypotheses import change_modes, p_changed, prune, set_loads, take, weigh
 from canest.estimators.default.joining import Joined, add_window, begin_sums, join, waits
 from canest.estimators.default.load import (
     brakes_unseen,
+    close_disturbance,
     in_overrun,
     merge_loads,
+    open_disturbance,
     open_load,
-    surprise_probability,
-)  # fmt: skip
+)
 from canest.estimators.default.model import Mixture, Scratch, Space, Window
-from canest.estimators.default.noise import Levels, first_levels, follow, lacking_force, refuted, swing_var
+from canest.estimators.default.noise import Levels, first_levels, follow, force_noise, refuted, swing_var
 from canest.estimators.default.predict import (
+    EVERYWHERE,
     accelerate,
     climb,
     drift,
     fade,
     fill,
     follow_bends,
-    sharpen,
     travel,
     widen,
-)  # fmt: skip
+)
 from canest.estimators.default.report import Report, leave_out, report_grade, report_mass, unknown_load_var
 from canest.estimators.default.road_map import RoadUse, cell_var, follow_road
 from canest.estimators.default.sensors import (
@@ -78,8 +78,7 @@ class Progress(NamedTuple):
     u: float  #: inverse mass, mean of all densities, each within the vehicle's bounds
     mixed_m: float = 0.0  #: metres, and seconds of motion, since modes exchanged probability
     mixed_s: float = 0.0
-    follows: float = 0.0  #: 1 where the force of the window before was known
-    force_N: float = 0.0  #: that force
+    force_N: float = math.nan  #: of the window before; NaN where it was not known
     was_open: float = 0.0
     learned: float = 0.0  #: 1 once a window was open
     surprise: float = 0.0  #: cumulative sum of what innovations are more than usual
@@ -203,14 +202,15 @@ def run(
             count = change_modes(mix, count, mixed_m, mixed_s, p.u, bend_var, c, space)
             mixed_m = mixed_s = 0.0
         driven_s = p.driven_s + (dt if is_open else 0.0)
-        surprising = surprise_probability(surprise, c) if surprised else 0.0
+        surprising = 0.0
+        if surprised:  # by a load, or by a bend sharper than usual: a road explains larger surprises less
+            surprising = min(c.surprise_share * surprise / c.gross_nis, 0.5)
+            widen(mix, count, m.CURVATURE, c.sharp_curvature_1pm * c.sharp_curvature_1pm, m.BENDS)
+            surprise = 0.0
         if surprised or (is_open and driven_s >= c.motion_every_s):
-            if surprised:
-                sharpen(mix, count, c)
-                surprise = 0.0
             probability = max(p_changed(driven_s, c.motion_change_s), surprising)
-            known_N = 0.0 if p.braked > 0.0 else w.force_N - w.rotating_kg * w.accel_mps2
-            count = open_load(mix, count, probability, True, known_N / GRAVITY_MPS2, c, v, t)
+            net_N = 0.0 if p.braked > 0.0 else w.force_N - w.rotating_kg * w.accel_mps2
+            count = open_load(mix, count, probability, True, net_N, c, v, t)
             driven_s = 0.0
         if due and is_open and mix.x.shape[1] == m.STATES:
             probability = max(p_changed(p.mixed_s + dt, c.jump_every_s), surprising)
@@ -226,29 +226,29 @@ def run(
         slow_N = w.begin_N if w.gap_s > 0.0 or math.isnan(p.slow_N) else p.slow_N
         before = ends_at(joined.before_mps, w.begin_N, slow_N, p.u * w.rotating_kg)
         if begins:
-            widen(mix, count, m.V, UNKNOWN_V)  # no known force has led to the speed before it
+            widen(mix, count, m.V, UNKNOWN_V, EVERYWHERE)  # no known force has led to the speed before it
             if w.gap_s == 0.0 and joined.windows == 1.0 and not math.isnan(joined.before_mps):
                 speed(mix, count, before, p.u, levels.speed_var + swing, c, v, t)
         slow_N = slow_traction(slow_N, w, dt)
         end = ends_at(w.speed_mps, w.traction_N, slow_N, p.u * w.rotating_kg)
-        answered_N = answered_force(w, is_open, p.follows > 0.0, p.force_N)
-        travel(mix, count, metres, answered_N / GRAVITY_MPS2, c, t)
+        answered_N = answered_force(w, is_open, p.force_N)
+        travel(mix, count, metres, answered_N, c, t)
         motion = w.accel_mps2
         nis = innovation = speed_surplus = sensed_surplus = 0.0
         if is_open:
             if mix.x.shape[1] == m.STATES:
                 remember_speed(mix, count)
-            motion = accelerate(mix, count, w, dt, lacking_force(w, levels.torque_Nm2s, c, v), p.u, v, t)
+            motion = accelerate(mix, count, w, dt, force_noise(w, levels.torque_Nm2s, c, v), p.u, v, t)
             swing = swing_var(swing, w.traction_N - w.begin_N, w, dt, p.u, c)
             speed_var = levels.speed_var + swing
             speed(mix, count, end, p.u, speed_var, c, v, t)
-            own = (
-                own_torque(answered_N, p.u, metres, c.smooth_wander_1pm, bend_var, c),
-                own_torque(answered_N, p.u, metres, c.rough_wander_1pm, bend_var, c),
+            answers = (
+                answer_log_likelihood(answered_N, p.u, metres, c.smooth_wander_1pm, bend_var, c),
+                answer_log_likelihood(answered_N, p.u, metres, c.rough_wander_1pm, bend_var, c),
             )
             lever = (1.0 + p.u * w.rotating_kg) / (dt * GRAVITY_MPS2)
             innovation = mean_of(mix.weight, count, t.e)
-            nis, speed_surplus = learn_open(mix, count, own, lever, speed_var, c, t)
+            nis, speed_surplus = learn_open(mix, count, answers, lever, speed_var, c, t)
         elif w.retarding > 0.0 or w.coarse > 0.0:
             closed_balance(mix, count, w, levels.speed_var, p.u, c, t)
         if measured:
@@ -284,13 +284,11 @@ def run(
             mass = report_mass(count, best, mass, c, v, space)
         given = report_grade(mix, count, mass, ahead_m, c, v, t)
         p = Progress(
-            float(count), u, mixed_m, mixed_s,
-            1.0 if is_open or w.retarding > 0.0 else 0.0, w.force_N,
-            1.0 if is_open and not braked else 0.0,
-            1.0 if is_open or p.learned > 0.0 else 0.0, surprise, 1.0 if braked else 0.0,
-            1.0 if measured or height_known else 0.0,
-            0.0 if measured else climbed_m, 0.0 if measured else climbed_s, delay_s, driven_s, swing, slow_N,
-            bend_var,
+            float(count), u, mixed_m, mixed_s, w.force_N if is_open or w.retarding > 0.0 else math.nan,
+            1.0 if is_open and not braked else 0.0, 1.0 if is_open or p.learned > 0.0 else 0.0,
+            surprise, 1.0 if braked else 0.0, 1.0 if measured or height_known else 0.0,
+            0.0 if measured else climbed_m, 0.0 if measured else climbed_s,
+            delay_s, driven_s, swing, slow_N, bend_var,
         )  # fmt: skip
         joined = begin_sums(w, unseen_s)
         write(out[k], given, joined, p, levels, w.speed_mps, c, v)

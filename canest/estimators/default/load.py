@@ -1,9 +1,7 @@
-"""The load as a process: it changes in stops, in motion at any time, and where innovations surprise.
+"""Load and disturbance as processes: either may be another at once (docs/theory.md, section 8).
 
-    P(changed | stood t) = 1 - exp(-t / T_l),  P(changed | driven t) = 1 - exp(-t / T_m)
-
-Where the vehicle moves off, every 20 s of driving and after a surprise, such a share of the probability goes
-to an unknown load.
+Where the vehicle moves off, every 20 s of driving and after a surprise a share of the probability goes to an
+unknown load; every second another share to another wind and another torque of accessories.
 """
 
 from __future__ import annotations
@@ -13,19 +11,14 @@ import math
 import numpy as np
 
 from canest.core import jit
+from canest.core.samples import GRAVITY_MPS2
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.hypotheses import copy, set_loads
-from canest.estimators.default.model import LOADS, MOST, Mixture, Scratch, Window
+from canest.estimators.default.model import LOADS, MOST, OTHER_DISTURBANCE, Mixture, Scratch, Window
 
 #: divergence of two loads, in nats, below which one stands for both
 _SAME = 0.1
-
-
-@jit.kernel
-def surprise_probability(surprise: float, c: Constants) -> float:
-    """Return the probability that a load has changed in motion: a road explains a larger surprise less."""
-    return min(c.surprise_share * surprise / c.gross_nis, 0.5)
 
 
 @jit.kernel
@@ -45,18 +38,18 @@ def brakes_unseen(w: Window, surprise: float, innovation_mps: float, c: Constant
 
 
 @jit.kernel
-def reopen(mix: Mixture, d: int, net_kg: float, v: Vehicle) -> None:
+def reopen(mix: Mixture, d: int, net_N: float, v: Vehicle) -> None:
     """Open the load of one density: x(u) = x + a (u - known_u), P = P without u + a Var(u) a'.
 
-    a: 1 for u itself; x / known_u for what is times u; net_kg = (F - J dv/dt) / g for the grade, since
-    u F - g theta has been right whatever the load.
+    a: 1 for u itself; x / known_u for what is times u; net_N / g for the grade, since u F - g theta has been
+    right whatever the load. net_N: F - J dv/dt.
     """
     x, P = mix.x[d], mix.P[d]
     known_u = min(max(x[m.U], v.least_u), v.most_u)
     P[m.U] = 0.0
     P[:, m.U] = 0.0
     a = np.zeros(len(x))
-    a[m.U], a[m.GRADE] = 1.0, net_kg
+    a[m.U], a[m.GRADE] = 1.0, net_N / GRAVITY_MPS2
     for state in m.TIMES_U:
         a[state] = x[state] / known_u
         P[state] *= v.unknown_u / known_u
@@ -85,7 +78,7 @@ def merge_loads(mix: Mixture, count: int, t: Scratch) -> None:
 
 @jit.kernel
 def open_load(
-    mix: Mixture, count: int, probability: float, moving: bool, net_kg: float,
+    mix: Mixture, count: int, probability: float, moving: bool, net_N: float,
     c: Constants, v: Vehicle, t: Scratch,
 ) -> int:  # fmt: skip
     """Give a share of the probability to an unknown load; returns the densities.
@@ -106,7 +99,7 @@ def open_load(
             mix.load[d] = base
         if mix.load[d] % LOADS == base and made < MOST:
             copy(mix, d, mix, made)
-            reopen(mix, made, net_kg, v)
+            reopen(mix, made, net_N, v)
             if mix.x.shape[1] == m.STATES:  # a frame tilts under another load
                 mix.P[made, m.BIAS, m.BIAS] += c.load_tilt_mps2 * c.load_tilt_mps2
             mix.load[made] = label
@@ -115,3 +108,28 @@ def open_load(
     for d in range(made):
         mix.weight[d] *= 1.0 - probability if d < count else probability / total
     return made
+
+
+@jit.kernel
+def open_disturbance(mix: Mixture, count: int, changed: float, u: float, c: Constants, v: Vehicle) -> int:
+    """Give a share of every density to a copy with another disturbance; returns the densities.
+
+    Not where it would be too improbable to live. changed: probability. u: mean inverse mass.
+    """
+    wind, offset, made = c.jump_stds * c.wind_std_mps * u, c.jump_stds * v.offset_Nm * u, count
+    for d in range(count):
+        if changed * mix.weight[d] > c.least_weight and made < MOST:
+            copy(mix, d, mix, made)
+            mix.P[made, m.WIND, m.WIND] += wind * wind
+            mix.P[made, m.OFFSET, m.OFFSET] += offset * offset
+            mix.weight[made], mix.load[made] = changed * mix.weight[d], mix.load[d] + OTHER_DISTURBANCE
+            mix.weight[d] *= 1.0 - changed
+            made += 1
+    return made
+
+
+@jit.kernel
+def close_disturbance(mix: Mixture, count: int) -> None:
+    """Let the densities with another disturbance be modes like all of their load."""
+    for d in range(count):
+        mix.load[d] %= LOADS

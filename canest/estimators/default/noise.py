@@ -30,7 +30,7 @@ class Levels(NamedTuple):
 
 
 @jit.kernel
-def lacking_force(w: Window, torque_Nm2s: float, c: Constants, v: Vehicle) -> float:
+def force_noise(w: Window, torque_Nm2s: float, c: Constants, v: Vehicle) -> float:
     """Return the density of the force that the model lacks, N2 s.
 
     A share of the traction; the noise of the torque; its rounding error, which lasts while it stands still;

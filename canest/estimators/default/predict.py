@@ -65,10 +65,11 @@ def decay(mix: Mixture, count: int, i: int, left: float, std: float, modes: Any)
 
 
 @jit.kernel
-def widen(mix: Mixture, count: int, i: int, variance: float) -> None:
-    """Add noise to x_i: one variance for all densities."""
+def widen(mix: Mixture, count: int, i: int, variance: float, modes: Any) -> None:
+    """Add noise of one variance to x_i, in the modes that have it."""
     for d in range(count):
-        mix.P[d, i, i] += variance
+        if modes[mix.mode[d]] > 0.0:
+            mix.P[d, i, i] += variance
 
 
 def _column(a: Any, count: int) -> Any:
@@ -116,18 +117,19 @@ def climb(mix: Mixture, count: int, metres: float, wander: float, t: Scratch) ->
     for d in range(count):
         t.f[d], t.f[count + d] = metres, -metres
     propagate(mix, count, m.HEIGHT, _CLIMB, t)
-    widen(mix, count, m.HEIGHT, wander)
+    widen(mix, count, m.HEIGHT, wander, EVERYWHERE)
 
 
 @jit.kernel
-def travel(mix: Mixture, count: int, metres: float, answered_kg: float, c: Constants, t: Scratch) -> None:
-    """Let the road go on: theta <- theta + ds kappa + (dF / g) s u, Q = q_theta ds. answered_kg: dF / g."""
-    if metres == 0.0 and answered_kg == 0.0:
+def travel(mix: Mixture, count: int, metres: float, answered_N: float, c: Constants, t: Scratch) -> None:
+    """Let the road go on: theta <- theta + ds kappa + (dF / g) s u, Q = q_theta ds. answered_N: dF."""
+    if metres == 0.0 and answered_N == 0.0:
         return
+    by_answer = answered_N / GRAVITY_MPS2
     bent_m, most = min(metres, c.curvature_length_m), c.grade_std * c.grade_std
     smooth, rough = min(c.smooth_wander_1pm * metres, most), min(c.rough_wander_1pm * metres, most)
     for d in range(count):
-        t.f[d], t.f[count + d] = bent_m, answered_kg
+        t.f[d], t.f[count + d] = bent_m, by_answer
         # noise of the state itself: the row adds no multiple of it, so it may come first
         mix.P[d, m.GRADE, m.GRADE] += rough if m.IS_ROUGH[mix.mode[d]] > 0.0 else smooth
     propagate(mix, count, m.GRADE, _TRAVEL, t)
@@ -202,11 +204,3 @@ def fade(
     left = math.exp(-metres / c.curvature_length_m)
     decay(mix, count, m.CURVATURE, left, math.sqrt(bend_var), m.BENDS)
     decay(mix, count, m.OFFSET, math.exp(-seconds / c.offset_duration_s), offset, EVERYWHERE)
-
-
-@jit.kernel
-def sharpen(mix: Mixture, count: int, c: Constants) -> None:
-    """Let a bend be sharper than usual where innovations surprise: the other cause beside a load."""
-    for d in range(count):
-        if m.BENDS[mix.mode[d]] > 0.0:
-            mix.P[d, m.CURVATURE, m.CURVATURE] += c.sharp_curvature_1pm * c.sharp_curvature_1pm

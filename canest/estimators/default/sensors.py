@@ -21,8 +21,8 @@ _ALTITUDE = (m.HEIGHT,)
 _BALANCE = (m.GRADE, m.WIND, m.U)
 _COASTED = (m.GRADE, m.CURVATURE, m.WIND, m.U)
 _MAP = (m.GRADE, m.ROLLING, m.CURVATURE)
-#: modes in which a speed tells no delay
-_HIDES_DELAY = m.ANSWERS
+#: modes in which a speed tells no delay, and those in which a closed balance tells no mass
+_HIDES_DELAY, _HIDES_MASS = m.ANSWERS, EVERYWHERE
 #: bounds of the delay at which its lever is taken, s
 _LEVER_DELAY_S = 0.1
 #: share of the longest delay at which one counts as bounded: updates move it between two exchanges
@@ -122,17 +122,17 @@ def no_noise_explains(missing_mps: float, var: float, c: Constants) -> bool:
 
 @jit.kernel
 def learn_open(
-    mix: Mixture, count: int, own: tuple[float, float], lever: float, r: float, c: Constants, t: Scratch
+    mix: Mixture, count: int, answers: tuple[float, float], lever: float, r: float, c: Constants, t: Scratch
 ) -> tuple[float, float]:
     """Weigh the hypotheses by an open window's speed and torque; returns NIS and surplus, in the mean.
 
-    own: see `own_torque`, on a smooth and on a rough road. Where no noise explains an innovation the road has
-    a step, and the speed is what was measured. lever: grade per m/s of speed missing.
+    answers: see `answer_log_likelihood`, on a smooth and a rough road. lever: grade per m/s that is missing.
+    Where no noise explains an innovation the road has a step, and the speed is what was measured.
     """
     nis, surplus = judge(mix, count, r, r, c, t)
     for d in range(count):
         mode, missing = mix.mode[d], t.e[d]
-        mix.found[d] += own[int(m.IS_ROUGH[mode])] * m.ANSWERS[mode]
+        mix.found[d] += answers[int(m.IS_ROUGH[mode])] * m.ANSWERS[mode]
         if no_noise_explains(missing, t.s[d], c):
             step = missing * lever
             mix.P[d, m.GRADE, m.GRADE] += min(step * step, c.grade_std * c.grade_std)
@@ -187,7 +187,7 @@ def accelerometer(
     states: `DRIVEN`, after `set_gained`; or `SENSED`, where the speeds' dv/dt is subtracted. felt: the left
     side. var: variance of a window of 0.2 s, and see `rocking_var`.
     """
-    widen(mix, count, m.BIAS, c.bias_wander_m2ps5 * dt)
+    widen(mix, count, m.BIAS, c.bias_wander_m2ps5 * dt, EVERYWHERE)
     r = var[0] * WINDOW_S / dt
     t.h[0], t.h[1] = GRAVITY_MPS2, 1.0
     condition_on(mix, count, states, felt, r + var[1], c.outlier_nis, t)
@@ -203,7 +203,7 @@ def altitude(mix: Mixture, count: int, height_m: float, known: bool, c: Constant
     e = height_m - mean_of(mix.weight, count, t.columns[0])
     far = e * e > _FAR_OFF * (mean_of(mix.weight, count, t.columns[1]) + r)
     if far or not known:
-        widen(mix, count, m.HEIGHT, 1e6)
+        widen(mix, count, m.HEIGHT, 1e6, EVERYWHERE)
         for d in range(count):
             mix.x[d, m.HEIGHT] += e
     t.h[0] = 1.0
@@ -247,7 +247,7 @@ def closed_balance(
     t.h[0], t.h[1], t.h[2] = GRAVITY_MPS2, w.drag_N_per_mps, w.rotating_kg * accel_mps2 - w.force_N
     moments(mix, count, m.U, t.columns[0], t.columns[1])
     condition_on(mix, count, _BALANCE, -accel_mps2 - w.roll_mps2, r, c.outlier_nis, t)
-    restore(mix, count, m.U, t.columns[0], t.columns[1], EVERYWHERE)
+    restore(mix, count, m.U, t.columns[0], t.columns[1], _HIDES_MASS)
 
 
 @jit.kernel
