@@ -1,8 +1,4 @@
-"""Accelerometer fault detection: one that is stuck, inverted or in another unit is left out.
-
-The change of its mean from one second to the next is compared with that of the acceleration by the speed:
-torque, mass, grade and bias have no part in it, and a speed's noise hardly any. Pitch adds some tenths.
-"""
+"""Accelerometer fault detection: its changes against those of the speed (docs/theory.md, section 4.2)."""
 
 from __future__ import annotations
 
@@ -42,10 +38,10 @@ def compare(
     c: Comparison, sensed: float, accel: float, speed: float, gap_s: float, rounding_mps: float
 ) -> Comparison:
     """Return the comparison after one more window. rounding_mps: std of the speed within its resolution."""
-    if math.isnan(sensed) or speed <= _MOVING_MPS or gap_s > 0.0:
-        return Comparison(0.0, 0.0, 0.0, c.sensed_before, math.nan, c.squares, c.products, c.faulty)
-    sum_sensed, sum_accel, windows = c.sensed + sensed, c.accel + accel, c.windows + 1.0
     squares, products, faulty = c.squares, c.products, c.faulty
+    if math.isnan(sensed) or speed <= _MOVING_MPS or gap_s > 0.0:
+        return Comparison(0.0, 0.0, 0.0, c.sensed_before, math.nan, squares, products, faulty)
+    sum_sensed, sum_accel, windows = c.sensed + sensed, c.accel + accel, c.windows + 1.0
     if windows < _SECOND:
         return Comparison(
             sum_sensed, sum_accel, windows, c.sensed_before, c.accel_before, squares, products, faulty

@@ -1,8 +1,4 @@
-"""The slope of a vehicle that coasts with its driveline open: a line through its raw speeds.
-
-The moment between two gears is too short to be seen in filtered accelerations. A least-squares line through
-the raw speeds of its half second has an acceleration to some 0.01 m/s2.
-"""
+"""The slope of a vehicle that coasts: a line through its raw speeds (docs/theory.md, section 4.5)."""
 
 from __future__ import annotations
 
@@ -39,11 +35,7 @@ def run_lengths(
 
 
 def line(speed_mps: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the slope of speeds one tick apart, m/s2, and its variance.
-
-    The variance is that of white noise about a parabola, and what this bends beyond the noise: a driveline
-    that is not at rest yet, or has closed already, bends what should be straight.
-    """
+    """Return the slope of speeds one tick apart, m/s2, and its variance: noise, and what the line bends."""
     n = len(speed_mps)
     x = (np.arange(n) - 0.5 * (n - 1)) * STEP_S
     sxx = float(np.sum(x * x))

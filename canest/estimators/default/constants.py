@@ -10,7 +10,7 @@ from canest.estimators.windowing import WINDOW_S
 
 
 class Constants(NamedTuple):
-    """All of them: symbol, unit, and whether the value is chosen (with the trade-off), measured or read."""
+    """All of them, each with its symbol, unit and source: chosen (the trade-off), measured, or literature."""
 
     # -- before the first sample
     grade_std: Annotated[float, "s_theta", "1", "chosen: country roads end at about 10 %"] = 0.03

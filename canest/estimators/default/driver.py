@@ -45,8 +45,7 @@ def answer_log_likelihood(
 ) -> float:
     """Return how much less probable a change of torque is where it answers the road.
 
-    Over so many metres a curved road bends by its usual curvature, and wanders by two stds at most; what
-    changes faster is the driver's own. A free driver may do anything, so slow changes speak for neither.
+    What changes faster than a road bends and wanders is the driver's own (docs/theory.md, section 7.3).
     """
     usual = GRAVITY_MPS2 * GRAVITY_MPS2 * (bend_var * metres * metres + 4.0 * wander_1pm * metres)
     ratio = u * u * answered_N * answered_N / (usual + c.answer_noise_mps2 * c.answer_noise_mps2)

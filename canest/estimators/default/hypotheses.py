@@ -1,9 +1,4 @@
-"""Hypotheses: weighed by Bayes' rule, mixed where they meet, pruned where improbable.
-
-The modes of a load exchange probability like a Markov chain, and each becomes the normal density with the
-mean and covariance of what comes to it (interacting multiple models, Blom and Bar-Shalom 1988). What lasts
-is weighed by a power of its likelihood.
-"""
+"""Hypotheses: weighed by Bayes' rule, mixed where they meet, pruned (docs/theory.md, sections 6.4 and 7)."""
 
 from __future__ import annotations
 
@@ -36,11 +31,7 @@ def lasting(mix: Mixture, d: int) -> int:
 
 @jit.kernel
 def weigh(mix: Mixture, count: int, power: float, t: Scratch) -> None:
-    """Weigh the densities by their log likelihoods: roads fully, what lasts by the power.
-
-    Errors of windows that follow each other are alike, and add up while a hypothesis lasts; a road is soon
-    another.
-    """
+    """Weigh the densities by their log likelihoods: roads fully, what lasts by the power."""
     weight, found, before, after = mix.weight, mix.found, t.columns[0], t.columns[1]
     top = -math.inf
     for d in range(count):

@@ -1,7 +1,4 @@
-"""Windows that are joined: those between two reports of a slow signal, and those of a vehicle that stands.
-
-Sums over the windows stay exact, so a joined window balances momentum as its parts would.
-"""
+"""Windows that are joined: between two reports of a slow signal, or at rest (docs/theory.md, section 3.2)."""
 
 from __future__ import annotations
 
@@ -57,10 +54,7 @@ def add_window(q: Joined, w: Window, begins: bool) -> Joined:
 
 @jit.kernel
 def waits(q: Joined, w: Window, was_open: bool, v: Vehicle) -> bool:
-    """Return whether a window, the last of the sums, waits for the next.
-
-    Between two reports of a slow signal there is a line: only at its end is anything measured.
-    """
+    """Return whether a window, the last of the sums, waits for the next."""
     if w.gap_s > 0.0 or not math.isnan(w.coast_mps2):
         return False
     if w.open > 0.0:

@@ -31,8 +31,7 @@ def in_overrun(w: Window) -> bool:
 def brakes_unseen(w: Window, surprise: float, innovation_mps: float, c: Constants) -> bool:
     """Return whether a surprise may be a brake that nobody reports: the vehicle is too slow in overrun.
 
-    innovation_mps: of the speed, mean. A lighter load would be as slow; once the vehicle is driven
-    again, only that one surprises.
+    innovation_mps: of the speed, mean. A lighter load would be as slow, but surprises when driven as well.
     """
     return surprise > c.gross_nis and innovation_mps < 0.0 and in_overrun(w)
 
@@ -64,8 +63,7 @@ def reopen(mix: Mixture, d: int, net_N: float, v: Vehicle) -> None:
 def merge_loads(mix: Mixture, count: int, t: Scratch) -> None:
     """Give loads that say the same of u as the densest its number, so that theirs are free again.
 
-    D = ((mean - mean')^2 / var' + var / var' - 1 - ln(var / var')) / 2 (Kullback and Leibler). An exchange
-    has to follow.
+    That is what their divergence says (Kullback and Leibler). An exchange has to follow.
     """
     loads, base = t.loads, set_loads(mix, count, t)
     mean, var = loads[3 * base + 1], loads[3 * base + 2]

@@ -1,12 +1,6 @@
 """The model: what the states are, and which hypotheses there are (docs/theory.md, sections 2 and 7).
 
-Newton's law divided by the mass, with u = 1/M:
-
-    dv/dt = (u F - g mu - g theta - c omega - G xi) / (1 + u J)
-
-F known forces (N), J mass of what rotates (kg), g mu rolling resistance, theta apparent grade, c aerodynamic
-force per m/s of headwind, G force per torque at the crank, xi such a torque that the report lacks. A state
-"times u" is a product with the inverse mass, so that it enters linearly.
+A state "times u" is a product with the inverse mass, u = 1/M, so that it enters Newton's law linearly.
 """
 
 from __future__ import annotations

@@ -31,11 +31,10 @@ class Levels(NamedTuple):
 
 @jit.kernel
 def force_noise(w: Window, torque_Nm2s: float, c: Constants, v: Vehicle) -> float:
-    """Return the density of the force that the model lacks, N2 s.
+    """Return the density of the force that the model lacks, N2 s (docs/theory.md, section 6.1).
 
     A share of the traction; the noise of the torque; its rounding error, which lasts while it stands still;
-    and what a slow torque does between two reports t_r apart, of which only the ends are known: that of a
-    Wiener process, dF^2 t_r / 12 for a change dF (the variance of the integral of a Brownian bridge, by t_r).
+    and what a slow torque does between two reports, of which only the ends are known.
     """
     step = v.torque_std_Nm * w.gear_1pm
     moved = abs(w.traction_N - w.begin_N)
@@ -48,11 +47,9 @@ def force_noise(w: Window, torque_Nm2s: float, c: Constants, v: Vehicle) -> floa
 
 @jit.kernel
 def swing_var(before: float, jump_N: float, w: Window, dt: float, u: float, c: Constants) -> float:
-    """Return the variance of a speed by a driveline that swings, (m/s)2.
+    """Return the variance of a speed by a driveline that swings, (m/s)2 (docs/theory.md, section 6.3).
 
     before: that of the window before, which dies away. jump_N: change of the traction, which begins a swing.
-    A spring of stiffness k = 1 / (s_gamma u) between rotating and moving mass swings with
-    omega_s^2 = k (1/J + u); a step of the traction makes the vehicle swing by a / omega_s.
     """
     if w.rotating_kg <= 0.0 or c.windup_std_s2 <= 0.0:
         return 0.0

@@ -141,28 +141,23 @@ def accelerate(
 ) -> float:
     """Let the force act: v <- v + dt a, a = (u F - g mu - g theta - c omega - G xi) / (1 + u J).
 
-    F of this row: da/dtheta = -g / (1 + u J), da/domega = -c / (1 + u J), da/dxi = -G / (1 + u J),
-    da/du = (F - J a) / (1 + u J). G: force per torque at the crank.
-    lacking: density of the force that the model lacks. u_mean: mean inverse mass. Returns the acceleration.
+    lacking: density of the force that the model lacks. u_mean: mean inverse mass. Returns the mean of a.
     """
-    us = column(mix.x[:, m.U], count)
-    grades, winds = column(mix.x[:, m.GRADE], count), column(mix.x[:, m.WIND], count)
-    offsets = column(mix.x[:, m.OFFSET], count)
+    us, grades = column(mix.x[:, m.U], count), column(mix.x[:, m.GRADE], count)
+    winds, offsets = column(mix.x[:, m.WIND], count), column(mix.x[:, m.OFFSET], count)
     f, least_u, most_u, mean = t.f, v.least_u, v.most_u, 0.0
     force_N, rotating_kg, drag_N_per_mps = w.force_N, w.rotating_kg, w.drag_N_per_mps
+    roll_mps2, gear_1pm = w.roll_mps2, w.gear_1pm
     lever = u_mean / (1.0 + u_mean * rotating_kg)
     noise = lever * lever * lacking * dt
     for d in range(count):
         u, grade, wind, offset = us[d], grades[d], winds[d], offsets[d]
         u = least_u if u < least_u else most_u if u > most_u else u
         part = dt / (1.0 + u * rotating_kg)
-        dv = part * (
-            u * force_N - w.roll_mps2 - GRAVITY_MPS2 * grade - drag_N_per_mps * wind - w.gear_1pm * offset
-        )
-        by_grade, by_wind, by_u = (
-            -part * GRAVITY_MPS2, -part * drag_N_per_mps, part * (force_N - rotating_kg * dv / dt),
-        )  # fmt: skip
-        by_offset = -part * w.gear_1pm
+        by_grade, by_wind, by_offset = -part * GRAVITY_MPS2, -part * drag_N_per_mps, -part * gear_1pm
+        on_level = u * force_N - roll_mps2
+        dv = part * (on_level - GRAVITY_MPS2 * grade - drag_N_per_mps * wind - gear_1pm * offset)
+        by_u = part * (force_N - rotating_kg * dv / dt)
         f[d], f[count + d], f[2 * count + d], f[3 * count + d] = by_grade, by_wind, by_u, by_offset
         # less what the row adds by its states, and must not
         mix.x[d, m.V] += dv - (by_grade * grade + by_wind * wind + by_u * u + by_offset * offset)
@@ -176,9 +171,8 @@ def accelerate(
 def follow_bends(mix: Mixture, count: int, before: float, metres: float, c: Constants) -> float:
     """Return the variance of a curvature, 1/m2: it follows that of the curved roads there were.
 
-    A step of expectation and maximisation (Dempster, Laird and Rubin 1977), as a mean over 500 m. P counts,
-    so that what nobody has learned leaves it as it was. Never less than at first, and never more than a
-    street's. before: the variance so far. metres: since then.
+    A step of expectation and maximisation (docs/theory.md, section 3.4), from country roads to streets.
+    before: the variance so far. metres: since then.
     """
     least, most = c.curvature_std_1pm * c.curvature_std_1pm, c.sharp_curvature_1pm * c.sharp_curvature_1pm
     surplus = 0.0

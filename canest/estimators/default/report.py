@@ -1,8 +1,4 @@
-"""The posterior that is reported: moments of the mixture, within the bounds of the vehicle (section 10).
-
-The likelihood counts by a power for the mass, so the variance of u is divided by it. Loads that together hold
-less than `left_out` are no part of the standard deviation: two of them are to hold 95 % of the probability.
-"""
+"""The posterior that is reported: moments of the mixture within the bounds (docs/theory.md, section 10)."""
 
 from __future__ import annotations
 

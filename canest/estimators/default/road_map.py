@@ -1,10 +1,4 @@
-"""A road map as a sensor: the slope that earlier drives found here, while this drive does not contradict it.
-
-    z = theta - rho + noise
-
-rho, the error of the rolling resistance, takes the level of the map too. The errors of neighbouring cells are
-alike, so a cell's variance is raised until cells may count as independent.
-"""
+"""A road map as a sensor, while this drive does not contradict it (docs/theory.md, section 4.6)."""
 
 from __future__ import annotations
 
@@ -44,7 +38,6 @@ def follow_road(road: RoadUse, given: Report, w: Window, metres: float, late_s: 
     """Return whether the window has a cell, and how well the map agrees with the grade so far.
 
     metres: since then. late_s: how far what a window shows lies behind the vehicle.
-    P(right) by Bayes' rule from N(e; 0, s) against N(e; 0, s + other roads' variance).
     """
     since_m = road.since_m + metres
     if math.isnan(w.road_sine) or since_m < CELL_M or metres <= 0.0:

@@ -57,8 +57,7 @@ def mean_delay(mix: Mixture, count: int, u: float) -> float:
 def bound_delay(mix: Mixture, count: int, c: Constants, v: Vehicle) -> None:
     """Bring delays beyond the longest back to it, and weigh the densities by how far off they were.
 
-    x <- x + P_i (bound - x_i) / P_ii: the most probable state within the bound. Torque that a controller sets
-    after the road has slowed the vehicle looks like a delay that is ever longer.
+    x <- x + P_i (bound - x_i) / P_ii: the most probable state within the bound.
     """
     i, total = m.DELAY, 0.0
     for d in range(count):
@@ -103,7 +102,6 @@ def speed(
     """Update with a speed: v measured (1 - lambda u T) = v + delta T + gamma dT/dt.
 
     lambda: slip of the driven wheels. T of the delay: that halfway through it. u: mean inverse mass.
-    Where the road answers the torque no delay is learned: an answer comes late, and the speed shows the sum.
     """
     delay_s = mean_delay(mix, count, u)
     half_s = 0.5 * min(max(delay_s, -_LEVER_DELAY_S), _LEVER_DELAY_S)
@@ -168,11 +166,7 @@ def gain_is_known(is_open: bool, v: Vehicle) -> bool:
 
 @jit.kernel
 def set_gained(before: Ends, end: Ends, dt: float, t: Scratch) -> None:
-    """Set the levers of a window's mean acceleration: (v1 - v0 + delta dT + gamma dT') / dt.
-
-    Unlike the measured one it has no noise of the speeds, which acts on accelerometer and speed alike and
-    would look like a rough road.
-    """
+    """Set the levers of a window's mean acceleration: (v1 - v0 + delta dT + gamma dT') / dt."""
     t.h[2], t.h[3], t.h[4] = 1.0 / dt, -1.0 / dt, (end.traction_N - before.traction_N) / dt
     t.h[5] = (end.traction_Nps - before.traction_Nps) / dt
 
@@ -216,11 +210,7 @@ def altitude(mix: Mixture, count: int, height_m: float, known: bool, c: Constant
 def gained(
     mix: Mixture, count: int, w: Window, speed_var: float, u: float, c: Constants, t: Scratch
 ) -> tuple[float, float]:
-    """Return the acceleration by two speeds at the time of the traction, and its variance.
-
-    dv/dt - delta dT/dt / (1 + u J), variance 2 r_v / dt^2 + N_c Var(delta) (...)^2: the error of a delay is
-    alike in all windows.
-    """
+    """Return the acceleration by two speeds when the traction acted, dv/dt - delta dT/dt, and variance."""
     means, variances = t.columns[0], t.columns[1]
     moments(mix, count, m.DELAY, means, variances)
     delay = mean_of(mix.weight, count, means)
@@ -237,13 +227,11 @@ def closed_balance(
 ) -> None:
     """Update all but the mass with g theta + c omega - u (F - J a) = -a - g mu, where a gate hides a force.
 
-    The gate is a retarder of known force, a bend, or the dwell after another gate. A force known to a tenth
-    must not teach a mass: u takes part with its uncertainty and keeps its density (Schmidt 1966).
+    A force known to a tenth must not teach a mass: u takes part with its uncertainty and keeps its density.
     """
     accel_mps2, accel_var = gained(mix, count, w, speed_var, u, c, t)
     hidden = c.hidden_force_share * u * w.force_N
-    r = c.hidden_windows * (hidden * hidden + w.bend_mps2 * w.bend_mps2)
-    r += accel_var
+    r = c.hidden_windows * (hidden * hidden + w.bend_mps2 * w.bend_mps2) + accel_var
     t.h[0], t.h[1], t.h[2] = GRAVITY_MPS2, w.drag_N_per_mps, w.rotating_kg * accel_mps2 - w.force_N
     moments(mix, count, m.U, t.columns[0], t.columns[1])
     condition_on(mix, count, _BALANCE, -accel_mps2 - w.roll_mps2, r, c.outlier_nis, t)

@@ -1,10 +1,4 @@
-"""Update: condition every density on one scalar measurement z = h x + noise of variance r.
-
-    e = z - h x,  s = h P h' + r,  K = P h' / s,  x <- x + K e,  P <- P - K s K'
-
-Heavy tails: where e^2 > outlier s, s is raised to e^2 / outlier. The states then move by P h' outlier / e:
-the larger such an innovation is, the less it moves them.
-"""
+"""Update: condition every density on one scalar measurement, with heavy tails (docs/theory.md, section 5)."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""The columns of the windows over which the estimator balances momentum (docs/theory.md, section 3).
-
-Reported torque acts earlier than it is reported. Everything but traction is therefore taken `SHIFT` ticks
-back (a typical delay); what remains of the delay is a state of the filter.
-"""
+"""The columns of the windows over which the estimator balances momentum (docs/theory.md, section 3.1)."""
 
 from __future__ import annotations
 
