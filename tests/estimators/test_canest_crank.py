@@ -67,7 +67,7 @@ def test_an_air_conditioning_that_switches_is_no_load(mass_kg):
 
 
 def test_it_fades_in_time_to_its_prior():
-    mix, _ = mixture(3)
+    mix, space = mixture(3)
     for _ in range(300):
-        predict.fade(mix, 3, 0.0, 60.0, 0.0, 10.0 / 20_000.0, 0.0, CONSTANTS)
+        predict.fade(mix, 3, 0.0, 60.0, (0.0, 0.0, 10.0 / 20_000.0), CONSTANTS, space.scratch)
     assert mix.P[:3, m.OFFSET, m.OFFSET] == pytest.approx([(10.0 / 20_000.0) ** 2] * 3, rel=1e-4)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from canest.core.samples import Status
-from canest.estimators.default import load
+from canest.estimators.default import hypotheses, load
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import CONSTANTS
 from canest.estimators.default.estimator import GaussianSum
@@ -48,10 +48,12 @@ def test_there_are_never_more_than_there_is_room_for():
 
 
 def test_they_come_back_to_the_load_that_they_have():
-    mix, _ = mixture(4)
-    mix.load[:4] = [0, 2 + m.OTHER_DISTURBANCE, 2, m.OTHER_DISTURBANCE]
-    load.close_disturbance(mix, 4)
-    assert list(mix.load[:4]) == [0, 2, 2, 0]
+    """Where modes exchange probability: those of one load meet, whatever the disturbance was."""
+    mix, space = mixture(4, loads=[0, 2 + m.OTHER_DISTURBANCE, 2, m.OTHER_DISTURBANCE])
+    chains = hypotheses.transitions(0.0, 0.0, CONSTANTS)
+    assert hypotheses.exchange(mix, 4, chains, CONSTANTS.least_weight, space) == 2
+    assert list(mix.load[:2]) == [0, 2]
+    np.testing.assert_allclose(mix.weight[:2], [0.5, 0.5])
 
 
 @pytest.mark.parametrize("accelerometer", [True, False])

@@ -74,7 +74,7 @@ def test_every_mechanism_changes_names_that_there_are(ablation, patching):
 
 def test_a_patch_holds_within_and_not_after(variants, patching, short):
     drive = variants.draw(short, 3)
-    whole, other = variants.Variant("whole"), variants.Variant("patched", patch={"sensors._ROCKING": 1e9})
+    whole, other = variants.Variant("whole"), variants.Variant("patched", patch={"noise._STEP_STD": 1e9})
     ends = []
     for one in (whole, other, whole):
         with patching.patched(one.patch):

@@ -131,28 +131,26 @@ class GaussianSum(Estimator):
     def update(self, block: ModelBlock) -> EstimateBlock:
         """Take the next samples; a sample's estimate uses the windows that end at or before it."""
         windows, ends = self._windows.push(block)
-        rows = self._run(windows)
-        known = np.vstack([self._last, rows])
+        known = np.vstack([self._last, self._run(windows)])
         self._last = known[-1]
         return self._estimates(known, ends, block)
 
     def _run(self, windows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Pass windows (columns, w) through the loop; return its rows (w, OUTPUTS)."""
         count = windows.shape[1]
+        rows: Any = np.zeros((count, kernel.OUTPUTS))
         if not count:
-            return np.zeros((0, kernel.OUTPUTS))
+            return np.asarray(rows)
         if not self.facts.has_accelerometer:
             windows[_SENSED] = np.nan
-        out: Any = np.zeros((count, kernel.OUTPUTS))
-        columns: Any = np.ascontiguousarray(windows) if jit.enabled() else windows.T.tolist()
-        mix = _given(self._mixture)
-        rows: Any = out if jit.enabled() else out.tolist()
-        space = _space(self._unknown, self._nodes)
-        self._carried = kernel.run(
-            count, columns, mix, self._carried, self.constants, self._vehicle, space, rows
-        )
-        self._mixture = Mixture(*mix[:3], *(_plain_list(column) for column in mix[3:]))
-        self._carried = _plain(self._carried)
+        columns: Any = np.ascontiguousarray(windows)
+        if not jit.enabled():
+            columns, rows = windows.T.tolist(), rows.tolist()
+        mix, space = _given(self._mixture), _space(self._unknown, self._nodes)
+        carried = kernel.run(count, columns, mix, self._carried, self.constants, self._vehicle, space, rows)
+        self._carried = _plain(carried)
+        lists = (column if isinstance(column, list) else column.tolist() for column in mix[3:])
+        self._mixture = Mixture(*mix[:3], *lists)
         return np.asarray(rows)
 
     def _estimates(
@@ -249,10 +247,6 @@ def _mode_shares(c: Constants) -> list[float]:
     roads = ((1.0 - rough) * straight, (1.0 - rough) * (1.0 - straight), rough)
     drivers = (1.0 - c.answered_share, c.answered_share)
     return [load * driver * road for load in (1.0 - drifts, drifts) for driver in drivers for road in roads]
-
-
-def _plain_list(column: Any) -> Any:
-    return column if isinstance(column, list) else column.tolist()
 
 
 def _room(n: int) -> Mixture:

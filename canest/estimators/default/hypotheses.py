@@ -181,6 +181,7 @@ def exchange(mix: Mixture, count: int, chains: Any, least: float, space: Space) 
     roads, drivers, loads = chains
     room, share = space.room, space.share
     for d in range(count):
+        mix.load[d] %= LOADS  # another disturbance is a mode like all of its load from here on
         own, k = mix.mode[d], MODES * mix.load[d] * MOST + d
         at_road, at_driver, at_load = (
             ROADS * (own % ROADS),

@@ -14,32 +14,13 @@ from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.driver import answer_log_likelihood, answered_force
 from canest.estimators.default.hypotheses import change_modes, p_changed, prune, set_loads, take, weigh
 from canest.estimators.default.joining import Joined, add_window, begin_sums, join, waits
-from canest.estimators.default.load import (
-    brakes_unseen,
-    close_disturbance,
-    in_overrun,
-    merge_loads,
-    open_disturbance,
-    open_load,
-)
+from canest.estimators.default.load import brakes_unseen, in_overrun, merge_loads, open_disturbance, open_load
 from canest.estimators.default.model import Mixture, Scratch, Space, Window
 from canest.estimators.default.noise import Levels, first_levels, follow, force_noise, refuted, swing_var
-from canest.estimators.default.predict import (
-    EVERYWHERE,
-    accelerate,
-    climb,
-    drift,
-    fade,
-    fill,
-    follow_bends,
-    travel,
-    widen,
-)
+from canest.estimators.default.predict import accelerate, climb, fade, fill, follow_bends, travel, widen
 from canest.estimators.default.report import Report, leave_out, report_grade, report_mass, unknown_load_var
 from canest.estimators.default.road_map import RoadUse, cell_var, follow_road
 from canest.estimators.default.sensors import (
-    DRIVEN,
-    SENSED,
     UNKNOWN_V,
     accelerometer,
     altitude,
@@ -52,8 +33,6 @@ from canest.estimators.default.sensors import (
     learn_open,
     mapped_slope,
     mean_delay,
-    mean_of,
-    remember_speed,
     rocking_var,
     set_gained,
     slow_traction,
@@ -194,10 +173,8 @@ def run(
             by_drag = 0.5 * w.speed_mps * v.drag_share  # math.hypot rounds otherwise where it is compiled
             wind = math.sqrt(c.wind_std_mps * c.wind_std_mps + by_drag * by_drag) * p.u
             bend_var = follow_bends(mix, count, bend_var, mixed_m, c)
-            fade(mix, count, mixed_m, mixed_s, wind, v.offset_Nm * p.u, bend_var, c)
-            drift(mix, count, mixed_s, t)
+            fade(mix, count, mixed_m, mixed_s, (wind, math.sqrt(bend_var), v.offset_Nm * p.u), c, t)
             bound_delay(mix, count, c, v)
-            close_disturbance(mix, count)
             merge_loads(mix, count, t)
             count = change_modes(mix, count, mixed_m, mixed_s, p.u, bend_var, c, space)
             mixed_m = mixed_s = 0.0
@@ -226,7 +203,7 @@ def run(
         slow_N = w.begin_N if w.gap_s > 0.0 or math.isnan(p.slow_N) else p.slow_N
         before = ends_at(joined.before_mps, w.begin_N, slow_N, p.u * w.rotating_kg)
         if begins:
-            widen(mix, count, m.V, UNKNOWN_V, EVERYWHERE)  # no known force has led to the speed before it
+            widen(mix, count, m.V, UNKNOWN_V, m.EVERYWHERE)  # no known force has led to the speed before it
             if w.gap_s == 0.0 and joined.windows == 1.0 and not math.isnan(joined.before_mps):
                 speed(mix, count, before, p.u, levels.speed_var + swing, c, v, t)
         slow_N = slow_traction(slow_N, w, dt)
@@ -236,8 +213,6 @@ def run(
         motion = w.accel_mps2
         nis = innovation = speed_surplus = sensed_surplus = 0.0
         if is_open:
-            if mix.x.shape[1] == m.STATES:
-                remember_speed(mix, count)
             motion = accelerate(mix, count, w, dt, force_noise(w, levels.torque_Nm2s, c, v), p.u, v, t)
             swing = swing_var(swing, w.traction_N - w.begin_N, w, dt, p.u, c)
             speed_var = levels.speed_var + swing
@@ -247,22 +222,19 @@ def run(
                 answer_log_likelihood(answered_N, p.u, metres, c.rough_wander_1pm, bend_var, c),
             )
             lever = (1.0 + p.u * w.rotating_kg) / (dt * GRAVITY_MPS2)
-            innovation = mean_of(mix.weight, count, t.e)
-            nis, speed_surplus = learn_open(mix, count, answers, lever, speed_var, c, t)
+            nis, speed_surplus, innovation = learn_open(mix, count, answers, lever, speed_var, c, t)
         elif w.retarding > 0.0 or w.coarse > 0.0:
             closed_balance(mix, count, w, levels.speed_var, p.u, c, t)
         if measured:
             altitude(mix, count, w.altitude_m, height_known, c, t)
         sees = not math.isnan(w.sensed_mps2) and comparison.faulty == 0.0 and not still
         if sees:
-            felt, var = w.sensed_mps2 - v.pitch * motion, (levels.sensed_var, rocking_var(w, p.u, v))
-            if gain_is_known(is_open, v):
+            gained = gain_is_known(is_open, v)
+            if gained:
                 set_gained(before, end, dt, t)
-                sensed_surplus = accelerometer(mix, count, DRIVEN, felt, dt, var, c, t)
-            else:
-                if v.period_windows <= 1.0:  # else the level has the noise of two speeds
-                    var = var[0], var[1] + 2.0 * levels.speed_var / (dt * dt)
-                sensed_surplus = accelerometer(mix, count, SENSED, felt - w.accel_mps2, dt, var, c, t)
+            felt = w.sensed_mps2 - v.pitch * motion - (0.0 if gained else w.accel_mps2)
+            var = levels.sensed_var, rocking_var(w, gained, levels.speed_var, dt, p.u, v)
+            sensed_surplus = accelerometer(mix, count, gained, felt, dt, var, c, t)
         if road.uses > 0.0:
             mapped_slope(mix, count, w.road_sine, 0.5 * metres, cell_var(w), c, t)
         if not math.isnan(w.coast_mps2) and w.coast_back_s * w.speed_mps < _FAR_M:

@@ -68,7 +68,7 @@ def merge_loads(mix: Mixture, count: int, t: Scratch) -> None:
     loads, base = t.loads, set_loads(mix, count, t)
     mean, var = loads[3 * base + 1], loads[3 * base + 2]
     for d in range(count):
-        k = 3 * mix.load[d]
+        k = 3 * (mix.load[d] % LOADS)
         off, ratio = loads[k + 1] - mean, loads[k + 2] / var
         if ratio > 0.0 and 0.5 * (off * off / var + ratio - 1.0 - math.log(ratio)) < _SAME:
             mix.load[d] = base
@@ -124,10 +124,3 @@ def open_disturbance(mix: Mixture, count: int, changed: float, u: float, c: Cons
             mix.weight[d] *= 1.0 - changed
             made += 1
     return made
-
-
-@jit.kernel
-def close_disturbance(mix: Mixture, count: int) -> None:
-    """Let the densities with another disturbance be modes like all of their load."""
-    for d in range(count):
-        mix.load[d] %= LOADS

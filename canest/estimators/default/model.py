@@ -35,11 +35,12 @@ STEADY_MODES = 2 * ROADS
 MODES = 2 * STEADY_MODES
 #: what a mode says besides the road: driver and drift
 LASTING = MODES // ROADS
-#: which modes have a curvature, a rough road, a driver whom the road answers, a drift (1 or 0)
+#: which modes have a curvature, a rough road, a driver whom the road answers, a drift (1 or 0); and all
 BENDS = (0.0, 1.0, 1.0) * 4
 IS_ROUGH = (0.0, 0.0, 1.0) * 4
 ANSWERS = ((0.0,) * ROADS + (1.0,) * ROADS) * 2
 DRIFTS = (0.0,) * STEADY_MODES + (1.0,) * STEADY_MODES
+EVERYWHERE = (1.0,) * MODES
 #: loads at most: the one there was, and others that it may have become
 LOADS = 3
 #: what is added to the number of a density's load where the disturbance is another

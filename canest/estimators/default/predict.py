@@ -16,7 +16,6 @@ from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.model import Mixture, Scratch, Window
 
-EVERYWHERE = (1.0,) * m.MODES
 _DRIFT = (m.RATE,)
 _CLIMB = (m.GRADE, m.ROLLING)
 _TRAVEL = (m.CURVATURE, m.ANSWER)
@@ -105,19 +104,12 @@ def fill(count: int, column: Any, value: float) -> None:
 
 
 @jit.kernel
-def drift(mix: Mixture, count: int, seconds: float, t: Scratch) -> None:
-    """Let the load drift: u <- u + dt r."""
-    fill(count, t.f, seconds)
-    propagate(mix, count, m.U, _DRIFT, t)
-
-
-@jit.kernel
 def climb(mix: Mixture, count: int, metres: float, wander: float, t: Scratch) -> None:
     """Let the height follow the slope: h <- h + ds (theta - rho), Q = wander of the receiver."""
     for d in range(count):
         t.f[d], t.f[count + d] = metres, -metres
     propagate(mix, count, m.HEIGHT, _CLIMB, t)
-    widen(mix, count, m.HEIGHT, wander, EVERYWHERE)
+    widen(mix, count, m.HEIGHT, wander, m.EVERYWHERE)
 
 
 @jit.kernel
@@ -136,6 +128,14 @@ def travel(mix: Mixture, count: int, metres: float, answered_N: float, c: Consta
 
 
 @jit.kernel
+def remember_speed(mix: Mixture, count: int) -> None:
+    """Keep the speed where a window begins."""
+    A = mix.A[:count]
+    A[:, m.BEGIN] = A[:, m.V]
+    A[:, :, m.BEGIN] = A[:, :, m.V]
+
+
+@jit.kernel
 def accelerate(
     mix: Mixture, count: int, w: Window, dt: float, lacking: float, u_mean: float, v: Vehicle, t: Scratch
 ) -> float:
@@ -143,6 +143,8 @@ def accelerate(
 
     lacking: density of the force that the model lacks. u_mean: mean inverse mass. Returns the mean of a.
     """
+    if mix.x.shape[1] == m.STATES:
+        remember_speed(mix, count)
     us, grades = column(mix.x[:, m.U], count), column(mix.x[:, m.GRADE], count)
     winds, offsets = column(mix.x[:, m.WIND], count), column(mix.x[:, m.OFFSET], count)
     f, least_u, most_u, mean = t.f, v.least_u, v.most_u, 0.0
@@ -186,15 +188,15 @@ def follow_bends(mix: Mixture, count: int, before: float, metres: float, c: Cons
 
 @jit.kernel
 def fade(
-    mix: Mixture, count: int, metres: float, seconds: float, wind: float, offset: float, bend_var: float,
-    c: Constants,
+    mix: Mixture, count: int, metres: float, seconds: float, stds: tuple[float, float, float],
+    c: Constants, t: Scratch,
 ) -> None:  # fmt: skip
-    """Let wind and curvature fade over a distance, and the crank torque that the report lacks in time.
+    """Let wind and curvature fade over a distance, and in time the crank torque that the report lacks.
 
-    wind, offset: their stds times u. bend_var: see `follow_bends`.
+    stds: of the three, those of wind and torque times u. Where the load drifts, u <- u + dt r.
     """
-    left = math.exp(-metres / c.wind_length_m)
-    decay(mix, count, m.WIND, left, wind, EVERYWHERE)
-    left = math.exp(-metres / c.curvature_length_m)
-    decay(mix, count, m.CURVATURE, left, math.sqrt(bend_var), m.BENDS)
-    decay(mix, count, m.OFFSET, math.exp(-seconds / c.offset_duration_s), offset, EVERYWHERE)
+    decay(mix, count, m.WIND, math.exp(-metres / c.wind_length_m), stds[0], m.EVERYWHERE)
+    decay(mix, count, m.CURVATURE, math.exp(-metres / c.curvature_length_m), stds[1], m.BENDS)
+    decay(mix, count, m.OFFSET, math.exp(-seconds / c.offset_duration_s), stds[2], m.EVERYWHERE)
+    fill(count, t.f, seconds)
+    propagate(mix, count, m.U, _DRIFT, t)

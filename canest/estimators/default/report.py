@@ -146,7 +146,7 @@ def unknown_load_var(mass: float, unknown_s: float, braked: bool, c: Constants, 
     It is P(changed) E[(M' - M)^2], M' log-uniform: after a stop, or while a surprise waits for its
     explanation (braked, see `load.brakes_unseen`).
     """
-    probability = p_changed(unknown_s, c.load_stop_s)
+    probability: float = p_changed(unknown_s, c.load_stop_s)
     if braked:
         probability = max(probability, 2.0 * c.left_out_share)
     elif unknown_s < c.shortest_stop_s:
@@ -154,6 +154,4 @@ def unknown_load_var(mass: float, unknown_s: float, braked: bool, c: Constants, 
     least, most = 1.0 / v.most_u, 1.0 / v.least_u
     width = math.log(most / least)
     mean, square = (most - least) / width, 0.5 * (most * most - least * least) / width
-    spread: float = square - 2.0 * mass * mean + mass * mass
-    var: float = probability * spread
-    return var
+    return probability * (square - 2.0 * mass * mean + mass * mass)

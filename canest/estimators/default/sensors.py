@@ -10,19 +10,19 @@ from canest.core.samples import GRAVITY_MPS2
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.model import Ends, Mixture, Scratch, Window
-from canest.estimators.default.predict import EVERYWHERE, column, moments, restore, widen
+from canest.estimators.default.predict import column, moments, restore, widen
 from canest.estimators.default.update import condition_on, judge
 from canest.estimators.windowing import WINDOW_S
 
-SENSED = (m.GRADE, m.BIAS)
-DRIVEN = (m.GRADE, m.BIAS, m.V, m.BEGIN, m.DELAY, m.WINDUP)
+_SENSED = (m.GRADE, m.BIAS)
+_GAINED = (m.GRADE, m.BIAS, m.V, m.BEGIN, m.DELAY, m.WINDUP)
 _SPEED = (m.V, m.DELAY, m.WINDUP)
 _ALTITUDE = (m.HEIGHT,)
 _BALANCE = (m.GRADE, m.WIND, m.U)
 _COASTED = (m.GRADE, m.CURVATURE, m.WIND, m.U)
 _MAP = (m.GRADE, m.ROLLING, m.CURVATURE)
 #: modes in which a speed tells no delay, and those in which a closed balance tells no mass
-_HIDES_DELAY, _HIDES_MASS = m.ANSWERS, EVERYWHERE
+_HIDES_DELAY, _HIDES_MASS = m.ANSWERS, m.EVERYWHERE
 #: bounds of the delay at which its lever is taken, s
 _LEVER_DELAY_S = 0.1
 #: share of the longest delay at which one counts as bounded: updates move it between two exchanges
@@ -31,10 +31,6 @@ _AT_BOUND = 0.95
 UNKNOWN_V = 1e4
 #: an altitude this many variances off begins anew
 _FAR_OFF = 25.0
-#: what a body does that the pitch does not tell, share of the acceleration squared: 0.007 rad per m/s2
-_ROCKING = 0.005
-#: and where nobody states the pitch, whose error of 0.0046 rad per m/s2 lasts: as if it did for 25 windows
-_UNKNOWN_PITCH = 0.05
 
 
 @jit.kernel
@@ -121,13 +117,14 @@ def no_noise_explains(missing_mps: float, var: float, c: Constants) -> bool:
 @jit.kernel
 def learn_open(
     mix: Mixture, count: int, answers: tuple[float, float], lever: float, r: float, c: Constants, t: Scratch
-) -> tuple[float, float]:
-    """Weigh the hypotheses by an open window's speed and torque; returns NIS and surplus, in the mean.
+) -> tuple[float, float, float]:
+    """Weigh the hypotheses by an open window's speed and torque; returns mean NIS, surplus and innovation.
 
     answers: see `answer_log_likelihood`, on a smooth and a rough road. lever: grade per m/s that is missing.
     Where no noise explains an innovation the road has a step, and the speed is what was measured.
     """
     nis, surplus = judge(mix, count, r, r, c, t)
+    innovation = mean_of(mix.weight, count, t.e)
     for d in range(count):
         mode, missing = mix.mode[d], t.e[d]
         mix.found[d] += answers[int(m.IS_ROUGH[mode])] * m.ANSWERS[mode]
@@ -135,27 +132,21 @@ def learn_open(
             step = missing * lever
             mix.P[d, m.GRADE, m.GRADE] += min(step * step, c.grade_std * c.grade_std)
             mix.P[d, m.V, m.V] += missing * missing
-    return nis, surplus
+    return nis, surplus, innovation
 
 
 @jit.kernel
-def remember_speed(mix: Mixture, count: int) -> None:
-    """Keep the speed where a window begins."""
-    A = mix.A[:count]
-    A[:, m.BEGIN] = A[:, m.V]
-    A[:, :, m.BEGIN] = A[:, :, m.V]
+def rocking_var(w: Window, gained: bool, speed_var: float, dt: float, u: float, v: Vehicle) -> float:
+    """Return the variance of what an accelerometer shows beside pitch and its own noise, (m/s2)2.
 
-
-@jit.kernel
-def rocking_var(w: Window, u: float, v: Vehicle) -> float:
-    """Return the variance of what a body does that the pitch known of it does not tell, (m/s2)2.
-
-    Between two reports of a slow signal the acceleration may have changed as the traction did.
-    u: mean inverse mass.
+    What a body does that its pitch does not tell; and the noise of two speeds where no state knows the speed
+    gained, or, between two reports of a slow signal, as much as the traction changed. u: mean inverse mass.
     """
-    changed = u * (w.traction_N - w.begin_N) if v.period_windows > 1.0 else 0.0
-    share = _ROCKING if v.pitch_stated > 0.0 else _UNKNOWN_PITCH
-    return share * w.accel_mps2 * w.accel_mps2 + changed * changed
+    rocks = v.rocking * w.accel_mps2 * w.accel_mps2
+    if v.period_windows > 1.0:  # then the level has the noise of two speeds
+        changed = u * (w.traction_N - w.begin_N)
+        return rocks + changed * changed
+    return rocks if gained else rocks + 2.0 * speed_var / (dt * dt)
 
 
 @jit.kernel
@@ -173,18 +164,21 @@ def set_gained(before: Ends, end: Ends, dt: float, t: Scratch) -> None:
 
 @jit.kernel
 def accelerometer(
-    mix: Mixture, count: int, states: Any, felt: float, dt: float, var: tuple[float, float],
+    mix: Mixture, count: int, gained: bool, felt: float, dt: float, var: tuple[float, float],
     c: Constants, t: Scratch,
 ) -> float:  # fmt: skip
     """Update with an accelerometer: a_x - p dv/dt = g theta + b + dv/dt. Returns the surplus of var[0].
 
-    states: `DRIVEN`, after `set_gained`; or `SENSED`, where the speeds' dv/dt is subtracted. felt: the left
+    gained: the states know dv/dt, after `set_gained`; else that of the speeds is subtracted. felt: the left
     side. var: variance of a window of 0.2 s, and see `rocking_var`.
     """
-    widen(mix, count, m.BIAS, c.bias_wander_m2ps5 * dt, EVERYWHERE)
+    widen(mix, count, m.BIAS, c.bias_wander_m2ps5 * dt, m.EVERYWHERE)
     r = var[0] * WINDOW_S / dt
     t.h[0], t.h[1] = GRAVITY_MPS2, 1.0
-    condition_on(mix, count, states, felt, r + var[1], c.outlier_nis, t)
+    if gained:
+        condition_on(mix, count, _GAINED, felt, r + var[1], c.outlier_nis, t)
+    else:
+        condition_on(mix, count, _SENSED, felt, r + var[1], c.outlier_nis, t)
     surplus: float = judge(mix, count, r + var[1], r, c, t)[1] * dt / WINDOW_S
     return surplus
 
@@ -197,7 +191,7 @@ def altitude(mix: Mixture, count: int, height_m: float, known: bool, c: Constant
     e = height_m - mean_of(mix.weight, count, t.columns[0])
     far = e * e > _FAR_OFF * (mean_of(mix.weight, count, t.columns[1]) + r)
     if far or not known:
-        widen(mix, count, m.HEIGHT, 1e6, EVERYWHERE)
+        widen(mix, count, m.HEIGHT, 1e6, m.EVERYWHERE)
         for d in range(count):
             mix.x[d, m.HEIGHT] += e
     t.h[0] = 1.0
