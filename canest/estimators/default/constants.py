@@ -24,7 +24,7 @@ class Constants(NamedTuple):
     wind_length_m: Annotated[float, "L_w", "m", "chosen: roads turn; less widens a cruise"] = 20e3
     jump_every_s: Annotated[float, "T_j", "s", "measured: 1000 makes gusts loads, 150 cruises wide"] = 250.0
     jump_stds: Annotated[float, "k_j", "1", "measured: at 2 accessories that switch are loads"] = 3.0
-    unknown_load_share: Annotated[float, "k_u", "1", "measured: of the range of ln u; 0.3 is too sure"] = 0.7
+    unknown_load_share: Annotated[float, "k_u", "1", "measured: std by range of ln u; 0.3 is too sure"] = 0.7
     curvature_std_1pm: Annotated[float, "s_kappa", "1/m", "chosen: radius 5 km, country roads"] = 2e-4
     sharp_curvature_1pm: Annotated[float, "s_K", "1/m", "chosen: streets; less takes crests for loads"] = 8e-4
     straight_length_m: Annotated[float, "L_s", "m", "chosen: shorter says less of the mass"] = 500.0
@@ -46,15 +46,15 @@ class Constants(NamedTuple):
     # -- load
     load_stop_s: Annotated[float, "T_l", "s", "chosen: less costs `valid` at every light"] = 130.0
     shortest_stop_s: Annotated[float, "T_0", "s", "chosen: up to here rarer than a miss of two std"] = 7.0
-    motion_change_s: Annotated[float, "T_m", "s", "measured: less finds loads, costs `valid`"] = 10_000.0
+    motion_change_s: Annotated[float, "T_m", "s", "measured: less finds loads sooner, costs `valid`"] = 10e3
     motion_every_s: Annotated[float, "t_m", "s", "chosen: cost against delay"] = 20.0
-    load_tilt_mps2: Annotated[float, "s_t", "m/s2", "chosen: 0.3 degrees; more makes retarders loads"] = 0.05
+    load_tilt_mps2: Annotated[float, "s_t", "m/s2", "chosen: 0.3 degrees; more takes brakes for loads"] = 0.05
     drift_1ps: Annotated[float, "m_r", "1/s", "measured: 5 kg/s of 20 t; more costs `valid`"] = 2.5e-4
-    steady_duration_s: Annotated[float, "T_rb", "s", "measured: more is late, less widens cruises"] = 2000.0
+    steady_duration_s: Annotated[float, "T_rb", "s", "measured: more finds late, less widens cruises"] = 2e3
     drift_duration_s: Annotated[float, "T_re", "s", "measured: at 900 a car is 17 % off"] = 600.0
     gross_nis: Annotated[float, "S_max", "1", "chosen: five std; a road's step, in sum a surprise"] = 25.0
     surprise_nis: Annotated[float, "k_S", "1", "measured: at 2, rough driving is a surprise"] = 3.0
-    surprise_share: Annotated[float, "P_S", "1", "measured: less is late, more costs `valid`"] = 0.009
+    surprise_share: Annotated[float, "P_S", "1", "measured: less misses tippers, more costs `valid`"] = 0.009
     # -- noise
     force_std_share: Annotated[float, "k_F", "1", "chosen: a controller's momentary torque"] = 0.02
     torque_noise_times: Annotated[float, "k_n", "1", "measured: at 2 masses are 12 % too high"] = 4.0

@@ -29,11 +29,11 @@ from canest.estimators.default.sensors import (
     coasting,
     delay_is_too_long,
     ends_at,
+    felt_var,
     gain_is_known,
     learn_open,
     mapped_slope,
     mean_delay,
-    rocking_var,
     set_gained,
     slow_traction,
     speed,
@@ -227,13 +227,14 @@ def run(
             closed_balance(mix, count, w, levels.speed_var, p.u, c, t)
         if measured:
             altitude(mix, count, w.altitude_m, height_known, c, t)
+            height_known, climbed_m, climbed_s = True, 0.0, 0.0
         sees = not math.isnan(w.sensed_mps2) and comparison.faulty == 0.0 and not still
         if sees:
             gained = gain_is_known(is_open, v)
             if gained:
                 set_gained(before, end, dt, t)
             felt = w.sensed_mps2 - v.pitch * motion - (0.0 if gained else w.accel_mps2)
-            var = levels.sensed_var, rocking_var(w, gained, levels.speed_var, dt, p.u, v)
+            var = levels.sensed_var, felt_var(w, gained, levels.speed_var, dt, p.u, v)
             sensed_surplus = accelerometer(mix, count, gained, felt, dt, var, c, t)
         if road.uses > 0.0:
             mapped_slope(mix, count, w.road_sine, 0.5 * metres, cell_var(w), c, t)
@@ -258,8 +259,7 @@ def run(
         p = Progress(
             float(count), u, mixed_m, mixed_s, w.force_N if is_open or w.retarding > 0.0 else math.nan,
             1.0 if is_open and not braked else 0.0, 1.0 if is_open or p.learned > 0.0 else 0.0,
-            surprise, 1.0 if braked else 0.0, 1.0 if measured or height_known else 0.0,
-            0.0 if measured else climbed_m, 0.0 if measured else climbed_s,
+            surprise, 1.0 if braked else 0.0, 1.0 if height_known else 0.0, climbed_m, climbed_s,
             delay_s, driven_s, swing, slow_N, bend_var,
         )  # fmt: skip
         joined = begin_sums(w, unseen_s)

@@ -136,11 +136,11 @@ def learn_open(
 
 
 @jit.kernel
-def rocking_var(w: Window, gained: bool, speed_var: float, dt: float, u: float, v: Vehicle) -> float:
-    """Return the variance of what an accelerometer shows beside pitch and its own noise, (m/s2)2.
+def felt_var(w: Window, gained: bool, speed_var: float, dt: float, u: float, v: Vehicle) -> float:
+    """Return the variance of what an accelerometer is compared with, beside its own noise, (m/s2)2.
 
-    What a body does that its pitch does not tell; and the noise of two speeds where no state knows the speed
-    gained, or, between two reports of a slow signal, as much as the traction changed. u: mean inverse mass.
+    Of what a body does that its pitch does not tell; and of two speeds where the states do not know the one
+    gained, or, between two reports of a slow signal, of what the traction changed. u: mean inverse mass.
     """
     rocks = v.rocking * w.accel_mps2 * w.accel_mps2
     if v.period_windows > 1.0:  # then the level has the noise of two speeds
@@ -170,7 +170,7 @@ def accelerometer(
     """Update with an accelerometer: a_x - p dv/dt = g theta + b + dv/dt. Returns the surplus of var[0].
 
     gained: the states know dv/dt, after `set_gained`; else that of the speeds is subtracted. felt: the left
-    side. var: variance of a window of 0.2 s, and see `rocking_var`.
+    side. var: variance of a window of 0.2 s, and see `felt_var`.
     """
     widen(mix, count, m.BIAS, c.bias_wander_m2ps5 * dt, m.EVERYWHERE)
     r = var[0] * WINDOW_S / dt
