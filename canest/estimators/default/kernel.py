@@ -189,7 +189,7 @@ def run(
             net_N = 0.0 if p.braked > 0.0 else w.force_N - w.rotating_kg * w.accel_mps2
             count = open_load(mix, count, probability, True, net_N, c, v, t)
             driven_s = 0.0
-        if due and is_open and mix.x.shape[1] == m.STATES:
+        if due and is_open and mix.x.shape[1] == m.STATES:  # else a bend would explain as much
             probability = max(p_changed(p.mixed_s + dt, c.jump_every_s), surprising)
             count = open_disturbance(mix, count, probability, p.u, c, v)
         # -- predict and update every density

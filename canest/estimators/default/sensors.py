@@ -99,11 +99,11 @@ def speed(
 
     lambda: slip of the driven wheels. T of the delay: that halfway through it. u: mean inverse mass.
     """
-    delay_s = mean_delay(mix, count, u)
+    moments(mix, count, m.DELAY, t.columns[0], t.columns[1])
+    delay_s = mean_of(mix.weight, count, t.columns[0]) / u
     half_s = 0.5 * min(max(delay_s, -_LEVER_DELAY_S), _LEVER_DELAY_S)
     t.h[0], t.h[1], t.h[2] = 1.0, end.traction_N + half_s * end.traction_Nps, end.traction_Nps
     slip = v.slip_per_mps2 * u * end.traction_N
-    moments(mix, count, m.DELAY, t.columns[0], t.columns[1])
     condition_on(mix, count, _SPEED, end.speed_mps * (1.0 - slip), r, c.outlier_nis, t)
     restore(mix, count, m.DELAY, t.columns[0], t.columns[1], _HIDES_DELAY)
 
