@@ -14,6 +14,8 @@ from canest.estimators.windowing import WINDOW_S
 _STEP_STD = math.sqrt(12.0)
 #: mean NIS above which the model does not explain what happens; a consistent filter's is 1
 _INCONSISTENT = 1.8
+#: and below which it does again: what was learned meanwhile has to be learned anew
+_CONSISTENT = 1.6
 #: one window counts as that many gross ones at most
 _MOST_GROSS = 4.0
 
@@ -27,6 +29,7 @@ class Levels(NamedTuple):
     nis_sum: float = 0.0  #: sum of their normalised innovations squared
     torque_Nm2s: float = 0.0  #: density of the noise of the torque
     nis: float = 1.0  #: mean of the last two minutes
+    in_doubt: float = 0.0  #: 1 while the innovations refute the model
 
 
 @jit.kernel
@@ -65,13 +68,13 @@ def swing_var(before: float, jump_N: float, w: Window, dt: float, u: float, c: C
 def first_levels(v: Vehicle) -> Levels:
     """Return the levels with which all begins."""
     sensed = 2.0 * v.sensed_floor_mps2
-    return Levels(v.speed_first_mps * v.speed_first_mps, sensed * sensed, 0.0, 0.0, 0.0, 1.0)
+    return Levels(v.speed_first_mps * v.speed_first_mps, sensed * sensed, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 
 @jit.kernel
 def refuted(levels: Levels) -> bool:
     """Return whether the innovations refute the model."""
-    return levels.nis > _INCONSISTENT
+    return levels.in_doubt > 0.0
 
 
 @jit.kernel
@@ -91,4 +94,13 @@ def follow(
     torque_Nm2s = max(levels.torque_Nm2s + (zigzag - levels.torque_Nm2s) / memory, 0.0)
     longer_memory = min(2.0 * c.noise_memory_windows, c.first_noise_windows + windows)
     mean_nis = levels.nis + (min(nis, _MOST_GROSS * c.gross_nis) - levels.nis) / longer_memory
-    return Levels(speed_var, sensed_var, windows, levels.nis_sum + nis, torque_Nm2s, mean_nis)
+    is_refuted = mean_nis > (_CONSISTENT if refuted(levels) else _INCONSISTENT)
+    return Levels(
+        speed_var,
+        sensed_var,
+        windows,
+        levels.nis_sum + nis,
+        torque_Nm2s,
+        mean_nis,
+        1.0 if is_refuted else 0.0,
+    )
