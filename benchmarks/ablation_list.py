@@ -79,6 +79,11 @@ def without_late(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
     return vehicle_of(facts, late_s, c)._replace(late_s=0.0)
 
 
+def pitch_as_stated(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
+    """Take the place of `constants.vehicle_of`, for a pitch that is not learned."""
+    return vehicle_of(facts, late_s, c)._replace(pitch_std=0.0)
+
+
 MECHANISMS = (
     # -- the load
     Variant("another load after a stop", {"load_stop_s": NEVER}),
@@ -113,6 +118,7 @@ MECHANISMS = (
     Variant("state: crank torque that the report lacks", patch={"estimator.vehicle_of": without_offset}),
     Variant("state: bias of the accelerometer", {"bias_std_mps2": 0.0, "bias_wander_m2ps5": 0.0}),
     Variant("load that tilts the frame", {"load_tilt_mps2": 0.0}),
+    Variant("state: pitch of the body", patch={"estimator.vehicle_of": pitch_as_stated}),
     Variant("wander of that bias", {"bias_wander_m2ps5": 0.0}),
     Variant("slip of the driven wheels", {"slip_per_mps2": 0.0}),
     Variant("the longest delay is a bound", patch={"kernel.bound_delay": no_bound}),
@@ -128,6 +134,7 @@ MECHANISMS = (
     Variant("innovations of states left out of levels", {"noise_dominates": NEVER}),
     Variant("start of the level at a driveline's swing", {"driveline_swing_mps": 0.0}),
     Variant("driveline that swings", {"torque_rise_s": NEVER}),
+    Variant("what a windup leaves", patch={"sensors._MISSED": 0.0}),
     Variant("noise of the torque", patch={"windows.zigzag": no_noise}),
     Variant("outliers cut", {"outlier_nis": NEVER}),
     Variant("mean of the innovations squared", patch={"noise._INCONSISTENT": NEVER}),

@@ -37,7 +37,7 @@ MEANINGS: dict[str, str] = {
     "vehicle.rolling_resistance_accuracy_pct": f"accuracy of the coefficient, {ACCURACY}chosen, from "
     "UN Regulation 117 and Vahidi et al. (2005)",
     "vehicle.accelerometer.pitch_rad_per_mps2": "body pitch (squat), rad per m/s²; null: not "
-    "known, and an accelerometer then says less of the mass",
+    "known, and learned where torque and speed come at least five times a second",
     "dbc": "files, beside the config or among the shipped ones; an empty list for tables",
     "signals": "role: where it comes from; see below",
     "sampling.hold_s": "ticks go on this long after the last wanted frame, then they stop, s",

@@ -11,6 +11,8 @@ from canest.core.samples import STEP_S, Status
 from canest.estimators.default import noise
 from canest.estimators.default.constants import CONSTANTS, vehicle_of
 from canest.estimators.default.estimator import GaussianSum
+from canest.estimators.default.model import MODES, WINDUP, Ends
+from canest.estimators.default.sensors import windup_var
 from canest.estimators.default.windows import zigzag
 from tests.estimators.momentum import FACTS, GEAR_1PM, ROTATING_KG, flat, hills, pulses, trip
 from tests.estimators.test_canest_interrupted import NOTHING
@@ -51,6 +53,36 @@ def test_a_swing_dies_away_and_is_small_in_high_gears():
         noise.swing_var.interpreted(0.0, 40_000.0, NOTHING._replace(rotating_kg=0.0), 0.2, U, CONSTANTS)
         == 0.0
     )
+
+
+def on_soft_shafts(block, windup_mpN, frequency_hz=1.5, damping=0.3):
+    """The speed of the engine's side of a driveline that winds up and swings, in place of the vehicle's."""
+    omega, twist, rate = 2.0 * np.pi * frequency_hz, block.traction_N[0], 0.0
+    rates = np.empty(len(block))
+    for i, traction in enumerate(block.traction_N):
+        rate += STEP_S * (omega * omega * (traction - twist) - 2.0 * damping * omega * rate)
+        twist += STEP_S * rate
+        rates[i] = rate
+    speed = block.speed_mps + windup_mpN * rates
+    accel = np.diff(speed, prepend=speed[0]) / STEP_S
+    force = block.traction_N - block.aero_N - ROTATING_KG * accel
+    return replace(block, speed_mps=speed, raw_speed_mps=speed, accel_mps2=accel, force_N=force)
+
+
+def test_a_driveline_that_swings_as_it_winds_up_makes_no_lighter_mass():
+    """A lag of 0.2 s does not follow a swing: speeds while torque changes are the less to be believed."""
+    drive = trip(300.0, mass_kg=21_000.0, noise=0.3, seed=2, delay_s=0.08)
+    estimator = GaussianSum("canest", replace(FACTS, speed_step_mps=0.002))
+    estimates = estimator.update(on_soft_shafts(drive.block, 3e-6))
+    assert np.abs(drive.error(estimates)[6_000:]).mean() < 0.02
+
+
+def test_a_stiff_driveline_has_no_course_of_a_windup():
+    mix = GaussianSum("canest", FACTS)._mixture
+    end = Ends(10.0, 20_000.0, 30_000.0)
+    assert windup_var.interpreted(mix, MODES, end) == 0.0
+    mix.x[:, WINDUP] = 3e-6
+    assert windup_var.interpreted(mix, MODES, end) == pytest.approx((3e-6 * 30_000.0) ** 2 / 3.0)
 
 
 @pytest.mark.parametrize("held", [1, 2, 5])

@@ -138,9 +138,9 @@ def test_an_accelerometer_is_compared_with_the_speed_that_the_states_gained():
     np.testing.assert_allclose(mix.x[0], x)
     np.testing.assert_allclose(mix.P[0], P)
     sensors.set_gained(Ends(9.0, 1_000.0, 500.0), Ends(9.5, 3_000.0, 1_500.0), 0.4, t)
-    sensors.accelerometer(mix, 1, True, 0.7, 0.4, (0.08, 0.02), CONSTANTS, t)
+    sensors.accelerometer(mix, 1, True, (0.7, 1.3), 0.4, (0.08, 0.02), CONSTANTS, t)
     P[m.BIAS, m.BIAS] += 0.4 * CONSTANTS.bias_wander_m2ps5
-    h = dense(sensors._GAINED, (9.80665, 1.0, 2.5, -2.5, 5_000.0, 2_500.0))
+    h = dense(sensors._GAINED, (9.80665, 1.0, 1.3, 2.5, -2.5, 5_000.0, 2_500.0))
     s = h @ P @ h + 0.08 * 0.2 / 0.4 + 0.02
     expected = x + P @ h / s * (0.7 - h @ x) * min(1.0, 3.0 * np.sqrt(s) / abs(0.7 - h @ x)) ** 2
     np.testing.assert_allclose(mix.x[0], expected, rtol=1e-6, atol=1e-9)

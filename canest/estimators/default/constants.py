@@ -18,7 +18,7 @@ class Constants(NamedTuple):
     longest_delay_s: Annotated[float, "d_max", "s", "measured: vehicles to 0.19 s; masses fail at 0.4"] = 0.32
     windup_std_s2: Annotated[float, "s_gamma", "s2", "chosen: a lag of 0.14 s; more hides the mass"] = 0.02
     bias_std_mps2: Annotated[float, "s_b", "m/s2", "chosen: 1.8 degrees of tilt of a mounting"] = 0.3
-    pitch_rad_per_mps2: Annotated[float, "p_0", "rad s2/m", "measured: trucks 0.01, cars +-0.003"] = 0.003
+    pitch_rad_per_mps2: Annotated[float, "p_0", "rad s2/m", "measured: mean and std; trucks 0.01"] = 0.005
     altitude_std_m: Annotated[float, "s_h", "m", "chosen: a satellite receiver"] = 2.5
     wind_std_mps: Annotated[float, "s_w", "m/s", "chosen: 7 m/s in three; more widens cruises"] = 2.3
     wind_length_m: Annotated[float, "L_w", "m", "chosen: roads turn; less widens a cruise"] = 20e3
@@ -87,9 +87,9 @@ CONSTANTS = Constants()
 _FINEST = 1e-4
 #: what a compressor or an alternator takes of a car's engine: a finer report lacks it as well, std, N m
 _LEAST_OFFSET_NM = 3.0
-#: variance of what a body does that its pitch does not tell, by acceleration squared: 0.007 rad per m/s2; and
-#: where nobody states the pitch, whose error of 0.0046 rad per m/s2 lasts: as if it did for 25 windows
-_ROCKING, _UNKNOWN_PITCH = 0.005, 0.05
+#: variance of what a body does that its pitch does not tell, by acceleration squared: a stated pitch (0.007
+#: rad per m/s2), a learned one, and one that slow signals do not teach, whose error lasts
+_STATED, _LEARNED, _UNKNOWN = 0.005, 0.015, 0.05
 
 
 class Vehicle(NamedTuple):
@@ -109,6 +109,7 @@ class Vehicle(NamedTuple):
     period_windows: float  #: windows between two reports of a slow signal
     late_s: float  #: how much older than the samples the filtered states are
     pitch: float  #: of the body, m/s2 of the accelerometer per m/s2
+    pitch_std: float  #: zero where it is stated, or is not learned
     rocking: float  #: variance of what it does beside, by acceleration squared
 
 
@@ -117,7 +118,8 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
     least, most = 1.0 / facts.mass_max_kg, 1.0 / facts.mass_min_kg
     unknown = math.sqrt(least * most)
     floor = max(facts.speed_step_mps, _FINEST) / math.sqrt(12.0)
-    pitch, windows = facts.pitch_rad_per_mps2, facts.report_period_s / WINDOW_S
+    stated, windows = facts.pitch_rad_per_mps2, facts.report_period_s / WINDOW_S
+    learns_pitch = stated is None and windows <= 1.0
     return Vehicle(
         least_u=least,
         most_u=most,
@@ -132,6 +134,7 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         offset_Nm=max(0.5 * facts.torque_step_Nm, _LEAST_OFFSET_NM),
         period_windows=float(math.ceil(windows - 1e-6)) if windows > 1.0 else 0.0,
         late_s=late_s,
-        pitch=GRAVITY_MPS2 * (c.pitch_rad_per_mps2 if pitch is None else pitch),
-        rocking=_UNKNOWN_PITCH if pitch is None else _ROCKING,
+        pitch=GRAVITY_MPS2 * (c.pitch_rad_per_mps2 if stated is None else stated),
+        pitch_std=GRAVITY_MPS2 * c.pitch_rad_per_mps2 if learns_pitch else 0.0,
+        rocking=_LEARNED if learns_pitch else _UNKNOWN if stated is None else _STATED,
     )

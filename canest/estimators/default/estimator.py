@@ -52,7 +52,8 @@ _APART = (
 )
 _INCONSISTENT = (
     "speed and torque do not go together (normalised innovations squared of {:.1f}, where 1 is consistent): "
-    "no mass is valid until they do; is one of them reported late, or is it another signal?"
+    "no mass is valid until they do; is one of them reported late or another signal, "
+    "or does a brake or retarder act that nobody reports?"
 )
 
 
@@ -125,6 +126,7 @@ class GaussianSum(Estimator):
             std[at.ROLLING] = math.hypot(std[at.ROLLING], LEVEL_STD)
         std[at.OFFSET] = self._vehicle.offset_Nm * u
         std[at.BIAS] = c.bias_std_mps2
+        mean[at.PITCH], std[at.PITCH] = self._vehicle.pitch, self._vehicle.pitch_std
         n = at.STATES if facts.has_accelerometer else at.STATES_WITHOUT_ACCELEROMETER
         return mean[:n], std[:n]
 

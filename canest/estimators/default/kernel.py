@@ -37,6 +37,7 @@ from canest.estimators.default.sensors import (
     set_gained,
     slow_traction,
     speed,
+    windup_var,
 )
 from canest.estimators.windowing import WINDOW_S
 
@@ -215,7 +216,7 @@ def run(
         if is_open:
             motion = accelerate(mix, count, w, dt, force_noise(w, levels.torque_Nm2s, c, v), p.u, v, t)
             swing = swing_var(swing, w.traction_N - w.begin_N, w, dt, p.u, c)
-            speed_var = levels.speed_var + swing
+            speed_var = levels.speed_var + swing + windup_var(mix, count, end)
             speed(mix, count, end, p.u, speed_var, c, v, t)
             answers = (
                 answer_log_likelihood(answered_N, p.u, metres, c.smooth_wander_1pm, bend_var, c),
@@ -233,7 +234,7 @@ def run(
             gained = gain_is_known(is_open, v)
             if gained:
                 set_gained(before, end, dt, t)
-            felt = w.sensed_mps2 - v.pitch * motion - (0.0 if gained else w.accel_mps2)
+            felt = w.sensed_mps2 - (0.0 if gained else w.accel_mps2), motion
             var = levels.sensed_var, felt_var(w, gained, levels.speed_var, dt, p.u, v)
             sensed_surplus = accelerometer(mix, count, gained, felt, dt, var, c, t)
         if road.uses > 0.0:

@@ -21,8 +21,9 @@ WINDUP = 9  #: what a driveline gives way, or a lag of the torque smooths, times
 ANSWER = 10  #: share of the torque that answers the road, times u, 1/kg; zero where the driver is free
 OFFSET = 11  #: crank torque that the report lacks, times u, N m/kg
 BIAS = 12  #: offset of the accelerometer, m/s2
-BEGIN = 13  #: speed where the window began, m/s
-STATES = 14
+PITCH = 13  #: of the body, m/s2 of the accelerometer per m/s2
+BEGIN = 14  #: speed where the window began, m/s
+STATES = 15
 STATES_WITHOUT_ACCELEROMETER = 12
 #: products with the inverse mass, and what is in proportion to it
 TIMES_U = (WIND, RATE, DELAY, WINDUP, ANSWER, OFFSET)

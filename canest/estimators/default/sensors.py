@@ -14,8 +14,8 @@ from canest.estimators.default.predict import column, moments, restore, widen
 from canest.estimators.default.update import condition_on, judge
 from canest.estimators.windowing import WINDOW_S
 
-_SENSED = (m.GRADE, m.BIAS)
-_GAINED = (m.GRADE, m.BIAS, m.V, m.BEGIN, m.DELAY, m.WINDUP)
+_SENSED = (m.GRADE, m.BIAS, m.PITCH)
+_GAINED = (m.GRADE, m.BIAS, m.PITCH, m.V, m.BEGIN, m.DELAY, m.WINDUP)
 _SPEED = (m.V, m.DELAY, m.WINDUP)
 _ALTITUDE = (m.HEIGHT,)
 _BALANCE = (m.GRADE, m.WIND, m.U)
@@ -27,6 +27,8 @@ _HIDES_DELAY, _HIDES_MASS = m.ANSWERS, m.EVERYWHERE
 _LEVER_DELAY_S = 0.1
 #: share of the longest delay at which one counts as bounded: updates move it between two exchanges
 _AT_BOUND = 0.95
+#: mean square of the share of a windup that its lag does not tell: any between none and all
+_MISSED = 1.0 / 3.0
 #: variance of a speed that no known force has led to, (m/s)2
 UNKNOWN_V = 1e4
 #: an altitude this many variances off begins anew
@@ -109,6 +111,13 @@ def speed(
 
 
 @jit.kernel
+def windup_var(mix: Mixture, count: int, end: Ends) -> float:
+    """Return the variance of a speed by what a lag does not tell of the course of a windup, (m/s)2."""
+    wound_mps: float = mean_of(mix.weight, count, column(mix.x[:, m.WINDUP], count)) * end.traction_Nps
+    return _MISSED * wound_mps * wound_mps
+
+
+@jit.kernel
 def no_noise_explains(missing_mps: float, var: float, c: Constants) -> bool:
     """Return whether an innovation is a gross one: the road has a step there."""
     return missing_mps * missing_mps > c.gross_nis * var
@@ -158,27 +167,27 @@ def gain_is_known(is_open: bool, v: Vehicle) -> bool:
 @jit.kernel
 def set_gained(before: Ends, end: Ends, dt: float, t: Scratch) -> None:
     """Set the levers of a window's mean acceleration: (v1 - v0 + delta dT + gamma dT') / dt."""
-    t.h[2], t.h[3], t.h[4] = 1.0 / dt, -1.0 / dt, (end.traction_N - before.traction_N) / dt
-    t.h[5] = (end.traction_Nps - before.traction_Nps) / dt
+    t.h[3], t.h[4], t.h[5] = 1.0 / dt, -1.0 / dt, (end.traction_N - before.traction_N) / dt
+    t.h[6] = (end.traction_Nps - before.traction_Nps) / dt
 
 
 @jit.kernel
 def accelerometer(
-    mix: Mixture, count: int, gained: bool, felt: float, dt: float, var: tuple[float, float],
+    mix: Mixture, count: int, gained: bool, felt: tuple[float, float], dt: float, var: tuple[float, float],
     c: Constants, t: Scratch,
 ) -> float:  # fmt: skip
-    """Update with an accelerometer: a_x - p dv/dt = g theta + b + dv/dt. Returns the surplus of var[0].
+    """Update with an accelerometer: a_x = g theta + b + (1 + p) dv/dt. Returns the surplus of var[0].
 
-    gained: the states know dv/dt, after `set_gained`; else that of the speeds is subtracted. felt: the left
-    side. var: variance of a window of 0.2 s, and see `felt_var`.
+    gained: the states know dv/dt, after `set_gained`; else that of the speeds is subtracted. felt: what is
+    left of a_x, and the dv/dt of p. var: variance of a window of 0.2 s, and see `felt_var`.
     """
     widen(mix, count, m.BIAS, c.bias_wander_m2ps5 * dt, m.EVERYWHERE)
     r = var[0] * WINDOW_S / dt
-    t.h[0], t.h[1] = GRAVITY_MPS2, 1.0
+    t.h[0], t.h[1], t.h[2] = GRAVITY_MPS2, 1.0, felt[1]
     if gained:
-        condition_on(mix, count, _GAINED, felt, r + var[1], c.outlier_nis, t)
+        condition_on(mix, count, _GAINED, felt[0], r + var[1], c.outlier_nis, t)
     else:
-        condition_on(mix, count, _SENSED, felt, r + var[1], c.outlier_nis, t)
+        condition_on(mix, count, _SENSED, felt[0], r + var[1], c.outlier_nis, t)
     surplus: float = judge(mix, count, r + var[1], r, c, t)[1] * dt / WINDOW_S
     return surplus
 
