@@ -7,6 +7,7 @@ to open it.
 
 from __future__ import annotations
 
+import contextlib
 import re
 import time
 from collections import Counter, deque
@@ -270,14 +271,18 @@ class _Sending:
         if time.monotonic() > self._until_s:
             counters["dropped_too_late"] += 1
             return
+        echo = self._can_id, self._payload
+        if echoes is not None:
+            echoes.append(echo)  # before it is sent: it may come back at once
         try:
             self._bus.send(
                 drivers.message_of(self._can_id, self._payload), timeout=self._transmitter._timeout_s
             )
         except Exception:  # full queues and dead devices, in every driver's own words
             counters["dropped_send_failed"] += 1
+            if echoes is not None:
+                with contextlib.suppress(ValueError):  # it came back although the send failed
+                    echoes.remove(echo)
             return
         counters["sent"] += 1
-        if echoes is not None:
-            echoes.append((self._can_id, self._payload))
         self.sent = True

@@ -192,8 +192,19 @@ def test_a_bus_that_cannot_be_opened_gives_its_reason_and_is_tried_again(monkeyp
     receiver.close()
 
 
-def test_on_multicast_our_own_frames_do_not_come_back_as_a_strangers():
+@pytest.mark.parametrize("returns_after_s", [0.0, 0.3])
+def test_on_multicast_our_own_frames_do_not_come_back_as_a_strangers(monkeypatch, returns_after_s):
+    """Nor where the frame is back before the driver's `send` returns."""
     pytest.importorskip("msgpack")
+    from can.interfaces.udp_multicast import UdpMulticastBus
+
+    send = UdpMulticastBus.send
+
+    def send_slowly(self, *args, **kwargs):
+        send(self, *args, **kwargs)
+        time.sleep(returns_after_s)
+
+    monkeypatch.setattr(UdpMulticastBus, "send", send_slowly)
     bus = Bus(interface="udp_multicast", channel="239.74.163.9", options={"port": 43219})
     try:
         receiver, transmitter = open_link(bus, [(0, 0)], transmit=True)
