@@ -167,10 +167,11 @@ class PythonCanReceiver:
         self._clock_offset_us = row[0] - time.monotonic_ns() // 1000
         if not self._is_wanted(row[1]):
             return
-        if self._echoes and row[1:] in self._echoes:
-            self._echoes.remove(row[1:])
-        else:
-            self._rows.append(row)
+        if self._echoes:
+            with contextlib.suppress(ValueError):  # it is a stranger's
+                self._echoes.remove(row[1:])
+                return
+        self._rows.append(row)
 
     def _is_wanted(self, can_id: int) -> bool:
         wanted = self._wanted.get(can_id)
