@@ -32,12 +32,27 @@ def session_of(pid: int) -> list[int]:
     return found
 
 
+def all_stopped(pid: int) -> bool:
+    """Return whether every thread of a process is stopped, or the process is gone."""
+    states = set()
+    for task in Path(f"/proc/{pid}/task").glob("*"):
+        with suppress(OSError):
+            states.add(task.joinpath("stat").read_text().rpartition(")")[2].split()[0])
+    return states <= {"T", "Z", "X"}
+
+
 def kill_all(pid: int) -> None:
     """Kill every process of a session at once: stopped first, none can tidy up after another's death."""
     for number in (signal.SIGSTOP, signal.SIGKILL):
         for member in session_of(pid):
             with suppress(ProcessLookupError):
                 os.kill(member, number)
+        if number == signal.SIGSTOP:  # comes to a thread when that thread runs again, on a busy machine late
+            wait_for(lambda: all(all_stopped(member) for member in session_of(pid)))
+
+
+def names_in(folder: Path) -> list[str]:
+    return [path.name for path in folder.iterdir()] if folder.is_dir() else []
 
 
 def wait_for(condition: Callable[[], object], timeout_s: float = 60.0) -> None:
@@ -66,7 +81,7 @@ def fleet(tmp_path):
         [sys.executable, "-m", "canest", "replay", *map(str, logs), "-c", "kenworth", "-j", "2", "-o", out],
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
     )  # fmt: skip
-    wait_for(lambda: out.is_dir() and len(list(out.iterdir())) == 2)
+    wait_for(lambda: {name.partition(".canest-")[0] for name in names_in(out)} == {".0.csv", ".1.csv"})
     yield process, out
     over.set()
     kill_all(process.pid)
