@@ -112,7 +112,12 @@ MECHANISMS = (
     Variant("state: wind", {"wind_std_mps": 0.0}),
     Variant("state: wind, errors of the drag area", {"wind_std_mps": 0.0}, facts={"drag_area_accuracy": 0.0}),
     # -- states of the vehicle and of its signals
-    Variant("state: error of the rolling resistance", facts={"rolling_resistance_accuracy": 0.0}),
+    Variant(
+        "state: error of the rolling resistance",
+        {"cold_share": 0.0},
+        facts={"rolling_resistance_accuracy": 0.0},
+    ),
+    Variant("cold tyres", {"cold_share": 0.0}),
     Variant("state: delay of the torque", {"delay_std_s": 0.0}),
     Variant("state: lag of the torque, compliance of the driveline", {"windup_std_s2": 0.0}),
     Variant("state: crank torque that the report lacks", patch={"estimator.vehicle_of": without_offset}),

@@ -65,6 +65,8 @@ into the standard deviation. A worse accuracy widens it, and `valid` comes later
 
 The accuracy must hold whenever the vehicle drives: while a filter regenerates, at altitude, with cold oil.
 An engine whose report is 8 % too high for ten minutes has no accuracy of 2 %.
+The coefficient of the rolling resistance alone is meant for warm tyres: what cold ones cost is added
+(a quarter of the coefficient, one standard deviation), and makes the grade less certain, not the mass.
 
 The methods of the papers and version 0.1 of the default estimator do not use these facts.
 
@@ -88,7 +90,7 @@ ACCURACIES = (
         "rolling_resistance_accuracy_pct",
         "chosen, from three: a label class is about ±9 % wide (Regulation (EC) 1222/2009, C3); 20 K of air "
         "temperature make 12 % (UN Regulation 117, annex 6); Vahidi et al. (2005) call 50 % realistic",
-        "fitted to coast-downs of this vehicle",
+        "fitted to coast-downs of this vehicle with warm tyres",
     ),
     (
         "drag_area_accuracy_pct",

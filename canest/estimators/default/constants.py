@@ -19,6 +19,7 @@ class Constants(NamedTuple):
     windup_std_s2: Annotated[float, "s_gamma", "s2", "chosen: a lag of 0.14 s; more hides the mass"] = 0.02
     bias_std_mps2: Annotated[float, "s_b", "m/s2", "chosen: 1.8 degrees of tilt of a mounting"] = 0.3
     pitch_rad_per_mps2: Annotated[float, "p_0", "rad s2/m", "measured: mean and std; trucks 0.01"] = 0.005
+    cold_share: Annotated[float, "k_rho", "1", "literature: cold tyres roll 20 to 50 % harder"] = 0.25
     altitude_std_m: Annotated[float, "s_h", "m", "chosen: a satellite receiver"] = 2.5
     wind_std_mps: Annotated[float, "s_w", "m/s", "chosen: 7 m/s in three; more widens cruises"] = 2.3
     wind_length_m: Annotated[float, "L_w", "m", "chosen: roads turn; less widens a cruise"] = 20e3
@@ -64,7 +65,6 @@ class Constants(NamedTuple):
     torque_rise_s: Annotated[float, "t_v", "s", "measured: more makes first masses light, less wide"] = 0.1
     swing_damping: Annotated[float, "D", "1", "chosen: drivelines 0.05 to 0.2, clutches add to it"] = 0.3
     first_noise_steps: Annotated[float, "k_v", "1", "chosen: first level, in rounding errors"] = 20.0
-    most_noise: Annotated[float, "k_vm", "1", "measured: 1 is too little for a bus at 1 Hz"] = 2.0
     noise_memory_windows: Annotated[float, "N_v", "1", "chosen: a minute of open gates"] = 300.0
     first_noise_windows: Annotated[float, "N_0", "1", "chosen: weight of the start"] = 10.0
     noise_dominates: Annotated[float, "k_s", "1", "measured: without it a bus is less valid"] = 5.0

@@ -121,7 +121,9 @@ class GaussianSum(Estimator):
         std[at.WIND] = math.hypot(c.wind_std_mps, 0.5 * _USUAL_MPS * facts.drag_area_accuracy) * u
         mean[at.RATE] = std[at.RATE] = c.drift_1ps * u
         std[at.DELAY], std[at.WINDUP] = c.delay_std_s * u, c.windup_std_s2 * u
-        std[at.ROLLING] = facts.rolling_resistance_accuracy * facts.rolling_resistance
+        std[at.ROLLING] = (
+            math.hypot(facts.rolling_resistance_accuracy, c.cold_share) * facts.rolling_resistance
+        )
         if facts.has_road_map:
             std[at.ROLLING] = math.hypot(std[at.ROLLING], LEVEL_STD)
         std[at.OFFSET] = self._vehicle.offset_Nm * u

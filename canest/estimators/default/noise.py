@@ -84,8 +84,7 @@ def follow(
     """Return the levels after an open window. nis, speed, sensed: mean NIS and surpluses."""
     windows = levels.windows + 1.0
     memory = min(c.noise_memory_windows, c.first_noise_windows + windows)
-    floor, loudest = v.speed_floor_mps, c.most_noise * v.speed_first_mps
-    speed_var = min(max(levels.speed_var + speed / memory, floor * floor), loudest * loudest)
+    speed_var = max(levels.speed_var + speed / memory, v.speed_floor_mps * v.speed_floor_mps)
     sensed_var = levels.sensed_var
     if sees:
         sensed_var = max(sensed_var + sensed / memory, v.sensed_floor_mps2 * v.sensed_floor_mps2)
