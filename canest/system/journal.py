@@ -39,22 +39,26 @@ class Journal:
         self._buckets: dict[str, tuple[float, float, int]] = {}
         self._truncated = False  #: the last line lacks its end
 
-    def error(self, event: str, **fields: object) -> None:
-        """Something does not work and somebody has to see to it."""
-        self._log(ERROR, event, fields)
+    def error(self, event: str, **fields: object) -> bool:
+        """Something does not work and somebody has to see to it. Returns whether it was written."""
+        return self._log(ERROR, event, fields)
 
-    def warning(self, event: str, **fields: object) -> None:
-        """Something went wrong and was dealt with."""
-        self._log(WARNING, event, fields)
+    def warning(self, event: str, **fields: object) -> bool:
+        """Something went wrong and was dealt with. Returns whether it was written."""
+        return self._log(WARNING, event, fields)
 
-    def notice(self, event: str, **fields: object) -> None:
-        """A change worth knowing."""
-        self._log(NOTICE, event, fields)
+    def notice(self, event: str, **fields: object) -> bool:
+        """A change worth knowing. Returns whether it was written."""
+        return self._log(NOTICE, event, fields)
 
-    def _log(self, priority: int, event: str, fields: dict[str, object]) -> None:
+    def has_room(self, event: str) -> bool:
+        """Return whether the next line of an event would be written."""
+        return self._tokens(event) >= 1 and self._is_writable()
+
+    def _log(self, priority: int, event: str, fields: dict[str, object]) -> bool:
         held_back = self._admit(event)
         if held_back is None:
-            return
+            return False
         if held_back:
             fields = fields | {"held_back": held_back}
         text = " ".join([event, *(f"{key}={_value(value)}" for key, value in fields.items())])
@@ -64,6 +68,7 @@ class Journal:
             line = f"{time.strftime('%H:%M:%S')} {_WORDS[priority]}: {text}\n"
         with contextlib.suppress(OSError, ValueError):  # a closed or full stderr must not end the estimation
             self._write("\n" + line if self._truncated else line)
+        return True
 
     def _write(self, line: str) -> None:
         self._truncated = False
@@ -81,11 +86,15 @@ class Journal:
         except (OSError, ValueError):  # closed, or no file of the system: then writing does not wait either
             return True
 
+    def _tokens(self, event: str) -> float:
+        """Return how many lines of an event may be written now."""
+        tokens, counted_s, _ = self._buckets.get(event, (float(BURST), self._clock_s(), 0))
+        return min(float(BURST), tokens + (self._clock_s() - counted_s) / REFILL_S)
+
     def _admit(self, event: str) -> int | None:
         """Return how many lines of this event were held back before this one, None to hold it back too."""
-        now_s = self._clock_s()
-        tokens, counted_s, held_back = self._buckets.get(event, (float(BURST), now_s, 0))
-        tokens = min(float(BURST), tokens + (now_s - counted_s) / REFILL_S)
+        now_s, tokens = self._clock_s(), self._tokens(event)
+        held_back = self._buckets[event][2] if event in self._buckets else 0
         if len(self._buckets) >= _EVENTS_KEPT and event not in self._buckets:
             self._buckets.clear()
         if tokens < 1 or not self._is_writable():

@@ -1,4 +1,4 @@
-"""Logs what has changed in the daemon's condition, each change once."""
+"""Logs what has changed in the daemon's condition, each change once, and the last one late if need be."""
 
 from __future__ import annotations
 
@@ -13,11 +13,15 @@ _FILE_KINDS = ("state", "metrics", "record", "ring", "estimates")
 
 
 class StateChangeLog:
-    """Keeps the logged value of every event. The names of the events are a public contract."""
+    """Keeps the logged value of every event. The names of the events are a public contract.
+
+    Of values that come and go faster than the journal writes, the last is written as soon as there is room.
+    """
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
         self._logged: dict[str, object] = {}
+        self._held_back: dict[str, object] = {}
 
     def log(self, view: DaemonView) -> None:
         """Log every value that differs from the one before."""
@@ -54,6 +58,12 @@ class StateChangeLog:
     def _log(self, event: str, value: object, *, bad: bool = False, unless_first: bool = False) -> None:
         """Log a value that differs from the one before; ``unless_first``: not when it is the first one."""
         if self._logged.get(event) == value or (unless_first and event not in self._logged):
+            self._held_back.pop(event, None)
             return
-        self._logged[event] = value
-        (self._journal.warning if bad else self._journal.notice)(event, now=value)
+        if self._held_back.get(event) == value and not self._journal.has_room(event):
+            return  # counted before
+        if (self._journal.warning if bad else self._journal.notice)(event, now=value):
+            self._logged[event] = value
+            self._held_back.pop(event, None)
+        else:
+            self._held_back[event] = value

@@ -166,6 +166,18 @@ def test_a_bus_that_cannot_be_opened_logs_its_reason_once(tmp_path, monkeypatch)
     assert shown == ['<4>bus now="absent: No such device"', "<5>bus now=up"]
 
 
+def test_the_last_state_of_a_bus_that_comes_and_goes_is_logged(tmp_path, monkeypatch):
+    """An adapter with a bad plug: five lines at once are enough, but the last one has to be there."""
+    with Rig(monkeypatch, config(tmp_path)) as rig:
+        for state, reason in [("up", ""), ("absent", "No such device")] * 4:
+            rig.script.state, rig.script.reason = state, reason
+            rig.run(2)
+        rig.run(40)
+    shown = [line for line in rig.log.getvalue().splitlines() if line[3:].startswith("bus ")]
+    assert len(shown) == 6
+    assert shown[-1] == '<4>bus now="absent: No such device" held_back=2'
+
+
 def test_a_quiet_bus_is_progress_for_the_watchdog(tmp_path, monkeypatch):
     class Supervisor:
         watchdog_s, pings, reported = 10.0, 0, []
