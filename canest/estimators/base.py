@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 from canest.core.samples import EstimateBlock, ModelBlock, VehicleFacts
 from canest.estimators.description import Description
+from canest.estimators.status import VALID_RATIO
 
 
 class Estimator(ABC):
@@ -25,6 +26,8 @@ class Estimator(ABC):
     constants: tuple[Any, ...] = ()
     #: True when the method winds up without excitation and so wants the low_excitation gate
     wants_excitation_gate: ClassVar[bool] = False
+    #: True when `valid` follows the config's `valid_std_pct`
+    valid_is_configured: ClassVar[bool] = False
     #: True when the method gives no mass of its own (a grade observer)
     estimates_mass: ClassVar[bool] = True
 
@@ -35,6 +38,11 @@ class Estimator(ABC):
     def description(self) -> Description:
         """Return the description under the name that this estimator was made with."""
         return next(d for d in self.descriptions if d.name == self.name)
+
+    @property
+    def valid_std(self) -> float:
+        """Return the standard deviation, as a share of the mass, below which a mass is valid."""
+        return self.facts.valid_std if self.valid_is_configured else VALID_RATIO
 
     @abstractmethod
     def update(self, block: ModelBlock) -> EstimateBlock:

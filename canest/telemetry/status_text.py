@@ -32,6 +32,9 @@ def why_not_valid(view: DaemonView) -> str:
     gate = LABELS.get(estimate.gate, "")
     learned_s = pipeline.updated * STEP_S
     text = f"learned from {learned_s:.1f} s of driving so far"
+    if estimate.mass_std_kg < estimate.mass_kg:  # neither is NaN
+        std_pct = 100 * estimate.mass_std_kg / estimate.mass_kg
+        text = f"+- {std_pct:.1f} %, where {100 * pipeline.estimator.valid_std:g} % is valid; {text}"
     return f"{text}; now held back by the gate {gate}" if gate else text
 
 

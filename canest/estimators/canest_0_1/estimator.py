@@ -55,6 +55,7 @@ class Canest(Estimator):
             options=CanestOptions,
         ),
     )
+    valid_is_configured = True
 
     def __init__(self, name: str, facts: VehicleFacts, options: Mapping[str, Any] | None = None) -> None:
         super().__init__(name, facts, options)
@@ -85,7 +86,7 @@ class Canest(Estimator):
         self._memory[at.SWING_VAR] = SWING_MPN * SWING_MPN
         self._memory[at.ACCEL_BEFORE] = math.nan
         self._windows = Windows(self._late_s)
-        self._status = StatusTracker(self.facts.valid_std)
+        self._status = StatusTracker(self.valid_std)
         # a guess is given out until there is something better, and has no other part in it
         guess = mass_kg or self.facts.initial_mass_kg
         self._memory[at.HELD_U] = 1.0 / guess if guess else prior.mean[at.U]

@@ -68,6 +68,7 @@ class GaussianSum(Estimator):
         ),
     )
     constants: Constants = CONSTANTS
+    valid_is_configured = True
 
     def __init__(self, name: str, facts: VehicleFacts, options: Mapping[str, Any] | None = None) -> None:
         super().__init__(name, facts, options)
@@ -89,7 +90,7 @@ class GaussianSum(Estimator):
         progress = kernel.Progress(float(MODES), u, bend_var=c.curvature_std_1pm**2)
         self._carried = kernel.Carried(progress, first_levels(v), Comparison(), report, RoadUse(), Joined())
         self._windows = Windows(self._late_s - facts.waits_s)
-        self._status = StatusTracker(facts.valid_std, bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
+        self._status = StatusTracker(self.valid_std, bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
         self._last = np.zeros(kernel.OUTPUTS)
         self._last[: kernel.OUT_SLOPE] = report[: kernel.OUT_SLOPE]
         self._last_tick: int | None = None
