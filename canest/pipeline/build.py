@@ -139,9 +139,10 @@ def located(config: Config) -> Iterator[None]:
 def intake_spec(config: Config) -> IntakeSpec:
     """Return what decodes and checks the samples of a config."""
     roles, vehicle = tuple(config.signals), config.vehicle
+    wants = wants_of(config)  # names every role that has no signal; what follows would name the first
     steps = {role: step_of(config, role) or 0.0 for role in LIMITED if role in roles}
     return IntakeSpec(
-        wants=wants_of(config),
+        wants=wants,
         databases=config.databases,
         hold_us=hold_us(config),
         max_backward_us=round(config.sampling.max_backward_s * 1e6),

@@ -112,7 +112,8 @@ def factor_and_offset(role: str, source: Source, unit: str, where: str = "") -> 
     converted = conversion(role, unit)
     if converted is None:
         known = UNITS[ROLES[role].unit]
-        expected = "one of " + ", ".join(u or "no unit" for u in known)
+        names = [u or "no unit" for u in known]
+        expected = "one of " + ", ".join(names) if len(names) > 1 else names[0]
         what = "unit does not fit the role"
         if source.unit is None and source.message is not None:
             what = f"unit of {source.message}.{source.signal} in the DBC does not fit the role"
@@ -170,6 +171,6 @@ def step_of(config: Config, role: str) -> float | None:
     source = config.signals.get(role)
     if source is None or source.map or source.message is None or source.signal is None:
         return None
-    _, signal = find_signal(config.databases, source.message, source.signal)
+    _, signal = find_signal(config.databases, source.message, source.signal, config.at(f"signals.{role}"))
     factor, _ = factor_and_offset(role, source, unit_of(source, signal))
     return abs(float(signal.scale) * factor)

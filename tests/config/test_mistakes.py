@@ -350,6 +350,15 @@ def test_a_signal_that_the_dbc_does_not_have(old: str, new: str, words: list[str
         assert str(caught.value).startswith(f"truck.yaml:{line_with(text, new)}: {words[0]}")
 
 
+def test_a_torque_that_the_dbc_does_not_have_is_named_with_its_line() -> None:
+    """Limits and noise are asked for its step before anything is decoded."""
+    text = TRUCK.replace("signal: ActualEngPercentTorque", "signal: ActualTorque", 1)
+    with pytest.raises(ConfigError) as caught:
+        Pipeline(read_databases(parse_config(text, "truck.yaml")))
+    line = line_with(text, "ActualTorque")
+    assert str(caught.value).startswith(f"truck.yaml:{line}: signals.engine_torque_pct: no such signal")
+
+
 def test_all_roles_that_the_dbc_lacks_are_named_at_once() -> None:
     text = TRUCK.replace("message: EEC2", "message: EEC22").replace("message: CCVS1", "message: Speeds")
     with pytest.raises(ConfigError) as caught:
