@@ -134,6 +134,24 @@ def test_a_recording_reads_back_as_the_same_frames(tmp_path, background):
     assert same(read, FrameBlock.concatenate([kinds, frames(50)]))
 
 
+def test_two_daemons_do_not_mix_their_rows_in_one_file(tmp_path, background):
+    """Two clocks in one recording are no drive. The second says so, and writes once the first is gone."""
+    first, second = (
+        TextLog(tmp_path / "rec.log", candump_renderer("can0"), background, kind=kind)
+        for kind in ("record", "estimates")
+    )
+    first.add(frames(50), 0.0)
+    second.add(frames(50, seed=2), 0.0)
+    assert background.flush(5)
+    assert "another process writes this file" in background.failures["estimates"]
+    first.close()
+    second.add(frames(50, seed=3), 2.0)
+    second.close()
+    assert background.flush(5)
+    read = FrameBlock.concatenate(list(open_log(tmp_path / "rec.log")))
+    assert same(read, FrameBlock.concatenate([frames(50), frames(50, seed=3)]))
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_failed_write_reports_its_own_reason_and_the_file(background):
     log = TextLog(Path("/dev/full"), candump_renderer("can0"), background, kind="record")
