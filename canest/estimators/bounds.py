@@ -8,6 +8,8 @@ from canest.core.samples import VehicleFacts
 
 #: 99.9 % of a normal density lie below so many standard deviations
 SIGNIFICANT = 3.09
+#: so many times heavier than any load no vehicle is: the force has nothing to do with the speed
+_HARDLY = 4.0
 #: a stop that nobody saw may have changed the load: this share of the spread of an unknown one at once,
 #: growing with the time to all of it
 STOP_SHARE, STOP_TIME_S = 0.05, 8 * 3600.0
@@ -38,6 +40,12 @@ def beyond_bound(u: float, u_var: float, facts: VehicleFacts) -> str:
 
     u, u_var: mean and variance of the inverse mass without bounds and without the gain's, 1/kg and 1/kg2.
     """
+    least_u = 1.0 / facts.mass_max_kg
+    if u < least_u / _HARDLY and u_var < (facts.valid_std * least_u) ** 2:
+        return (
+            "the speed hardly follows the torque, as if the vehicle weighed many times vehicle.mass_max_kg = "
+            f"{facts.mass_max_kg:,.0f} kg: is the torque another signal, or its factor or unit wrong?"
+        )
     if u <= 0.0 or u_var > (facts.valid_std * u) ** 2:
         return ""
     gain = gain_std(facts)

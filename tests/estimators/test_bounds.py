@@ -51,6 +51,13 @@ def test_a_posterior_that_is_wider_than_a_valid_one_contradicts_nothing_however_
     assert contradiction(200_000, 0.30) == beyond_bound(-1e-6, 4e-12, FACTS) == ""
 
 
+def test_a_speed_that_hardly_follows_the_torque_is_named():
+    """A torque reported ten times too large: a mass without end, at its bound and never valid."""
+    assert "hardly follows the torque" in beyond_bound(-4e-7, 1e-13, FACTS)
+    assert "hardly follows the torque" in contradiction(400_000, 0.2)
+    assert "heavier than" in contradiction(100_000, 0.02)
+
+
 @pytest.mark.parametrize("estimator", ["canest-0.1", "canest"])
 @pytest.mark.parametrize("most_kg", [1_700, 2_500])
 def test_a_measured_car_of_which_nothing_was_learned(tmp_path, estimator, most_kg):
