@@ -14,12 +14,14 @@ class Received:
     """Streams blocks and their samples; memory does not grow with the log.
 
     frames, rows: of a bus or log, and of them rows of a table. error_frames, standard_frames: error frames,
-    frames with 11-bit identifiers. addresses, pgns: of the 29-bit ones. columns: of a table.
-    missing_cells: role -> samples without a value. ranges: role -> lowest, highest value and their count.
+    frames with 11-bit identifiers. identifiers: those of the latter. addresses, pgns: of the 29-bit ones.
+    columns: of a table. missing_cells: role -> samples without a value. ranges: role -> lowest, highest value
+    and their count.
     """
 
     def __init__(self) -> None:
         self.frames = self.rows = self.error_frames = self.standard_frames = 0
+        self.identifiers: set[int] = set()
         self.addresses: set[int] = set()
         self.pgns: set[int] = set()
         self.columns: set[str] = set()
@@ -43,6 +45,7 @@ class Received:
         self.error_frames += int(np.count_nonzero(block.can_id & np.uint32(ERROR)))
         extended = (block.can_id & np.uint32(EXTENDED)) != 0
         self.standard_frames += int(np.count_nonzero(~extended))
+        self.identifiers.update((np.unique(block.can_id[~extended]) & np.uint32(0x7FF)).tolist())
         identifiers = np.unique(block.can_id[extended])
         self.addresses.update(np.unique(identifiers & np.uint32(0xFF)).tolist())
         groups = np.unique(identifiers >> np.uint32(8) << np.uint32(8))

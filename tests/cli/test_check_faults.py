@@ -263,6 +263,22 @@ def car(tmp_path, gear, brake, more=""):
     return doctor.report()
 
 
+def test_a_bus_of_other_11_bit_identifiers_is_shown_with_them(tmp_path):
+    (tmp_path / "car.dbc").write_text(DBC)
+    signals = "".join(
+        f"  {role}: {{message: Gearbox, signal: {name}}}\n"
+        for role, name in (("gear", "Gear"), ("vehicle_speed", "Wheel"), ("engine_torque", "Torque"))
+    )
+    text = f"{CONFIG}\ndbc: [{tmp_path}/car.dbc]\nsignals:\n{signals}"
+    doctor = Doctor(read_databases(parse_config(text)))
+    identifiers = np.array([0x111, 0x211, 0x111], np.uint32)
+    doctor.push(
+        FrameBlock(np.arange(3) * 20_000, identifiers, np.full(3, 8, np.uint8), np.zeros(3, np.uint64))
+    )
+    (hint,) = [h for h in doctor.report().hints if "11-bit" in h]
+    assert "a DBC that has 0x111, 0x211 is needed" in hint
+
+
 def role(found, name):
     return next(finding for finding in found.roles if finding.role == name)
 
