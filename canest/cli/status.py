@@ -97,7 +97,8 @@ def _answers(paths: list[Path]) -> tuple[dict[str, dict[str, Any]], list[str]]:
         except FileNotFoundError:
             problems.append(f"{path}: no daemon (no such socket)")
         except ConnectionRefusedError:
-            problems.append(f"{path}: no daemon any more (it was killed and nothing restarted it)")
+            gone = "no daemon any more (it was killed and nothing restarted it)"
+            problems.append(f"{path}: {gone if path.is_socket() else 'is no socket of a daemon'}")
         except (OSError, ValueError) as error:
             problems.append(f"{path}: the daemon does not answer ({error})")
     return answers, problems

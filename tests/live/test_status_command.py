@@ -65,6 +65,12 @@ def test_a_daemon_on_another_channel_than_the_file_says_is_hinted_at(tmp_path, c
     assert "without -c" not in capsys.readouterr().err
 
 
+def test_what_is_no_socket_is_no_daemon_that_was_killed(tmp_path, capsys):
+    (tmp_path / "file").touch()
+    assert run(["status", "--socket", str(tmp_path / "file")]) == 1
+    assert capsys.readouterr().err.strip() == f"{tmp_path}/file: is no socket of a daemon"
+
+
 def test_daemons_of_other_configs_are_not_shown_for_a_broken_one(daemon, broken, capsys):
     other = broken.rename(broken.with_name("another.yaml"))
     assert run(["status", "-c", str(other), "--json"]) == 2
