@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,10 @@ from canest.system.installation import how_to_add
 
 if TYPE_CHECKING:
     from canest.core.estimates import Estimates
+
+
+#: where the log's clock is zero, if it is one of the day
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 class Mf4EstimateWriter(EstimateWriter):
@@ -46,12 +51,14 @@ class Mf4EstimateWriter(EstimateWriter):
         if self._held:
             content = io.BytesIO()
             with self._asammdf.MDF(version="4.10") as mdf:
+                mdf.start_time = EPOCH
                 mdf.append(self._signals(), comment="canest")
                 mdf.save(content, overwrite=True, compression=2)
             self._out.write(content.getvalue())
         else:
             content = io.BytesIO()
             with self._asammdf.MDF(version="4.10") as mdf:
+                mdf.start_time = EPOCH
                 mdf.save(content, overwrite=True)
             self._out.write(content.getvalue())
 

@@ -95,6 +95,7 @@ def test_an_mf4_has_the_same_columns(log, tmp_path):
             expected = np.array([float(row[name] or "nan") for row in table])
             np.testing.assert_allclose(signal.samples, expected, rtol=0, atol=half_step)
             np.testing.assert_allclose(signal.timestamps, [float(row["t_s"]) for row in table])
+        assert mdf.start_time.timestamp() == 0.0  # so that the stamps are those of the day
         for name in ("status", "gate"):
             assert [s.decode() for s in mdf.get(name).samples] == [row[name] for row in table]
 
