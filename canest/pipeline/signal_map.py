@@ -80,7 +80,8 @@ def _of_databases(config: Config) -> dict[str, tuple[Message, Signal]]:
         raise ConfigError(
             first.what, where=first.where, found=first.found,
             expected=f"{first.expected}. Nor is there one for: {', '.join(role for role, _ in others)}; map "
-            "each to what the DBC calls it, or delete its line",
+            "each to what the DBC calls it, or delete its line. `dbc:` names "
+            f"{', '.join(config.dbc)}{'' if 'dbc' in config.model_fields_set else ' where it is not given'}",
         )  # fmt: skip
     if missing:
         raise next(iter(missing.values()))

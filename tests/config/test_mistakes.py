@@ -370,6 +370,9 @@ def test_all_roles_that_the_dbc_lacks_are_named_at_once() -> None:
     assert f"signals.{lacking[0]}: no such message" in first
     assert others.split("; ")[0].split(", ") == lacking[1:]
     assert "map each to what the DBC calls it, or delete its line" in others
+    assert others.endswith("`dbc:` names j1939.dbc")
+    with pytest.raises(ConfigError, match=r"names j1939\.dbc where it is not given"):
+        decoder_for(read_databases(parse_config(text.replace("dbc: [j1939.dbc]\n", ""), "truck.yaml")))
 
 
 def test_an_address_where_none_can_be_is_refused(tmp_path: Path) -> None:
