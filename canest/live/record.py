@@ -141,13 +141,14 @@ def _open_to_append(path: Path) -> FileIO:
     if not (stat.S_ISREG(mode) or stat.S_ISCHR(mode)):  # a FIFO opened for both ends waits for nobody
         os.close(descriptor)
         raise not_regular(mode, path)
-    try:  # held until the file is closed: rows of two daemons would be one useless file
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(descriptor)
-        raise OSError(errno.EBUSY, "another process writes this file", str(path)) from None
-    except OSError:  # a file system without locks
-        pass
+    if stat.S_ISREG(mode):  # held until the file is closed: rows of two daemons would be one useless file
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(descriptor)
+            raise OSError(errno.EBUSY, "another process writes this file", str(path)) from None
+        except OSError:  # a file system without locks
+            pass
     return FileIO(descriptor, "ab")
 
 
