@@ -48,19 +48,13 @@ class Mf4EstimateWriter(EstimateWriter):
         self._held.append((estimates, more or {}))
 
     def _finish(self) -> None:
-        if self._held:
-            content = io.BytesIO()
-            with self._asammdf.MDF(version="4.10") as mdf:
-                mdf.start_time = EPOCH
+        content = io.BytesIO()
+        with self._asammdf.MDF(version="4.10") as mdf:
+            mdf.start_time = EPOCH
+            if self._held:
                 mdf.append(self._signals(), comment="canest")
-                mdf.save(content, overwrite=True, compression=2)
-            self._out.write(content.getvalue())
-        else:
-            content = io.BytesIO()
-            with self._asammdf.MDF(version="4.10") as mdf:
-                mdf.start_time = EPOCH
-                mdf.save(content, overwrite=True)
-            self._out.write(content.getvalue())
+            mdf.save(content, overwrite=True, compression=2)
+        self._out.write(content.getvalue())
 
     def _signals(self) -> list[Any]:
         def column(name: str) -> Any:

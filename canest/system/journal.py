@@ -97,7 +97,7 @@ class Journal:
         held_back = self._buckets[event][2] if event in self._buckets else 0
         if len(self._buckets) >= _EVENTS_KEPT and event not in self._buckets:
             self._buckets.clear()
-        if tokens < 1 or not self._is_writable():
+        if not self.has_room(event):
             self._buckets[event] = tokens, now_s, held_back + 1
             return None
         self._buckets[event] = tokens - 1, now_s, 0
