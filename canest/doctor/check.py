@@ -243,7 +243,7 @@ class Doctor:
         hints = [f"signals.{f.role}: {f.hint}" for f in reports if f.hint]
         if self._received.frames and not any(f.senders for f in reports):
             if self._received.standard_frames > self._received.frames / 2:
-                seen = ", ".join(f"0x{i:03X}" for i in sorted(self._received.identifiers)[:12])
+                seen = ", ".join(f"0x{i:03X}" for i in sorted(self._received.standard_ids)[:12])
                 hints.append(
                     "none of the config's messages is there; the bus uses 11-bit identifiers, which are no "
                     f"J1939: a DBC that has {seen} is needed"

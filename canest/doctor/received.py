@@ -14,14 +14,14 @@ class Received:
     """Streams blocks and their samples; memory does not grow with the log.
 
     frames, rows: of a bus or log, and of them rows of a table. error_frames, standard_frames: error frames,
-    frames with 11-bit identifiers. identifiers: those of the latter. addresses, pgns: of the 29-bit ones.
+    frames with 11-bit identifiers. standard_ids: those of the latter. addresses, pgns: of the 29-bit ones.
     columns: of a table. missing_cells: role -> samples without a value. ranges: role -> lowest, highest value
     and their count.
     """
 
     def __init__(self) -> None:
         self.frames = self.rows = self.error_frames = self.standard_frames = 0
-        self.identifiers: set[int] = set()
+        self.standard_ids: set[int] = set()
         self.addresses: set[int] = set()
         self.pgns: set[int] = set()
         self.columns: set[str] = set()
@@ -42,10 +42,11 @@ class Received:
             self.columns |= {*block.columns, *block.texts}
 
     def _push_frames(self, block: FrameBlock) -> None:
-        self.error_frames += int(np.count_nonzero(block.can_id & np.uint32(ERROR)))
+        error = (block.can_id & np.uint32(ERROR)) != 0
+        self.error_frames += int(np.count_nonzero(error))
         extended = (block.can_id & np.uint32(EXTENDED)) != 0
         self.standard_frames += int(np.count_nonzero(~extended))
-        self.identifiers.update((np.unique(block.can_id[~extended]) & np.uint32(0x7FF)).tolist())
+        self.standard_ids.update((np.unique(block.can_id[~extended & ~error]) & np.uint32(0x7FF)).tolist())
         identifiers = np.unique(block.can_id[extended])
         self.addresses.update(np.unique(identifiers & np.uint32(0xFF)).tolist())
         groups = np.unique(identifiers >> np.uint32(8) << np.uint32(8))

@@ -10,7 +10,7 @@ import pytest
 
 from canest.cli import check_view
 from canest.config import load_config, parse_config, read_databases
-from canest.core.frames import EXTENDED, FrameBlock
+from canest.core.frames import ERROR, EXTENDED, FrameBlock
 from canest.doctor.check import Doctor
 from canest.doctor.constant_torque import constant_torque_hints
 from canest.doctor.facts import FactsCheck
@@ -271,7 +271,7 @@ def test_a_bus_of_other_11_bit_identifiers_is_shown_with_them(tmp_path):
     )
     text = f"{CONFIG}\ndbc: [{tmp_path}/car.dbc]\nsignals:\n{signals}"
     doctor = Doctor(read_databases(parse_config(text)))
-    identifiers = np.array([0x111, 0x211, 0x111], np.uint32)
+    identifiers = np.array([0x111, 0x211, ERROR | 4], np.uint32)
     doctor.push(
         FrameBlock(np.arange(3) * 20_000, identifiers, np.full(3, 8, np.uint8), np.zeros(3, np.uint64))
     )
