@@ -8,8 +8,8 @@ from canest.core.samples import VehicleFacts
 
 #: 99.9 % of a normal density lie below so many standard deviations
 SIGNIFICANT = 3.09
-#: so many times heavier than any load no vehicle is: the force has nothing to do with the speed
-_HARDLY = 4.0
+#: nothing weighs so many times the heaviest mass: the force has nothing to do with the speed
+_NO_VEHICLE = 4.0
 #: a stop that nobody saw may have changed the load: this share of the spread of an unknown one at once,
 #: growing with the time to all of it
 STOP_SHARE, STOP_TIME_S = 0.05, 8 * 3600.0
@@ -36,12 +36,13 @@ def beyond_bound(u: float, u_var: float, facts: VehicleFacts) -> str:
 
     P(mass beyond the bound) > 99.9 %, where the mass has the posterior's variance and that of its gain.
     Enough has been learned where the posterior alone is, by its own mean, as narrow as that of a valid mass:
-    a speed that does not follow the force at all makes a mass without end, and shows nothing of a vehicle.
+    a speed that does not follow the force at all makes a mass without end, and shows nothing of a vehicle. It
+    is named instead, where the inverse mass is known to be that small.
 
     u, u_var: mean and variance of the inverse mass without bounds and without the gain's, 1/kg and 1/kg2.
     """
     least_u = 1.0 / facts.mass_max_kg
-    if u < least_u / _HARDLY and u_var < (facts.valid_std * least_u) ** 2:
+    if u < least_u / _NO_VEHICLE and u_var < (facts.valid_std * least_u) ** 2:
         return (
             "the speed hardly follows the torque, as if the vehicle weighed many times vehicle.mass_max_kg = "
             f"{facts.mass_max_kg:,.0f} kg: is the torque another signal, or its factor or unit wrong?"
