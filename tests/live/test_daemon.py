@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from canest.decode import j1939
 from canest.logs.format_detection import open_log
 from canest.node.address_claim import CLAIM_PGN
 from canest.node.estimate_frame import decode
-from tests.live.rig import Rig, config, wait_for
+from tests.live.rig import Rig, config, kenworth, wait_for
 
 OWN_PGN = 0xFF5A
 
@@ -164,6 +165,16 @@ def test_a_bus_that_cannot_be_opened_logs_its_reason_once(tmp_path, monkeypatch)
         rig.run(2)
     shown = [line for line in rig.log.getvalue().splitlines() if line[3:].startswith("bus ")]
     assert shown == ['<4>bus now="absent: No such device"', "<5>bus now=up"]
+
+
+def test_a_mass_that_is_not_valid_yet_says_how_uncertain_it_is(tmp_path, monkeypatch, data):
+    from canest.telemetry.status_text import why_not_valid
+
+    changes = ("estimator.valid_std_pct=0.1",)  # never met by a torque known to 5 %
+    with Rig(monkeypatch, config(tmp_path, *changes, name="kenworth"), kenworth(data, 90)) as rig:
+        rig.run_out()
+        text = why_not_valid(rig.daemon.view(rig.now_us))
+    assert re.match(r"\+- \d+\.\d %, where 0\.1 % is valid; learned from \d+\.\d s of driving", text)
 
 
 def test_the_last_state_of_a_bus_that_comes_and_goes_is_logged(tmp_path, monkeypatch):
