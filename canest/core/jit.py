@@ -16,9 +16,9 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from types import FunctionType, ModuleType
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
-F = TypeVar("F", bound=Callable[..., Any])
+R = TypeVar("R")
 
 _enabled = False
 #: how numba compiles; inlined, a call costs nothing
@@ -77,26 +77,26 @@ def _layout(kind: Any) -> set[str]:
     return {f"{kind.__qualname__}={kind._fields!r}", *within}
 
 
-class Kernel:
+class Kernel(Generic[R]):
     """A scalar kernel: call it, and it runs compiled when compilation is enabled, else as it stands.
 
     Callers ask `jit.enabled()` to choose the containers: numpy arrays for a compiled call, lists
     (three times faster to index from CPython) for an interpreted one.
     """
 
-    def __init__(self, function: Callable[..., Any], interpreted: Callable[..., Any] | None = None) -> None:
+    def __init__(self, function: Callable[..., R], interpreted: Callable[..., R] | None = None) -> None:
         self._source: Any = function
         self.__doc__ = function.__doc__
         self.__name__ = function.__name__
         self._beside = self._interpreted = interpreted
-        self._compiled: Callable[..., Any] | None = None
+        self._compiled: Callable[..., R] | None = None
 
     def forget(self) -> None:
         """Bind and compile anew at the next call, since what the kernel reads of its module has changed."""
         self._interpreted, self._compiled = self._beside, None
 
     @property
-    def interpreted(self) -> Callable[..., Any]:
+    def interpreted(self) -> Callable[..., R]:
         """The function as it stands; kernels that it calls are called straight."""
         if self._interpreted is None:
             scope, called = self._source.__globals__, self._called("interpreted")
@@ -104,7 +104,7 @@ class Kernel:
         return self._interpreted
 
     @property
-    def compiled(self) -> Callable[..., Any]:
+    def compiled(self) -> Callable[..., R]:
         """The compiled function; compiles (or loads from numba's cache) at its first call."""
         if self._compiled is None:
             import numba
@@ -152,12 +152,12 @@ class Kernel:
         function.__module__ = self._source.__module__
         return function
 
-    def __call__(self, *args: Any) -> Any:
+    def __call__(self, *args: Any) -> R:
         """Run the kernel, compiled when `enabled`."""
         return self.compiled(*args) if _enabled else self.interpreted(*args)
 
 
-class _Borrowed(Kernel):
+class _Borrowed(Kernel[Any]):
     """What `borrowed` is: nothing interpreted, and compiled an intrinsic of numba's."""
 
     def __init__(self) -> None:
@@ -260,12 +260,12 @@ def _before_compiling(dispatcher: Any, bind: Callable[[], None]) -> None:
     cache.load_overload = load_or_bind
 
 
-def kernel(function: Callable[..., Any]) -> Kernel:
+def kernel(function: Callable[..., R]) -> Kernel[R]:
     """Mark a scalar function as a kernel (decorator)."""
     return Kernel(function)
 
 
-def kernel_beside(interpreted: Callable[..., Any]) -> Callable[[Callable[..., Any]], Kernel]:
+def kernel_beside(interpreted: Callable[..., R]) -> Callable[[Callable[..., R]], Kernel[R]]:
     """Mark a scalar function as a kernel whose interpreted form is another function, of numpy operations.
 
     For loops over arrays, which CPython runs a hundred times slower than numpy does. Both forms do the same
@@ -273,7 +273,7 @@ def kernel_beside(interpreted: Callable[..., Any]) -> Callable[[Callable[..., An
     sums, and no numpy reduction, whose order is its own.
     """
 
-    def mark(function: Callable[..., Any]) -> Kernel:
+    def mark(function: Callable[..., R]) -> Kernel[R]:
         return Kernel(function, interpreted)
 
     return mark

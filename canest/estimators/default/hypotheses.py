@@ -230,8 +230,7 @@ def change_modes(
 ) -> int:  # fmt: skip
     """Let modes exchange probability; returns the densities. u: mean inverse mass."""
     give_priors(mix, count, bend_var, u, c.drift_1ps * u, math.exp(-metres / c.answer_length_m))
-    made: int = exchange(mix, count, transitions(metres, driven_s, c), c.least_weight, space)
-    return made
+    return exchange(mix, count, transitions(metres, driven_s, c), c.least_weight, space)
 
 
 @jit.kernel

@@ -182,7 +182,7 @@ def follow_bends(mix: Mixture, count: int, before: float, metres: float, c: Cons
         if m.BENDS[mix.mode[d]] > 0.0:
             mean = mix.x[d, m.CURVATURE]
             surplus += mix.weight[d] * (mean * mean + mix.P[d, m.CURVATURE, m.CURVATURE] - before)
-    followed: float = before + min(metres / c.straight_length_m, 1.0) * surplus
+    followed = before + min(metres / c.straight_length_m, 1.0) * surplus
     return max(min(followed, most), least)
 
 

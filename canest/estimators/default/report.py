@@ -146,7 +146,7 @@ def unknown_load_var(mass: float, unknown_s: float, braked: bool, c: Constants, 
     It is P(changed) E[(M' - M)^2], M' log-uniform: after a stop, or while a surprise waits for its
     explanation (braked, see `load.brakes_unseen`).
     """
-    probability: float = p_changed(unknown_s, c.load_stop_s)
+    probability = p_changed(unknown_s, c.load_stop_s)
     if braked:
         probability = max(probability, 2.0 * c.left_out_share)
     elif unknown_s < c.shortest_stop_s:

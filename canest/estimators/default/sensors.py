@@ -47,8 +47,7 @@ def mean_of(weight: Any, count: int, values: Any) -> float:
 @jit.kernel
 def mean_delay(mix: Mixture, count: int, u: float) -> float:
     """Return the delay of the torque beyond the usual one, s. u: mean inverse mass."""
-    delay_s: float = mean_of(mix.weight, count, column(mix.x[:, m.DELAY], count)) / u
-    return delay_s
+    return mean_of(mix.weight, count, column(mix.x[:, m.DELAY], count)) / u
 
 
 @jit.kernel
@@ -113,7 +112,7 @@ def speed(
 @jit.kernel
 def windup_var(mix: Mixture, count: int, end: Ends) -> float:
     """Return the variance of a speed by what a lag does not tell of the course of a windup, (m/s)2."""
-    wound_mps: float = mean_of(mix.weight, count, column(mix.x[:, m.WINDUP], count)) * end.traction_Nps
+    wound_mps = mean_of(mix.weight, count, column(mix.x[:, m.WINDUP], count)) * end.traction_Nps
     return _MISSED * wound_mps * wound_mps
 
 
@@ -188,8 +187,7 @@ def accelerometer(
         condition_on(mix, count, _GAINED, felt[0], r + var[1], c.outlier_nis, t)
     else:
         condition_on(mix, count, _SENSED, felt[0], r + var[1], c.outlier_nis, t)
-    surplus: float = judge(mix, count, r + var[1], r, c, t)[1] * dt / WINDOW_S
-    return surplus
+    return judge(mix, count, r + var[1], r, c, t)[1] * dt / WINDOW_S
 
 
 @jit.kernel
