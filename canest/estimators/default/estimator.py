@@ -268,10 +268,10 @@ def _given(mix: Mixture) -> Mixture:
 def _space(prior: Mixture, nodes: list[float]) -> Space:
     n = prior.x.shape[1]
     columns = tuple(state_in([0.0] * MOST) for _ in range(3))
-    h, f, K, e, s, loads, share = (
-        state_in([0.0] * size) for size in (8, 4 * MOST, n + 1, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST)
+    f, K, e, s, loads, share = (
+        state_in([0.0] * size) for size in (4 * MOST, n + 1, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST)
     )
-    scratch = Scratch(h, f, K, columns, e, s, loads)
+    scratch = Scratch(f, K, columns, e, s, loads)
     return Space(scratch, share, _given(_room(n)), _given(prior), state_in(nodes))
 
 

@@ -10,6 +10,9 @@ from canest.estimators.default.constants import Vehicle
 from canest.estimators.default.model import Window
 from canest.estimators.windowing import WINDOW_S
 
+#: fields of a window that are those of the last where windows are joined, from here on
+_OF_LAST = Window._fields.index("altitude_m") + 1
+
 
 class Joined(NamedTuple):
     """The windows since the last update; what they sum up to, and what their ends were."""
@@ -67,9 +70,6 @@ def join(q: Joined, w: Window) -> Window:
     """Return the windows that waited as one: sums and means of all, the ends of the last."""
     n = q.windows
     return Window(
-        w.gap_s, q.distance_m, q.begin_N, w.speed_mps, q.force_N / n,
-        w.traction_N, q.roll_mps2 / n, q.accels_mps2 / n, q.drag_N_per_mps / n, w.gear_1pm,
-        w.rotating_kg, q.sensed_mps2 / n, q.altitude_m, w.open, w.retarding, w.stopped, w.coarse, w.bend_mps2,
-        w.zigzag_Nm2s, w.road_sine, w.road_std,
-        w.coast_mps2, w.coast_var, w.coast_N, w.coast_kg, w.coast_back_s,
+        q.distance_m, q.begin_N, q.force_N / n, q.roll_mps2 / n, q.accels_mps2 / n, q.drag_N_per_mps / n,
+        q.sensed_mps2 / n, q.altitude_m, *w[_OF_LAST:],
     )  # fmt: skip

@@ -34,7 +34,7 @@ from canest.estimators.default.sensors import (
     learn_open,
     mapped_slope,
     mean_delay,
-    set_gained,
+    row_of_gain,
     slow_traction,
     speed,
     windup_var,
@@ -232,9 +232,7 @@ def run(
         sees = not math.isnan(w.sensed_mps2) and comparison.faulty == 0.0 and not still
         if sees:
             gained = gain_is_known(is_open, v)
-            if gained:
-                set_gained(before, end, dt, t)
-            felt = w.sensed_mps2 - (0.0 if gained else w.accel_mps2), motion
+            felt = w.sensed_mps2 - (0.0 if gained else w.accel_mps2), motion, *row_of_gain(before, end, dt)
             var = levels.sensed_var, felt_var(w, gained, levels.speed_var, dt, p.u, v)
             sensed_surplus = accelerometer(mix, count, gained, felt, dt, var, c, t)
         if road.uses > 0.0:

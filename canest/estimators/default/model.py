@@ -73,7 +73,6 @@ class Ends(NamedTuple):
 class Scratch(NamedTuple):
     """Room to work in: columns have one number per density."""
 
-    h: Any  #: (8,) entries of a row of H
     f: Any  #: (4 * MOST,) entries of a row of F
     K: Any  #: (n,) gain
     columns: Any  #: three columns
@@ -95,22 +94,23 @@ class Space(NamedTuple):
 class Window(NamedTuple):
     """One window of 0.2 s: its measurements and known forces, NaN where there is none (see `windows`).
 
-    The order is that of the columns of `Windows._windows` and of `kernel.window_at`.
+    The order is that of the columns of `Windows._windows`. Windows that are joined differ from the last of them
+    in the fields up to the altitude.
     """
 
-    gap_s: float  #: time missing before it
     distance_m: float
     begin_N: float  #: traction at its begin
-    speed_mps: float  #: at its end
     force_N: float  #: known forces, mean; the inertia of `rotating_kg` is not subtracted
-    traction_N: float  #: at its end
     roll_mps2: float  #: g mu, mean
     accel_mps2: float  #: by the speed, mean
     drag_N_per_mps: float  #: aerodynamic force per m/s of wind, mean
-    gear_1pm: float  #: force per crank torque
-    rotating_kg: float
     sensed_mps2: float  #: accelerometer, mean
     altitude_m: float  #: only where a new value came
+    gap_s: float  #: time missing before it
+    speed_mps: float  #: at its end
+    traction_N: float  #: at its end
+    gear_1pm: float  #: force per crank torque
+    rotating_kg: float
     open: float  #: 1 where no gate was closed
     retarding: float  #: 1 where nothing but a retarder of known force closed one
     stopped: float

@@ -103,9 +103,9 @@ def speed(
     moments(mix, count, m.DELAY, t.columns[0], t.columns[1])
     delay_s = mean_of(mix.weight, count, t.columns[0]) / u
     half_s = 0.5 * min(max(delay_s, -_LEVER_DELAY_S), _LEVER_DELAY_S)
-    t.h[0], t.h[1], t.h[2] = 1.0, end.traction_N + half_s * end.traction_Nps, end.traction_Nps
+    h = 1.0, end.traction_N + half_s * end.traction_Nps, end.traction_Nps
     slip = v.slip_per_mps2 * u * end.traction_N
-    condition_on(mix, count, _SPEED, end.speed_mps * (1.0 - slip), r, c.outlier_nis, t)
+    condition_on(mix, count, _SPEED, h, end.speed_mps * (1.0 - slip), r, c.outlier_nis, t)
     restore(mix, count, m.DELAY, t.columns[0], t.columns[1], _HIDES_DELAY)
 
 
@@ -164,29 +164,30 @@ def gain_is_known(is_open: bool, v: Vehicle) -> bool:
 
 
 @jit.kernel
-def set_gained(before: Ends, end: Ends, dt: float, t: Scratch) -> None:
-    """Set the levers of a window's mean acceleration: (v1 - v0 + delta dT + gamma dT') / dt."""
-    t.h[3], t.h[4], t.h[5] = 1.0 / dt, -1.0 / dt, (end.traction_N - before.traction_N) / dt
-    t.h[6] = (end.traction_Nps - before.traction_Nps) / dt
+def row_of_gain(before: Ends, end: Ends, dt: float) -> tuple[float, float, float, float]:
+    """Return the row of a window's mean acceleration, (v - v0 + delta dT + gamma dT') / dt."""
+    jump_N, jump_Nps = end.traction_N - before.traction_N, end.traction_Nps - before.traction_Nps
+    return 1.0 / dt, -1.0 / dt, jump_N / dt, jump_Nps / dt
 
 
 @jit.kernel
 def accelerometer(
-    mix: Mixture, count: int, gained: bool, felt: tuple[float, float], dt: float, var: tuple[float, float],
+    mix: Mixture, count: int, gained: bool, felt: tuple[float, ...], dt: float, var: tuple[float, float],
     c: Constants, t: Scratch,
 ) -> float:  # fmt: skip
     """Update with an accelerometer: a_x = g theta + b + (1 + p) dv/dt. Returns the surplus of var[0].
 
-    gained: the states know dv/dt, after `set_gained`; else that of the speeds is subtracted. felt: what is
-    left of a_x, and the dv/dt of p. var: variance of a window of 0.2 s, and see `felt_var`.
+    gained: the states know dv/dt; else that of the speeds is subtracted. felt: what is left of a_x, the dv/dt
+    of p, and the `row_of_gain`. var: variance of a window of 0.2 s, and see `felt_var`.
     """
     widen(mix, count, m.BIAS, c.bias_wander_m2ps5 * dt, m.EVERYWHERE)
     r = var[0] * WINDOW_S / dt
-    t.h[0], t.h[1], t.h[2] = GRAVITY_MPS2, 1.0, felt[1]
     if gained:
-        condition_on(mix, count, _GAINED, felt[0], r + var[1], c.outlier_nis, t)
+        condition_on(
+            mix, count, _GAINED, (GRAVITY_MPS2, 1.0, *felt[1:]), felt[0], r + var[1], c.outlier_nis, t
+        )
     else:
-        condition_on(mix, count, _SENSED, felt[0], r + var[1], c.outlier_nis, t)
+        condition_on(mix, count, _SENSED, (GRAVITY_MPS2, 1.0, felt[1]), felt[0], r + var[1], c.outlier_nis, t)
     return judge(mix, count, r + var[1], r, c, t)[1] * dt / WINDOW_S
 
 
@@ -201,8 +202,7 @@ def altitude(mix: Mixture, count: int, height_m: float, known: bool, c: Constant
         widen(mix, count, m.HEIGHT, 1e6, m.EVERYWHERE)
         for d in range(count):
             mix.x[d, m.HEIGHT] += e
-    t.h[0] = 1.0
-    condition_on(mix, count, _ALTITUDE, height_m, r, c.outlier_nis, t)
+    condition_on(mix, count, _ALTITUDE, (1.0,), height_m, r, c.outlier_nis, t)
     if known and not far:
         judge(mix, count, r, r, c, t)
 
@@ -233,9 +233,9 @@ def closed_balance(
     accel_mps2, accel_var = gained(mix, count, w, speed_var, u, c, t)
     hidden = c.hidden_force_share * u * w.force_N
     r = c.hidden_windows * (hidden * hidden + w.bend_mps2 * w.bend_mps2) + accel_var
-    t.h[0], t.h[1], t.h[2] = GRAVITY_MPS2, w.drag_N_per_mps, w.rotating_kg * accel_mps2 - w.force_N
+    h = GRAVITY_MPS2, w.drag_N_per_mps, w.rotating_kg * accel_mps2 - w.force_N
     moments(mix, count, m.U, t.columns[0], t.columns[1])
-    condition_on(mix, count, _BALANCE, -accel_mps2 - w.roll_mps2, r, c.outlier_nis, t)
+    condition_on(mix, count, _BALANCE, h, -accel_mps2 - w.roll_mps2, r, c.outlier_nis, t)
     restore(mix, count, m.U, t.columns[0], t.columns[1], _HIDES_MASS)
 
 
@@ -247,9 +247,9 @@ def coasting(mix: Mixture, count: int, w: Window, c: Constants, t: Scratch) -> N
     """
     back_m = w.coast_back_s * w.speed_mps
     r = w.coast_var + c.coasting_std_mps2 * c.coasting_std_mps2
-    t.h[0], t.h[1] = GRAVITY_MPS2, -GRAVITY_MPS2 * back_m
-    t.h[2], t.h[3] = w.drag_N_per_mps, w.coast_kg * w.coast_mps2 - w.coast_N
-    condition_on(mix, count, _COASTED, -w.coast_mps2 - w.roll_mps2, r, c.outlier_nis, t)
+    by_u = w.coast_kg * w.coast_mps2 - w.coast_N
+    h = GRAVITY_MPS2, -GRAVITY_MPS2 * back_m, w.drag_N_per_mps, by_u
+    condition_on(mix, count, _COASTED, h, -w.coast_mps2 - w.roll_mps2, r, c.outlier_nis, t)
     judge(mix, count, r, r, c, t)
 
 
@@ -258,6 +258,5 @@ def mapped_slope(
     mix: Mixture, count: int, sine: float, half_m: float, r: float, c: Constants, t: Scratch
 ) -> None:
     """Update with a road map: z = theta + d kappa - rho at a window's end, half of it beyond theta."""
-    t.h[0], t.h[1], t.h[2] = 1.0, -1.0, half_m
-    condition_on(mix, count, _MAP, sine, r, c.outlier_nis, t)
+    condition_on(mix, count, _MAP, (1.0, -1.0, half_m), sine, r, c.outlier_nis, t)
     judge(mix, count, r, r, c, t)

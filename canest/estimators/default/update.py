@@ -13,14 +13,12 @@ from canest.estimators.default.model import Mixture, Scratch
 
 
 def _condition_on(
-    mix: Mixture, count: int, states: Any, z: float, r: float, outlier: float, t: Scratch
+    mix: Mixture, count: int, states: Any, h: Any, z: float, r: float, outlier: float, t: Scratch
 ) -> None:
-    A, levers = mix.A[:count], t.h[: len(states)]
+    A = mix.A[:count]
     n = A.shape[1]
-    K = np.add.reduce(
-        A.take(states, 1) * np.array(levers)[:, None], 1
-    )  # one after the other, as all sums here
-    pairs, roots, gains = tuple(zip(levers, states, strict=True)), [], []
+    K = np.add.reduce(A.take(states, 1) * np.array(h)[:, None], 1)  # one after the other, as all sums here
+    pairs, roots, gains = tuple(zip(h, states, strict=True)), [], []
     for d, row in enumerate(K.tolist()):
         e, s = z - row[n], r
         for lever, state in pairs:
@@ -38,9 +36,9 @@ def _condition_on(
 
 @jit.kernel_beside(_condition_on)
 def condition_on(
-    mix: Mixture, count: int, states: Any, z: float, r: float, outlier: float, t: Scratch
+    mix: Mixture, count: int, states: Any, h: Any, z: float, r: float, outlier: float, t: Scratch
 ) -> None:
-    """Condition on z = h x + noise of variance r. t.h: the entries of h at `states`; all others are zero.
+    """Condition on z = h x + noise of variance r. h: its entries at `states`; all others are zero.
 
     Leaves the innovations in t.e and their variances in t.s.
     """
@@ -50,13 +48,13 @@ def condition_on(
         for i in range(n + 1):
             K[i] = 0.0
         for j in range(len(states)):
-            lever, state = t.h[j], states[j]
+            lever, state = h[j], states[j]
             for i in range(n):
                 K[i] += lever * A[d, state, i]
             K[n] += lever * A[d, state, n]
         e, s = z - K[n], r
         for j in range(len(states)):
-            s += t.h[j] * K[states[j]]
+            s += h[j] * K[states[j]]
         s = max(s, r)
         t.e[d], t.s[d] = e, s
         root = 1.0 / math.sqrt(max(s, e * e / outlier))

@@ -112,35 +112,34 @@ class Windows:
     ) -> NDArray[np.float64]:  # fmt: skip
         now, late = rows[:, back_from(ends, 0)], rows[:, back_from(ends, SHIFT)]
         sensed, mean_speed, rest, mu, accel, aero = mean_of(rows[_LATE], ends, SHIFT)
-        (mean_traction,) = mean_of(rows[_TRACTION : _TRACTION + 1], ends, 0)
-        traction, rotating = now[_TRACTION], now[_ROTATING]
-        lateral_mps2 = late[_SPEED] * within(late[_YAW], _MOST_YAW)
+        mean_traction, noise = mean_of(np.stack((rows[_TRACTION], zigzag(rows[_TORQUE]))), ends, 0)
+        rotating, lateral_mps2 = now[_ROTATING], late[_SPEED] * within(late[_YAW], _MOST_YAW)
         is_open, retarding, coarse, turns = window_gates(
             rows[_GATE], rows[_BROKEN], ticks[ends] - starts, ends
         )
         bend_mps2 = np.where(turns, _CORNERING_S2PM * lateral_mps2**2, 0.0)
         coarse &= bend_mps2 >= 0.0  # NaN where nobody tells how sharp the bend is
         columns = [
-            self._cutter.gaps_s(ticks[ends]),
             np.maximum(mean_speed, 0.0) * WINDOW_S,
             rows[_TRACTION, back_from(ends, TICKS)],
-            late[_SPEED],
             # traction is not shifted, the rest of the force is: force = (F - T)[k - SHIFT] + T[k]
             rest + mean_traction + rotating * accel,
-            traction,
             GRAVITY_MPS2 * mu,
             accel,
             2.0 * aero / np.maximum(mean_speed, 1.0),
-            now[_GEAR],
-            rotating,
             sensed,
             self._cutter.new_altitudes(within(now[_ALTITUDE], _MOST_ALTITUDE)),
+            self._cutter.gaps_s(ticks[ends]),
+            late[_SPEED],
+            now[_TRACTION],
+            now[_GEAR],
+            rotating,
             is_open,
             retarding & ~is_open,
             np.maximum(now[_STOPPED], np.isnan(now[_RAW])),  # for all that is known it stands
             coarse & ~is_open,
             bend_mps2,
-            mean_of(zigzag(rows[_TORQUE])[None], ends, 0)[0],
+            noise,
             *rows[_ROAD : _ROAD_STD + 1, back_from(ends, self._road_back)],
         ]
         return np.array(columns, np.float64)
