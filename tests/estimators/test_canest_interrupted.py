@@ -113,7 +113,8 @@ def test_stops_one_after_the_other_leave_room_for_every_load():
 def test_a_gap_is_no_change_that_an_accelerometer_should_have_shown():
     comparison = Comparison()
     for sensed, accel, gap_s in [(0.78, 0.0, 0.0)] * 5 + [(1.3, 1.3, 60.0)] + [(1.3, 1.3, 0.0)] * 10:
-        comparison = compare.interpreted(comparison, sensed, accel, 10.0, gap_s, 0.001)
+        w = NOTHING._replace(sensed_mps2=sensed, accel_mps2=accel, speed_mps=10.0, gap_s=gap_s)
+        comparison = compare.interpreted(comparison, w, 0.001)
     assert comparison.faulty == 0.0
 
 

@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 from canest.core import jit
+from canest.estimators.default.model import Window
 
 #: a second, in windows; a change of the acceleration that is no noise, m/s2
 _SECOND, _CHANGE_MPS2 = 5.0, 0.2
@@ -33,28 +34,26 @@ class Comparison(NamedTuple):
     faulty: float = 0.0
 
 
+#: where the means of the second before begin, and the sums of squares
+_BEFORE, _SQUARES = 3, 5
+
+
 @jit.kernel
-def compare(
-    c: Comparison, sensed: float, accel: float, speed: float, gap_s: float, rounding_mps: float
-) -> Comparison:
+def compare(c: Comparison, w: Window, rounding_mps: float) -> Comparison:
     """Return the comparison after one more window. rounding_mps: std of the speed within its resolution."""
-    squares, products, faulty = c.squares, c.products, c.faulty
-    if math.isnan(sensed) or speed <= _MOVING_MPS or gap_s > 0.0:
-        return Comparison(0.0, 0.0, 0.0, c.sensed_before, math.nan, squares, products, faulty)
-    sum_sensed, sum_accel, windows = c.sensed + sensed, c.accel + accel, c.windows + 1.0
+    if math.isnan(w.sensed_mps2) or w.speed_mps <= _MOVING_MPS or w.gap_s > 0.0:
+        return Comparison(0.0, 0.0, 0.0, c.sensed_before, math.nan, *c[_SQUARES:])
+    sensed, accel, windows = c.sensed + w.sensed_mps2, c.accel + w.accel_mps2, c.windows + 1.0
     if windows < _SECOND:
-        return Comparison(
-            sum_sensed, sum_accel, windows, c.sensed_before, c.accel_before, squares, products, faulty
-        )
-    sum_sensed /= _SECOND
-    sum_accel /= _SECOND
-    change = sum_accel - c.accel_before
+        return Comparison(sensed, accel, windows, *c[_BEFORE:])
+    sensed, accel, squares, products, faulty = sensed / _SECOND, accel / _SECOND, *c[_SQUARES:]
+    change = accel - c.accel_before
     if abs(change) > max(_CHANGE_MPS2, _ROUNDED_1PS * rounding_mps):
         squares += change * change
-        products += change * (sum_sensed - c.sensed_before)
+        products += change * (sensed - c.sensed_before)
         left = min(_MOST / squares, 1.0)
         squares *= left
         products *= left
         sound = _LEAST_SHARE * squares < products < _MOST_SHARE * squares
         faulty = 0.0 if sound or squares < _FEWEST else 1.0
-    return Comparison(0.0, 0.0, 0.0, sum_sensed, sum_accel, squares, products, faulty)
+    return Comparison(0.0, 0.0, 0.0, sensed, accel, squares, products, faulty)

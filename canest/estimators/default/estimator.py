@@ -20,8 +20,8 @@ from canest.estimators.default.constants import CONSTANTS, Constants, vehicle_of
 from canest.estimators.default.driver import draw_answer
 from canest.estimators.default.hypotheses import set_loads
 from canest.estimators.default.joining import Joined
-from canest.estimators.default.model import LOADS, MODES, MOST, Mixture, Scratch, Space
-from canest.estimators.default.noise import first_levels, refuted
+from canest.estimators.default.model import LOADS, MODES, MOST, Mixture, Scratch, Space, Window
+from canest.estimators.default.noise import first_levels
 from canest.estimators.default.report import Report, unknown_load_var
 from canest.estimators.default.road_map import LEVEL_STD, RoadUse
 from canest.estimators.default.sensors import delay_is_too_long
@@ -37,6 +37,8 @@ _NODES = 48
 #: speed for which the first std of the wind takes the error of the drag area, m/s: where drag matters
 _USUAL_MPS = 25.0
 _SENSED = COLUMNS.index("sensed_mps2")
+#: a window, of which compiled code reads the fields by name
+_RECORD = np.dtype([(field, np.float64) for field in COLUMNS])
 #: sine of the steepest slope given out; no road is steeper than 35 %
 _STEEPEST = 0.33
 #: std of a mass that nothing speaks for, as a share of it
@@ -93,7 +95,7 @@ class GaussianSum(Estimator):
         self._status = StatusTracker(self.valid_std, bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
         self._last = np.zeros(kernel.OUTPUTS)
         self._last[: kernel.OUT_SLOPE] = report[: kernel.OUT_SLOPE]
-        self._last_tick: int | None = None
+        self._last_tick = np.empty(0, np.int64)
 
     def _densities(self, u: float, u_var: float) -> Mixture:
         """Return the prior of every mode, for an inverse mass."""
@@ -114,7 +116,7 @@ class GaussianSum(Estimator):
     def _prior(self, u: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return mean and std of every state but u, for an inverse mass."""
         facts, c = self.facts, self.constants
-        mean, std = np.zeros(at.STATES), np.zeros(at.STATES)
+        mean, std = np.zeros((2, at.STATES))
         mean[at.GRADE], std[at.GRADE] = facts.initial_grade or 0.0, c.grade_std
         mean[at.U] = u
         std[at.V], std[at.HEIGHT] = 10.0, 1.0
@@ -142,21 +144,19 @@ class GaussianSum(Estimator):
 
     def _run(self, windows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Pass windows (columns, w) through the loop; return its rows (w, OUTPUTS)."""
-        count = windows.shape[1]
-        rows: Any = np.zeros((count, kernel.OUTPUTS))
-        if not count:
-            return np.asarray(rows)
+        rows = np.zeros((windows.shape[1], kernel.OUTPUTS))
+        if not len(rows):
+            return rows
         if not self.facts.has_accelerometer:
             windows[_SENSED] = np.nan
-        columns: Any = np.ascontiguousarray(windows)
+        taken: Any = np.ascontiguousarray(windows.T).view(_RECORD)[:, 0]
+        out: Any = rows
         if not jit.enabled():
-            columns, rows = windows.T.tolist(), rows.tolist()
-        mix, space = _given(self._mixture), _space(self._unknown, self._nodes)
-        carried = kernel.run(count, columns, mix, self._carried, self.constants, self._vehicle, space, rows)
-        self._carried = _plain(carried)
-        lists = (column if isinstance(column, list) else column.tolist() for column in mix[3:])
-        self._mixture = Mixture(*mix[:3], *lists)
-        return np.asarray(rows)
+            taken, out = [Window(*fields) for fields in windows.T.tolist()], rows.tolist()
+        mix = self._mixture = _given(self._mixture)
+        c, v, space = self.constants, self._vehicle, _space(self._unknown, self._nodes)
+        self._carried = kernel.run(len(rows), taken, mix, self._carried, c, v, space, out)
+        return np.asarray(out)
 
     def _estimates(
         self, known: NDArray[np.float64], ends: NDArray[np.int64], block: ModelBlock
@@ -165,31 +165,23 @@ class GaussianSum(Estimator):
 
         ends: samples on which the windows end, those of `known` but for its first row.
         """
-        n = len(block)
-        ticks = block.t_us // STEP_US
-        if n and self._last_tick is None:
-            self._last_tick = int(ticks[0])
-        last_ticks = np.concatenate(([self._last_tick or 0], ticks[ends]))
-        if n:
-            self._last_tick = int(last_ticks[-1])
-        counts = np.diff(np.concatenate(([0], ends, [n])))
-        rows = np.repeat(np.arange(len(known)), counts)
-        table, facts = known.T, self.facts
-        since_s = (ticks - last_ticks[rows]) * STEP_S
-        ahead_m = table[kernel.OUT_SPEED][rows] * np.clip(since_s, 0.0, _SILENCE_S)
-        sine = table[kernel.OUT_GRADE][rows] + table[kernel.OUT_SLOPE][rows] * ahead_m
-        sine = np.clip(sine, -_STEEPEST, _STEEPEST)
-        grade_var = table[kernel.OUT_GRADE_VAR][rows] + table[kernel.OUT_WANDER][rows] * ahead_m
-        mass = np.clip(table[kernel.OUT_MASS], facts.mass_min_kg, facts.mass_max_kg)
-        mass_std = np.sqrt(table[kernel.OUT_VAR] + (self._gain * mass) ** 2)
-        mass, mass_std, learned = mass[rows], mass_std[rows], (table[kernel.OUT_LEARNED] > 0.0)[rows]
+        ticks, facts = block.t_us // STEP_US, self.facts
+        last_ticks = np.concatenate((self._last_tick if len(self._last_tick) else ticks[:1], ticks[ends]))
+        self._last_tick = last_ticks[-1:]
+        rows = np.repeat(np.arange(len(known)), np.diff(ends, prepend=0, append=len(block)))
+        mass, mass_var, grade, grade_var, slope, wander, learns, speed = known[rows].T
+        since_s, learned = (ticks - last_ticks[rows]) * STEP_S, learns > 0.0
         silent = since_s > _SILENCE_S
+        ahead_m = speed * np.clip(since_s, 0.0, _SILENCE_S)
+        sine = np.clip(grade + slope * ahead_m, -_STEEPEST, _STEEPEST)
+        mass = np.clip(mass, facts.mass_min_kg, facts.mass_max_kg)
+        mass_std = np.sqrt(mass_var + (self._gain * mass) ** 2)
         mass_std = np.where(silent, np.maximum(mass_std, _UNKNOWN * mass), mass_std)
         mass_std = np.minimum(mass_std, facts.mass_max_kg)
         status = self._status.update(learned & ~silent, mass, mass_std)
         status[learned & silent] = Status.CONVERGING
         grade = sine / np.sqrt(1.0 - sine * sine)
-        grade_std = np.minimum(np.sqrt(grade_var), 1.0)
+        grade_std = np.minimum(np.sqrt(grade_var + wander * ahead_m), 1.0)
         if facts.initial_mass_kg is None and not learned.all():
             mass, mass_std, grade, grade_std = (
                 np.where(learned, column, np.nan) for column in (mass, mass_std, grade, grade_std)
@@ -198,10 +190,10 @@ class GaussianSum(Estimator):
 
     def snapshot(self) -> dict[str, Any]:
         """Return the mass with its std, and the mean normalised innovation squared over how many windows."""
-        mass = float(self._last[kernel.OUT_MASS])
+        mass, levels = float(self._last[kernel.OUT_MASS]), self._carried.levels
         std = math.sqrt(self._last[kernel.OUT_VAR] + (self._gain * mass) ** 2)
-        learned, levels = bool(self._last[kernel.OUT_LEARNED] > 0.0), self._carried.levels
-        nis = levels.nis_sum / levels.windows if levels.windows else float("nan")
+        learned = bool(self._last[kernel.OUT_LEARNED] > 0.0)
+        nis = levels.nis_sum / levels.windows if levels.windows else math.nan
         return {
             "mass_kg": mass,
             "mass_std_kg": std,
@@ -212,12 +204,11 @@ class GaussianSum(Estimator):
 
     def contradiction(self) -> str:
         """Return what in the samples contradicts the vehicle's facts ('' for nothing)."""
+        delay_s, levels = self._carried.progress.delay_s, self._carried.levels
         faulty = _FAULTY if self._carried.comparison.faulty > 0.0 else ""
-        delay_s = self._carried.progress.delay_s
         too_long = delay_is_too_long.interpreted(delay_s, self.constants)
         apart = _APART.format(abs(delay_s)) if too_long else ""
-        levels = self._carried.levels
-        unlike = _INCONSISTENT.format(levels.nis) if refuted.interpreted(levels) and not apart else ""
+        unlike = _INCONSISTENT.format(levels.nis) if levels.refuted > 0.0 and not too_long else ""
         return "; ".join(found for found in (self._beyond_bound(), faulty, apart, unlike) if found)
 
     def _beyond_bound(self) -> str:
@@ -267,14 +258,7 @@ def _given(mix: Mixture) -> Mixture:
 
 def _space(prior: Mixture, nodes: list[float]) -> Space:
     n = prior.x.shape[1]
-    columns = tuple(state_in([0.0] * MOST) for _ in range(3))
-    f, K, e, s, loads, share = (
-        state_in([0.0] * size) for size in (4 * MOST, n + 1, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST)
-    )
-    scratch = Scratch(f, K, columns, e, s, loads)
+    sizes = (4 * MOST, n + 1, MOST, MOST, 3 * LOADS, MODES * LOADS * MOST, MOST, MOST, MOST)
+    f, K, e, s, loads, share, *columns = (state_in([0.0] * size) for size in sizes)
+    scratch = Scratch(f, K, tuple(columns), e, s, loads)
     return Space(scratch, share, _given(_room(n)), _given(prior), state_in(nodes))
-
-
-def _plain(carried: kernel.Carried) -> kernel.Carried:
-    """Return what is carried as plain Python numbers."""
-    return kernel.Carried(*(type(part)(*(float(x) for x in part)) for part in carried))  # type: ignore[arg-type]

@@ -31,7 +31,7 @@ def lasting(mix: Mixture, d: int) -> int:
 
 @jit.kernel
 def weigh(mix: Mixture, count: int, power: float, t: Scratch) -> None:
-    """Weigh the densities by their log likelihoods: roads fully, what lasts by the power."""
+    """Weigh the densities by their log likelihoods, and clear these: roads fully, what lasts by the power."""
     weight, found, before, after = mix.weight, mix.found, t.columns[0], t.columns[1]
     top = -math.inf
     for d in range(count):
@@ -51,6 +51,7 @@ def weigh(mix: Mixture, count: int, power: float, t: Scratch) -> None:
             total += likely
     for d in range(count):
         weight[d] *= found[d] * after[lasting(mix, d)] / total
+        found[d] = 0.0
 
 
 @jit.kernel
@@ -183,11 +184,8 @@ def exchange(mix: Mixture, count: int, chains: Any, least: float, space: Space) 
     for d in range(count):
         mix.load[d] %= LOADS  # another disturbance is a mode like all of its load from here on
         own, k = mix.mode[d], MODES * mix.load[d] * MOST + d
-        at_road, at_driver, at_load = (
-            ROADS * (own % ROADS),
-            2 * (own // ROADS % 2),
-            2 * (own // m.STEADY_MODES),
-        )
+        at_road, at_driver = ROADS * (own % ROADS), 2 * (own // ROADS % 2)
+        at_load = 2 * (own // m.STEADY_MODES)
         for load in range(2):
             of_load = mix.weight[d] * loads[at_load + load]
             for driver in range(2):

@@ -10,9 +10,6 @@ from canest.estimators.default.constants import Vehicle
 from canest.estimators.default.model import Window
 from canest.estimators.windowing import WINDOW_S
 
-#: fields of a window that are those of the last where windows are joined, from here on
-_OF_LAST = Window._fields.index("altitude_m") + 1
-
 
 class Joined(NamedTuple):
     """The windows since the last update; what they sum up to, and what their ends were."""
@@ -71,5 +68,7 @@ def join(q: Joined, w: Window) -> Window:
     n = q.windows
     return Window(
         q.distance_m, q.begin_N, q.force_N / n, q.roll_mps2 / n, q.accels_mps2 / n, q.drag_N_per_mps / n,
-        q.sensed_mps2 / n, q.altitude_m, *w[_OF_LAST:],
+        q.sensed_mps2 / n, q.altitude_m, w.gap_s, w.speed_mps, w.traction_N, w.gear_1pm, w.rotating_kg,
+        w.open, w.retarding, w.stopped, w.coarse, w.bend_mps2, w.zigzag_Nm2s, w.road_sine, w.road_std,
+        w.coast_mps2, w.coast_var, w.coast_N, w.coast_kg, w.coast_back_s,
     )  # fmt: skip

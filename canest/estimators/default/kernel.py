@@ -15,9 +15,9 @@ from canest.estimators.default.driver import answer_log_likelihood, answered_for
 from canest.estimators.default.hypotheses import change_modes, p_changed, prune, set_loads, take, weigh
 from canest.estimators.default.joining import Joined, add_window, begin_sums, join, waits
 from canest.estimators.default.load import brakes_unseen, in_overrun, merge_loads, open_disturbance, open_load
-from canest.estimators.default.model import Mixture, Scratch, Space, Window
-from canest.estimators.default.noise import Levels, first_levels, follow, force_noise, refuted, swing_var
-from canest.estimators.default.predict import accelerate, climb, fade, fill, follow_bends, travel, widen
+from canest.estimators.default.model import Mixture, Scratch, Space
+from canest.estimators.default.noise import Levels, first_levels, follow, force_noise, swing_var
+from canest.estimators.default.predict import accelerate, climb, fade, follow_bends, travel, widen
 from canest.estimators.default.report import Report, leave_out, report_grade, report_mass, unknown_load_var
 from canest.estimators.default.road_map import RoadUse, cell_var, follow_road
 from canest.estimators.default.sensors import (
@@ -84,20 +84,6 @@ class Carried(NamedTuple):
     joined: Joined
 
 
-def _window_at(rows: Any, k: int) -> Window:
-    return Window(*rows[k])
-
-
-@jit.kernel_beside(_window_at)
-def window_at(c: Any, k: int) -> Window:
-    """Return window k of the columns; interpreted, of rows."""
-    return Window(
-        c[0, k], c[1, k], c[2, k], c[3, k], c[4, k], c[5, k], c[6, k], c[7, k], c[8, k], c[9, k],
-        c[10, k], c[11, k], c[12, k], c[13, k], c[14, k], c[15, k], c[16, k], c[17, k], c[18, k], c[19, k],
-        c[20, k], c[21, k], c[22, k], c[23, k], c[24, k], c[25, k],
-    )  # fmt: skip
-
-
 @jit.kernel
 def mean_inverse_mass(mix: Mixture, count: int, v: Vehicle, t: Scratch) -> float:
     """Return the mean of u over all densities, each within the vehicle's bounds."""
@@ -115,7 +101,7 @@ def write(
     """Write what is known after a window, the grade carried on since the last update."""
     row[OUT_MASS] = given.mass_kg
     row[OUT_VAR] = given.mass_var + unknown_load_var(given.mass_kg, q.unseen_s, p.braked > 0.0, c, v)
-    if refuted(levels) or delay_is_too_long(p.delay_s, c):
+    if levels.refuted > 0.0 or delay_is_too_long(p.delay_s, c):
         row[OUT_VAR] += given.mass_kg * given.mass_kg
     row[OUT_GRADE] = given.grade + given.slope_1pm * q.distance_m
     row[OUT_GRADE_VAR] = given.grade_var + given.wander_1pm * q.distance_m
@@ -125,26 +111,25 @@ def write(
 
 @jit.kernel
 def run(
-    n: int, columns: Any, mix: Mixture, carried: Carried, c: Constants, v: Vehicle, space: Space, out: Any
+    n: int, windows: Any, mix: Mixture, carried: Carried, c: Constants, v: Vehicle, space: Space, out: Any
 ) -> Carried:
-    """Take n windows (fields, n; interpreted n rows); returns what is carried on. out: (n, OUTPUTS)."""
+    """Take n windows (records; interpreted tuples); returns what is carried on. out: (n, OUTPUTS)."""
     p, levels, comparison, given, road, joined = carried
-    mix, space, columns, out = borrowed(mix), borrowed(space), borrowed(columns), borrowed(out)
+    mix, space, windows, out = borrowed(mix), borrowed(space), borrowed(windows), borrowed(out)
     t = space.scratch
     count = int(p.alive)
     for k in range(n):
-        w = window_at(columns, k)
-        was_faulty = comparison.faulty
-        comparison = compare(comparison, w.sensed_mps2, w.accel_mps2, w.speed_mps, w.gap_s, v.speed_floor_mps)
+        last, was_faulty = windows[k], comparison.faulty
+        comparison = compare(comparison, last, v.speed_floor_mps)
         failed = comparison.faulty != was_faulty
-        braked = p.braked > 0.0 and (w.open == 0.0 or in_overrun(w))
-        is_open, still = w.open > 0.0 and not braked, w.stopped > 0.0
-        begins = is_open and (p.was_open == 0.0 or w.gap_s > 0.0)
-        joined = add_window(joined, w, begins)
-        if not failed and waits(joined, w, p.was_open > 0.0, v):
-            write(out[k], given, joined, p, levels, w.speed_mps, c, v)
+        braked = p.braked > 0.0 and (last.open == 0.0 or in_overrun(last))
+        is_open, still = last.open > 0.0 and not braked, last.stopped > 0.0
+        begins = is_open and (p.was_open == 0.0 or last.gap_s > 0.0)
+        joined = add_window(joined, last, begins)
+        if not failed and waits(joined, last, p.was_open > 0.0, v):
+            write(out[k], given, joined, p, levels, last.speed_mps, c, v)
             continue
-        w, dt = join(joined, w), WINDOW_S * joined.windows
+        w, dt = join(joined, last), WINDOW_S * joined.windows
         # -- what has happened since the window before
         metres = w.distance_m + w.gap_s * max(w.speed_mps, 0.0)
         ahead_m = max(w.speed_mps, 0.0) * (v.late_s + 0.5 * dt)  # theta is that of the window's middle
@@ -194,7 +179,6 @@ def run(
             probability = max(p_changed(p.mixed_s + dt, c.jump_every_s), surprising)
             count = open_disturbance(mix, count, probability, p.u, c, v)
         # -- predict and update every density
-        fill(count, mix.found, 0.0)
         climbed_m, climbed_s = p.climbed_m + metres, p.climbed_s + joined.seconds
         measured = not math.isnan(w.altitude_m)
         if height_known and (measured or due):

@@ -59,7 +59,7 @@ class Mixture(NamedTuple):
     load: Any  #: (MOST,) load and disturbance, whole; like all below a list interpreted, an array compiled
     mode: Any  #: (MOST,) whole
     weight: Any  #: (MOST,) probabilities
-    found: Any  #: (MOST,) log likelihood of the window; zero where nothing in it speaks for a load
+    found: Any  #: (MOST,) log likelihood of the window; zero where nothing speaks for a load
 
 
 class Ends(NamedTuple):
@@ -94,8 +94,8 @@ class Space(NamedTuple):
 class Window(NamedTuple):
     """One window of 0.2 s: its measurements and known forces, NaN where there is none (see `windows`).
 
-    The order is that of the columns of `Windows._windows`. Windows that are joined differ from the last of them
-    in the fields up to the altitude.
+    The order is that of the columns of `Windows._windows`. Up to the altitude the fields of windows that are
+    joined differ from those of the last one.
     """
 
     distance_m: float

@@ -29,7 +29,7 @@ class Levels(NamedTuple):
     nis_sum: float = 0.0  #: sum of their normalised innovations squared
     torque_Nm2s: float = 0.0  #: density of the noise of the torque
     nis: float = 1.0  #: mean of the last two minutes
-    in_doubt: float = 0.0  #: 1 while the innovations refute the model
+    refuted: float = 0.0  #: 1 while the innovations refute the model
 
 
 @jit.kernel
@@ -72,12 +72,6 @@ def first_levels(v: Vehicle) -> Levels:
 
 
 @jit.kernel
-def refuted(levels: Levels) -> bool:
-    """Return whether the innovations refute the model."""
-    return levels.in_doubt > 0.0
-
-
-@jit.kernel
 def follow(
     levels: Levels, w: Window, nis: float, speed: float, sensed: float, sees: bool, c: Constants, v: Vehicle
 ) -> Levels:
@@ -93,13 +87,6 @@ def follow(
     torque_Nm2s = max(levels.torque_Nm2s + (zigzag - levels.torque_Nm2s) / memory, 0.0)
     longer_memory = min(2.0 * c.noise_memory_windows, c.first_noise_windows + windows)
     mean_nis = levels.nis + (min(nis, _MOST_GROSS * c.gross_nis) - levels.nis) / longer_memory
-    is_refuted = mean_nis > (_CONSISTENT if refuted(levels) else _INCONSISTENT)
-    return Levels(
-        speed_var,
-        sensed_var,
-        windows,
-        levels.nis_sum + nis,
-        torque_Nm2s,
-        mean_nis,
-        1.0 if is_refuted else 0.0,
-    )
+    is_refuted = 1.0 if mean_nis > (_CONSISTENT if levels.refuted > 0.0 else _INCONSISTENT) else 0.0
+    nis_sum = levels.nis_sum + nis
+    return Levels(speed_var, sensed_var, windows, nis_sum, torque_Nm2s, mean_nis, is_refuted)

@@ -97,13 +97,6 @@ def restore(mix: Mixture, count: int, i: int, mean: Any, variance: Any, modes: A
 
 
 @jit.kernel
-def fill(count: int, column: Any, value: float) -> None:
-    """Give every density one number."""
-    for d in range(count):
-        column[d] = value
-
-
-@jit.kernel
 def climb(mix: Mixture, count: int, metres: float, wander: float, t: Scratch) -> None:
     """Let the height follow the slope: h <- h + ds (theta - rho), Q = wander of the receiver."""
     for d in range(count):
@@ -128,14 +121,6 @@ def travel(mix: Mixture, count: int, metres: float, answered_N: float, c: Consta
 
 
 @jit.kernel
-def remember_speed(mix: Mixture, count: int) -> None:
-    """Keep the speed where a window begins."""
-    A = mix.A[:count]
-    A[:, m.BEGIN] = A[:, m.V]
-    A[:, :, m.BEGIN] = A[:, :, m.V]
-
-
-@jit.kernel
 def accelerate(
     mix: Mixture, count: int, w: Window, dt: float, lacking: float, u_mean: float, v: Vehicle, t: Scratch
 ) -> float:
@@ -143,8 +128,10 @@ def accelerate(
 
     lacking: density of the force that the model lacks. u_mean: mean inverse mass. Returns the mean of a.
     """
-    if mix.x.shape[1] == m.STATES:
-        remember_speed(mix, count)
+    if mix.x.shape[1] == m.STATES:  # keep the speed where the window begins
+        A = mix.A[:count]
+        A[:, m.BEGIN] = A[:, m.V]
+        A[:, :, m.BEGIN] = A[:, :, m.V]
     us, grades = column(mix.x[:, m.U], count), column(mix.x[:, m.GRADE], count)
     winds, offsets = column(mix.x[:, m.WIND], count), column(mix.x[:, m.OFFSET], count)
     f, least_u, most_u, mean = t.f, v.least_u, v.most_u, 0.0
@@ -198,5 +185,6 @@ def fade(
     decay(mix, count, m.WIND, math.exp(-metres / c.wind_length_m), stds[0], m.EVERYWHERE)
     decay(mix, count, m.CURVATURE, math.exp(-metres / c.curvature_length_m), stds[1], m.BENDS)
     decay(mix, count, m.OFFSET, math.exp(-seconds / c.offset_duration_s), stds[2], m.EVERYWHERE)
-    fill(count, t.f, seconds)
+    for d in range(count):
+        t.f[d] = seconds
     propagate(mix, count, m.U, _DRIFT, t)
