@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from canest.core.frames import FloatColumn
 from canest.core.samples import STEP_S
 
 #: ticks in which a driveline comes to rest after it has opened, and in which it has closed before it is
@@ -18,9 +19,7 @@ REACH = SETTLES + LONGEST + EARLY
 MOST_N, MOST_MPS2 = 1e7, 4.0
 
 
-def run_lengths(
-    ticks: NDArray[np.float64], coasting_N: NDArray[np.float64], before: float
-) -> NDArray[np.float64]:
+def run_lengths(ticks: FloatColumn, coasting_N: FloatColumn, before: float) -> FloatColumn:
     """Return how many samples the vehicle has coasted for, without one missing, by each of them, (n,).
 
     ticks, coasting_N (NaN: no coasting): (n + 1,), the first that of the sample before, after `before` ticks.
@@ -34,7 +33,7 @@ def run_lengths(
     return (index - np.maximum.accumulate(np.where(breaks, begins, -np.inf)))[1:]
 
 
-def line(speed_mps: NDArray[np.float64]) -> tuple[float, float]:
+def line(speed_mps: FloatColumn) -> tuple[float, float]:
     """Return the slope of speeds one tick apart, m/s2, and its variance: noise, and what the line bends."""
     n = len(speed_mps)
     x = (np.arange(n) - 0.5 * (n - 1)) * STEP_S
@@ -50,9 +49,9 @@ def line(speed_mps: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def lines(
-    run: NDArray[np.float64], coasting_N: NDArray[np.float64], rotating_kg: NDArray[np.float64],
-    speed_mps: NDArray[np.float64], ends: NDArray[np.int64], window: int,
-) -> NDArray[np.float64]:  # fmt: skip
+    run: FloatColumn, coasting_N: FloatColumn, rotating_kg: FloatColumn, speed_mps: FloatColumn,
+    ends: NDArray[np.int64], window: int,
+) -> FloatColumn:  # fmt: skip
     """Return the line that ended in each window: acceleration, variance, force, mass, time back, (5, w).
 
     run: `run_lengths` of the samples (n,). ends: samples that end windows of `window` ticks, (w,). A line

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canest.core import jit
+from canest.core.frames import FloatColumn
 from canest.core.samples import STEP_S, STEP_US, EstimateBlock, ModelBlock, Status, VehicleFacts
 from canest.estimators.base import Estimator
 from canest.estimators.bounds import beyond_bound, gain_std
@@ -113,7 +114,7 @@ class GaussianSum(Estimator):
             mix.weight[mode], mix.mode[mode] = shares[mode], mode
         return mix
 
-    def _prior(self, u: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _prior(self, u: float) -> tuple[FloatColumn, FloatColumn]:
         """Return mean and std of every state but u, for an inverse mass."""
         facts, c = self.facts, self.constants
         mean, std = np.zeros((2, at.STATES))
@@ -124,11 +125,8 @@ class GaussianSum(Estimator):
         std[at.WIND] = math.hypot(c.wind_std_mps, 0.5 * _USUAL_MPS * facts.drag_area_accuracy) * u
         mean[at.RATE] = std[at.RATE] = c.drift_1ps * u
         std[at.DELAY], std[at.WINDUP] = c.delay_std_s * u, c.windup_std_s2 * u
-        std[at.ROLLING] = (
-            math.hypot(facts.rolling_resistance_accuracy, c.cold_share) * facts.rolling_resistance
-        )
-        if facts.has_road_map:
-            std[at.ROLLING] = math.hypot(std[at.ROLLING], LEVEL_STD)
+        rolling = math.hypot(facts.rolling_resistance_accuracy, c.cold_share) * facts.rolling_resistance
+        std[at.ROLLING] = math.hypot(rolling, LEVEL_STD) if facts.has_road_map else rolling
         std[at.OFFSET] = self._vehicle.offset_Nm * u
         std[at.BIAS] = c.bias_std_mps2
         mean[at.PITCH], std[at.PITCH] = self._vehicle.pitch, self._vehicle.pitch_std
@@ -142,7 +140,7 @@ class GaussianSum(Estimator):
         self._last = known[-1]
         return self._estimates(known, ends, block)
 
-    def _run(self, windows: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _run(self, windows: FloatColumn) -> FloatColumn:
         """Pass windows (columns, w) through the loop; return its rows (w, OUTPUTS)."""
         rows = np.zeros((windows.shape[1], kernel.OUTPUTS))
         if not len(rows):
@@ -158,9 +156,7 @@ class GaussianSum(Estimator):
         self._carried = kernel.run(len(rows), taken, mix, self._carried, c, v, space, out)
         return np.asarray(out)
 
-    def _estimates(
-        self, known: NDArray[np.float64], ends: NDArray[np.int64], block: ModelBlock
-    ) -> EstimateBlock:
+    def _estimates(self, known: FloatColumn, ends: NDArray[np.int64], block: ModelBlock) -> EstimateBlock:
         """Give n samples what was known after their last window, the grade carried on to where they are.
 
         ends: samples on which the windows end, those of `known` but for its first row.

@@ -99,14 +99,12 @@ def write(
     c: Constants, v: Vehicle,
 ) -> None:  # fmt: skip
     """Write what is known after a window, the grade carried on since the last update."""
-    row[OUT_MASS] = given.mass_kg
-    row[OUT_VAR] = given.mass_var + unknown_load_var(given.mass_kg, q.unseen_s, p.braked > 0.0, c, v)
+    mass_kg, slope_1pm, wander_1pm = given.mass_kg, given.slope_1pm, given.wander_1pm
+    var = given.mass_var + unknown_load_var(mass_kg, q.unseen_s, p.braked > 0.0, c, v)
     if levels.refuted > 0.0 or delay_is_too_long(p.delay_s, c):
-        row[OUT_VAR] += given.mass_kg * given.mass_kg
-    row[OUT_GRADE] = given.grade + given.slope_1pm * q.distance_m
-    row[OUT_GRADE_VAR] = given.grade_var + given.wander_1pm * q.distance_m
-    row[OUT_SLOPE], row[OUT_WANDER] = given.slope_1pm, given.wander_1pm
-    row[OUT_LEARNED], row[OUT_SPEED] = p.learned, max(speed_mps, 0.0)
+        var += mass_kg * mass_kg
+    grade, grade_var = given.grade + slope_1pm * q.distance_m, given.grade_var + wander_1pm * q.distance_m
+    row[:] = mass_kg, var, grade, grade_var, slope_1pm, wander_1pm, p.learned, max(speed_mps, 0.0)
 
 
 @jit.kernel

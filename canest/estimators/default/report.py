@@ -141,10 +141,9 @@ def report_grade(
 
 @jit.kernel
 def unknown_load_var(mass: float, unknown_s: float, braked: bool, c: Constants, v: Vehicle) -> float:
-    """Return what a load that may have changed adds to the variance of the mass.
+    """Return what a load that may have changed adds to Var(M): P(changed) E[(M' - M)^2], M' log-uniform.
 
-    It is P(changed) E[(M' - M)^2], M' log-uniform: after a stop, or while a surprise waits for its
-    explanation (braked, see `load.brakes_unseen`).
+    After a stop, or while a surprise waits for its explanation (braked, see `load.brakes_unseen`).
     """
     probability = p_changed(unknown_s, c.load_stop_s)
     if braked:

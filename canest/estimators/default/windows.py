@@ -18,13 +18,13 @@ from canest.estimators.windowing import (
     WINDOW_S,
     WindowCutter,
     back_from,
-    extremes,
     mean_of,
     window_gates,
     within,
 )
 
 COLUMNS = Window._fields
+Ticks = NDArray[np.int64]
 _KEPT = COASTED + TICKS + 2  #: samples that the next block may look back to: a window, and a coasting
 #: drag of cornering tyres by lateral acceleration squared: 1 / (g x cornering stiffness per load, some 5/rad)
 _CORNERING_S2PM = 0.02
@@ -49,10 +49,10 @@ class Windows:
     def __init__(self, late_s: float = 0.0) -> None:
         self._late_s = late_s
         self._road_back = min(round(late_s / STEP_S), REACH - 1)  # the road where the filtered vehicle is
-        self._kept: NDArray[np.float64] = np.empty((_COLUMNS, 0))
+        self._kept: FloatColumn = np.empty((_COLUMNS, 0))
         self._cutter = WindowCutter()
 
-    def push(self, block: ModelBlock) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def push(self, block: ModelBlock) -> tuple[FloatColumn, Ticks]:
         """Take samples (n,); return finished windows (len(COLUMNS), w) and the samples that end them (w,)."""
         rows = self._rows(block)
         ticks = rows[_TICK].astype(np.int64)
@@ -67,7 +67,7 @@ class Windows:
         self._kept = rows[:, max(0, rows.shape[1] - _KEPT) :].copy()
         return windows, ends - past
 
-    def _rows(self, block: ModelBlock) -> NDArray[np.float64]:
+    def _rows(self, block: ModelBlock) -> FloatColumn:
         """Stack what is kept and the block's needed columns, (columns, n).
 
         A sample with a number missing or beyond physics is closed as invalid.
@@ -90,14 +90,11 @@ class Windows:
             (_ROAD_STD, np.nan if block.road_std is None else block.road_std),
         ):  # fmt: skip
             new[row] = column
-        known = past > 0
-        new[_RUN] = run_lengths(
-            np.concatenate((rows[_TICK, past - 1 : past] if known else [np.nan], new[_TICK])),
-            np.concatenate(([np.nan], new[_COAST])), rows[_RUN, past - 1] if known else 0.0,
-        )  # fmt: skip
+        tick_before, coasted = rows[[_TICK, _RUN], past - 1] if past else (np.nan, 0.0)
+        new[_RUN] = run_lengths(np.append(tick_before, new[_TICK]), np.append(np.nan, new[_COAST]), coasted)
         needed = new[_NEEDED]
-        if len(block) and not (np.abs(extremes(needed)) <= _MOST).all():  # NaN is not either
-            sound = np.abs(needed) <= _MOST
+        sound = np.abs(needed) <= _MOST  # NaN is not
+        if not sound.all():
             broken = ~sound.all(axis=0)
             new[_BROKEN] = broken
             needed[~sound] = 0.0
@@ -106,17 +103,14 @@ class Windows:
             new[_GATE, broken & (new[_GATE] == Gate.OPEN)] = Gate.INVALID
         return rows
 
-    def _windows(
-        self, rows: NDArray[np.float64], ticks: NDArray[np.int64], ends: NDArray[np.int64],
-        starts: NDArray[np.int64],
-    ) -> NDArray[np.float64]:  # fmt: skip
+    def _windows(self, rows: FloatColumn, ticks: Ticks, ends: Ticks, starts: Ticks) -> FloatColumn:
+        """Return the columns of the windows but those of coasting, (len(COLUMNS) - 5, w)."""
         now, late = rows[:, back_from(ends, 0)], rows[:, back_from(ends, SHIFT)]
         sensed, mean_speed, rest, mu, accel, aero = mean_of(rows[_LATE], ends, SHIFT)
         mean_traction, noise = mean_of(np.stack((rows[_TRACTION], zigzag(rows[_TORQUE]))), ends, 0)
         rotating, lateral_mps2 = now[_ROTATING], late[_SPEED] * within(late[_YAW], _MOST_YAW)
-        is_open, retarding, coarse, turns = window_gates(
-            rows[_GATE], rows[_BROKEN], ticks[ends] - starts, ends
-        )
+        settled = ticks[ends] - starts
+        is_open, retarding, coarse, turns = window_gates(rows[_GATE], rows[_BROKEN], settled, ends)
         bend_mps2 = np.where(turns, _CORNERING_S2PM * lateral_mps2**2, 0.0)
         coarse &= bend_mps2 >= 0.0  # NaN where nobody tells how sharp the bend is
         columns = [
