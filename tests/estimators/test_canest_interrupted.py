@@ -119,7 +119,7 @@ def test_a_gap_is_no_change_that_an_accelerometer_should_have_shown():
 
 
 def test_a_map_that_fits_after_a_gap_is_not_lost():
-    road = road_map.RoadUse(right=0.985, trusted=1.0)
+    road = road_map.RoadUse(right=0.985, trusted=True)
     given = Report(21_000.0, 1e4, 0.01, 1e-5)
     w = NOTHING._replace(road_sine=0.01, road_std=1e-3)
     road = road_map.follow_road.interpreted(road, given, w, 10_000.0, 0.0)

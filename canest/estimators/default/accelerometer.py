@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from canest.core import jit
 from canest.estimators.default.model import Window
@@ -31,11 +31,12 @@ class Comparison(NamedTuple):
     accel_before: float = math.nan
     squares: float = 0.0
     products: float = 0.0
-    faulty: float = 0.0
+    faulty: bool = False
 
 
 #: where the means of the second before begin, and the sums of squares
-_BEFORE, _SQUARES = 3, 5
+_BEFORE: Final = 3
+_SQUARES: Final = 5
 
 
 @jit.kernel
@@ -55,5 +56,5 @@ def compare(c: Comparison, w: Window, rounding_mps: float) -> Comparison:
         squares *= left
         products *= left
         sound = _LEAST_SHARE * squares < products < _MOST_SHARE * squares
-        faulty = 0.0 if sound or squares < _FEWEST else 1.0
+        faulty = not (sound or squares < _FEWEST)
     return Comparison(0.0, 0.0, 0.0, sensed, accel, squares, products, faulty)

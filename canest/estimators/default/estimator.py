@@ -90,7 +90,7 @@ class GaussianSum(Estimator):
         self._mixture = self._densities(u, u_var)
         guess = facts.initial_mass_kg or 1.0 / u
         report = Report(guess, guess * guess, facts.initial_grade or 0.0, c.grade_std * c.grade_std)
-        progress = kernel.Progress(float(MODES), u, bend_var=c.curvature_std_1pm**2)
+        progress = kernel.Progress(MODES, u, bend_var=c.curvature_std_1pm**2)
         self._carried = kernel.Carried(progress, first_levels(v), Comparison(), report, RoadUse(), Joined())
         self._windows = Windows(self._late_s - facts.waits_s)
         self._status = StatusTracker(self.valid_std, bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
@@ -201,10 +201,10 @@ class GaussianSum(Estimator):
     def contradiction(self) -> str:
         """Return what in the samples contradicts the vehicle's facts ('' for nothing)."""
         delay_s, levels = self._carried.progress.delay_s, self._carried.levels
-        faulty = _FAULTY if self._carried.comparison.faulty > 0.0 else ""
+        faulty = _FAULTY if self._carried.comparison.faulty else ""
         too_long = delay_is_too_long.interpreted(delay_s, self.constants)
         apart = _APART.format(abs(delay_s)) if too_long else ""
-        unlike = _INCONSISTENT.format(levels.nis) if levels.refuted > 0.0 and not too_long else ""
+        unlike = _INCONSISTENT.format(levels.nis) if levels.refuted and not too_long else ""
         return "; ".join(found for found in (self._beyond_bound(), faulty, apart, unlike) if found)
 
     def _beyond_bound(self) -> str:
@@ -212,7 +212,7 @@ class GaussianSum(Estimator):
         if not self._last[kernel.OUT_LEARNED]:
             return ""
         t = _space(self._unknown, []).scratch
-        best = set_loads.interpreted(self._mixture, int(self._carried.progress.alive), t)
+        best = set_loads.interpreted(self._mixture, self._carried.progress.alive, t)
         u, u_var = t.loads[3 * best + 1], t.loads[3 * best + 2] / self.constants.likelihood_power
         return beyond_bound(float(u), float(u_var), self.facts)
 
@@ -224,7 +224,7 @@ class GaussianSum(Estimator):
         self._last[kernel.OUT_LEARNED] = 1.0
         changed = unknown_load_var.interpreted(mass_kg, unseen_s, False, self.constants, self._vehicle)
         self._last[kernel.OUT_MASS], self._last[kernel.OUT_VAR] = mass_kg, own + changed
-        progress = self._carried.progress._replace(learned=1.0)
+        progress = self._carried.progress._replace(learned=True)
         report = self._carried.report._replace(mass_kg=float(mass_kg), mass_var=float(own))
         unseen_s = max(float(unseen_s), self.constants.shortest_stop_s)  # the load may be another
         joined = self._carried.joined._replace(unseen_s=unseen_s)

@@ -11,35 +11,28 @@ from canest.core import jit
 from canest.estimators.default import model as m
 from canest.estimators.default.constants import Constants
 from canest.estimators.default.driver import draw_answer
-from canest.estimators.default.model import LOADS, MODES, MOST, ROADS, Mixture, Scratch, Space
+from canest.estimators.default.model import LASTING, LOADS, MODES, MOST, ROADS, Mixture, Scratch, Space
 from canest.estimators.default.predict import moments
 
 #: least variance of an inverse mass, against rounding, 1/kg2
 _LEAST_VARIANCE = 1e-24
 #: what a density may say of load, disturbance, drift and driver
-_LASTING = 2 * LOADS * m.LASTING
+_LASTING = 2 * LOADS * LASTING
 #: share of a mixture that does not change it
 _NEGLIGIBLE = 1e-6
 
 
 @jit.kernel
-def lasting(mix: Mixture, d: int) -> int:
-    """Return the number of what a density says of load, disturbance, drift and driver: all but the road."""
-    number: int = m.LASTING * mix.load[d] + mix.mode[d] // ROADS
-    return number
-
-
-@jit.kernel
 def weigh(mix: Mixture, count: int, power: float, t: Scratch) -> None:
     """Weigh the densities by their log likelihoods, and clear these: roads fully, what lasts by the power."""
-    weight, found, before, after = mix.weight, mix.found, t.columns[0], t.columns[1]
-    top = -math.inf
+    load, mode, weight, found = mix.load, mix.mode, mix.weight, mix.found
+    before, after, top = t.columns[0], t.columns[1], -math.inf
     for d in range(count):
-        top = max(top, found[d])
+        top = found[d] if found[d] > top else top
     for k in range(_LASTING):
         before[k] = after[k] = 0.0
     for d in range(count):
-        k = lasting(mix, d)
+        k = LASTING * load[d] + mode[d] // ROADS  # what it says of all but the road
         found[d] = math.exp(found[d] - top)
         before[k] += weight[d]
         after[k] += weight[d] * found[d]
@@ -50,7 +43,7 @@ def weigh(mix: Mixture, count: int, power: float, t: Scratch) -> None:
             after[k] = likely / after[k]  # by which its densities count
             total += likely
     for d in range(count):
-        weight[d] *= found[d] * after[lasting(mix, d)] / total
+        weight[d] *= found[d] * after[LASTING * load[d] + mode[d] // ROADS] / total
         found[d] = 0.0
 
 

@@ -46,24 +46,22 @@ from canest.estimators.windowing import WINDOW_S
 _LOST_S, _DRIVEN_GAP_S, _FAR_M = 60.0, 10.0, 100.0
 #: columns of the output, one row per window
 OUTPUTS = 8
-(
-    OUT_MASS, OUT_VAR, OUT_GRADE, OUT_GRADE_VAR, OUT_SLOPE, OUT_WANDER, OUT_LEARNED, OUT_SPEED,
-) = range(OUTPUTS)  # fmt: skip
+OUT_MASS, OUT_VAR, OUT_GRADE, OUT_GRADE_VAR, OUT_SLOPE, OUT_WANDER, OUT_LEARNED, OUT_SPEED = range(OUTPUTS)
 
 
 class Progress(NamedTuple):
     """What is carried from window to window beside the densities."""
 
-    alive: float  #: densities
+    alive: int  #: densities
     u: float  #: inverse mass, mean of all densities, each within the vehicle's bounds
     mixed_m: float = 0.0  #: metres, and seconds of motion, since modes exchanged probability
     mixed_s: float = 0.0
     force_N: float = math.nan  #: of the window before; NaN where it was not known
-    was_open: float = 0.0
-    learned: float = 0.0  #: 1 once a window was open
+    was_open: bool = False
+    learned: bool = False  #: once a window was open
     surprise: float = 0.0  #: cumulative sum of what innovations are more than usual
-    braked: float = 0.0  #: 1 while a brake seems to act that nobody reports
-    height_known: float = 0.0
+    braked: bool = False  #: while a brake seems to act that nobody reports
+    height_known: bool = False
     climbed_m: float = 0.0  #: metres and seconds since the height followed the slope
     climbed_s: float = 0.0
     delay_s: float = 0.0  #: delay of the torque beyond the usual one
@@ -94,17 +92,15 @@ def mean_inverse_mass(mix: Mixture, count: int, v: Vehicle, t: Scratch) -> float
 
 
 @jit.kernel
-def write(
-    row: Any, given: Report, q: Joined, p: Progress, levels: Levels, speed_mps: float,
-    c: Constants, v: Vehicle,
-) -> None:  # fmt: skip
+def write(row: Any, given: Report, q: Joined, p: Progress, levels: Levels, c: Constants, v: Vehicle) -> None:
     """Write what is known after a window, the grade carried on since the last update."""
     mass_kg, slope_1pm, wander_1pm = given.mass_kg, given.slope_1pm, given.wander_1pm
-    var = given.mass_var + unknown_load_var(mass_kg, q.unseen_s, p.braked > 0.0, c, v)
-    if levels.refuted > 0.0 or delay_is_too_long(p.delay_s, c):
+    var = given.mass_var + unknown_load_var(mass_kg, q.unseen_s, p.braked, c, v)
+    if levels.refuted or delay_is_too_long(p.delay_s, c):
         var += mass_kg * mass_kg
     grade, grade_var = given.grade + slope_1pm * q.distance_m, given.grade_var + wander_1pm * q.distance_m
-    row[:] = mass_kg, var, grade, grade_var, slope_1pm, wander_1pm, p.learned, max(speed_mps, 0.0)
+    learned, speed_mps = 1.0 if p.learned else 0.0, max(q.last_mps, 0.0)
+    row[:] = mass_kg, var, grade, grade_var, slope_1pm, wander_1pm, learned, speed_mps
 
 
 @jit.kernel
@@ -115,25 +111,25 @@ def run(
     p, levels, comparison, given, road, joined = carried
     mix, space, windows, out = borrowed(mix), borrowed(space), borrowed(windows), borrowed(out)
     t = space.scratch
-    count = int(p.alive)
+    count = p.alive
     for k in range(n):
         last, was_faulty = windows[k], comparison.faulty
         comparison = compare(comparison, last, v.speed_floor_mps)
         failed = comparison.faulty != was_faulty
-        braked = p.braked > 0.0 and (last.open == 0.0 or in_overrun(last))
+        braked = p.braked and (last.open == 0.0 or in_overrun(last))
         is_open, still = last.open > 0.0 and not braked, last.stopped > 0.0
-        begins = is_open and (p.was_open == 0.0 or last.gap_s > 0.0)
+        begins = is_open and (not p.was_open or last.gap_s > 0.0)
         joined = add_window(joined, last, begins)
-        if not failed and waits(joined, last, p.was_open > 0.0, v):
-            write(out[k], given, joined, p, levels, last.speed_mps, c, v)
+        if not failed and waits(joined, last, p.was_open, v):
+            write(out[k], given, joined, p, levels, c, v)
             continue
         w, dt = join(joined, last), WINDOW_S * joined.windows
         # -- what has happened since the window before
         metres = w.distance_m + w.gap_s * max(w.speed_mps, 0.0)
         ahead_m = max(w.speed_mps, 0.0) * (v.late_s + 0.5 * dt)  # theta is that of the window's middle
         road = follow_road(road, given, w, metres, v.late_s)
-        failed = failed or road.lost > 0.0
-        height_known = p.height_known > 0.0 and w.gap_s <= _LOST_S and not failed
+        failed = failed or road.lost
+        height_known = p.height_known and w.gap_s <= _LOST_S and not failed
         # -- other loads, other modes, another disturbance
         unseen_s, surprise, bend_var, opened = joined.unseen_s, p.surprise, p.bend_var, False
         load_changed = p_changed(unseen_s, c.load_stop_s) if begins else 0.0
@@ -145,7 +141,7 @@ def run(
             levels = first_levels(v) if failed else levels
             bend_var = c.curvature_std_1pm * c.curvature_std_1pm
         elif begins and unseen_s >= c.shortest_stop_s:
-            if p.learned > 0.0:
+            if p.learned:
                 count = open_load(mix, count, load_changed, False, 0.0, c, v, t)
                 opened = True
             unseen_s = surprise = 0.0
@@ -170,7 +166,7 @@ def run(
             surprise = 0.0
         if surprised or (is_open and driven_s >= c.motion_every_s):
             probability = max(p_changed(driven_s, c.motion_change_s), surprising)
-            net_N = 0.0 if p.braked > 0.0 else w.force_N - w.rotating_kg * w.accel_mps2
+            net_N = 0.0 if p.braked else w.force_N - w.rotating_kg * w.accel_mps2
             count = open_load(mix, count, probability, True, net_N, c, v, t)
             driven_s = 0.0
         if due and is_open and mix.x.shape[1] == m.STATES:  # else a bend would explain as much
@@ -211,13 +207,13 @@ def run(
         if measured:
             altitude(mix, count, w.altitude_m, height_known, c, t)
             height_known, climbed_m, climbed_s = True, 0.0, 0.0
-        sees = not math.isnan(w.sensed_mps2) and comparison.faulty == 0.0 and not still
+        sees = not math.isnan(w.sensed_mps2) and not comparison.faulty and not still
         if sees:
             gained = gain_is_known(is_open, v)
             felt = w.sensed_mps2 - (0.0 if gained else w.accel_mps2), motion, *row_of_gain(before, end, dt)
             var = levels.sensed_var, felt_var(w, gained, levels.speed_var, dt, p.u, v)
             sensed_surplus = accelerometer(mix, count, gained, felt, dt, var, c, t)
-        if road.uses > 0.0:
+        if road.uses:
             mapped_slope(mix, count, w.road_sine, 0.5 * metres, cell_var(w), c, t)
         if not math.isnan(w.coast_mps2) and w.coast_back_s * w.speed_mps < _FAR_M:
             coasting(mix, count, w, c, t)
@@ -238,11 +234,10 @@ def run(
             mass = report_mass(count, best, mass, c, v, space)
         given = report_grade(mix, count, mass, ahead_m, c, v, t)
         p = Progress(
-            float(count), u, mixed_m, mixed_s, w.force_N if is_open or w.retarding > 0.0 else math.nan,
-            1.0 if is_open and not braked else 0.0, 1.0 if is_open or p.learned > 0.0 else 0.0,
-            surprise, 1.0 if braked else 0.0, 1.0 if height_known else 0.0, climbed_m, climbed_s,
-            delay_s, driven_s, swing, slow_N, bend_var,
+            count, u, mixed_m, mixed_s, w.force_N if is_open or w.retarding > 0.0 else math.nan,
+            is_open and not braked, is_open or p.learned, surprise, braked, height_known,
+            climbed_m, climbed_s, delay_s, driven_s, swing, slow_N, bend_var,
         )  # fmt: skip
         joined = begin_sums(w, unseen_s)
-        write(out[k], given, joined, p, levels, w.speed_mps, c, v)
+        write(out[k], given, joined, p, levels, c, v)
     return Carried(p, levels, comparison, given, road, joined)

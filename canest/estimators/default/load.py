@@ -76,9 +76,8 @@ def merge_loads(mix: Mixture, count: int, t: Scratch) -> None:
 
 @jit.kernel
 def open_load(
-    mix: Mixture, count: int, probability: float, moving: bool, net_N: float,
-    c: Constants, v: Vehicle, t: Scratch,
-) -> int:  # fmt: skip
+    mix: Mixture, count: int, share: float, moving: bool, net_N: float, c: Constants, v: Vehicle, t: Scratch
+) -> int:
     """Give a share of the probability to an unknown load; returns the densities.
 
     In motion it is a copy of the densest, and nothing is done where there is no number for another load.
@@ -104,7 +103,7 @@ def open_load(
             total += mix.weight[d]
             made += 1
     for d in range(made):
-        mix.weight[d] *= 1.0 - probability if d < count else probability / total
+        mix.weight[d] *= 1.0 - share if d < count else share / total
     return made
 
 

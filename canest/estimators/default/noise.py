@@ -29,7 +29,7 @@ class Levels(NamedTuple):
     nis_sum: float = 0.0  #: sum of their normalised innovations squared
     torque_Nm2s: float = 0.0  #: density of the noise of the torque
     nis: float = 1.0  #: mean of the last two minutes
-    refuted: float = 0.0  #: 1 while the innovations refute the model
+    refuted: bool = False  #: while the innovations refute the model
 
 
 @jit.kernel
@@ -68,7 +68,7 @@ def swing_var(before: float, jump_N: float, w: Window, dt: float, u: float, c: C
 def first_levels(v: Vehicle) -> Levels:
     """Return the levels with which all begins."""
     sensed = 2.0 * v.sensed_floor_mps2
-    return Levels(v.speed_first_mps * v.speed_first_mps, sensed * sensed, 0.0, 0.0, 0.0, 1.0, 0.0)
+    return Levels(v.speed_first_mps * v.speed_first_mps, sensed * sensed, 0.0, 0.0, 0.0, 1.0, False)
 
 
 @jit.kernel
@@ -87,6 +87,6 @@ def follow(
     torque_Nm2s = max(levels.torque_Nm2s + (zigzag - levels.torque_Nm2s) / memory, 0.0)
     longer_memory = min(2.0 * c.noise_memory_windows, c.first_noise_windows + windows)
     mean_nis = levels.nis + (min(nis, _MOST_GROSS * c.gross_nis) - levels.nis) / longer_memory
-    is_refuted = 1.0 if mean_nis > (_CONSISTENT if levels.refuted > 0.0 else _INCONSISTENT) else 0.0
+    is_refuted = mean_nis > (_CONSISTENT if levels.refuted else _INCONSISTENT)
     nis_sum = levels.nis_sum + nis
     return Levels(speed_var, sensed_var, windows, nis_sum, torque_Nm2s, mean_nis, is_refuted)

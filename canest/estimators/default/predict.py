@@ -175,9 +175,8 @@ def follow_bends(mix: Mixture, count: int, before: float, metres: float, c: Cons
 
 @jit.kernel
 def fade(
-    mix: Mixture, count: int, metres: float, seconds: float, stds: tuple[float, float, float],
-    c: Constants, t: Scratch,
-) -> None:  # fmt: skip
+    mix: Mixture, count: int, metres: float, seconds: float, stds: tuple[float, ...], c: Constants, t: Scratch
+) -> None:
     """Let wind and curvature fade over a distance, and in time the crank torque that the report lacks.
 
     stds: of the three, those of wind and torque times u. Where the load drifts, u <- u + dt r.

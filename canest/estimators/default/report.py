@@ -113,9 +113,8 @@ def report_mass(
 
 @jit.kernel
 def report_grade(
-    mix: Mixture, count: int, mass: tuple[float, float, float], ahead_m: float,
-    c: Constants, v: Vehicle, t: Scratch,
-) -> Report:  # fmt: skip
+    mix: Mixture, count: int, mass: tuple[float, ...], ahead_m: float, c: Constants, v: Vehicle, t: Scratch
+) -> Report:
     """Return the grade where the vehicle is by now, and the mass."""
     share, wider = t.columns[2], 1.0 / c.likelihood_power - 1.0
     means = column(mix.x[:, m.GRADE : m.ROLLING + 1], count)

@@ -28,9 +28,9 @@ class RoadUse(NamedTuple):
 
     since_m: float = 0.0  #: since the cell before
     right: float = 0.9  #: probability that the map shows this road
-    uses: float = 0.0  #: 1 where this window is given a cell
-    trusted: float = 0.0  #: 1 while the map is used
-    lost: float = 0.0  #: 1 where it is found wrong now: what was learned with it is in doubt
+    uses: bool = False  #: this window is given a cell
+    trusted: bool = False  #: the map is used
+    lost: bool = False  #: it is found wrong now: what was learned with it is in doubt
 
 
 @jit.kernel
@@ -41,7 +41,7 @@ def follow_road(road: RoadUse, given: Report, w: Window, metres: float, late_s: 
     """
     since_m = road.since_m + metres
     if math.isnan(w.road_sine) or since_m < CELL_M or metres <= 0.0:
-        return RoadUse(since_m, road.right, 0.0, road.trusted, 0.0)
+        return RoadUse(since_m, road.right, False, road.trusted, False)
     late_m = late_s * max(w.speed_mps, 0.0)  # `given` is the grade of now, the cell that of a window's end
     e = w.road_sine - (given.grade + given.slope_1pm * (min(metres, ALIKE_M) - late_m))
     unseen = min(w.gap_s * max(w.speed_mps, 0.0) / ALIKE_M, 1.0)  # the road may be as another there
@@ -53,9 +53,8 @@ def follow_road(road: RoadUse, given: Report, w: Window, metres: float, late_s: 
     right = min(max(right, 0.01), 0.99)
     odds = right / (1.0 - right) * math.exp(min(max(log_factor, -_MOST), _MOST))
     right = odds / (1.0 + odds)
-    uses = right > (_USED if road.trusted > 0.0 else _FIRST)
-    lost = road.trusted > 0.0 and not uses
-    return RoadUse(0.0, right, 1.0 if uses else 0.0, 1.0 if uses else 0.0, 1.0 if lost else 0.0)
+    uses = right > (_USED if road.trusted else _FIRST)
+    return RoadUse(0.0, right, uses, uses, road.trusted and not uses)
 
 
 @jit.kernel
