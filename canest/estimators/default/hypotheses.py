@@ -173,10 +173,10 @@ def exchange(mix: Mixture, count: int, chains: Any, least: float, space: Space) 
     chains: `transitions`. What a mode does not have must have been given its prior (`give_priors`).
     """
     roads, drivers, loads = chains
-    room, share = space.room, space.share
+    room, share, load_of = space.room, space.share, mix.load
     for d in range(count):
-        mix.load[d] %= LOADS  # another disturbance is a mode like all of its load from here on
-        own, k = mix.mode[d], MODES * mix.load[d] * MOST + d
+        load_of[d] %= LOADS  # another disturbance is a mode like all of its load from here on
+        own, k = mix.mode[d], MODES * load_of[d] * MOST + d
         at_road, at_driver = ROADS * (own % ROADS), 2 * (own // ROADS % 2)
         at_load = 2 * (own // m.STEADY_MODES)
         for load in range(2):
@@ -191,12 +191,12 @@ def exchange(mix: Mixture, count: int, chains: Any, least: float, space: Space) 
         for mode in range(MODES):
             total, at, into = 0.0, (MODES * load + mode) * MOST, made * MOST
             for d in range(count):
-                if mix.load[d] == load:
+                if load_of[d] == load:
                     total += share[at + d]
             if total >= least:
                 kept = 0.0
                 for d in range(count):
-                    part = share[at + d] if mix.load[d] == load else 0.0
+                    part = share[at + d] if load_of[d] == load else 0.0
                     share[into + d] = part if part > _NEGLIGIBLE * total else 0.0
                     kept += share[into + d]
                 for d in range(count):
