@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import gc
+import select
 import socket
 import time
 import weakref
@@ -112,7 +113,9 @@ def fail(sock):
         address = closed.getsockname()
     sock.connect(address)
     sock.send(b"")
-    time.sleep(0.02)
+    poll = select.poll()
+    poll.register(sock, 0)
+    assert poll.poll(2000), "nothing was refused"
 
 
 def test_frames_that_came_before_a_socket_error_are_handed_out_before_it(loopback):

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import pty
+import struct
+import termios
 import time
 import tty
 
@@ -44,11 +47,24 @@ class Adapter:
     def sends(self, *lines):
         os.write(self.end, b"".join(lines))
 
-    def received(self):
+    def received(self, last):
+        """Return what has come, once it ends with ``last``: a terminal hands lines over in its own time."""
         os.set_blocking(self.end, False)
-        with contextlib.suppress(BlockingIOError):
-            return os.read(self.end, 65536)
-        return b""
+        read, end_s = b"", time.monotonic() + PATIENCE_S
+        while not read.endswith(last) and time.monotonic() < end_s:
+            with contextlib.suppress(BlockingIOError):
+                read += os.read(self.end, 65536)
+            time.sleep(0.005)
+        return read
+
+    def delivers(self, size):
+        """Return whether so many bytes wait for the reader, as soon as they do."""
+        waiting = struct.Struct("i")
+        return wait_for(
+            lambda: (
+                waiting.unpack(fcntl.ioctl(self._ends[1], termios.FIONREAD, bytes(waiting.size)))[0] >= size
+            )
+        )
 
 
 @pytest.fixture
@@ -126,7 +142,7 @@ def test_noise_that_never_ends_its_line_takes_no_memory(adapter):
 def test_answers_of_an_adapter_do_not_hold_up_the_frames_behind_them(adapter):
     with opened(adapter) as (receiver, _):
         adapter.sends(b"z\r" * 100, FRAME)
-        time.sleep(0.05)
+        assert adapter.delivers(200 + len(FRAME))
         receiver.collect()
         assert len(receiver.drain().frames) == 1
         assert not receiver.counters
@@ -162,18 +178,15 @@ def test_an_adapter_closed_while_it_is_being_opened_is_let_go(adapter):
     begin_s = time.monotonic()
     receiver.close()
     assert time.monotonic() - begin_s < 0.7
-    written, end_s = b"", time.monotonic() + PATIENCE_S
-    while not written.endswith(b"C\r") and time.monotonic() < end_s:
-        written += adapter.received()
-        time.sleep(0.02)
-    assert written == b"O\rC\r"
+    assert adapter.received(b"C\r") == b"O\rC\r"
 
 
 def test_frames_go_out_as_lines(adapter):
     with opened(adapter) as (_, transmitter):
         assert transmitter.send(ID, bytes(range(8)))
         assert wait_for(lambda: transmitter.counters == {"sent": 1})
-        assert adapter.received().endswith(b"T18FEF10080001020304050607\r")
+        line = b"T18FEF10080001020304050607\r"
+        assert adapter.received(line).endswith(line)
 
 
 def test_an_adapter_that_takes_no_more_frames_keeps_neither_the_loop_nor_the_end_waiting(adapter):
