@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from canest.core.samples import Status
+from canest.core.samples import STEP_S, Status
 from canest.estimators.default import model as m
 from canest.estimators.default import predict
 from canest.estimators.default.constants import CONSTANTS
@@ -64,6 +64,45 @@ def test_an_air_conditioning_that_switches_is_no_load(mass_kg):
     valid = estimates.status[late] == Status.VALID
     assert valid.mean() > 0.5
     assert (np.abs(drive.error(estimates)[late][valid]) > 0.08).mean() < 0.005
+
+
+GEARS_1PM = (30.0, 22.0, 15.0, 10.0)
+ROUND_S, GEAR_S, SHIFT_S = 60.0, 7.0, 0.8
+SHIFTS = [
+    (begin + gear * GEAR_S, begin + gear * GEAR_S + SHIFT_S)
+    for begin in np.arange(0.0, 600.0, ROUND_S)
+    for gear in range(1, len(GEARS_1PM))
+]
+
+
+def in_gear_1pm(t):
+    """Upshifts through four gears after a stop, the last one kept."""
+    return GEARS_1PM[min(int(t % ROUND_S / GEAR_S), len(GEARS_1PM) - 1)]
+
+
+@pytest.mark.parametrize("accelerometer", [False, True])
+def test_accessories_that_nobody_reports_are_learned_from_shifts(accelerometer):
+    """40 Nm are a slope of 0.6 % in the lowest gear and of 0.2 % in the highest."""
+    parted = np.zeros(round(600.0 / STEP_S), np.bool_)
+    for begin, end in SHIFTS:
+        parted[round(begin / STEP_S) : round(end / STEP_S)] = True
+    drive = trip(
+        600.0,
+        throttle=lambda t, v: float(np.clip(0.3 + 0.3 * np.sin(t / 2.2) + 0.05 * (9.0 - v), -0.03, 0.85)),
+        stops=[(begin - 6.0, begin) for begin in np.arange(ROUND_S, 600.0, ROUND_S)],
+        shifts=SHIFTS,
+        unseen_N=lambda t: 0.0 if parted[round(t / STEP_S)] else 40.0 * in_gear_1pm(t),
+        accelerometer=accelerometer,
+        start_mps=1.0,
+    )
+    levers = np.array([in_gear_1pm(t) for t in np.arange(len(drive.block)) * STEP_S])
+    facts = replace(SENSED, has_accelerometer=accelerometer, unreported_torque_Nm=30.0)
+    block = replace(drive.block, force_per_torque_1pm=levers, coasting_N=np.full(len(levers), np.nan))
+    estimates = create("canest", facts).update(block)
+    late = (drive.block.gate == 0) & (np.arange(len(levers)) > 6_000)
+    off = (estimates.grade - drive.grade)[late]
+    assert abs(off.mean()) < 4e-4
+    assert np.abs(drive.error(estimates)[late]).max() < 0.015
 
 
 def test_it_fades_in_time_to_its_prior():

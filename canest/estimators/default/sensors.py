@@ -18,7 +18,7 @@ _SENSED = (m.GRADE, m.BIAS, m.PITCH)
 _GAINED = (m.GRADE, m.BIAS, m.PITCH, m.V, m.BEGIN, m.DELAY, m.WINDUP)
 _SPEED = (m.V, m.DELAY, m.WINDUP)
 _ALTITUDE = (m.HEIGHT,)
-_BALANCE = (m.GRADE, m.WIND, m.U)
+_BALANCE = (m.GRADE, m.WIND, m.U, m.OFFSET)
 _COASTED = (m.GRADE, m.CURVATURE, m.WIND, m.U)
 _MAP = (m.GRADE, m.ROLLING, m.CURVATURE)
 #: modes in which a speed tells no delay, and those in which a closed balance tells no mass
@@ -226,14 +226,14 @@ def gained(
 def closed_balance(
     mix: Mixture, count: int, w: Window, speed_var: float, u: float, c: Constants, t: Scratch
 ) -> None:
-    """Update all but the mass with g theta + c omega - u (F - J a) = -a - g mu, where a gate hides a force.
+    """Update all but u with g theta + c omega + G xi - u (F - J a) = -a - g mu, where a gate hides a force.
 
     A force known to a tenth must not teach a mass: u takes part with its uncertainty and keeps its density.
     """
     accel_mps2, accel_var = gained(mix, count, w, speed_var, u, c, t)
     hidden = c.hidden_force_share * u * w.force_N
     r = c.hidden_windows * (hidden * hidden + w.bend_mps2 * w.bend_mps2) + accel_var
-    h = GRAVITY_MPS2, w.drag_N_per_mps, w.rotating_kg * accel_mps2 - w.force_N
+    h = GRAVITY_MPS2, w.drag_N_per_mps, w.rotating_kg * accel_mps2 - w.force_N, w.gear_1pm
     moments(mix, count, m.U, t.columns[0], t.columns[1])
     condition_on(mix, count, _BALANCE, h, -accel_mps2 - w.roll_mps2, r, c.outlier_nis, t)
     restore(mix, count, m.U, t.columns[0], t.columns[1], _HIDES_MASS)
