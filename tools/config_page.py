@@ -56,7 +56,8 @@ What is larger than these limits is refused before anything is built of it:
 ACCURACIES_TEXT = """### Accuracies
 
 Each `..._accuracy_pct` is how well a fact is known: two standard deviations, in percent of the fact.
-Nineteen of twenty such vehicles are then within it.
+Nineteen of twenty such vehicles are then within it. `unreported_torque_Nm` is two standard deviations of what
+the engine gives and the wheels do not get, though the reported torque contains it.
 
 Put there what you know, and leave the default where you know nothing. A torque or wheel radius that is 2 %
 off makes the mass 2 % wrong, and no amount of driving shows it. Only a realistic accuracy puts that error
@@ -79,6 +80,12 @@ ACCURACIES = (
         "40 CFR 1065.915, table 1, asks of an engine controller's torque 5 % of the maximum or 8 % of the "
         "value; Regulation (EU) 582/2011, annex I, 5.2.5, allows 7 % at type approval",
         "measured on a dynamometer, or by strain gauges at the shafts",
+    ),
+    (
+        "unreported_torque_Nm",
+        "chosen: 4 kW of accessories (SAE J1343 names them) are 30 N m at 1,300 rpm, and a gearbox takes 10 "
+        "to 20 more without any load. Driving shows about half of it, and the rest is an error of the grade",
+        "measured; state more for a bus or a truck with a large fan (100 and more)",
     ),
     (
         "wheel_radius_accuracy_pct",

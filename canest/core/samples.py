@@ -143,6 +143,7 @@ class VehicleFacts:
         Between two reports a signal is a line, so that what is measured is at its ends.
     torque_accuracy, wheel_radius_accuracy, rolling_resistance_accuracy, drag_area_accuracy: how well each is
         known, one standard deviation as a fraction of its value (2 % in the config is 0.01).
+    unreported_torque_Nm: crank torque that the reported torque lacks, one standard deviation.
     slips: whether the speed is that of driven wheels, and no effect of the model has taken their slip off.
     valid_std: the mass may be valid while its standard deviation is below this fraction of it.
     waits_s: the part of `filter_delay_s` by which raw columns are late as well: slow signals are waited for.
@@ -162,6 +163,7 @@ class VehicleFacts:
     filter_delay_s: float = 0.0
     report_period_s: float = 0.0
     torque_accuracy: float = 0.025
+    unreported_torque_Nm: float = 3.0
     wheel_radius_accuracy: float = 0.01
     rolling_resistance_accuracy: float = 0.15
     drag_area_accuracy: float = 0.10

@@ -205,7 +205,7 @@ def facts_of(config: Config) -> VehicleFacts:
     speed = speed_in_use(roles, v)
     sensor = config.signals.get(_ACCELEROMETER)
     slow = (config.signals[role].period_s for role in (torque, speed) if role in config.signals)
-    waits_s = behind_s(config)
+    waits_s, unreported = behind_s(config), v.unreported_torque_Nm
     return VehicleFacts(
         mass_min_kg=v.mass_min_kg,
         mass_max_kg=v.mass_max_kg,
@@ -222,6 +222,7 @@ def facts_of(config: Config) -> VehicleFacts:
         waits_s=waits_s,
         report_period_s=max((period or 0.0 for period in slow), default=0.0),
         torque_accuracy=v.torque_accuracy_pct / TWO_STD_PCT,
+        unreported_torque_Nm=0.5 * (v.usual_unreported_torque_Nm if unreported is None else unreported),
         wheel_radius_accuracy=v.wheel_radius_accuracy_pct / TWO_STD_PCT,
         rolling_resistance_accuracy=v.rolling_resistance_accuracy_pct / TWO_STD_PCT,
         drag_area_accuracy=v.drag_area_accuracy_pct / TWO_STD_PCT,

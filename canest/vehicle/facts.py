@@ -13,6 +13,9 @@ from canest.decode.validity import GEAR_PARK
 
 #: numbers that a gear signal has while no gear is in: neutral and park
 NOTHING_ENGAGED = (0.0, GEAR_PARK)
+#: torque that no signal reports, by default: what bearings take, and for every tonne of gross mass what an
+#: engine's accessories and the oil of its gearbox take, N m
+_LEAST_NM, _PER_TONNE_NM = 6.0, 1.5
 
 
 class Retarder(Section):
@@ -32,8 +35,8 @@ class Accelerometer(Section):
 class Vehicle(Section):
     """Facts of the vehicle that an engineer would know.
 
-    An accuracy is two standard deviations in percent of the fact: 19 in 20 such vehicles are within it. The
-    sources of the defaults are in docs/config.md.
+    An accuracy is two standard deviations in percent of the fact: 19 in 20 such vehicles are within it.
+    unreported_torque_Nm is two standard deviations too. The sources of the defaults are in docs/config.md.
     """
 
     name: str = "vehicle"
@@ -51,6 +54,7 @@ class Vehicle(Section):
     reference_torque_Nm: Number | None = Field(None, gt=1, le=65_000)
     friction_torque_pct: Number = Field(0.0, ge=-125, le=125)
     torque_accuracy_pct: Number = Field(5.0, gt=0, le=50)
+    unreported_torque_Nm: Number | None = Field(None, ge=0, le=1_000)
     retarder: Retarder | None = None
     drag_area_m2: Number = Field(gt=0, lt=30)
     drag_area_accuracy_pct: Number = Field(20.0, gt=0, le=100)
@@ -63,6 +67,12 @@ class Vehicle(Section):
     def has_one_gear(self) -> bool:
         """Return whether there is no gear to choose, and so no clutch between engine and wheels."""
         return len(self.gear_ratios) < 2
+
+    @property
+    def usual_unreported_torque_Nm(self) -> float:
+        """Return what accessories and the gearbox take of such a vehicle's crank, two standard deviations."""
+        per_tonne = 0.0 if self.has_one_gear else _PER_TONNE_NM
+        return _LEAST_NM + per_tonne * self.mass_max_kg / 1000.0
 
     @property
     def mps_per_shaft_rpm(self) -> float:

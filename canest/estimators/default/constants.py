@@ -85,8 +85,6 @@ CONSTANTS = Constants()
 
 #: no signal is finer than this, m/s and m/s2: noise levels stay above zero
 _FINEST = 1e-4
-#: what a compressor or an alternator takes of a car's engine: a finer report lacks it as well, std, N m
-_LEAST_OFFSET_NM = 3.0
 #: variance of what a body does that its pitch does not tell, by acceleration squared: a stated pitch (0.007
 #: rad per m/s2), a learned one, and one that slow signals do not teach, whose error lasts
 _STATED, _LEARNED, _UNKNOWN = 0.005, 0.015, 0.05
@@ -105,7 +103,7 @@ class Vehicle(NamedTuple):
     sensed_floor_mps2: float
     torque_std_Nm: float
     slip_per_mps2: float  #: of the driven wheels per m/s2 of traction
-    offset_Nm: float  #: std of the crank torque that the report lacks: half a step, 3 N m at least
+    offset_Nm: float  #: std of the crank torque that the report lacks: half a step at least
     period_windows: float  #: windows between two reports of a slow signal
     late_s: float  #: how much older than the samples the filtered states are
     pitch: float  #: of the body, m/s2 of the accelerometer per m/s2
@@ -131,7 +129,7 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         sensed_floor_mps2=max(facts.accelerometer_step_mps2, _FINEST) / 2.0,
         torque_std_Nm=facts.torque_step_Nm / math.sqrt(12.0),
         slip_per_mps2=c.slip_per_mps2 if facts.slips else 0.0,
-        offset_Nm=max(0.5 * facts.torque_step_Nm, _LEAST_OFFSET_NM),
+        offset_Nm=max(0.5 * facts.torque_step_Nm, facts.unreported_torque_Nm),
         period_windows=float(math.ceil(windows - 1e-6)) if windows > 1.0 else 0.0,
         late_s=late_s,
         pitch=GRAVITY_MPS2 * (c.pitch_rad_per_mps2 if stated is None else stated),
