@@ -132,7 +132,20 @@ def _config_line(name: str, config: Config) -> str:
         where = f"{signals} signals, {signals - columns} in {databases} and {columns} columns of a table"
     count = len(config.effects)
     effects = f"{count} effect{'' if count == 1 else 's'}"
-    return f"{name}: config is right: {where}, estimator {config.estimator.name}, {effects}"
+    return f"{name}: config is right: {where}, estimator {config.estimator.name}, {effects}{_gears(config)}"
+
+
+def _gears(config: Config) -> str:
+    """Return that a gearbox seems to lack its table of ratios, "" where it does not."""
+    from canest.vehicle.driveline_state import CLUTCH_ROLES
+    from canest.vehicle.role_sources import is_at_wheels, torque_role
+
+    vehicle, roles = config.vehicle, tuple(config.signals)
+    known = vehicle.gear_ratios or "gear_ratio" in roles or is_at_wheels(torque_role(roles, vehicle), roles)
+    shifts = [role for role in ("gear", "shift_in_process", *CLUTCH_ROLES) if role in roles]
+    if known or not shifts:
+        return ""
+    return f", one gear, though {shifts[0]} is mapped: is vehicle.gear_ratios missing? A log shows the ratios"
 
 
 def _received(report: Report) -> str:

@@ -365,3 +365,21 @@ def test_an_engine_speed_alone_gives_no_speed_without_a_clutch_signal(canest, tm
     some.write_text("".join(frame.format(20_000 * n) for n in range(40)))
     message = report(canest, "-c", "class8", some)["stops"]
     assert "engine_speed gives none while driveline_engaged and lockup_engaged and clutch_slip" in message
+
+
+@pytest.mark.parametrize(
+    ("removed", "words"),
+    [
+        ((), ", 0 effects\n"),
+        (("gear_ratio",), ", 0 effects\n"),
+        (("gear_ratios",), ", 0 effects\n"),
+        (("gear_ratios", "gear_ratio"), "one gear, though gear is mapped: is vehicle.gear_ratios missing?"),
+    ],
+    ids=["both", "table", "ratio", "none"],
+)
+def test_a_gearbox_without_ratios_is_asked_about(canest, tmp_path, removed, words):
+    lines = (shipped("configs") / "class8.yaml").read_text().splitlines(keepends=True)
+    kept = [line for line in lines if not line.strip().startswith(tuple(f"{key}:" for key in removed) or "-")]
+    (tmp_path / "truck.yaml").write_text("".join(kept))
+    done = canest("check", "-c", tmp_path / "truck.yaml")
+    assert done.code == 0 and words in done.out
