@@ -15,7 +15,7 @@ from canest.decode.validity import GEAR_PARK
 NOTHING_ENGAGED = (0.0, GEAR_PARK)
 #: torque that no signal reports, by default: what bearings take, and for every tonne of gross mass what an
 #: engine's accessories and the oil of its gearbox take, N m
-_LEAST_NM, _PER_TONNE_NM = 6.0, 1.5
+_LEAST_NM, _PER_TONNE_NM = 6.0, 2.0
 
 
 class Retarder(Section):
