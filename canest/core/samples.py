@@ -145,6 +145,7 @@ class VehicleFacts:
         known, one standard deviation as a fraction of its value (2 % in the config is 0.01).
     unreported_torque_Nm: crank torque that the reported torque lacks, one standard deviation.
     slips: whether the speed is that of driven wheels, and no effect of the model has taken their slip off.
+    torque_lags: whether the torque may lag its report, as an engine's does and an electric motor's does not.
     valid_std: the mass may be valid while its standard deviation is below this fraction of it.
     waits_s: the part of `filter_delay_s` by which raw columns are late as well: slow signals are waited for.
     """
@@ -168,5 +169,6 @@ class VehicleFacts:
     rolling_resistance_accuracy: float = 0.15
     drag_area_accuracy: float = 0.10
     slips: bool = True
+    torque_lags: bool = True
     valid_std: float = 0.045
     waits_s: float = 0.0

@@ -206,6 +206,7 @@ def facts_of(config: Config) -> VehicleFacts:
     sensor = config.signals.get(_ACCELEROMETER)
     slow = (config.signals[role].period_s for role in (torque, speed) if role in config.signals)
     waits_s, unreported = behind_s(config), v.unreported_torque_Nm
+    geared = not v.has_one_gear or "gear_ratio" in roles
     return VehicleFacts(
         mass_min_kg=v.mass_min_kg,
         mass_max_kg=v.mass_max_kg,
@@ -222,11 +223,13 @@ def facts_of(config: Config) -> VehicleFacts:
         waits_s=waits_s,
         report_period_s=max((period or 0.0 for period in slow), default=0.0),
         torque_accuracy=v.torque_accuracy_pct / TWO_STD_PCT,
-        unreported_torque_Nm=0.5 * (v.usual_unreported_torque_Nm if unreported is None else unreported),
+        unreported_torque_Nm=0.5
+        * (v.usual_unreported_torque_Nm(geared) if unreported is None else unreported),
         wheel_radius_accuracy=v.wheel_radius_accuracy_pct / TWO_STD_PCT,
         rolling_resistance_accuracy=v.rolling_resistance_accuracy_pct / TWO_STD_PCT,
         drag_area_accuracy=v.drag_area_accuracy_pct / TWO_STD_PCT,
         slips=speed in DRIVEN_SPEEDS and all(entry.get("effect") != "wheel_slip" for entry in config.effects),
+        torque_lags=geared,
         valid_std=config.estimator.valid_std_pct / 100.0,
     )
 

@@ -69,15 +69,16 @@ class Vehicle(Section):
         return len(self.gear_ratios) < 2
 
     @property
-    def usual_unreported_torque_Nm(self) -> float:
-        """Return what accessories and the gearbox take of such a vehicle's crank, two standard deviations."""
-        per_tonne = 0.0 if self.has_one_gear else _PER_TONNE_NM
-        return _LEAST_NM + per_tonne * self.mass_max_kg / 1000.0
-
-    @property
     def mps_per_shaft_rpm(self) -> float:
         """Return how fast the road passes under the wheels per revolution a minute of the output shaft."""
         return RADPS_PER_RPM / self.final_drive * self.wheel_radius_m
+
+    def usual_unreported_torque_Nm(self, geared: bool) -> float:
+        """Return what accessories and the gearbox take of such a vehicle's crank, two standard deviations.
+
+        geared: whether there are several gears, and so an engine.
+        """
+        return _LEAST_NM + (_PER_TONNE_NM * self.mass_max_kg / 1000.0 if geared else 0.0)
 
     @model_validator(mode="after")
     def _consistent(self) -> Vehicle:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from canest.core import jit
 from canest.estimators.default import hypotheses, predict, report, sensors, update
 from canest.estimators.default import model as m
-from canest.estimators.default.constants import CONSTANTS, Vehicle
+from canest.estimators.default.constants import CONSTANTS, Vehicle, vehicle_of
 from canest.estimators.default.estimator import _room, _space
 from canest.estimators.default.model import MODES, MOST, Ends, Mixture, Window
+
+from .momentum import FACTS
 
 N = m.STATES
 FAR = 1e9  #: no innovation is cut
@@ -126,7 +130,8 @@ def test_condition_on_is_the_kalman_update(seed):
         np.testing.assert_allclose(mix.P[d], P - np.outer(K, K) * s, rtol=1e-9, atol=1e-10)
 
 
-def test_an_accelerometer_is_compared_with_the_speed_that_the_states_gained():
+@pytest.mark.parametrize("lags", [True, False])
+def test_an_accelerometer_is_compared_with_the_speed_that_the_states_gained(lags):
     """Against the Kalman update of states and the process noise of one window, written as matrices."""
     mix, space = mixture(1)
     t = space.scratch
@@ -135,29 +140,14 @@ def test_an_accelerometer_is_compared_with_the_speed_that_the_states_gained():
     copied[m.BEGIN] = copied[m.V]
     x, P = copied @ x, copied @ P @ copied.T
     mix.x[0], mix.P[0] = x, P
-    gain = sensors.row_of_gain(Ends(9.0, 1_000.0, 500.0), Ends(9.5, 3_000.0, 1_500.0), 0.4)
+    vehicle = vehicle_of(replace(FACTS, torque_lags=lags), 0.1, CONSTANTS)
+    gain = sensors.row_of_gain(Ends(9.0, 1_000.0, 500.0), Ends(9.5, 3_000.0, 1_500.0), 0.4, vehicle)
     sensors.accelerometer(mix, 1, True, (0.7, 1.3, *gain), 0.4, (0.08, 0.02), CONSTANTS, t)
     P[m.BIAS, m.BIAS] += 0.4 * CONSTANTS.bias_wander_m2ps5
-    h = dense(sensors._GAINED, (9.80665, 1.0, 1.3, 2.5, -2.5, 5_000.0, 1_250.0))
+    h = dense(sensors._GAINED, (9.80665, 1.0, 1.3, 2.5, -2.5, 5_000.0, 2_500.0 * lags))
     s = h @ P @ h + 0.08 * 0.2 / 0.4 + 0.02
     expected = x + P @ h / s * (0.7 - h @ x) * min(1.0, 3.0 * np.sqrt(s) / abs(0.7 - h @ x)) ** 2
     np.testing.assert_allclose(mix.x[0], expected, rtol=1e-6, atol=1e-9)
-
-
-def test_of_a_windup_a_body_feels_any_share():
-    """Mean and variance of s gamma dT' / dt, s uniform between none and all, gamma drawn from the mixture."""
-    mix, _ = mixture(2)
-    rng, before, end = np.random.default_rng(5), Ends(9.0, 0.0, 500.0), Ends(9.5, 0.0, 1_500.0)
-    drawn = []
-    for d, share in enumerate((0.3, 0.7)):
-        mix.weight[d], mix.x[d, m.WINDUP], mix.P[d, m.WINDUP, m.WINDUP] = share, (1e-6, 3e-6)[d], 1e-12
-        drawn.append(rng.normal(mix.x[d, m.WINDUP], 1e-6, round(share * 400_000)))
-    gamma = np.concatenate(drawn)
-    felt = rng.uniform(0.0, 1.0, len(gamma)) * gamma * 1_000.0 / 0.4
-    lever = sensors.row_of_gain(before, end, 0.4)[3]
-    assert lever * gamma.mean() == pytest.approx(felt.mean(), rel=0.01)
-    beside = felt.var() - lever * lever * gamma.var()
-    assert sensors.unfelt_var(mix, 2, before, end, 0.4) == pytest.approx(beside, rel=0.02)
 
 
 def test_beyond_three_stds_an_outlier_moves_the_states_the_less_the_larger_it_is():

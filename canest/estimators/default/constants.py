@@ -108,6 +108,9 @@ class Vehicle(NamedTuple):
     late_s: float  #: how much older than the samples the filtered states are
     pitch: float  #: of the body, m/s2 of the accelerometer per m/s2
     pitch_std: float  #: zero where it is stated, or is not learned
+    felt_windup: (
+        float  #: share of a windup that a body feels: 1 of a torque that lags, 0 of a driveline alone
+    )
     rocking: float  #: variance of what it does beside, by acceleration squared
 
 
@@ -134,5 +137,6 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         late_s=late_s,
         pitch=GRAVITY_MPS2 * (c.pitch_rad_per_mps2 if stated is None else stated),
         pitch_std=GRAVITY_MPS2 * c.pitch_rad_per_mps2 if learns_pitch else 0.0,
+        felt_windup=1.0 if facts.torque_lags else 0.0,
         rocking=_LEARNED if learns_pitch else _UNKNOWN if stated is None else _STATED,
     )

@@ -37,7 +37,6 @@ from canest.estimators.default.sensors import (
     row_of_gain,
     slow_traction,
     speed,
-    unfelt_var,
     windup_var,
 )
 from canest.estimators.windowing import WINDOW_S
@@ -211,9 +210,8 @@ def run(
         sees = not math.isnan(w.sensed_mps2) and not comparison.faulty and not still
         if sees:
             gained = gain_is_known(is_open, v)
-            felt = w.sensed_mps2 - (0.0 if gained else w.accel_mps2), motion, *row_of_gain(before, end, dt)
-            unfelt = unfelt_var(mix, count, before, end, dt) if gained else 0.0
-            var = levels.sensed_var, felt_var(w, gained, levels.speed_var, dt, p.u, v) + unfelt
+            felt = w.sensed_mps2 - (0.0 if gained else w.accel_mps2), motion, *row_of_gain(before, end, dt, v)
+            var = levels.sensed_var, felt_var(w, gained, levels.speed_var, dt, p.u, v)
             sensed_surplus = accelerometer(mix, count, gained, felt, dt, var, c, t)
         if road.uses:
             mapped_slope(mix, count, w.road_sine, 0.5 * metres, cell_var(w), c, t)

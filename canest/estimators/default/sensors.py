@@ -29,9 +29,6 @@ _LEVER_DELAY_S = 0.1
 _AT_BOUND = 0.95
 #: mean square of the share of a windup that its lag does not tell: any between none and all
 _MISSED = 1.0 / 3.0
-#: mean and variance of the share of a windup that a body feels: all where a torque lags, none where the
-#: driveline gives way
-_FELT, _FELT_VAR = 0.5, 1.0 / 12.0
 #: variance of a speed that no known force has led to, (m/s)2
 UNKNOWN_V = 1e4
 #: an altitude this many variances off begins anew
@@ -167,20 +164,10 @@ def gain_is_known(is_open: bool, v: Vehicle) -> bool:
 
 
 @jit.kernel
-def row_of_gain(before: Ends, end: Ends, dt: float) -> tuple[float, float, float, float]:
-    """Return the row of a window's mean acceleration, (v - v0 + delta dT + gamma dT' / 2) / dt."""
+def row_of_gain(before: Ends, end: Ends, dt: float, v: Vehicle) -> tuple[float, float, float, float]:
+    """Return the row of a window's mean acceleration, (v - v0 + delta dT + s gamma dT') / dt."""
     jump_N, jump_Nps = end.traction_N - before.traction_N, end.traction_Nps - before.traction_Nps
-    return 1.0 / dt, -1.0 / dt, jump_N / dt, _FELT * jump_Nps / dt
-
-
-@jit.kernel
-def unfelt_var(mix: Mixture, count: int, before: Ends, end: Ends, dt: float) -> float:
-    """Return the variance of that acceleration by the share of a windup that a body feels, (m/s2)2."""
-    means, variances = column(mix.x[:, m.WINDUP], count), column(mix.P[:, m.WINDUP, m.WINDUP], count)
-    jump, square = (end.traction_Nps - before.traction_Nps) / dt, 0.0
-    for d in range(count):
-        square += mix.weight[d] * (means[d] * means[d] + variances[d])
-    return _FELT_VAR * square * jump * jump
+    return 1.0 / dt, -1.0 / dt, jump_N / dt, v.felt_windup * jump_Nps / dt
 
 
 @jit.kernel
