@@ -200,12 +200,10 @@ def assumed_constants(config: Config) -> AssumedConstants:
 def facts_of(config: Config) -> VehicleFacts:
     """Return what the estimator may know of the vehicle."""
     v, roles = config.vehicle, tuple(config.signals)
-    resolution = resolution_of(config)
-    torque = torque_role(roles, v)
-    speed = speed_in_use(roles, v)
+    resolution, waits_s = resolution_of(config), behind_s(config)
+    torque, speed = torque_role(roles, v), speed_in_use(roles, v)
     sensor = config.signals.get(_ACCELEROMETER)
     slow = (config.signals[role].period_s for role in (torque, speed) if role in config.signals)
-    waits_s, unreported = behind_s(config), v.unreported_torque_Nm
     geared = not v.has_one_gear or "gear_ratio" in roles
     return VehicleFacts(
         mass_min_kg=v.mass_min_kg,
@@ -223,8 +221,7 @@ def facts_of(config: Config) -> VehicleFacts:
         waits_s=waits_s,
         report_period_s=max((period or 0.0 for period in slow), default=0.0),
         torque_accuracy=v.torque_accuracy_pct / TWO_STD_PCT,
-        unreported_torque_Nm=0.5
-        * (v.usual_unreported_torque_Nm(geared) if unreported is None else unreported),
+        unreported_torque_Nm=0.5 * v.lacking_torque_Nm(geared),
         wheel_radius_accuracy=v.wheel_radius_accuracy_pct / TWO_STD_PCT,
         rolling_resistance_accuracy=v.rolling_resistance_accuracy_pct / TWO_STD_PCT,
         drag_area_accuracy=v.drag_area_accuracy_pct / TWO_STD_PCT,

@@ -73,11 +73,13 @@ class Vehicle(Section):
         """Return how fast the road passes under the wheels per revolution a minute of the output shaft."""
         return RADPS_PER_RPM / self.final_drive * self.wheel_radius_m
 
-    def usual_unreported_torque_Nm(self, geared: bool) -> float:
-        """Return what accessories and the gearbox take of such a vehicle's crank, two standard deviations.
+    def lacking_torque_Nm(self, geared: bool) -> float:
+        """Return `unreported_torque_Nm`, or what accessories and the gearbox of such a vehicle usually take.
 
         geared: whether there are several gears, and so an engine.
         """
+        if self.unreported_torque_Nm is not None:
+            return self.unreported_torque_Nm
         return _LEAST_NM + (_PER_TONNE_NM * self.mass_max_kg / 1000.0 if geared else 0.0)
 
     @model_validator(mode="after")

@@ -124,3 +124,21 @@ def test_check_says_that_an_accelerometer_shows_moments(rate_hz: float, said: bo
     report = RoleReport("longitudinal_accel", "", "optional", "", None, "m/s2", senders=[sender])
     hints = slow_signal_hints(load_config("class8"), [report])
     assert any("such moments are no means" in hint for hint in hints) == said
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "std_Nm"),
+    [
+        ("class8", [], 10.0),
+        ("class8", ["vehicle.unreported_torque_Nm=null"], 43.0),
+        ("class8", ["vehicle.unreported_torque_Nm=null", "vehicle.gear_ratios={}"], 43.0),
+        ("class8", ["vehicle.unreported_torque_Nm=0"], 0.0),
+        ("kenworth", [], 39.0),
+        ("bmw-i3", [], 3.0),
+    ],
+    ids=["stated", "40 t", "ratio on the bus", "none", "36 t", "one gear"],
+)
+def test_torque_that_no_signal_reports_grows_with_the_mass_of_a_vehicle_with_gears(name, overrides, std_Nm):
+    facts = facts_of(load_config(name, overrides))
+    assert facts.unreported_torque_Nm == pytest.approx(std_Nm)
+    assert facts.torque_lags == (name != "bmw-i3")
