@@ -108,9 +108,7 @@ class Vehicle(NamedTuple):
     late_s: float  #: how much older than the samples the filtered states are
     pitch: float  #: of the body, m/s2 of the accelerometer per m/s2
     pitch_std: float  #: zero where it is stated, or is not learned
-    felt_windup: (
-        float  #: share of a windup that a body feels: 1 of a torque that lags, 0 of a driveline alone
-    )
+    felt_windup: float  #: share that a body feels: 1 where the torque lags, 0 where a driveline gives way
     rocking: float  #: variance of what it does beside, by acceleration squared
 
 
