@@ -143,7 +143,7 @@ class VehicleFacts:
         Between two reports a signal is a line, so that what is measured is at its ends.
     torque_accuracy, wheel_radius_accuracy, rolling_resistance_accuracy, drag_area_accuracy: how well each is
         known, one standard deviation as a fraction of its value (2 % in the config is 0.01).
-    unreported_torque_Nm: crank torque that the reported torque lacks, one standard deviation.
+    unreported_torque_Nm: crank torque that the reported torque lacks, its mean and its standard deviation.
     slips: whether the speed is that of driven wheels, and no effect of the model has taken their slip off.
     torque_lags: whether the torque may lag its report, as an engine's does and an electric motor's does not.
     valid_std: the mass may be valid while its standard deviation is below this fraction of it.

@@ -13,9 +13,9 @@ from canest.decode.validity import GEAR_PARK
 
 #: numbers that a gear signal has while no gear is in: neutral and park
 NOTHING_ENGAGED = (0.0, GEAR_PARK)
-#: torque that no signal reports, by default: what bearings take, and for every tonne of gross mass what an
-#: engine's accessories and the oil of its gearbox take, N m
-_LEAST_NM, _PER_TONNE_NM = 6.0, 2.0
+#: torque that no signal reports, by default at most: what bearings take, and for every tonne of gross mass what
+#: an engine's accessories and the oil of its gearbox take, N m
+_LEAST_NM, _PER_TONNE_NM = 6.0, 3.0
 
 
 class Retarder(Section):
@@ -36,7 +36,8 @@ class Vehicle(Section):
     """Facts of the vehicle that an engineer would know.
 
     An accuracy is two standard deviations in percent of the fact: 19 in 20 such vehicles are within it.
-    unreported_torque_Nm is two standard deviations too. The sources of the defaults are in docs/config.md.
+    unreported_torque_Nm is the most that is usual, and half of it the mean and the standard deviation. The
+    sources of the defaults are in docs/config.md.
     """
 
     name: str = "vehicle"
@@ -74,7 +75,7 @@ class Vehicle(Section):
         return RADPS_PER_RPM / self.final_drive * self.wheel_radius_m
 
     def lacking_torque_Nm(self, geared: bool) -> float:
-        """Return `unreported_torque_Nm`, or what accessories and the gearbox of such a vehicle usually take.
+        """Return `unreported_torque_Nm`, or what accessories and the gearbox of such a vehicle take at most.
 
         geared: whether there are several gears, and so an engine.
         """

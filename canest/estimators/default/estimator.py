@@ -92,7 +92,7 @@ class GaussianSum(Estimator):
         report = Report(guess, guess * guess, facts.initial_grade or 0.0, c.grade_std * c.grade_std)
         progress = kernel.Progress(MODES, u, bend_var=c.curvature_std_1pm**2)
         self._carried = kernel.Carried(progress, first_levels(v), Comparison(), report, RoadUse(), Joined())
-        self._windows = Windows(self._late_s - facts.waits_s)
+        self._windows = Windows(self._late_s - facts.waits_s, facts.unreported_torque_Nm)
         self._status = StatusTracker(self.valid_std, bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
         self._last = np.zeros(kernel.OUTPUTS)
         self._last[: kernel.OUT_SLOPE] = report[: kernel.OUT_SLOPE]

@@ -46,8 +46,8 @@ _MOST_SENSED, _MOST_ALTITUDE, _MOST_YAW, _MOST_TORQUE = 50.0, 1e4, 3.0, 1e6
 class Windows:
     """Carries the samples of the unfinished window and what the next one needs of the past."""
 
-    def __init__(self, late_s: float = 0.0) -> None:
-        self._late_s = late_s
+    def __init__(self, late_s: float = 0.0, lacking_Nm: float = 0.0) -> None:
+        self._late_s, self._lacking_Nm = late_s, lacking_Nm  # the latter: torque less than reported
         self._road_back = min(round(late_s / STEP_S), REACH - 1)  # the road where the filtered vehicle is
         self._kept: FloatColumn = np.empty((_COLUMNS, 0))
         self._cutter = WindowCutter()
@@ -79,9 +79,10 @@ class Windows:
         new[_SENSED] = np.where(block.ax_ok, within(block.accelerometer_mps2, _MOST_SENSED), np.nan)
         with np.errstate(over="ignore", invalid="ignore"):  # the result is judged below
             np.subtract(block.force_N, block.traction_N, out=new[_REST])
+            traction_N = block.traction_N - self._lacking_Nm * block.force_per_torque_1pm
         for row, column in (
             (_SPEED, block.speed_mps), (_MU, block.mu), (_ACCEL, block.accel_mps2), (_AERO, block.aero_N),
-            (_TRACTION, block.traction_N), (_GEAR, block.force_per_torque_1pm),
+            (_TRACTION, traction_N), (_GEAR, block.force_per_torque_1pm),
             (_ROTATING, block.rotating_mass_kg), (_ALTITUDE, block.altitude_m), (_YAW, block.yaw_rate_radps),
             (_GATE, block.gate), (_STOPPED, block.stopped), (_TICK, block.t_us // STEP_US), (_BROKEN, 0.0),
             (_RAW, block.raw_speed_mps), (_COAST, block.coasting_N),
