@@ -56,9 +56,9 @@ What is larger than these limits is refused before anything is built of it:
 ACCURACIES_TEXT = """### Accuracies
 
 Each `..._accuracy_pct` is how well a fact is known: two standard deviations, in percent of the fact.
-Nineteen of twenty such vehicles are then within it. `unreported_torque_Nm` is the most that the engine usually
-gives and the wheels do not get, though the reported torque contains it. Half of it is taken off the torque, and
-as much is the standard deviation.
+Nineteen of twenty such vehicles are then within it. `unreported_torque_Nm` is the most that the engine
+usually gives and the wheels do not get, though the reported torque contains it. Half of it is taken off the
+torque, and as much is the standard deviation.
 
 Put there what you know, and leave the default where you know nothing. A torque or wheel radius that is 2 %
 off makes the mass 2 % wrong, and no amount of driving shows it. Only a realistic accuracy puts that error
@@ -84,9 +84,9 @@ ACCURACIES = (
     ),
     (
         "unreported_torque_Nm",
-        "chosen: accessories (SAE J1343 names them) of 4 kW are 30 N m at 1,300 rpm, those of a bus or a large fan "
-        "100 and more, and a gearbox takes 10 to 20 without any load. Driving shows about half of it, and the "
-        "rest is an error of the grade",
+        "chosen: accessories (SAE J1343 names them) of 4 kW are 30 N m at 1,300 rpm, those of a bus or a "
+        "large fan 100 and more, and a gearbox takes 10 to 20 without any load. Driving shows about half of "
+        "it, and the rest is an error of the grade",
         "measured: twice what is usual",
     ),
     (

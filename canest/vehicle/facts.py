@@ -13,8 +13,8 @@ from canest.decode.validity import GEAR_PARK
 
 #: numbers that a gear signal has while no gear is in: neutral and park
 NOTHING_ENGAGED = (0.0, GEAR_PARK)
-#: torque that no signal reports, by default at most: what bearings take, and for every tonne of gross mass what
-#: an engine's accessories and the oil of its gearbox take, N m
+#: torque that no signal reports, by default at most: what bearings take, and for every tonne of gross mass
+#: what an engine's accessories and the oil of its gearbox take, N m
 _LEAST_NM, _PER_TONNE_NM = 6.0, 3.0
 
 

@@ -130,10 +130,10 @@ def test_check_says_that_an_accelerometer_shows_moments(rate_hz: float, said: bo
     ("name", "overrides", "std_Nm"),
     [
         ("class8", [], 10.0),
-        ("class8", ["vehicle.unreported_torque_Nm=null"], 43.0),
-        ("class8", ["vehicle.unreported_torque_Nm=null", "vehicle.gear_ratios={}"], 43.0),
+        ("class8", ["vehicle.unreported_torque_Nm=null"], 63.0),
+        ("class8", ["vehicle.unreported_torque_Nm=null", "vehicle.gear_ratios={}"], 63.0),
         ("class8", ["vehicle.unreported_torque_Nm=0"], 0.0),
-        ("kenworth", [], 39.0),
+        ("kenworth", [], 57.0),
         ("bmw-i3", [], 3.0),
     ],
     ids=["stated", "40 t", "ratio on the bus", "none", "36 t", "one gear"],

@@ -96,13 +96,27 @@ def test_accessories_that_nobody_reports_are_learned_from_shifts(accelerometer):
         start_mps=1.0,
     )
     levers = np.array([in_gear_1pm(t) for t in np.arange(len(drive.block)) * STEP_S])
-    facts = replace(SENSED, has_accelerometer=accelerometer, unreported_torque_Nm=30.0)
+    facts = replace(SENSED, has_accelerometer=accelerometer, unreported_torque_Nm=20.0)
     block = replace(drive.block, force_per_torque_1pm=levers, coasting_N=np.full(len(levers), np.nan))
     estimates = create("canest", facts).update(block)
     late = (drive.block.gate == 0) & (np.arange(len(levers)) > 6_000)
     off = (estimates.grade - drive.grade)[late]
     assert abs(off.mean()) < 4e-4
     assert np.abs(drive.error(estimates)[late]).max() < 0.015
+
+
+@pytest.mark.parametrize(("lacks_Nm", "most_Nm"), [(0.0, 60.0), (30.0, 60.0), (60.0, 60.0)])
+def test_half_of_what_accessories_may_take_is_taken_off(lacks_Nm, most_Nm):
+    """In one gear, of a known mass: nothing tells what accessories take from a slope."""
+    drive = trip(60.0, throttle=lambda t, v: 0.4, unseen_N=lambda t: lacks_Nm * 9.0, start_mps=15.0)
+    facts = replace(SENSED, has_accelerometer=False, unreported_torque_Nm=0.5 * most_Nm)
+    estimator = create("canest", facts)
+    estimator.restore(drive.mass_kg[0], 0.002 * drive.mass_kg[0])
+    e = estimator.update(replace(drive.block, force_per_torque_1pm=np.full(len(drive.block), 9.0)))
+    off = (e.grade - drive.grade)[1_500:]
+    slope = (0.5 * most_Nm - lacks_Nm) * 9.0 / (drive.mass_kg[0] * 9.80665)
+    assert np.median(off) == pytest.approx(-slope, abs=7e-4)
+    assert (np.abs(off) < 2.0 * e.grade_std[1_500:]).all()
 
 
 def test_it_fades_in_time_to_its_prior():

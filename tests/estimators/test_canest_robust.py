@@ -213,6 +213,10 @@ def test_a_window_is_the_sum_of_its_samples():
     assert w["sensed_mps2"] == pytest.approx(b.accelerometer_mps2[back].mean())
     assert (w["open"], w["retarding"], w["stopped"], w["gap_s"]) == (1.0, 0.0, 0.0, 0.0)
     assert w["coarse"] == 0.0
+    levers = replace(b, force_per_torque_1pm=np.full(len(b), 9.0))
+    less = dict(zip(COLUMNS, Windows(lacking_Nm=30.0).push(levers)[0][:, 5], strict=True))
+    for column in ("force_N", "begin_N", "traction_N"):
+        assert less[column] == pytest.approx(w[column] - 30.0 * 9.0)
 
 
 @OWN
