@@ -58,7 +58,8 @@ ACCURACIES_TEXT = """### Accuracies
 Each `..._accuracy_pct` is how well a fact is known: two standard deviations, in percent of the fact.
 Nineteen of twenty such vehicles are then within it. `unreported_torque_Nm` is the most that the engine
 usually gives and the wheels do not get, though the reported torque contains it. Half of it is taken off the
-torque, and as much is the standard deviation.
+torque, and as much is the standard deviation. Where the effect `torque_offset` says what is lacking,
+nothing more is taken off.
 
 Put there what you know, and leave the default where you know nothing. A torque or wheel radius that is 2 %
 off makes the mass 2 % wrong, and no amount of driving shows it. Only a realistic accuracy puts that error

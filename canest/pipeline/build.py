@@ -202,7 +202,7 @@ def facts_of(config: Config) -> VehicleFacts:
     v, roles = config.vehicle, tuple(config.signals)
     resolution, waits_s = resolution_of(config), behind_s(config)
     torque, speed = torque_role(roles, v), speed_in_use(roles, v)
-    sensor = config.signals.get(_ACCELEROMETER)
+    sensor, effects = config.signals.get(_ACCELEROMETER), {entry.get("effect") for entry in config.effects}
     slow = (config.signals[role].period_s for role in (torque, speed) if role in config.signals)
     geared = not v.has_one_gear or "gear_ratio" in roles
     return VehicleFacts(
@@ -221,11 +221,11 @@ def facts_of(config: Config) -> VehicleFacts:
         waits_s=waits_s,
         report_period_s=max((period or 0.0 for period in slow), default=0.0),
         torque_accuracy=v.torque_accuracy_pct / TWO_STD_PCT,
-        unreported_torque_Nm=0.5 * v.lacking_torque_Nm(geared),
+        unreported_torque_Nm=0.0 if "torque_offset" in effects else 0.5 * v.lacking_torque_Nm(geared),
         wheel_radius_accuracy=v.wheel_radius_accuracy_pct / TWO_STD_PCT,
         rolling_resistance_accuracy=v.rolling_resistance_accuracy_pct / TWO_STD_PCT,
         drag_area_accuracy=v.drag_area_accuracy_pct / TWO_STD_PCT,
-        slips=speed in DRIVEN_SPEEDS and all(entry.get("effect") != "wheel_slip" for entry in config.effects),
+        slips=speed in DRIVEN_SPEEDS and "wheel_slip" not in effects,
         torque_lags=geared,
         valid_std=config.estimator.valid_std_pct / 100.0,
     )
