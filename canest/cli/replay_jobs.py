@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 def jobs_of(logs: Sequence[str], truth: TruthChoice, channel: str | None) -> list[Job]:
     """Return one job per log, each with its truth. Errors: UsageError where --truth fits none."""
     paths = [Path(log) for log in logs]
+    for path in paths:
+        if path.is_fifo() and path.parts[1:2] not in (("dev",), ("proc",)):  # those are the shell's own
+            print(f"note: {path} is a pipe: waiting for what writes to it", file=sys.stderr, flush=True)
     if len(paths) == 1:
         truths = [truth_file(paths[0], truth.truth)]
     elif truth.truth is None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import threading
 from itertools import pairwise
 from pathlib import Path
 
@@ -295,3 +297,15 @@ class TestOntoABus:
         assert done.code == 0, done.err
         assert "1 frames sent to virtual:play-fd" in done.out
         assert "1 CAN FD frames of more than eight bytes not sent" in done.out
+
+
+def test_who_waits_for_a_pipe_is_told_so(canest, tmp_path):
+    pipe = tmp_path / "x.log"
+    os.mkfifo(pipe)
+    writer = threading.Thread(target=pipe.write_text, args=("(1.0) can0 0CF00400#0011223344556677\n",))
+    writer.start()
+    done = canest("replay", pipe, "-c", "class8")
+    writer.join()
+    assert done.code == 0, done.err
+    assert f"note: {pipe} is a pipe: waiting for what writes to it" in done.err
+    assert "1 (0 lines skipped)" in done.out
