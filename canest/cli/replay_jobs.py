@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 def jobs_of(logs: Sequence[str], truth: TruthChoice, channel: str | None) -> list[Job]:
     """Return one job per log, each with its truth. Errors: UsageError where --truth fits none."""
     paths = [Path(log) for log in logs]
-    for path in paths:
+    for path in paths if sys.stderr.isatty() else ():
         if path.is_fifo() and path.parts[1:2] not in (("dev",), ("proc",)):  # those are the shell's own
             print(f"note: {path} is a pipe: waiting for what writes to it", file=sys.stderr, flush=True)
     if len(paths) == 1:

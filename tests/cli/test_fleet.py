@@ -102,6 +102,4 @@ def test_interrupt_ends_it_soon_and_quietly(tmp_path):
     for end in ends:
         os.close(end)
     assert process.returncode == 1, err
-    *notes, last = [line.strip() for line in err.splitlines() if line.strip()]
-    assert last == "interrupted"
-    assert all("is a pipe: waiting for what writes to it" in note for note in notes)
+    assert err.split() == ["interrupted"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import sys
 import threading
 from itertools import pairwise
 from pathlib import Path
@@ -299,7 +300,8 @@ class TestOntoABus:
         assert "1 CAN FD frames of more than eight bytes not sent" in done.out
 
 
-def test_who_waits_for_a_pipe_is_told_so(canest, tmp_path):
+def test_who_waits_for_a_pipe_is_told_so(canest, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     pipe = tmp_path / "x.log"
     os.mkfifo(pipe)
     writer = threading.Thread(target=pipe.write_text, args=("(1.0) can0 0CF00400#0011223344556677\n",))
