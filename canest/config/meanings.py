@@ -28,7 +28,7 @@ MEANINGS: dict[str, str] = {
     "vehicle.friction_torque_pct": "engine friction where SPN 514 is not sent, % of reference",
     "vehicle.torque_accuracy_pct": f"accuracy of the reported torque, {ACCURACY}40 CFR 1065.915, table 1",
     "vehicle.unreported_torque_Nm": "what accessories and the gearbox take at most of the reported crank "
-    "torque, N m; null: 6, and with gears 3 more for every tonne of mass_max_kg",
+    "torque, N m; null: 6, and with gears between torque and wheels 3 more for every tonne of mass_max_kg",
     "vehicle.retarder": "leave out when there is none, or when its torque is not reported",
     "vehicle.retarder.reference_torque_Nm": "100 % of the retarder's percent torque, N m",
     "vehicle.retarder.location": "where its torque acts",

@@ -27,6 +27,7 @@ from canest.vehicle.butterworth import butterworth, delay_s
 from canest.vehicle.range_rate_check import JUMP, JUMP_HOLD_S, MOTION_JUMP, Limit, limits_of
 from canest.vehicle.role_sources import (
     DRIVEN_SPEEDS,
+    is_at_wheels,
     motion_roles,
     ratio_ways,
     speed_in_use,
@@ -192,8 +193,7 @@ def estimator_spec(config: Config) -> EstimatorSpec:
 def assumed_constants(config: Config) -> AssumedConstants:
     """Return the engine constants that the config assumes until the bus reports them."""
     in_percent = "engine_torque_pct" in config.signals
-    roles = tuple(config.signals) if in_percent else ()
-    vehicle = config.vehicle
+    roles, vehicle = tuple(config.signals) if in_percent else (), config.vehicle
     return AssumedConstants.of(roles, vehicle.reference_torque_Nm, vehicle.friction_torque_pct)
 
 
@@ -205,6 +205,7 @@ def facts_of(config: Config) -> VehicleFacts:
     sensor, effects = config.signals.get(_ACCELEROMETER), {entry.get("effect") for entry in config.effects}
     slow = (config.signals[role].period_s for role in (torque, speed) if role in config.signals)
     geared = not v.has_one_gear or "gear_ratio" in roles
+    accessories = geared and not is_at_wheels(torque, roles)  # and a gearbox, of an engine
     return VehicleFacts(
         mass_min_kg=v.mass_min_kg,
         mass_max_kg=v.mass_max_kg,
@@ -221,7 +222,7 @@ def facts_of(config: Config) -> VehicleFacts:
         waits_s=waits_s,
         report_period_s=max((period or 0.0 for period in slow), default=0.0),
         torque_accuracy=v.torque_accuracy_pct / TWO_STD_PCT,
-        unreported_torque_Nm=0.0 if "torque_offset" in effects else 0.5 * v.lacking_torque_Nm(geared),
+        unreported_torque_Nm=0.0 if "torque_offset" in effects else 0.5 * v.lacking_torque_Nm(accessories),
         wheel_radius_accuracy=v.wheel_radius_accuracy_pct / TWO_STD_PCT,
         rolling_resistance_accuracy=v.rolling_resistance_accuracy_pct / TWO_STD_PCT,
         drag_area_accuracy=v.drag_area_accuracy_pct / TWO_STD_PCT,

@@ -74,14 +74,14 @@ class Vehicle(Section):
         """Return how fast the road passes under the wheels per revolution a minute of the output shaft."""
         return RADPS_PER_RPM / self.final_drive * self.wheel_radius_m
 
-    def lacking_torque_Nm(self, geared: bool) -> float:
+    def lacking_torque_Nm(self, has_accessories: bool) -> float:
         """Return `unreported_torque_Nm`, or what accessories and the gearbox of such a vehicle take at most.
 
-        geared: whether there are several gears, and so an engine.
+        has_accessories: whether those of an engine, and several gears, are between the torque and the wheels.
         """
         if self.unreported_torque_Nm is not None:
             return self.unreported_torque_Nm
-        return _LEAST_NM + (_PER_TONNE_NM * self.mass_max_kg / 1000.0 if geared else 0.0)
+        return _LEAST_NM + (_PER_TONNE_NM * self.mass_max_kg / 1000.0 if has_accessories else 0.0)
 
     @model_validator(mode="after")
     def _consistent(self) -> Vehicle:

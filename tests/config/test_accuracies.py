@@ -134,9 +134,10 @@ def test_check_says_that_an_accelerometer_shows_moments(rate_hz: float, said: bo
         ("class8", ["vehicle.unreported_torque_Nm=null", "vehicle.gear_ratios={}"], 63.0),
         ("kenworth", [], 57.0),
         ("kenworth", ["effects=[{effect: torque_offset, torque_Nm: 40}]"], 0.0),
+        ("testcar", ["vehicle.unreported_torque_Nm=null"], 3.0),
         ("bmw-i3", [], 3.0),
     ],
-    ids=["stated", "40 t", "ratio on the bus", "36 t", "told by an effect", "one gear"],
+    ids=["stated", "40 t", "ratio on the bus", "36 t", "told by an effect", "at the half-shafts", "one gear"],
 )
 def test_torque_that_no_signal_reports_grows_with_the_mass_of_a_vehicle_with_gears(name, overrides, std_Nm):
     facts = facts_of(load_config(name, overrides))
