@@ -302,6 +302,22 @@ class TestProcess:
         assert done.returncode == 0
         assert __version__ in done.stdout
 
+    def test_an_interrupt_while_the_command_is_imported_is_no_traceback(self):
+        code = (
+            "import sys\n"
+            "class Interrupt:\n"
+            "    def find_spec(self, name, path, target=None):\n"
+            "        if name == 'canest.cli.main':\n"
+            "            raise KeyboardInterrupt\n"
+            "sys.meta_path.insert(0, Interrupt())\n"
+            "from canest.__main__ import main\n"
+            "main()\n"
+        )
+        process = subprocess.run(
+            [sys.executable, "-c", code], check=False, capture_output=True, text=True, timeout=60
+        )
+        assert (process.returncode, process.stderr) == (1, "interrupted\n")
+
     def test_help_imports_nothing_heavy(self):
         code = (
             "import sys\n"
