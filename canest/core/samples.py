@@ -148,6 +148,7 @@ class VehicleFacts:
     torque_lags: whether the torque may lag its report, as an engine's does and an electric motor's does not.
     valid_std: the mass may be valid while its standard deviation is below this fraction of it.
     waits_s: the part of `filter_delay_s` by which raw columns are late as well: slow signals are waited for.
+    knows_retarder: whether the force has what a retarder takes that is reported.
     """
 
     mass_min_kg: float
@@ -172,3 +173,4 @@ class VehicleFacts:
     torque_lags: bool = True
     valid_std: float = 0.045
     waits_s: float = 0.0
+    knows_retarder: bool = True

@@ -192,9 +192,8 @@ def estimator_spec(config: Config) -> EstimatorSpec:
 
 def assumed_constants(config: Config) -> AssumedConstants:
     """Return the engine constants that the config assumes until the bus reports them."""
-    in_percent = "engine_torque_pct" in config.signals
-    roles, vehicle = tuple(config.signals) if in_percent else (), config.vehicle
-    return AssumedConstants.of(roles, vehicle.reference_torque_Nm, vehicle.friction_torque_pct)
+    roles = tuple(config.signals) if "engine_torque_pct" in config.signals else ()
+    return AssumedConstants.of(roles, config.vehicle.reference_torque_Nm, config.vehicle.friction_torque_pct)
 
 
 def facts_of(config: Config) -> VehicleFacts:
@@ -204,8 +203,8 @@ def facts_of(config: Config) -> VehicleFacts:
     torque, speed = torque_role(roles, v), speed_in_use(roles, v)
     sensor, effects = config.signals.get(_ACCELEROMETER), {entry.get("effect") for entry in config.effects}
     slow = (config.signals[role].period_s for role in (torque, speed) if role in config.signals)
-    geared = not v.has_one_gear or "gear_ratio" in roles
-    accessories = geared and not is_at_wheels(torque, roles)  # and a gearbox, of an engine
+    geared, at_wheels = not v.has_one_gear or "gear_ratio" in roles, is_at_wheels(torque, roles)
+    accessories = geared and not at_wheels  # and a gearbox, of an engine
     return VehicleFacts(
         mass_min_kg=v.mass_min_kg,
         mass_max_kg=v.mass_max_kg,
@@ -228,6 +227,7 @@ def facts_of(config: Config) -> VehicleFacts:
         drag_area_accuracy=v.drag_area_accuracy_pct / TWO_STD_PCT,
         slips=speed in DRIVEN_SPEEDS and "wheel_slip" not in effects,
         torque_lags=geared,
+        knows_retarder=at_wheels or v.retarder is not None,
         valid_std=config.estimator.valid_std_pct / 100.0,
     )
 

@@ -143,3 +143,10 @@ def test_torque_that_no_signal_reports_grows_with_the_mass_of_a_vehicle_with_gea
     facts = facts_of(load_config(name, overrides))
     assert facts.unreported_torque_Nm == pytest.approx(std_Nm)
     assert facts.torque_lags == (name != "bmw-i3")
+
+
+@pytest.mark.parametrize(("name", "known"), [("class8", True), ("kenworth", False)])
+def test_a_retarder_that_is_reported_is_known_by_its_reference_torque(name: str, known: bool) -> None:
+    config = load_config(name)
+    assert "retarder_torque_pct" in config.signals
+    assert facts_of(config).knows_retarder is known

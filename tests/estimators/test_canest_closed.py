@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from canest.core.gates import Gate
+from canest.core.samples import STEP_S
 from canest.estimators.default import model as m
 from canest.estimators.default import sensors
 from canest.estimators.default.constants import CONSTANTS
@@ -59,3 +60,36 @@ def test_a_coasting_lies_behind_the_vehicle_however_long_slow_signals_are_waited
     assert np.isfinite(drive.block.coasting_N).any()
     np.testing.assert_allclose(later.mass_kg, at_once.mass_kg, rtol=1e-9)
     assert (later.grade != at_once.grade).any()
+
+
+def braking_hill(acts_N):
+    """A flat road; a retarder takes a force for half a minute, and reports that it acts."""
+    drive = trip(120, road=flat, unreported=(60.2, 89.0, acts_N), seed=5)
+    gate = drive.block.gate.copy()
+    gate[3_000:4_500] = Gate.RETARDER
+    return replace(drive.block, gate=gate)
+
+
+def test_a_retarder_of_unknown_force_says_nothing_of_the_road():
+    """Its config states no reference torque: the force has nothing of what it takes."""
+    block = braking_hill(6_000.0)
+    unknown = create("canest", replace(FACTS, knows_retarder=False)).update(block)
+    braked = create("canest", FACTS).update(
+        replace(block, gate=np.where(block.gate == Gate.RETARDER, Gate.BRAKE, block.gate))
+    )
+    np.testing.assert_array_equal(unknown.grade, braked.grade)
+    np.testing.assert_array_equal(unknown.mass_kg, braked.mass_kg)
+    assert (np.abs(unknown.grade) < 3.0 * unknown.grade_std)[3_000:].all()
+
+
+def test_a_retarder_of_known_force_says_what_the_road_is():
+    """The same, and the force has what it takes: the grade is known while it acts."""
+    block = braking_hill(6_000.0)
+    seconds = np.arange(len(block)) * STEP_S
+    taken = np.where((seconds >= 60.2) & (seconds < 89.0), 6_000.0, 0.0)
+    known = replace(
+        block, **{name: getattr(block, name) - taken for name in ("force_N", "raw_force_N", "traction_N")}
+    )
+    estimates = create("canest", FACTS).update(known)
+    assert np.abs(estimates.grade[3_200:4_500]).max() < 0.01
+    assert estimates.grade_std[3_200:4_500].max() < 0.01

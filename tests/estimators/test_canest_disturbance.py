@@ -68,6 +68,16 @@ def test_only_with_an_accelerometer_may_it_be_another(accelerometer):
     assert bool(offset_var.max() > 1.1 * prior_var) is accelerometer
 
 
+def test_an_accelerometer_that_is_silent_is_none():
+    """It is configured, and no value comes: estimates are those of a vehicle without one."""
+    drive = trip(200.0, mass_kg=16_000.0, road=hills, throttle=held, unseen_N=gusts)
+    silent = replace(drive.block, accelerometer_mps2=np.full(len(drive.block), np.nan))
+    sensed = GaussianSum("canest", SENSED).update(silent)
+    without = GaussianSum("canest", replace(SENSED, has_accelerometer=False)).update(drive.block)
+    np.testing.assert_allclose(sensed.mass_kg, without.mass_kg, rtol=1e-6)
+    np.testing.assert_allclose(sensed.grade, without.grade, atol=1e-8)
+
+
 def gusts(t):
     """A headwind of 7 m/s comes and goes at 20 m/s: 2 * 3.8 * 20 * 7 = 1.1 kN, 30 s each."""
     return 1_100.0 if t > 100.0 and (t // 30.0) % 2.0 else 0.0

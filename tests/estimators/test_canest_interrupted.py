@@ -203,3 +203,13 @@ def test_a_load_narrower_than_the_nodes_is_summed_as_it_is(known_kg):
         mean, var = sum_over_nodes.interpreted(2, 1.0, space)
         sums.append((mean, math.sqrt(var)))
     np.testing.assert_allclose(sums[0], sums[1], rtol=0.02)
+
+
+def test_a_start_grade_is_a_slope_and_holds_once():
+    """Height per distance, as it is given out; an hour later the road may be any."""
+    drive = trip(40.0, road=flat)
+    later = replace(drive.block, t_us=drive.block.t_us + 3_600_000_000)
+    estimator = GaussianSum("canest", replace(FACTS, initial_mass_kg=15_000.0, initial_grade=0.2))
+    assert estimator.update(drive.block).grade[0] == pytest.approx(0.2, abs=1e-12)
+    begun = estimator.update(later[:60]).grade
+    assert np.abs(begun).max() < 0.05

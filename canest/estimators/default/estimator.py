@@ -80,8 +80,10 @@ class GaussianSum(Estimator):
         self._vehicle = v = vehicle_of(facts, self._late_s, self.constants)
         width = math.log(v.most_u / v.least_u)
         self._nodes = (v.least_u * np.exp((np.arange(_NODES) + 0.5) * width / _NODES)).tolist()
-        self._gain = gain_std(facts)
+        self._gain, grade = gain_std(facts), facts.initial_grade or 0.0
+        self._first_sine = grade / math.hypot(1.0, grade)
         self._unknown = self._densities(v.unknown_u, v.unknown_var)
+        self._unknown.x[:, at.GRADE] = 0.0  # a start value holds once
         self._begin(v.unknown_u, v.unknown_var)
 
     def _begin(self, u: float, u_var: float) -> None:
@@ -89,10 +91,12 @@ class GaussianSum(Estimator):
         facts, c, v = self.facts, self.constants, self._vehicle
         self._mixture = self._densities(u, u_var)
         guess = facts.initial_mass_kg or 1.0 / u
-        report = Report(guess, guess * guess, facts.initial_grade or 0.0, c.grade_std * c.grade_std)
+        report = Report(guess, guess * guess, self._first_sine, c.grade_std * c.grade_std)
         progress = kernel.Progress(MODES, u, bend_var=c.curvature_std_1pm**2)
         self._carried = kernel.Carried(progress, first_levels(v), Comparison(), report, RoadUse(), Joined())
-        self._windows = Windows(self._late_s - facts.waits_s, facts.unreported_torque_Nm)
+        self._windows = Windows(
+            self._late_s - facts.waits_s, facts.unreported_torque_Nm, facts.knows_retarder
+        )
         self._status = StatusTracker(self.valid_std, bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
         self._last = np.zeros(kernel.OUTPUTS)
         self._last[: kernel.OUT_SLOPE] = report[: kernel.OUT_SLOPE]
@@ -118,7 +122,7 @@ class GaussianSum(Estimator):
         """Return mean and std of every state but u, for an inverse mass."""
         facts, c = self.facts, self.constants
         mean, std = np.zeros((2, at.STATES))
-        mean[at.GRADE], std[at.GRADE] = facts.initial_grade or 0.0, c.grade_std
+        mean[at.GRADE], std[at.GRADE] = self._first_sine, c.grade_std
         mean[at.U] = u
         std[at.V], std[at.HEIGHT] = 10.0, 1.0
         std[at.CURVATURE] = c.curvature_std_1pm

@@ -169,7 +169,8 @@ def run(
             net_N = 0.0 if p.braked else w.force_N - w.rotating_kg * w.accel_mps2
             count = open_load(mix, count, probability, True, net_N, c, v, t)
             driven_s = 0.0
-        if due and is_open and mix.x.shape[1] == m.STATES:  # else a bend would explain as much
+        sees = not math.isnan(w.sensed_mps2) and not comparison.faulty and not still
+        if due and is_open and sees:  # else a bend would explain as much
             probability = max(p_changed(p.mixed_s + dt, c.jump_every_s), surprising)
             count = open_disturbance(mix, count, probability, p.u, c, v)
         # -- predict and update every density
@@ -207,7 +208,6 @@ def run(
         if measured:
             altitude(mix, count, w.altitude_m, height_known, c, t)
             height_known, climbed_m, climbed_s = True, 0.0, 0.0
-        sees = not math.isnan(w.sensed_mps2) and not comparison.faulty and not still
         if sees:
             gained = gain_is_known(is_open, v)
             felt = w.sensed_mps2 - (0.0 if gained else w.accel_mps2), motion, *row_of_gain(before, end, dt, v)

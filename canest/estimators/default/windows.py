@@ -46,8 +46,9 @@ _MOST_SENSED, _MOST_ALTITUDE, _MOST_YAW, _MOST_TORQUE = 50.0, 1e4, 3.0, 1e6
 class Windows:
     """Carries the samples of the unfinished window and what the next one needs of the past."""
 
-    def __init__(self, late_s: float = 0.0, lacking_Nm: float = 0.0) -> None:
+    def __init__(self, late_s: float = 0.0, lacking_Nm: float = 0.0, knows_retarder: bool = True) -> None:
         self._late_s, self._lacking_Nm = late_s, lacking_Nm  # the latter: torque less than reported
+        self._knows_retarder = knows_retarder
         self._road_back = min(round(late_s / STEP_S), REACH - 1)  # the road where the filtered vehicle is
         self._kept: FloatColumn = np.empty((_COLUMNS, 0))
         self._cutter = WindowCutter()
@@ -130,7 +131,7 @@ class Windows:
             now[_GEAR],
             rotating,
             is_open,
-            retarding & ~is_open,
+            retarding & ~is_open & self._knows_retarder,
             np.maximum(now[_STOPPED], np.isnan(now[_RAW])),  # for all that is known it stands
             coarse & ~is_open,
             bend_mps2,
