@@ -8,7 +8,9 @@ import numpy as np
 
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.roles import RADPS_PER_RPM
+from canest.doctor.engine_and_road import ROAD_SPEEDS, at_radius, one_mistake, unit_hint, words
 from canest.doctor.gear_table import GearFit, slipping_gears, table_line
+from canest.doctor.reported_ratio import ReportedRatio
 from canest.doctor.speed_units import SPEED_TOLERANCE, UNIT_FACTORS, mistaken_unit
 from canest.doctor.stretches import Samples, Stretches, at
 
@@ -25,8 +27,7 @@ FEW_PAIRS = 20
 RATIO_SPREAD = 0.05
 #: reference torques that differ by less are rounding
 TORQUE_TOLERANCE = 0.01
-#: what may turn out to be in another unit or at another radius, the commonest first
-ROAD_SPEEDS = ("vehicle_speed", "undriven_speed", "gps_speed")
+_ENGINE = "engine_speed"
 #: gears that are named
 _SHOWN = 4
 
@@ -36,18 +37,15 @@ class ConsistencyCheck:
 
     def __init__(self, config: Config) -> None:
         self._vehicle = config.vehicle
-        # the ratio that counts is that of the bus, where it has one
-        self._by_gear = "gear_ratio" not in config.signals
-        self._stretches = Stretches(("engine_speed", "output_shaft_speed", "gear", *ROAD_SPEEDS))
+        self._reported = ReportedRatio()
+        self._stretches = Stretches((_ENGINE, "output_shaft_speed", "gear", "gear_ratio", *ROAD_SPEEDS))
         self._pairs = dict.fromkeys(ROAD_SPEEDS, 0)
         self._product = dict.fromkeys(ROAD_SPEEDS, 0.0)
         self._square = dict.fromkeys(ROAD_SPEEDS, 0.0)
         self._gears: set[int] = set()
         self._turns: dict[int, FloatColumn] = {}
         self._turns_of = "output_shaft_speed"
-        #: no signal carries the gear
-        gearless = config.signals.keys().isdisjoint(("gear", "gear_ratio"))
-        self._fit = GearFit(config.vehicle.gear_ratios) if gearless else None
+        self._without_gear = GearFit(config.vehicle.gear_ratios)
         self._reference_Nm: float | None = None
         self._uses_reference = "reference_torque" in config.signals
 
@@ -74,12 +72,26 @@ class ConsistencyCheck:
             gear = stretch["gear"][1]
             known = gear[np.isfinite(gear) & (gear > 0) & (gear < 100)]
             self._gears.update(np.unique(known).astype(int).tolist())
-            if self._by_gear:
-                self._ratios(stretch)
-        if self._fit is not None and "engine_speed" in stretch:
-            stamps, engine_rpm = stretch["engine_speed"]
+            self._ratios(stretch)
+        if _ENGINE not in stretch:
+            return
+        if "gear_ratio" in stretch:
+            stamps, ratio = stretch["gear_ratio"]
+            self._reported.push(ratio, at(stamps, stretch[_ENGINE]), *self._shaft(stamps, stretch))
+        if self._fit is not None:
+            stamps, engine_rpm = stretch[_ENGINE]
             shaft_rpm, least_rpm = self._shaft(stamps, stretch)
-            self._fit.push(stamps, engine_rpm, shaft_rpm, shaft_rpm > least_rpm)
+            self._without_gear.push(stamps, engine_rpm, shaft_rpm, shaft_rpm > least_rpm)
+
+    @property
+    def _by_gear(self) -> bool:
+        """Whether the table counts: the ratio that does is that of the bus, where it has one."""
+        return not self._reported.has_values
+
+    @property
+    def _fit(self) -> GearFit | None:
+        """What tells the gear where no signal has had one."""
+        return None if self._gears or self._reported.has_values else self._without_gear
 
     def _speeds(
         self, role: str, road: tuple[IntColumn, FloatColumn], wheel: tuple[IntColumn, FloatColumn]
@@ -92,11 +104,11 @@ class ConsistencyCheck:
 
     def _ratios(self, stretch: Samples) -> None:
         """Note how often the engine turns per turn of the output shaft while a gear stays in."""
-        if "engine_speed" not in stretch:
+        if _ENGINE not in stretch:
             return
         stamps, gear = stretch["gear"]
         shaft_rpm, least_rpm = self._shaft(stamps, stretch)
-        engine_rpm = at(stamps, stretch["engine_speed"])
+        engine_rpm = at(stamps, stretch[_ENGINE])
         stays = np.zeros(len(gear), np.bool_)
         stays[1:-1] = (gear[1:-1] == gear[:-2]) & (gear[1:-1] == gear[2:])
         stays &= np.isfinite(engine_rpm) & (shaft_rpm > least_rpm)
@@ -125,6 +137,7 @@ class ConsistencyCheck:
         self._compare(self._stretches.rest())
         v = self._vehicle
         hints = self._speed_hints() + self._ratio_hints() + self._table_hints()
+        hints += one_mistake(v, self._turns_of, self._reported.times(), "gear_ratio")
         hints += self._unknown_gears() + self._one_gear_hints()
         received, declared = self._reference_Nm, v.reference_torque_Nm
         if received is not None and declared is not None and abs(received / declared - 1) > TORQUE_TOLERANCE:
@@ -169,9 +182,10 @@ class ConsistencyCheck:
         if len(measured) < 2:
             return ""
         counted = "" if self._fit is None else ", numbered from the largest that stayed in for a second"
+        where = f"{words(self._turns_of)} turn in {len(measured)} ratios"
         return (
-            f"vehicle.gear_ratios is missing, and engine and {self._against()} turn in {len(measured)} ratios"
-            f"{self._at_radius()}: {table_line(measured)}{counted}"
+            f"vehicle.gear_ratios is missing, and engine and {where}"
+            f"{at_radius(self._vehicle, self._turns_of)}: {table_line(measured)}{counted}"
         )
 
     def _one_gear_hints(self) -> list[str]:
@@ -183,38 +197,7 @@ class ConsistencyCheck:
         if len(measured) != 1:
             return []
         (turns,), declared = measured.values(), next(iter(v.gear_ratios.values()), 1.0)
-        hint = self._unit_hint(turns / declared)
-        return [hint] if hint else []
-
-    def _unit_hint(self, times: float) -> str:
-        """Return which unit makes the engine turn so many times as often as the road has it, '' for none."""
-        for taken, factor in (
-            ("rpm is taken for rad/s", 1.0 / RADPS_PER_RPM),
-            ("rad/s is taken for rpm", RADPS_PER_RPM),
-        ):
-            if abs(times / factor - 1) <= SPEED_TOLERANCE:
-                return (
-                    f"engine_speed is {times:.3g} times what the {self._against()} gives, as it is when "
-                    f"{taken}: look at the unit of signals.engine_speed"
-                )
-        mistaken = mistaken_unit(1.0 / times)
-        if self._turns_of not in ROAD_SPEEDS or not mistaken:
-            return ""
-        return (
-            f"{self._turns_of} is {1.0 / times:.3g} times what the engine gives, as it is when {mistaken}: "
-            f"look at the unit of signals.{self._turns_of}"
-        )
-
-    def _against(self) -> str:
-        if self._turns_of in ROAD_SPEEDS:
-            return self._turns_of.replace("_", " ")
-        return "output shaft"
-
-    def _at_radius(self) -> str:
-        v = self._vehicle
-        if self._turns_of not in ROAD_SPEEDS:
-            return ""
-        return f" (at wheel_radius_m {v.wheel_radius_m:g} and final_drive {v.final_drive:g})"
+        return one_mistake(v, self._turns_of, turns / declared, "vehicle.gear_ratios")
 
     def _speed_hints(self) -> list[str]:
         v, hints, radius_shown = self._vehicle, [], False
@@ -241,24 +224,21 @@ class ConsistencyCheck:
 
     def _ratio_hints(self) -> list[str]:
         """Return which gears of the table do not turn as they should."""
+        if not self._by_gear:
+            return []
         v = self._vehicle
         found = {n: ratio for n, ratio in self._measured().items() if n in v.gear_ratios}
         times = {number: ratio / v.gear_ratios[number] for number, ratio in found.items()}
         wrong = [number for number, factor in times.items() if abs(factor - 1) > SPEED_TOLERANCE]
         if not wrong:
             return []
-        against = self._against()
+        against = words(self._turns_of)
         least, most = min(times.values()), max(times.values())
         one = most - least < SPEED_TOLERANCE * most  # one mistake for all gears
-        if one and (hint := self._unit_hint((least + most) / 2)):
+        if one and (hint := unit_hint(self._turns_of, (least + most) / 2)):
             return [hint]
-        if self._turns_of in ROAD_SPEEDS and one and len(times) > 1:
-            radius_m, drive = v.wheel_radius_m * 2 / (least + most), v.final_drive * (least + most) / 2
-            return [
-                f"engine and {against} agree with wheel_radius_m {radius_m:.3f} (at final_drive "
-                f"{v.final_drive:g} and gear_ratios as they are), the config has {v.wheel_radius_m:g}; "
-                f"or with final_drive {drive:.3g} (at wheel_radius_m {v.wheel_radius_m:g})"
-            ]
+        if one and len(times) > 1:
+            return one_mistake(v, self._turns_of, (least + most) / 2, "vehicle.gear_ratios")
         shown = [f"{found[n]:.3g} in gear {n} (gear_ratios: {v.gear_ratios[n]:g})" for n in wrong[:_SHOWN]]
         more = f" and {len(wrong) - _SHOWN} gears more" if len(wrong) > _SHOWN else ""
         listed = f"engine and {against} turn in the ratio {', '.join(shown)}{more}"
@@ -267,7 +247,7 @@ class ConsistencyCheck:
                 f"{listed}, and the higher gears fit: a torque converter that slips in low gears does that. "
                 "Leave gear_ratios as they are; signals.lockup_engaged tells when it does"
             ]
-        measured = f"Measured{self._at_radius()}: {table_line(self._measured())}"
+        measured = f"Measured{at_radius(self._vehicle, self._turns_of)}: {table_line(self._measured())}"
         return [f"{listed}: is the table another gearbox's? {measured}"]
 
     def _table_hints(self) -> list[str]:
@@ -280,7 +260,7 @@ class ConsistencyCheck:
         units = self._fit.fitting(1.0 / factor for factor in UNIT_FACTORS)
         if times is None and units:  # beyond what a wrong radius or axle makes
             times = units[0]
-        if times is not None and (hint := self._unit_hint(times)):
+        if times is not None and (hint := unit_hint(self._turns_of, times)):
             return [hint]
         v, against = self._vehicle, self._turns_of.replace("_", " ")
         listed = ", ".join(f"{ratio:.3g}" for ratio in commonest)

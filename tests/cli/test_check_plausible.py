@@ -83,6 +83,29 @@ def test_without_an_output_shaft_all_gears_off_alike_are_one_wheel_radius(drive)
     assert "the config has 0.56" in hint_text
 
 
+@pytest.mark.parametrize("factor", [0.85, 1.15])
+def test_a_wrong_axle_shows_where_the_bus_has_the_ratio(drive, factor):
+    """Ratio, engine and road speed: no gear table and no output shaft is needed."""
+    (hint_text,) = hints(drive, f"vehicle.final_drive={3.73 * factor}", without=("output_shaft_speed",))
+    assert "engine and vehicle speed agree with wheel_radius_m" in hint_text
+    assert float(hint_text.split("or with final_drive ")[1].split()[0]) == pytest.approx(3.73, rel=0.01)
+
+
+def test_a_ratio_that_is_mapped_and_never_sent_leaves_the_table_to_judge(drive, tmp_path):
+    """Its message is not on this bus: gears of another gearbox are still named."""
+    log = tmp_path / "no-etc2.log"
+    log.write_text("\n".join(line for line in drive.read_text().splitlines() if "18F00503#" not in line))
+    log.with_suffix(".yaml").write_text(drive.with_suffix(".yaml").read_text())
+    assert len(log.read_bytes()) < len(drive.read_bytes())
+    found = hints(log, "vehicle.final_drive=4.29", without=("output_shaft_speed",))
+    assert any("engine and vehicle speed turn mostly in the ratio" in each for each in found), found
+
+
+def test_an_engine_speed_twice_as_large_beside_an_output_shaft(drive):
+    found = hints(drive, "signals.engine_speed.scale=2")
+    assert any(each.startswith("engine_speed is 2 times what output shaft and gear_ratio") for each in found)
+
+
 GEARLESS = ("gear_ratio", "gear", "output_shaft_speed")
 
 

@@ -1,0 +1,64 @@
+"""What makes the engine turn otherwise than the road has it: a unit, a wheel radius or an axle."""
+
+from __future__ import annotations
+
+from canest.core.roles import RADPS_PER_RPM
+from canest.doctor.speed_units import SPEED_TOLERANCE, mistaken_unit
+from canest.vehicle.facts import Vehicle
+
+#: what may turn out to be in another unit or at another radius, the commonest first
+ROAD_SPEEDS = ("vehicle_speed", "undriven_speed", "gps_speed")
+
+
+def words(role: str) -> str:
+    """Return what the engine is compared with, in words. role: a road speed, or that of the output shaft."""
+    return role.replace("_", " ") if role in ROAD_SPEEDS else "output shaft"
+
+
+def at_radius(vehicle: Vehicle, role: str) -> str:
+    """Return by which facts a road speed stands for the output shaft's, '' where none does."""
+    if role not in ROAD_SPEEDS:
+        return ""
+    return f" (at wheel_radius_m {vehicle.wheel_radius_m:g} and final_drive {vehicle.final_drive:g})"
+
+
+def unit_hint(role: str, times: float) -> str:
+    """Return which unit makes the engine turn so many times as often as the road has it, '' for none."""
+    for taken, factor in (
+        ("rpm is taken for rad/s", 1.0 / RADPS_PER_RPM),
+        ("rad/s is taken for rpm", RADPS_PER_RPM),
+    ):
+        if abs(times / factor - 1) <= SPEED_TOLERANCE:
+            return (
+                f"engine_speed is {times:.3g} times what the {words(role)} gives, as it is when "
+                f"{taken}: look at the unit of signals.engine_speed"
+            )
+    mistaken = mistaken_unit(1.0 / times)
+    if role not in ROAD_SPEEDS or not mistaken:
+        return ""
+    return (
+        f"{role} is {1.0 / times:.3g} times what the engine gives, as it is when {mistaken}: "
+        f"look at the unit of signals.{role}"
+    )
+
+
+def one_mistake(vehicle: Vehicle, role: str, times: float, by: str) -> list[str]:
+    """Return which one mistake makes the engine turn so many times as often in every gear; [] for none.
+
+    by: what else is as it is, gear ratios from the bus or of the config.
+    """
+    if abs(times - 1) <= SPEED_TOLERANCE:
+        return []
+    if hint := unit_hint(role, times):
+        return [hint]
+    if role not in ROAD_SPEEDS:
+        return [
+            f"engine_speed is {times:.3g} times what {words(role)} and {by} give: look at the units of "
+            f"signals.engine_speed, signals.{role} and {by}"
+        ]
+    radius_m, drive = vehicle.wheel_radius_m, vehicle.final_drive
+    return [
+        f"engine and {words(role)} agree with wheel_radius_m {radius_m / times:.3f} (at final_drive "
+        f"{drive:g} and the same {by}), the config has {radius_m:g}; or with final_drive "
+        f"{drive * times:.3g} (at wheel_radius_m {radius_m:g})"
+    ]
