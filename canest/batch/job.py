@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from canest.logs.budget import LogBudget, current_budget, log_budget
 from canest.logs.estimate_writer import open_writer
 from canest.logs.log_names import log_name
-from canest.offline.replay import OpenWriter, Output, Progress, ReplayResult, replay
+from canest.offline.log_run import Progress
+from canest.offline.replay import OpenWriter, Output, ReplayResult, replay
 
 if TYPE_CHECKING:
     from canest.config import Config

@@ -13,8 +13,10 @@ from canest.core.samples import STATUS_LABELS
 from canest.core.table_block import TableBlock
 from canest.decode.database import is_j1939
 from canest.decode.per_sender import PerSender
+from canest.doctor.at_bound import AtBound
 from canest.doctor.config_warnings import config_warnings
 from canest.doctor.constant_torque import constant_torque_hints
+from canest.doctor.cycle_times import clock_hints
 from canest.doctor.differing_masses import ROLE, differing
 from canest.doctor.facts import FactsCheck
 from canest.doctor.missing_signals import missing_signal_warnings
@@ -32,6 +34,7 @@ from canest.doctor.received import Received
 from canest.doctor.signal_report import RoleReport, Sender, address_text, complaint, judge, senders_of
 from canest.doctor.slow_signals import delay_notes, slow_signal_hints
 from canest.doctor.stretches import Samples
+from canest.doctor.unmapped_groups import unmapped_group_hints
 from canest.doctor.warnings import stale_warnings, stream_warnings
 from canest.logs.log_warnings import log_warnings
 from canest.pipeline.build import model_spec, stale_limit_s
@@ -94,6 +97,7 @@ class Doctor:
         self._received = Received()
         self._status = STATUS_LABELS[0]
         self._facts = FactsCheck(config)
+        self._at_bound = AtBound(config.vehicle)
         self._raw = RawValueCheck(config)
         self._waiting: list[FrameBlock] = []
         self._frames_waiting = 0
@@ -128,6 +132,7 @@ class Doctor:
         self._facts.push(samples)
         if len(estimates):
             self._status = STATUS_LABELS[int(estimates.status[-1])]
+            self._at_bound.push(estimates)
 
     def report(self, log: LogReader | None = None) -> Report:
         """Return what was found in all blocks so far. log: where they came from, unless from a bus."""
@@ -258,11 +263,14 @@ class Doctor:
             )
         if self._received.frames:
             hints += missing_signal_warnings(self.config, self.pipeline.intake.received)
+            hints += unmapped_group_hints(self.config, self._received.pgns)
             hints += slow_signal_hints(self.config, reports)
+            if not self.pipeline.clock.counters["gaps"]:  # a mean rate over a silence means nothing
+                hints += clock_hints(self.config, reports)
         warning = self.pipeline.estimator.contradiction()
         hints += self._raw.hints() + self._facts.hints()
         hints += constant_torque_hints(self.config, reports) + self._differing_masses(reports)
-        return hints + ([warning] if warning else [])
+        return hints + ([warning] if warning else []) + self._at_bound.notes(warning)
 
     def _differing_masses(self, reports: list[RoleReport]) -> list[str]:
         """Return that two senders report masses which differ."""

@@ -23,11 +23,13 @@ def missing_signal_warnings(config: Config, received: Collection[str]) -> list[s
         if (
             torque == "engine_torque_pct"
             and FRICTION not in received
-            and not config.vehicle.friction_torque_pct
+            and "friction_torque_pct" not in config.vehicle.model_fields_set
+            and len(config.vehicle.gear_ratios) != 1  # as a rule a motor, which has none
         ):
             warnings.append(
                 "no signal reports the engine's friction, so it counts as 0 % of the reference torque: set "
-                "what it is (vehicle.friction_torque_pct, some 5 to 12 %), or mass and grade are wrong by it"
+                "what it is (vehicle.friction_torque_pct, some 5 to 12 % of a combustion engine, 0 of an "
+                "electric motor), or mass and grade are wrong by it"
             )
         if RETARDER in missing and config.vehicle.retarder is not None:
             warnings.append(_unseen("a retarder", RETARDER))

@@ -15,7 +15,7 @@ from typing import Any
 from canest.config import load_config
 from canest.core import jit
 from canest.core.errors import CanestError
-from canest.offline.replay import LogRun
+from canest.offline.log_run import LogRun
 
 #: three minutes of driving as candump text; its config is `class8`
 _DRIVE = Path(__file__).parents[1] / "demo" / "drive.log.xz"

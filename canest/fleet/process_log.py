@@ -27,7 +27,7 @@ from canest.fleet.vin import vin_of
 from canest.logs.budget import log_budget
 from canest.logs.log_warnings import log_warnings
 from canest.offline.legs import Legs
-from canest.offline.replay import LogRun
+from canest.offline.log_run import LogRun
 
 #: hive's name for "no value": the folder of logs whose clock is no calendar
 NO_DATE = "__HIVE_DEFAULT_PARTITION__"

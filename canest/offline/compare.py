@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from canest.config import Config
     from canest.logs.memory import MemoryLog
-    from canest.offline.replay import Progress
+    from canest.offline.log_run import Progress
 
 
 #: "within 5 %" counts from the first moment at which the error stays below for this long (or to the end)

@@ -3,42 +3,33 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from canest.core import jit
-from canest.core.columns import stretches
-from canest.core.frames import FrameBlock
 from canest.core.samples import STATUS_LABELS, EstimateBlock, ModelBlock
-from canest.core.table_block import TableBlock
-from canest.doctor.config_warnings import config_warnings
 from canest.doctor.facts import FactsCheck
-from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.reasons import why_unestimated
-from canest.doctor.sparse_columns import sparse_column_warnings
-from canest.doctor.warnings import stale_warnings, stream_warnings
 from canest.logs.compression import ARCHIVE_SUFFIXES
 from canest.logs.estimate_file import Decimals, EstimateWriter
 from canest.logs.estimate_writer import open_writer
-from canest.logs.log_warnings import log_warnings
 from canest.logs.memory import MemoryLog
 from canest.offline.leg import Leg
 from canest.offline.legs import Legs, Motion
+from canest.offline.log_run import LogRun, Progress
 from canest.offline.reported_masses import ReportedMasses
-from canest.pipeline.pipeline import Listener, Pipeline, TickListener
-from canest.pipeline.table_map import TableMap, open_for
+from canest.offline.run_warnings import run_warnings
+from canest.pipeline.pipeline import Listener, TickListener
 
 if TYPE_CHECKING:
     from canest.config import Config
     from canest.core.estimates import Estimates
-    from canest.logs.base import LogReader
     from canest.offline.extra_columns import ExtraColumns
     from canest.offline.scoring import Reference, Score
 
-Progress = Callable[[int, int], None]  #: bytes done, bytes in all (0: unknown)
 #: opens the file for estimates, with the decimals of its further columns
 OpenWriter = Callable[[Path, Decimals], EstimateWriter]
 
@@ -133,7 +124,7 @@ def replay(
     summary["reported_masses"] = [mass.to_json() for mass in others]
     if score is not None:
         summary["errors"] = score.errors()
-    notes = _warnings(run, config, score) + facts.notes(run.pipeline.decoder.counters)
+    notes = run_warnings(run, config, score) + facts.notes(run.pipeline.decoder.counters)
     summary["notes"] = notes
     summary["wall_s"] = round(time.perf_counter() - begin, 4)
     snapshot = run.pipeline.snapshot()
@@ -141,22 +132,6 @@ def replay(
         name: float(snapshot[name]) for name in ("nis", "runs_z", "windows") if name in snapshot
     }
     return ReplayResult(str(log), summary, score, notes, innovations, legs)
-
-
-def _warnings(run: LogRun, config: Config, score: Score | None) -> list[str]:
-    """Return what was odd about the log, the config and their truth, in sentences."""
-    pipeline = run.pipeline
-    found = config_warnings(config) + log_warnings(run.reader) + run.table_map.warnings()
-    found += stream_warnings(pipeline.intake, pipeline.stuck_ticks) + stale_warnings(config, pipeline)
-    found += sparse_column_warnings(run)
-    if pipeline.updated:
-        found += missing_signal_warnings(config, pipeline.intake.received)
-    if warning := pipeline.estimator.contradiction():
-        found.append(warning)
-    if score is not None:
-        v = config.vehicle
-        found += score.notes() + score.beyond(v.mass_min_kg, v.mass_max_kg)
-    return found
 
 
 def _extra_columns(output: Output | None, config: Config) -> ExtraColumns | None:
@@ -186,62 +161,6 @@ def _all_of(listeners: list[Listener]) -> Listener | None:
             listener(samples, estimates)
 
     return each
-
-
-#: of a log in one go: what is taken of memory grows with the ticks, however few frames or rows they have
-STRETCH_US = 600_000_000
-
-
-class LogRun:
-    """One pass of one log through one pipeline.
-
-    Errors: LogError for what is no log, or is of a kind that the config has no signals for.
-    """
-
-    def __init__(
-        self,
-        log: str | Path | MemoryLog,
-        config: Config,
-        *,
-        listener: Listener | None = None,
-        tick_listener: TickListener | None = None,
-        channel: str | None = None,
-        reported: ReportedMasses | None = None,
-        facts: FactsCheck | None = None,
-    ) -> None:
-        self.config = config
-        self._reported = reported
-        heard = facts.push if facts is not None else None
-        self.pipeline = Pipeline(
-            config, listener=listener, tick_listener=tick_listener, sample_listener=heard
-        )
-        self.table_map = TableMap(config, log)
-        self.reader: LogReader = open_for(config, log, channel)
-
-    def estimates(self, progress: Progress | None = None) -> Iterator[Estimates]:
-        """Yield the estimates, in blocks (none of them empty)."""
-        for block in self.reader:
-            yield from filter(len, self._taken(block))
-            if progress is not None:
-                progress(self.reader.bytes_done, self.reader.bytes_total)
-        estimates = self.pipeline.finish()
-        if len(estimates):
-            yield estimates
-
-    def _taken(self, block: FrameBlock | TableBlock) -> Iterator[Estimates]:
-        """Yield the estimates of a block's stretches: a block of slow signals may be hours of ticks."""
-        if isinstance(block, FrameBlock):
-            if self._reported is not None:
-                self._reported.push(block)
-            for part in stretches(block.t_us, STRETCH_US):
-                yield self.pipeline.push(block[part])
-            return
-        samples = self.table_map.samples(block)
-        if self._reported is not None:
-            self._reported.push_samples(samples)
-        for part in stretches(block.t_us, STRETCH_US):
-            parts = {role: (t_us[part], values[part]) for role, (t_us, values) in samples.items()}
-            yield self.pipeline.push_samples(parts, block.t_us[part])
 
 
 def compiling_pays(logs: Sequence[str | Path | MemoryLog], passes: int = 1) -> bool:

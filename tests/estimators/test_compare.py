@@ -71,7 +71,7 @@ def test_an_estimator_without_its_signal_has_a_reason_instead_of_a_number(drive)
 
 
 def test_estimates_are_those_of_a_replay(drive, tmp_path):
-    from canest.offline.replay import LogRun
+    from canest.offline.log_run import LogRun
 
     log, _ = drive
     config = load_config("class8.yaml", ["estimator.name=rlsmf"])

@@ -16,7 +16,7 @@ import numpy as np
 from canest.config import load_config
 from canest.core.estimates import Estimates
 from canest.demo import DRIVE
-from canest.offline.replay import LogRun
+from canest.offline.log_run import LogRun
 
 HERE = Path(__file__).resolve().parent
 FILE = HERE / "golden.json"

@@ -11,8 +11,8 @@ import pytest
 from canest.config import load_config
 from canest.core.columns import stretches
 from canest.core.estimates import Estimates
-from canest.offline import replay as replaying
-from canest.offline.replay import LogRun
+from canest.offline import log_run
+from canest.offline.log_run import LogRun
 
 ZTBUS = Path(__file__).parents[1] / "data" / "ztbus" / "three-loads.csv.xz"
 CONFIG = """
@@ -38,7 +38,7 @@ def test_half_an_hour_at_1_hz_comes_in_stretches_of_the_same_bits(tmp_path, monk
     parts = estimates(log, config)
     assert len(parts) >= 3
     assert max(map(len, parts)) <= 30_001
-    monkeypatch.setattr(replaying, "STRETCH_US", 10**15)
+    monkeypatch.setattr(log_run, "STRETCH_US", 10**15)
     whole = estimates(log, config)
     assert max(map(len, whole)) > 90_000
     for name in Estimates.__slots__:

@@ -1,0 +1,48 @@
+"""Messages on a J1939 bus that no role takes, though mass and grade are wrong without them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING, NamedTuple
+
+from canest.decode import j1939
+from canest.decode.database import is_j1939
+from canest.doctor.missing_signals import FRICTION, RETARDER
+from canest.vehicle.role_sources import is_at_wheels, torque_role
+
+if TYPE_CHECKING:
+    from canest.config import Config
+
+
+class _Group(NamedTuple):
+    role: str
+    message: str
+    signal: str
+    without: str  #: what happens without it, and what else it needs
+
+
+_GROUPS = (
+    _Group(FRICTION, "EEC3", "NominalFrictionPercentTorque", "the engine's friction is another number"),
+    _Group(
+        RETARDER, "ERC1", "ActualRetarderPercentTorque",
+        "what a retarder takes counts as weight or a hill; vehicle.retarder says how much it is",
+    ),
+)  # fmt: skip
+
+
+def unmapped_group_hints(config: Config, pgns: Collection[int]) -> list[str]:
+    """Return what else to map, one sentence each. pgns: the parameter groups that were received."""
+    torque = torque_role(config.signals, config.vehicle)
+    if torque != "engine_torque_pct" or is_at_wheels(torque, config.signals):
+        return []
+    known = {message.name: message for base in config.databases for message in base.messages}
+    return [
+        f"the bus has {group.message}, and no role takes it: {group.without} (signals.{group.role}: "
+        f"{{message: {group.message}, signal: {group.signal}}})"
+        for group in _GROUPS
+        if group.role not in config.signals
+        and (message := known.get(group.message)) is not None
+        and is_j1939(message)
+        and any(signal.name == group.signal for signal in message.signals)
+        and j1939.pgn_of(message.frame_id) in pgns
+    ]
