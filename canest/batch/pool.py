@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
-from multiprocessing import get_context, parent_process
+from multiprocessing import forkserver, get_context, parent_process, resource_tracker
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -138,6 +138,13 @@ def _pool(workers: int) -> ProcessPoolExecutor:
     # forked from a clean server: a fork of this process would inherit its threads' locks
     context = get_context("forkserver")
     context.set_forkserver_preload(["canest.offline.replay"])
+    # it ignores interrupts once it has imported all of this, and must not fall over one before
+    resource_tracker.ensure_running()  # which takes interrupts again when it starts
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
     ignores = signal.getsignal(signal.SIGINT) == signal.SIG_IGN  # a background job of a shell does
     return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=(ignores,))
 
@@ -145,6 +152,7 @@ def _pool(workers: int) -> ProcessPoolExecutor:
 def _begin_worker(ignores_interrupts: bool) -> None:
     # Ctrl-C ends a worker at once, in whatever it waits for, unless it does not end its parent
     signal.signal(signal.SIGINT, signal.SIG_IGN if ignores_interrupts else signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
     threading.Thread(target=_end_with_parent, name="canest-parent", daemon=True).start()
 
 

@@ -116,7 +116,7 @@ def _diagnose(
     from canest.cli.progress import Share
     from canest.core import jit
     from canest.diagnosis.data.problem import TooLittleDrivingError
-    from canest.diagnosis.report.files import write, write_empty
+    from canest.diagnosis.report.files import check_folder, write, write_empty
     from canest.diagnosis.run import diagnose
     from canest.offline.replay import compiling_pays
 
@@ -125,6 +125,7 @@ def _diagnose(
             self._text = text
             self.update(share)
 
+    check_folder(output)  # before the work of minutes
     jit.enable(compiling_pays(paths, _PASSES))
     names = [str(p) for p in paths]
     try:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import time
+from typing import TYPE_CHECKING
 
 import click
 
 from canest.cli.options import Number, config_option, load
 from canest.core.errors import printable
 from canest.system import terminal
+
+if TYPE_CHECKING:
+    from canest.bus.protocols import Receiver
 
 REFRESH_HZ = 5.0
 
@@ -69,6 +73,7 @@ def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: 
         with Live(console=console, auto_refresh=False) if draws else nullcontext() as live:
             while (now_s := time.monotonic()) < end_s:
                 frames = receiver.drain().frames
+                view.bus_fault = printable(_fault(receiver))
                 for can_id, length, word in zip(
                     frames.can_id.tolist(), frames.length.tolist(), frames.data.tolist(), strict=True
                 ):
@@ -83,3 +88,10 @@ def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: 
         pass
     finally:
         receiver.close()
+
+
+def _fault(receiver: Receiver) -> str:
+    """Return what is wrong with the bus, '' while it is up."""
+    if receiver.state in ("up", "error-passive"):
+        return ""
+    return f"{receiver.state}: {receiver.reason}" if receiver.reason else receiver.state

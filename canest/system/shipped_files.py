@@ -23,6 +23,8 @@ def find(kind: str, name: str, where: str = "") -> Path:
     for path in candidates(kind, name):
         if is_file(path):
             return path
+    if any(map(_is_hidden, candidates(kind, name))):
+        raise ConfigError("cannot be read: a folder above it may not be entered", where=where or name)
     names = ", ".join(sorted(p.name for p in shipped(kind).glob("*") if p.is_file()))
     what = f"{kind.removesuffix('s')} file"
     raise ConfigError(
@@ -48,6 +50,16 @@ def is_file(path: Path) -> bool:
         return path.is_file()
     except OSError:  # a name too long, or a folder that may not be entered
         return False
+
+
+def _is_hidden(path: Path) -> bool:
+    try:
+        path.stat()
+    except PermissionError:
+        return True
+    except (OSError, ValueError):
+        return False
+    return False
 
 
 def _is_directory(path: Path) -> bool:

@@ -49,6 +49,7 @@ class LiveView:
 
     def __init__(self, pgn: int, title: str, every_s: float = 1.0) -> None:
         self.title = title
+        self.bus_fault = ""  #: what is wrong with the bus, '' while it is up
         self._pgn, self._every_s = pgn, every_s
         self.estimate = Estimate()
         self.counters: Counter[str] = Counter()
@@ -128,7 +129,11 @@ class LiveView:
         return f"{estimate.mass_kg:,.0f} kg", f"{age(now_s - then_s)} ago"
 
     def _footer(self, now_s: float) -> str:
+        from rich.markup import escape
+
         age_s = now_s - self._last_s
+        if self.bus_fault and age_s > LOST_S:
+            return f"[red]the bus is {escape(self.bus_fault)}[/red]"
         if math.isinf(age_s):
             return f"waiting for PGN {self._pgn:#x}: is a canest broadcasting on this bus?"
         if age_s > LOST_S:

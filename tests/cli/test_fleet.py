@@ -103,3 +103,25 @@ def test_interrupt_ends_it_soon_and_quietly(tmp_path):
         os.close(end)
     assert process.returncode == 1, err
     assert err.split() == ["interrupted"]
+
+
+def test_an_interrupt_does_not_fall_on_a_server_that_is_still_importing():
+    """It reaches the whole group at once. The server holds it back, and its workers take it again."""
+    code = (
+        "import signal, subprocess, sys\n"
+        "from multiprocessing import forkserver\n"
+        "from canest.batch import pool\n"
+        "if __name__ == '__main__':\n"
+        "    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "    workers = pool._pool(1)\n"
+        "    server = forkserver._forkserver._forkserver_pid\n"
+        "    held = [l for l in open(f'/proc/{server}/status') if l.startswith('SigBlk')][0].split()[1]\n"
+        "    ours = signal.pthread_sigmask(signal.SIG_BLOCK, [])\n"
+        "    theirs = workers.submit(signal.pthread_sigmask, signal.SIG_BLOCK, []).result()\n"
+        "    held = bool(int(held, 16) & 1 << signal.SIGINT - 1)\n"
+        "    print(held, signal.SIGINT in ours, signal.SIGINT in theirs)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.stdout.split() == ["True", "False", "False"], done.stderr

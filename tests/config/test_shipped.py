@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import pytest
 
 from canest.config import load_config
 from canest.config.schema import Config
+from canest.core.errors import ConfigError
 from canest.pipeline.pipeline import Pipeline
 from canest.system.shipped_files import shipped
 
@@ -35,3 +39,16 @@ def test_nothing_in_a_config_can_be_changed_afterwards() -> None:
     config = load_config("class8")
     with pytest.raises(ValueError, match="frozen"):
         config.vehicle.mass_min_kg = 1.0  # type: ignore[misc]
+
+
+def test_a_config_in_a_folder_that_may_not_be_entered_is_not_called_missing(monkeypatch) -> None:
+    known = Path.stat
+
+    def stat(path: Path, **how: bool) -> os.stat_result:
+        if path.parts[0] == "private":
+            raise PermissionError(13, "Permission denied", str(path))
+        return known(path, **how)
+
+    monkeypatch.setattr(Path, "stat", stat)
+    with pytest.raises(ConfigError, match="may not be entered"):
+        load_config("private/my-truck.yaml")

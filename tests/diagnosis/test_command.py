@@ -165,3 +165,14 @@ def test_help_teaches(capsys):
     text = capsys.readouterr().out
     for word in ("--truth", "--mass", "--recorded", "revised.yaml", "canest replay"):
         assert word in text
+
+
+def test_a_folder_that_cannot_be_made_is_named_before_the_work(gain, tmp_path, monkeypatch, capsys):
+    def work(*_, **__):
+        raise AssertionError("minutes of work")
+
+    monkeypatch.setattr("canest.diagnosis.run.diagnose", work)
+    (tmp_path / "file").touch()
+    config = gain.with_suffix(".yaml")
+    assert run(["diagnose", str(gain), "-c", str(config), "-o", str(tmp_path / "file" / "found")]) == 1
+    assert "cannot make the directory" in capsys.readouterr().err

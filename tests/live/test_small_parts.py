@@ -235,6 +235,14 @@ def test_the_view_shows_estimates_and_counts_what_is_lost_or_damaged():
     assert "no broadcast for 9 s" in shown(10.0)
 
 
+def test_the_view_says_what_is_wrong_with_the_bus():
+    """A daemon is not to blame for silence where the bus cannot be opened."""
+    view = LiveView(0xFF5A, "test")
+    assert "is a canest broadcasting" in view.line(0.0)
+    view.bus_fault = "absent: [Errno 19] no such device"
+    assert "the bus is absent: [Errno 19] no such device" in view.line(0.0)
+
+
 def test_a_bracket_in_a_name_is_no_markup(tmp_path, monkeypatch, capsys):
     from rich.console import Console
 

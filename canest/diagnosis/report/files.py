@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -63,6 +64,15 @@ def write_empty(
 
 def _original(config_name: str) -> str:
     return find("configs", config_name).read_text(encoding="utf-8")
+
+
+def check_folder(directory: Path) -> None:
+    """Refuse a folder that cannot be made, and make nothing. Errors: OutputError."""
+    above = next(folder for folder in (directory, *directory.absolute().parents) if folder.exists())
+    if not above.is_dir():
+        raise OutputError(f"cannot make the directory: {above} is a file", where=str(directory))
+    if not os.access(above, os.W_OK | os.X_OK):
+        raise OutputError(f"cannot make the directory: {above} may not be written to", where=str(directory))
 
 
 def _make(directory: Path) -> None:
