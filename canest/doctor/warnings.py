@@ -59,9 +59,10 @@ def stream_warnings(intake: Intake, stuck_ticks: Mapping[str, int] | None = None
     notes = []
     mended = {name: n for name, n in intake.clock.counters.items() if n}
     if mended:
-        notes.append(
-            "time stamps: " + ", ".join(f"{n:,} {name.replace('_', ' ')}" for name, n in mended.items())
-        )
+        counted = ", ".join(f"{n:,} {name.replace('_', ' ')}" for name, n in mended.items())
+        back_s = intake.clock.most_set_back_us * 1e-6
+        by = f" by {back_s:,.1f} s at most: is it one log, in order?" if back_s else ""
+        notes.append(f"time stamps: {counted}{by}")
     if interleaved := interleaved_clocks(intake.clock):
         notes.append(interleaved)
     if left_out := intake.clock.scraps_left_out:

@@ -46,6 +46,7 @@ class Clock:
         self.last_us: int | None = None  #: of what was not left out
         self.stamps = 0  #: seen so far
         self.counters = {"reordered": 0, "gaps": 0, "clock_set_back": 0}
+        self.most_set_back_us = 0  #: of these, by how much at most
         self.of_another_clock = 0  #: frames left out
         self.in_scraps = 0  #: frames of stretches that are too short to give anything
         self.scraps_left_out = 0  #: frames of them
@@ -94,6 +95,7 @@ class Clock:
                     yield Stretch(self._part(frames, t_us, kept, slice(begin, i)), jump, before)
                 begin, jump, before = i, "back" if step < 0 else "gap", self.last_us
                 self.counters["clock_set_back" if step < 0 else "gaps"] += 1
+                self.most_set_back_us = max(self.most_set_back_us, -step)
                 self._begin_run(after_gap=step > 0)
                 last = stamp
             elif step < 0:

@@ -29,6 +29,7 @@ IN_A_FILE = settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 
+BLF_OBJECT = b"LOBJ"
 LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 
 
@@ -52,10 +53,15 @@ def messages(draw):
                 is_rx=draw(st.booleans()),
                 channel=draw(st.integers(0, 2)),
                 dlc=size,
-                data=None if kind == "remote" else draw(st.binary(min_size=size, max_size=size)),
+                data=None if kind == "remote" else draw(payloads(size)),
             )
         )
     return found
+
+
+def payloads(size):
+    """Payloads without the letters that begin an object of BLF: from there on python-can loses frames."""
+    return st.binary(min_size=size, max_size=size).filter(lambda data: BLF_OBJECT not in data)
 
 
 class Read:
@@ -110,6 +116,20 @@ def test_frames_of_every_kind(tmp_path, suffix, found):
     path = tmp_path / f"drive{suffix}"
     if suffix == ".asc" or found:
         assert_equal_to_python_can(write(path, found))
+
+
+@pytest.mark.parametrize("is_fd", [False, True])
+def test_a_payload_that_looks_like_an_object_of_blf_is_a_payload(tmp_path, is_fd):
+    """python-can looks for the next object by these letters, takes the payload for one and loses the rest."""
+    data = [bytes(at) + BLF_OBJECT + bytes(4 - at) for at in range(5)] * 3
+    found = [
+        can.Message(timestamp=1.0 + 0.01 * i, arbitration_id=0x18F00400, is_fd=is_fd, data=each)
+        for i, each in enumerate(data)
+    ]
+    frames, reader = read_all(write(tmp_path / "drive.blf", found))
+    assert len(frames) == len(found) == reader.frames
+    if not is_fd:
+        assert [word.to_bytes(8, "little") for word in frames.data.tolist()] == data
 
 
 @settings(IN_A_FILE, max_examples=12)
