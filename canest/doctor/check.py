@@ -13,7 +13,6 @@ from canest.core.samples import STATUS_LABELS
 from canest.core.table_block import TableBlock
 from canest.decode.database import is_j1939
 from canest.decode.per_sender import PerSender
-from canest.doctor.at_bound import AtBound
 from canest.doctor.config_warnings import config_warnings
 from canest.doctor.constant_torque import constant_torque_hints
 from canest.doctor.cycle_times import clock_hints
@@ -21,6 +20,7 @@ from canest.doctor.differing_masses import ROLE, differing
 from canest.doctor.facts import FactsCheck
 from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.other_identifiers import other_format, other_group_members
+from canest.doctor.past_contradiction import PastContradiction
 from canest.doctor.raw_values import RawValueCheck, text_hints
 from canest.doctor.reasons import (
     gate_shares,
@@ -97,7 +97,7 @@ class Doctor:
         self._received = Received()
         self._status = STATUS_LABELS[0]
         self._facts = FactsCheck(config)
-        self._at_bound = AtBound(config.vehicle)
+        self._past = PastContradiction()
         self._raw = RawValueCheck(config)
         self._waiting: list[FrameBlock] = []
         self._frames_waiting = 0
@@ -132,7 +132,7 @@ class Doctor:
         self._facts.push(samples)
         if len(estimates):
             self._status = STATUS_LABELS[int(estimates.status[-1])]
-            self._at_bound.push(estimates)
+            self._past.note(self.pipeline.estimator.contradiction())
 
     def report(self, log: LogReader | None = None) -> Report:
         """Return what was found in all blocks so far. log: where they came from, unless from a bus."""
@@ -270,7 +270,7 @@ class Doctor:
         warning = self.pipeline.estimator.contradiction()
         hints += self._raw.hints() + self._facts.hints()
         hints += constant_torque_hints(self.config, reports) + self._differing_masses(reports)
-        return hints + ([warning] if warning else []) + self._at_bound.notes(warning)
+        return hints + ([warning] if warning else []) + self._past.notes(warning)
 
     def _differing_masses(self, reports: list[RoleReport]) -> list[str]:
         """Return that two senders report masses which differ."""

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from canest.core.columns import stretches
 from canest.core.frames import FrameBlock
 from canest.core.table_block import TableBlock
-from canest.doctor.at_bound import AtBound
 from canest.doctor.facts import FactsCheck
+from canest.doctor.past_contradiction import PastContradiction
 from canest.logs.memory import MemoryLog
 from canest.offline.reported_masses import ReportedMasses
 from canest.pipeline.pipeline import Listener, Pipeline, TickListener
@@ -50,21 +50,19 @@ class LogRun:
         self.pipeline = Pipeline(
             config, listener=listener, tick_listener=tick_listener, sample_listener=heard
         )
-        self.at_bound = AtBound(config.vehicle)
+        self.past_contradiction = PastContradiction()
         self.table_map = TableMap(config, log)
         self.reader: LogReader = open_for(config, log, channel)
 
     def estimates(self, progress: Progress | None = None) -> Iterator[Estimates]:
         """Yield the estimates, in blocks (none of them empty)."""
         for block in self.reader:
-            for estimates in filter(len, self._taken(block)):
-                self.at_bound.push(estimates)
-                yield estimates
+            yield from filter(len, self._taken(block))
+            self.past_contradiction.note(self.pipeline.estimator.contradiction())
             if progress is not None:
                 progress(self.reader.bytes_done, self.reader.bytes_total)
         estimates = self.pipeline.finish()
         if len(estimates):
-            self.at_bound.push(estimates)
             yield estimates
 
     def _taken(self, block: FrameBlock | TableBlock) -> Iterator[Estimates]:

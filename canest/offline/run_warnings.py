@@ -26,7 +26,7 @@ def run_warnings(run: LogRun, config: Config, score: Score | None) -> list[str]:
         found += missing_signal_warnings(config, pipeline.intake.received)
     if warning := pipeline.estimator.contradiction():
         found.append(warning)
-    found += run.at_bound.notes(warning)
+    found += run.past_contradiction.notes(warning)
     if score is not None:
         v = config.vehicle
         found += score.notes() + score.beyond(v.mass_min_kg, v.mass_max_kg)

@@ -25,7 +25,7 @@ def why_not_valid(view: DaemonView) -> str:
     if not counters.frames:
         return f"no frame has been received on {config.bus.channel} yet of those that the config maps"
     if status == NOT_AVAILABLE:
-        return f"no frame that the config maps for more than {config.sampling.hold_s:g} s"
+        return f"quiet: no frame that the config maps for more than {config.sampling.hold_s:g} s"
     missing = pipeline.estimator.missing() or why_no_signal(config, counters, counters.frames)
     if missing := missing or pipeline.estimator.contradiction():
         return missing

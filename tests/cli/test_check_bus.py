@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
-from canest.config import load_config
-from canest.core.estimates import Estimates
-from canest.core.samples import Status
-from canest.doctor.at_bound import AtBound
 from canest.doctor.check import Doctor
+from canest.doctor.past_contradiction import PastContradiction
 from canest.logs import open_log
 from canest.offline.replay import replay
+from canest.simulation import simulate
 from tests.pulsing_truck import config_of, write_drive
 
 
@@ -79,23 +76,24 @@ def test_friction_is_asked_for_where_an_engine_has_one_and_nobody_states_it(driv
     assert any("no signal reports the engine's friction" in each for each in found) is asked
 
 
-def test_a_mass_that_stood_at_a_bound_is_noted_though_it_left_it(drive):
-    """Three quarters at the upper bound, then a load within: what is contradicted at the end is not all."""
-    vehicle = load_config("class8").vehicle
-    at_bound = AtBound(vehicle)
-    n = 1000
-    mass_kg = np.where(np.arange(n) < 750, vehicle.mass_max_kg, 20_000.0)
-    columns = {name: np.zeros(n) for name in Estimates.__dataclass_fields__}
-    columns |= {"mass_kg": mass_kg, "status": np.full(n, Status.CONVERGING)}
-    at_bound.push(Estimates(**columns))
-    (note,) = at_bound.notes("")
-    assert "at vehicle.mass_max_kg = 40,000 kg in 75 % of the samples" in note
-    assert at_bound.notes("the driving shows a vehicle heavier than vehicle.mass_max_kg") == []
+def test_a_bound_that_was_contradicted_for_a_while_is_noted_at_the_end():
+    heavier = "the driving shows a vehicle heavier than vehicle.mass_max_kg = 40,000 kg: the bound is wrong"
+    past = PastContradiction()
+    assert past.notes("") == []
+    past.note(f"{heavier}; the accelerometer does not follow")
+    past.note("")
+    assert past.notes("") == past.notes("another") == [f"at times {heavier}"]
+    assert past.notes(heavier) == []  # the estimator says it itself
 
 
-def test_check_and_replay_say_it(drive):
-    """A truck of 21 t with 15 t at most."""
-    config = config_of(drive, "vehicle.mass_max_kg=15000")
-    notes = replay(drive, config).warnings
-    for sentences in (hints(drive, config), notes):
+def test_check_and_replay_say_it(tmp_path):
+    """A truck of 21 t with 15 t at most, unloaded at the end."""
+    scenario = {
+        "duration_s": 420, "vehicle": "class8", "driver": {"kind": "pulses"}, "road": {"kind": "highway"},
+        "mass_kg": [{"t_s": 0, "mass_kg": 21250}, {"t_s": 200, "mass_kg": 12000}],
+    }  # fmt: skip
+    (log,) = (path for path in simulate(scenario, 1).write(tmp_path) if path.suffix == ".log")
+    config = config_of(log, "vehicle.mass_max_kg=15000")
+    notes = replay(log, config).warnings
+    for sentences in (hints(log, config), notes):
         assert any("vehicle.mass_max_kg = 15,000 kg" in each for each in sentences), sentences

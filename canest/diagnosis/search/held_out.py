@@ -29,7 +29,8 @@ class Score:
     """One row of the before-and-after table; None where there is nothing to compare with.
 
     mass_kg: at the end (of several drives: their mean). mass_error_pct, mass_rms_pct, grade_rms_deg: mean
-    and RMS of the errors of all judged samples, positive where the estimate is too heavy.
+    and RMS of the errors of all judged samples, those of the mass in motion, positive where the estimate is
+    too heavy.
     """
 
     residual_rms_N: float
@@ -209,7 +210,9 @@ def score(problem: Problem, folds: Sequence[Fold]) -> tuple[Score, FloatColumn, 
             if reference.mass_kg is not None:
                 carried_kg = reference.mass_kg + added_kg(fold.effects, part.run.samples.t_us)
                 true = np.interp(passed_us, ticks_us, carried_kg)
-                mass.add(e.mass_kg / true - 1.0, t, counted, i)
+                # no driving shows a load that changes at rest before the vehicle moves again
+                moves = np.interp(passed_us, ticks_us, ~part.run.samples.stopped) > 0.5
+                mass.add(e.mass_kg / true - 1.0, t, counted & moves, i)
             if reference.grade is not None:
                 true = np.interp(passed_us, ticks_us, reference.grade)
                 grade.add(np.degrees(np.arctan(e.grade) - np.arctan(true)), t, counted, i)
