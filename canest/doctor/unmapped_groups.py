@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from canest.decode import j1939
 from canest.decode.database import is_j1939
 from canest.doctor.missing_signals import FRICTION, RETARDER
-from canest.vehicle.role_sources import is_at_wheels, torque_role
+from canest.vehicle.role_sources import torque_role
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -18,13 +18,17 @@ class _Group(NamedTuple):
     role: str
     message: str
     signal: str
-    without: str  #: what happens without it, and what else it needs
+    torques: tuple[str, ...]  #: that lack it
+    without: str  #: what happens then, and what else it needs
 
 
 _GROUPS = (
-    _Group(FRICTION, "EEC3", "NominalFrictionPercentTorque", "the engine's friction is another number"),
     _Group(
-        RETARDER, "ERC1", "ActualRetarderPercentTorque",
+        FRICTION, "EEC3", "NominalFrictionPercentTorque", ("engine_torque_pct",),
+        "the engine's friction is another number",
+    ),
+    _Group(
+        RETARDER, "ERC1", "ActualRetarderPercentTorque", ("engine_torque_pct", "engine_torque"),
         "what a retarder takes counts as weight or a hill; vehicle.retarder says how much it is",
     ),
 )  # fmt: skip
@@ -33,14 +37,13 @@ _GROUPS = (
 def unmapped_group_hints(config: Config, pgns: Collection[int]) -> list[str]:
     """Return what else to map, one sentence each. pgns: the parameter groups that were received."""
     torque = torque_role(config.signals, config.vehicle)
-    if torque != "engine_torque_pct" or is_at_wheels(torque, config.signals):
-        return []
     known = {message.name: message for base in config.databases for message in base.messages}
     return [
         f"the bus has {group.message}, and no role takes it: {group.without} (signals.{group.role}: "
         f"{{message: {group.message}, signal: {group.signal}}})"
         for group in _GROUPS
         if group.role not in config.signals
+        and torque in group.torques
         and (message := known.get(group.message)) is not None
         and is_j1939(message)
         and any(signal.name == group.signal for signal in message.signals)
