@@ -10,6 +10,8 @@ from canest.bus.kernel_drain import Drained
 
 Filters = Sequence[tuple[int, int]]  #: (id, mask) with flags, as in Linux' struct can_filter
 
+#: states of a bus that carries frames
+UP = ("up", "error-passive")
 REOPEN_S = 0.5  #: longest wait between attempts to open an interface that is not there
 
 
@@ -39,6 +41,11 @@ class Receiver(Protocol):
 
     def close(self) -> None:
         """Let the interface go."""
+
+
+def bus_state(receiver: Receiver) -> str:
+    """Return the state of a bus, with the reason where there is one."""
+    return f"{receiver.state}: {receiver.reason}" if receiver.reason else receiver.state
 
 
 class Transmitter(Protocol):

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
 
 import click
 
 from canest.cli.options import Number, config_option, load
 from canest.core.errors import printable
 from canest.system import terminal
-
-if TYPE_CHECKING:
-    from canest.bus.protocols import Receiver
 
 REFRESH_HZ = 5.0
 
@@ -38,6 +34,7 @@ def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: 
     from rich.live import Live
 
     from canest.bus.link import open_link, require_interface
+    from canest.bus.protocols import UP, bus_state
     from canest.config.bus import Broadcast, Bus
     from canest.decode import j1939
     from canest.telemetry.broadcast_view import LiveView
@@ -73,7 +70,7 @@ def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: 
         with Live(console=console, auto_refresh=False) if draws else nullcontext() as live:
             while (now_s := time.monotonic()) < end_s:
                 frames = receiver.drain().frames
-                view.bus_fault = printable(_fault(receiver))
+                view.bus_fault = "" if receiver.state in UP else printable(bus_state(receiver))
                 for can_id, length, word in zip(
                     frames.can_id.tolist(), frames.length.tolist(), frames.data.tolist(), strict=True
                 ):
@@ -88,10 +85,3 @@ def command(bus: str | None, config_name: str | None, pgn: str | None, seconds: 
         pass
     finally:
         receiver.close()
-
-
-def _fault(receiver: Receiver) -> str:
-    """Return what is wrong with the bus, '' while it is up."""
-    if receiver.state in ("up", "error-passive"):
-        return ""
-    return f"{receiver.state}: {receiver.reason}" if receiver.reason else receiver.state

@@ -68,20 +68,19 @@ class ConsistencyCheck:
             for role in ROAD_SPEEDS:
                 if role in stretch:
                     self._speeds(role, stretch[role], (stamps, wheel_radps))
+        if "gear_ratio" in stretch and _ENGINE in stretch:
+            stamps, ratio = stretch["gear_ratio"]
+            self._reported.push(ratio, at(stamps, stretch[_ENGINE]), *self._shaft(stamps, stretch))
         if "gear" in stretch:
             gear = stretch["gear"][1]
             known = gear[np.isfinite(gear) & (gear > 0) & (gear < 100)]
             self._gears.update(np.unique(known).astype(int).tolist())
-            self._ratios(stretch)
-        if _ENGINE not in stretch:
-            return
-        if "gear_ratio" in stretch:
-            stamps, ratio = stretch["gear_ratio"]
-            self._reported.push(ratio, at(stamps, stretch[_ENGINE]), *self._shaft(stamps, stretch))
-        if self._fit is not None:
+            if self._by_gear:
+                self._ratios(stretch)
+        if self._fit is not None and _ENGINE in stretch:
             stamps, engine_rpm = stretch[_ENGINE]
             shaft_rpm, least_rpm = self._shaft(stamps, stretch)
-            self._without_gear.push(stamps, engine_rpm, shaft_rpm, shaft_rpm > least_rpm)
+            self._fit.push(stamps, engine_rpm, shaft_rpm, shaft_rpm > least_rpm)
 
     @property
     def _by_gear(self) -> bool:

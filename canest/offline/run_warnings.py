@@ -11,14 +11,13 @@ from canest.doctor.warnings import stale_warnings, stream_warnings
 from canest.logs.log_warnings import log_warnings
 
 if TYPE_CHECKING:
-    from canest.config import Config
     from canest.offline.log_run import LogRun
     from canest.offline.scoring import Score
 
 
-def run_warnings(run: LogRun, config: Config, score: Score | None) -> list[str]:
+def run_warnings(run: LogRun, score: Score | None) -> list[str]:
     """Return it in sentences, of a run that has ended."""
-    pipeline = run.pipeline
+    pipeline, config = run.pipeline, run.config
     found = config_warnings(config) + log_warnings(run.reader) + run.table_map.warnings()
     found += stream_warnings(pipeline.intake, pipeline.stuck_ticks) + stale_warnings(config, pipeline)
     found += sparse_column_warnings(run)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from canest.bus.protocols import bus_state
 from canest.node.estimate_frame import STATUS_NAMES
 from canest.system.journal import Journal
 from canest.telemetry.daemon_view import DaemonView
 from canest.telemetry.sender_tables import sender_name
-from canest.telemetry.status_text import bus_state
 
 #: kinds of files, as `Background` counts them
 _FILE_KINDS = ("state", "metrics", "record", "ring", "estimates")
@@ -25,7 +25,7 @@ class StateChangeLog:
 
     def log(self, view: DaemonView) -> None:
         """Log every value that differs from the one before."""
-        self._log("bus", bus_state(view), bad=view.receiver.state != "up")
+        self._log("bus", bus_state(view.receiver), bad=view.receiver.state != "up")
         self._log_node(view)
         self._log("status", STATUS_NAMES[view.estimate.status])
         self._log_senders(view)

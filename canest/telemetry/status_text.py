@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from canest.bus.protocols import UP, bus_state
 from canest.core.gates import LABELS
 from canest.core.samples import STEP_S
 from canest.doctor.reasons import why_no_signal
@@ -19,8 +20,8 @@ def why_not_valid(view: DaemonView) -> str:
     status = STATUS_NAMES[estimate.status]
     if status == "valid":
         return ""
-    if view.receiver.state not in ("up", "error-passive"):
-        return f"the bus {config.bus.channel} is {bus_state(view)}"
+    if view.receiver.state not in UP:
+        return f"the bus {config.bus.channel} is {bus_state(view.receiver)}"
     counters = pipeline.decoder.counters
     if not counters.frames:
         return f"no frame has been received on {config.bus.channel} yet of those that the config maps"
@@ -36,12 +37,6 @@ def why_not_valid(view: DaemonView) -> str:
         std_pct = 100 * estimate.mass_std_kg / estimate.mass_kg
         text = f"+- {std_pct:.1f} %, where {100 * pipeline.estimator.valid_std:g} % is valid; {text}"
     return f"{text}; now held back by the gate {gate}" if gate else text
-
-
-def bus_state(view: DaemonView) -> str:
-    """Return the state of the bus, with the reason where there is one."""
-    state, reason = view.receiver.state, view.receiver.reason
-    return f"{state}: {reason}" if reason else state
 
 
 def status_line(view: DaemonView) -> str:
