@@ -19,7 +19,7 @@ from canest.system.python_can import can
 logging.getLogger("can.bus").addFilter(lambda record: "not properly shut down" not in record.msg)
 
 #: errors of an interface, or a driver, that is not installed
-MISSING = (can.CanInterfaceNotImplementedError, ImportError)
+_MISSING = (can.CanInterfaceNotImplementedError, ImportError)
 INTERFACES = can.VALID_INTERFACES  #: names, those of installed plugins too
 #: interfaces that hand our own frames back to us although asked not to (python-can 4.6)
 ECHOING = frozenset({"udp_multicast"})
@@ -34,6 +34,15 @@ _SEND_TIMEOUT_S = {"slcan": 0.05}
 _LONGEST_LINE = 256  #: bytes of an slcan line, more than CAN FD's 64 bytes take
 
 _IP_MULTICAST_ALL, _IPV6_MULTICAST_ALL = 49, 29  # linux/in.h, linux/in6.h
+
+
+def never_opens(error: Exception, interface: str) -> str:
+    """Return what has to be changed before an interface can open; '' where waiting may help, too."""
+    if isinstance(error, TypeError):
+        return f"bus.channel and bus.options with all that python-can's interface {interface} takes"
+    # without a number it is not the system's word: a vendor's library that python-can did not find
+    no_library = type(error) is OSError and error.errno is None and bool(error.args)
+    return missing_driver(interface) if no_library or isinstance(error, _MISSING) else ""
 
 
 def missing_driver(interface: str) -> str:

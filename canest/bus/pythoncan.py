@@ -50,7 +50,7 @@ class _Opening:
     def __init__(self, config: Bus, thread: DriverThread) -> None:
         self._config = config
         self.bus: can.BusABC | None = None
-        self.missing: Exception | None = None  #: the interface or its driver is not installed
+        self.never: tuple[Exception, str] | None = None  #: why it cannot open, however long it is waited for
         self.reason = "being opened"
         self._job: Job = thread.do(self._run)
 
@@ -61,9 +61,9 @@ class _Opening:
     def _run(self) -> None:
         try:
             self.bus = drivers.open_bus(self._config)
-        except drivers.MISSING as error:
-            self.missing, self.reason = error.with_traceback(None), drivers.error_text(error)
         except Exception as error:  # drivers raise anything when a device is not there
+            expected = drivers.never_opens(error, self._config.interface)
+            self.never = (error.with_traceback(None), expected) if expected else None
             self.reason = "; ".join(
                 filter(None, (drivers.error_text(error), forbidden_sockets(self._config)))
             )
@@ -72,8 +72,8 @@ class _Opening:
 class PythonCanReceiver:
     """Receives from any python-can interface; see `canest.bus.protocols.Receiver`.
 
-    Errors: BusError when python-can has no such interface or lacks its driver; an interface that is merely
-    absent now is waited for.
+    Errors: BusError when python-can has no such interface, lacks its driver or an option of it; an interface
+    that is merely absent now is waited for.
     """
 
     max_poll_interval_us = STEP_US  # the size of a driver's buffer is not known
@@ -98,14 +98,15 @@ class PythonCanReceiver:
             deque(maxlen=64) if bus.interface in drivers.ECHOING else None
         )
         self._retry_at_s = 0.0
-        missing = self._open(_FIRST_OPEN_S)
-        if missing is not None:
+        never = self._open(_FIRST_OPEN_S)
+        if never is not None:
             self.close()
+            error, expected = never
             raise BusError(
-                f"cannot be used ({missing})",
+                f"cannot be used ({drivers.error_text(error).rstrip('.')})",
                 where=f"bus.interface {bus.interface}",
-                expected=drivers.missing_driver(bus.interface),
-            ) from missing
+                expected=expected,
+            ) from error
 
     def collect(self) -> bool:
         """Empty the driver's buffer; see `canest.bus.protocols.Receiver`."""
@@ -186,8 +187,8 @@ class PythonCanReceiver:
         self.counters["damaged_input"] += 1
         drivers.discard_damaged_line(bus)
 
-    def _open(self, wait_s: float) -> Exception | None:
-        """Begin to open the interface, or see whether it is open; return what is missing for it for good."""
+    def _open(self, wait_s: float) -> tuple[Exception, str] | None:
+        """Begin to open the interface, or see whether it is open; return why it never can, and what helps."""
         opening = self._opening
         if opening is None:
             opening = self._opening = _Opening(self._config, self._thread)
@@ -201,7 +202,7 @@ class PythonCanReceiver:
         if self._bus is None:
             self.counters["open_failed"] += 1
             self._retry_at_s = time.monotonic() + REOPEN_S
-            return opening.missing
+            return opening.never
         self._failures = 0
         self.opened += 1
         self.state, self.reason = "up", ""

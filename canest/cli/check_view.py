@@ -34,7 +34,8 @@ def show(report: Report, title: str, verbose: bool = False) -> None:
     if report.stops:
         _print_sentence(console, "stops", "bold red", report.stops, terminal)
     else:
-        ready = f"nothing stops the estimator (at the end: {report.status})"
+        but = "; what the hints say may make it wrong" if report.hints else ""
+        ready = f"nothing stops the estimator (at the end: {report.status}){but}"
         _print_sentence(console, "ready", "bold green", ready, terminal)
     for hint in report.hints:
         _print_sentence(console, "hint", "yellow", hint, terminal)

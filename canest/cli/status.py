@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shutil import which
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -68,10 +69,10 @@ def command(config_name: str | None, socket_name: str | None, as_json: bool, ver
     if config is not None and socket_name is None and not answers:
         click.echo(_WITHOUT_CONFIG, err=True)
     if not paths:
-        click.echo(
-            f"no daemon is running here; {_ELSEWHERE}",
-            err=True,
-        )
+        click.echo(f"no daemon is running here; {_ELSEWHERE}", err=True)
+    if not answers and which("journalctl"):
+        name = Path(config_name).stem if config_name is not None else "*"
+        click.echo(f"what a service has said last: journalctl -e -u 'canest@{name}'", err=True)
     return 0 if answers else 1
 
 

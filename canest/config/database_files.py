@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from canest.config.limits import how_to_read
 from canest.config.schema import Config
 from canest.core.errors import ConfigError
 from canest.system.output_conflicts import Named
@@ -70,7 +71,9 @@ def read_database(path: str | Path) -> Database:
         with file.open("rb") as opened:
             content = opened.read(MOST_FILE_BYTES + 1)
     except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror or error}", where=str(path)) from error
+        raise ConfigError(
+            f"cannot be read: {error.strerror or error}", where=str(path), expected=how_to_read(error)
+        ) from error
     same = before is not None and before[1] == content
     database = before[2] if before is not None and same else parse(content, file.suffix, str(path))
     _parsed[file] = version, content, database

@@ -42,7 +42,19 @@ def read_text(path: Path) -> str:
             expected="a file saved as UTF-8",
         ) from error
     except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror or error}", where=str(path)) from error
+        raise ConfigError(
+            f"cannot be read: {error.strerror or error}", where=str(path), expected=how_to_read(error)
+        ) from error
+
+
+def how_to_read(error: OSError) -> str:
+    """Return what lets a file be read that could not: '' where the reason says it."""
+    # a service runs as a user of its own, and a file that root has written under umask 077 is root's alone
+    return (
+        "a file that this user may read (chmod a+r, and a+x for its folder)"
+        if isinstance(error, PermissionError)
+        else ""
+    )
 
 
 def mistake_in_yaml(error: Exception, text: str) -> tuple[str, str]:

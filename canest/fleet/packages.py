@@ -18,7 +18,6 @@ def require(*packages: str, why: str) -> list[Any]:
         except ImportError:
             raise UsageError(
                 f"{why} needs the package {package.partition('.')[0]}",
-                where="canest fleet",
                 expected=how_to_add("fleet"),
             ) from None
     return found

@@ -44,3 +44,22 @@ def test_a_physical_bus_is_never_sent_on_unless_asked(interface, channel, sectio
 def test_an_interface_python_can_does_not_know_is_one_plain_error():
     with pytest.raises(BusError, match="no_such"):
         open_link(Bus(interface="no_such", channel="x"), [], transmit=False)
+
+
+@pytest.mark.parametrize(
+    ("interface", "channel", "expected"),
+    [
+        ("socketcand", "can0", "'host' and 'port'.*bus.options"),  # without them it cannot open, ever
+        ("pcan", "PCAN_USBBUS1", "its driver"),
+        ("gs_usb", "0", "its driver"),
+    ],
+)
+def test_what_can_never_open_is_refused_and_not_waited_for(interface, channel, expected):
+    with pytest.raises(BusError, match=expected):
+        open_link(Bus(interface=interface, channel=channel), [], transmit=False)
+
+
+def test_an_adapter_that_is_not_there_is_waited_for(tmp_path):
+    receiver, _ = open_link(Bus(interface="slcan", channel=str(tmp_path / "ttyACM0")), [], transmit=False)
+    assert receiver.state == "absent" and "could not open port" in receiver.reason
+    receiver.close()
