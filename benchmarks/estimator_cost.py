@@ -68,6 +68,7 @@ def samples(n: int) -> ModelBlock:
         raw_speed_mps=speed,
         raw_force_N=force,
         raw_torque_Nm=force / 10.0,
+        gear=zeros,
         gate=np.zeros(n, np.uint8),
         restart=restart,
         stopped=np.zeros(n, bool),

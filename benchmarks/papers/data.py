@@ -209,6 +209,7 @@ def from_equation(
         raw_speed_mps=speed,
         raw_force_N=force,
         raw_torque_Nm=traction / 7.0,
+        gear=zeros,
         gate=np.zeros(n, np.uint8),
         restart=restart,
         stopped=np.zeros(n, bool),

@@ -51,7 +51,7 @@ class Job:
             from canest.report.recorder import Recorder
 
             require_packages(self.report)
-            recorder = Recorder(config)
+            recorder = Recorder()
         result = replay(
             self.log,
             config,

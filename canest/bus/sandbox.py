@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import socket
-from collections.abc import Mapping
 
 from canest.config.bus import Bus
 from canest.config.schema import Config
@@ -40,25 +39,25 @@ def drop_in(config: Config) -> str | None:
     )
 
 
-def forbidden_sockets(bus: Bus, environment: Mapping[str, str] = os.environ) -> str:
+def forbidden_sockets(bus: Bus) -> str:
     """Return one sentence on why this process may not open an interface's sockets, '' where it may."""
     for family in address_families(bus):
         try:
             socket.socket(getattr(socket, family), socket.SOCK_DGRAM).close()
         except OSError as error:
             if error.errno == errno.EAFNOSUPPORT:
-                return _explanation(family, environment)
+                return _explanation(family)
     return ""
 
 
-def socket_error_text(error: OSError, family: str, environment: Mapping[str, str] = os.environ) -> str:
+def socket_error_text(error: OSError, family: str) -> str:
     """Return a socket error's text, with the remedy where the systemd unit forbids the address family."""
     if error.errno == errno.EAFNOSUPPORT:
-        return _explanation(family, environment)
+        return _explanation(family)
     return error.strerror or str(error)
 
 
-def _explanation(family: str, environment: Mapping[str, str]) -> str:
-    if "INVOCATION_ID" not in environment:  # which systemd gives to every service
+def _explanation(family: str) -> str:
+    if "INVOCATION_ID" not in os.environ:  # which systemd gives to every service
         return f"this system allows no {family} sockets"
     return f"RestrictAddressFamilies of the unit forbids {family}: {_HINT}"

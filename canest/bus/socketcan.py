@@ -32,7 +32,7 @@ _SO_RCVBUFFORCE = 33
 _ERR_TX_TIMEOUT, _ERR_CRTL, _ERR_BUSOFF, _ERR_RESTARTED = 0x1, 0x4, 0x40, 0x100
 _ERR_WANTED = _ERR_TX_TIMEOUT | _ERR_CRTL | _ERR_BUSOFF | _ERR_RESTARTED
 #: second data byte of a controller error frame
-_CRTL_OVERFLOW, _CRTL_PASSIVE, _CRTL_ACTIVE = 0x03, 0x30, 0x40  # either direction
+_CRTL_OVERFLOW, _CRTL_WARNING, _CRTL_PASSIVE, _CRTL_ACTIVE = 0x03, 0x0C, 0x30, 0x40  # either direction
 
 _FRAME = struct.Struct("=IB3x8s")
 _FULL = frozenset({errno.ENOBUFS, errno.EAGAIN})
@@ -232,6 +232,8 @@ class SocketCanReceiver:
                 self.counters["controller_overflow"] += 1
             else:
                 self.counters["other_error_frames"] += 1
+                if detail & _CRTL_WARNING and self.state == "error-passive":
+                    self.state = "up"  # fewer errors than before
 
 
 class SocketCanTransmitter:

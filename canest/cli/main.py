@@ -28,7 +28,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "simulate": ("simulate", "Make a log with known truth from a scenario."),
     "status": ("status", "Show how a running daemon is doing."),
     "monitor": ("monitor", "Watch mass and grade live, from the broadcast alone."),
-    "publish": ("publish", "Hand a running daemon's estimates to MQTT, or live to Foxglove."),
+    "publish": ("publish", "Hand a running daemon's estimates to MQTT, Foxglove or KUKSA."),
     "serve": ("serve", "Show a running daemon live in a browser."),
     "config": ("config", "Print a shipped config, or the JSON Schema of configs."),
     "install-service": ("install", "Print or install the systemd unit."),

@@ -42,7 +42,8 @@ MEANINGS: dict[str, str] = {
     "known, and learned where torque and speed come at least five times a second",
     "dbc": "files, beside the config or among the shipped ones; an empty list for tables",
     "signals": "role: where it comes from; see below",
-    "sampling.hold_s": "ticks go on this long after the last wanted frame, then they stop, s",
+    "sampling.hold_s": "ticks go on this long after the last wanted frame, at least 2.5 `period_s` of the "
+    "rarest, then they stop, s",
     "sampling.max_backward_s": "a clock set back further starts a new stretch; less is counted, s",
     "sampling.time_column": "column of decoded tables that holds the time: seconds, or ISO 8601",
     "filter.order": "order of the Butterworth low-pass for the whole regression",

@@ -66,7 +66,8 @@ class Source(Section):
 class Sampling(Section):
     """The 50 Hz grid."""
 
-    #: ticks go on this long after the last wanted frame, then they stop until the next one
+    #: ticks go on this long after the last wanted frame (at least 2.5 `period_s` of the rarest), then they
+    #: stop until the next one
     hold_s: Number = Field(2.0, ge=0.1, le=60)
     #: a stamp that goes back further than this starts a new epoch; less is clamped and counted
     max_backward_s: Number = Field(0.5, ge=0, le=60)

@@ -63,6 +63,7 @@ class ModelBlock:
         (the filtered columns repeat themselves there).
     raw_torque_Nm: net torque at the crank, or at the wheels where the vehicle measures it there, unfiltered;
         NaN where not known.
+    gear: the gear that the model uses, negative in reverse; 0 where none is engaged or known.
     gate: uint8 code of `canest.core.gates.Gate`; 0 where the estimator may learn.
     restart: True on a sample whose predecessor was gated or missing (windows and differences start anew).
     stopped: True while the vehicle stands, as derived from speed and clutch state.
@@ -89,6 +90,7 @@ class ModelBlock:
     raw_speed_mps: FloatColumn
     raw_force_N: FloatColumn
     raw_torque_Nm: FloatColumn
+    gear: FloatColumn
     gate: NDArray[np.uint8]
     restart: BoolColumn
     stopped: BoolColumn

@@ -237,7 +237,7 @@ def _multiplexer(message: Message, signal: Signal, size: int) -> tuple[Field, li
     return locate(selector, size)[0], sorted(signal.multiplexer_ids)
 
 
-def known_selectors(message: Message, size: int = FRAME_BYTES) -> tuple[Field, frozenset[int]] | None:
+def known_selectors(message: Message) -> tuple[Field, frozenset[int]] | None:
     """Return the multiplexor field of a message and every value the DBC knows, None without one."""
     selectors = [s for s in message.signals if s.is_multiplexer and not s.multiplexer_ids]
     if len(selectors) != 1:
@@ -248,4 +248,4 @@ def known_selectors(message: Message, size: int = FRAME_BYTES) -> tuple[Field, f
         if s.multiplexer_signal == selectors[0].name
         for i in s.multiplexer_ids or ()
     }
-    return locate(selectors[0], size)[0], frozenset(known)
+    return locate(selectors[0], FRAME_BYTES)[0], frozenset(known)

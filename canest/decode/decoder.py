@@ -85,11 +85,6 @@ class Decoder:
         return sorted([*self._by_pgn, *self._transport_pgns])
 
     @property
-    def kept_ids(self) -> int:
-        """Identifiers of which it is kept where they lead, at most `IDS_KEPT`."""
-        return len(self._routes)
-
-    @property
     def open_sessions(self) -> int:
         """Multi-packet messages that are waiting for packets."""
         return self._transport.open_sessions

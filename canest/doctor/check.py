@@ -94,7 +94,7 @@ class Doctor:
         unowned = {role: want for role, want in wants_of(config).items() if want.source is None}
         self._by_sender = PerSender(unowned, config.databases) if unowned else None
         self._sender_ranges: dict[int | None, Received] = {}
-        self._received = Received()
+        self._received = Received(config.sampling.max_backward_s)
         self._status = STATUS_LABELS[0]
         self._facts = FactsCheck(config)
         self._past = PastContradiction()
@@ -180,7 +180,7 @@ class Doctor:
         received = self._survey.push(block).samples
         if self._by_sender is not None:
             for address, samples in self._by_sender.push(block).items():
-                self._sender_ranges.setdefault(address, Received()).note(samples)
+                self._sender_ranges.setdefault(address, Received(0.0)).note(samples)
         self._facts.push({role: received[role] for role in self._unmapped if role in received})
         return self._decoder.push(block).samples
 

@@ -8,6 +8,7 @@ from canest.core.frames import ERROR, EXTENDED, FrameBlock
 from canest.core.table_block import TableBlock
 from canest.decode import j1939
 from canest.doctor.stretches import Samples
+from canest.grid.clock import INTERLEAVED_AFTER
 
 
 class Received:
@@ -19,7 +20,8 @@ class Received:
     and their count.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, max_backward_s: float) -> None:
+        self._most_reordered_us = round(max_backward_s * 1e6)
         self.frames = self.rows = self.error_frames = self.standard_frames = 0
         self.standard_ids: set[int] = set()
         self.addresses: set[int] = set()
@@ -27,13 +29,21 @@ class Received:
         self.columns: set[str] = set()
         self.missing_cells: dict[str, int] = {}
         self.ranges: dict[str, tuple[float, float, int]] = {}
-        self._span_us: tuple[int, int] | None = None
+        self._span_us: tuple[int, int] | None = None  #: earliest and latest stamp
+        self._ends_us: tuple[int, int] | None = None  #: first and last stamp, in the order of arrival
+        self._set_backs = self._set_back_us = 0
 
     def push(self, block: FrameBlock | TableBlock) -> None:
         """Count the next block, which is not empty."""
         first, last = int(block.t_us.min()), int(block.t_us.max())
         known = self._span_us or (first, last)
         self._span_us = min(first, known[0]), max(last, known[1])
+        begin, before = self._ends_us or (int(block.t_us[0]), int(block.t_us[0]))
+        self._ends_us = begin, int(block.t_us[-1])
+        back_us = -np.diff(block.t_us, prepend=before)
+        back_us = back_us[back_us > self._most_reordered_us]
+        self._set_backs += len(back_us)
+        self._set_back_us += int(back_us.sum())
         self.frames += len(block)
         if isinstance(block, FrameBlock):
             self._push_frames(block)
@@ -67,12 +77,14 @@ class Received:
 
     @property
     def duration_s(self) -> float:
-        """Time from the first stamp to the last."""
+        """Time from the first stamp to the last; it goes on where the clock was set back."""
         first, last = self._span_us or (0, 0)
+        if 0 < self._set_backs < INTERLEAVED_AFTER:
+            first, last = self._ends_us or (0, 0)
+            last += self._set_back_us
         return (last - first) * 1e-6
 
     @property
     def row_rate_hz(self) -> float | None:
         """Mean rate of a table's rows, None where all have one stamp."""
-        first, last = self._span_us or (0, 0)
-        return (self.rows - 1) * 1e6 / (last - first) if last > first else None
+        return (self.rows - 1) / self.duration_s if self.duration_s > 0.0 else None

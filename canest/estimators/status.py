@@ -27,10 +27,9 @@ class StatusTracker:
     def __init__(
         self,
         ratio: float = VALID_RATIO,
-        hold_s: float = HOLD_S,
         bounds_kg: tuple[float, float] = (0.0, math.inf),
     ) -> None:
-        self._ratio, self._hold = ratio, round(hold_s * RATE_HZ)
+        self._ratio, self._hold = ratio, round(HOLD_S * RATE_HZ)
         # a little inside: a projected mass lies on the bound but for rounding
         self._least_kg, self._most_kg = bounds_kg[0] * (1.0 + _ON), bounds_kg[1] * (1.0 - _ON)
         self._run = 0

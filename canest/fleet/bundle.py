@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import pickle
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -30,10 +29,10 @@ class Bundle:
         return _unpacked(self)
 
 
-def bundle_of(name: str, overrides: Sequence[str] = ()) -> Bundle:
+def bundle_of(name: str) -> Bundle:
     """Load a config with its databases. Errors: ConfigError."""
     # a map may be built of what is estimated here: it must not be its own evidence
-    config = load_config(name, [*overrides, "road_map=null"])
+    config = load_config(name, ["road_map=null"])
     files = [(dbc, find("dbc", dbc, config.at(f"dbc.{i}"))) for i, dbc in enumerate(config.dbc)]
     databases = tuple((dbc, path.suffix, path.read_bytes()) for dbc, path in files)
     # where the databases are makes no difference, their content does

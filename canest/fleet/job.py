@@ -79,10 +79,5 @@ class Outcome:
     final: bool = True
     unreachable: bool = False  #: the store did not answer
 
-    @property
-    def is_done(self) -> bool:
-        """Return whether the lake has (or gets) its result."""
-        return not self.error and not self.unmatched
-
 
 Bundles = Mapping[str, Bundle]  #: digest -> config with its databases

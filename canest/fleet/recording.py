@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from canest.core.columns import shifted
-from canest.core.frames import FloatColumn, IntColumn
+from canest.core.frames import FloatColumn, IntColumn, MonotonicClock
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS, STEP_S, STEP_US, EstimateBlock, ModelBlock
 from canest.fleet.job import Settings
@@ -23,11 +24,11 @@ from canest.vehicle.residual import needed_mps2
 SECOND_US = 1_000_000
 #: stamps between these are taken for time since 1970: from 1985 to the year 3000
 EPOCH_US, CALENDAR_END_US = 10**15 // 2, 32_503_680_000 * 10**6
-#: columns of the rows on whole seconds
-ON_SECONDS = ("t_us", "gate", "reported_mass_kg")
-#: columns of the means over seconds without a closed gate: t_us at their end, what a mass of 1 kg takes
+#: columns of the rows on whole seconds; passed_us: as in `canest.offline.leg.Leg`
+ON_SECONDS = ("passed_us", "gate", "reported_mass_kg")
+#: columns of the means over seconds without a closed gate: their end, what a mass of 1 kg takes
 #: (a + g sin b + g mu cos b), and what pushes it
-OPEN_SECONDS = ("t_us", "needed_mps2", "force_N", "traction_N")
+OPEN_SECONDS = ("passed_us", "needed_mps2", "force_N", "traction_N")
 _TICKS_PER_SECOND = SECOND_US // STEP_US
 _REPORTED, _LATITUDE, _LONGITUDE = "reported_mass", "latitude", "longitude"
 
@@ -50,6 +51,7 @@ class Recording:
         self._speeds: list[FloatColumn] = []
         self._distance_m = 0.0
         self._position = _Position()
+        self._monotonic = MonotonicClock()
         self.first_us: int | None = None
 
     def take_ticks(self, ticks: GridBlock) -> None:
@@ -65,9 +67,10 @@ class Recording:
         speed = np.where(samples.stopped, 0.0, np.abs(samples.raw_speed_mps))
         self._speeds.append(speed)
         roles = self._roles(len(samples))
-        whole = np.flatnonzero(samples.t_us % SECOND_US == 0)
-        self._means.add(samples, estimates)
-        on_seconds: tuple[Any, ...] = (samples.t_us, samples.gate, roles[_REPORTED])
+        passed_us = self._monotonic(samples.t_us)
+        whole = np.flatnonzero(passed_us % SECOND_US == 0)
+        self._means.add(replace(samples, t_us=passed_us), estimates)
+        on_seconds: tuple[Any, ...] = (passed_us, samples.gate, roles[_REPORTED])
         for name, column in zip(ON_SECONDS, on_seconds, strict=True):
             self._seconds[name].append(np.asarray(column[whole], np.float64))
         way_m = self._distance_m + np.cumsum(np.nan_to_num(speed)) * STEP_S
@@ -168,7 +171,7 @@ class _OpenSeconds:
         whole = begins[:-1][np.diff(begins) == _TICKS_PER_SECOND]
         seconds = columns[:, whole[:, None] + np.arange(_TICKS_PER_SECOND)]
         for name, values in zip(OPEN_SECONDS, seconds, strict=True):
-            self.rows[name].append(values[:, -1] if name == "t_us" else values.mean(axis=1))
+            self.rows[name].append(values[:, -1] if name == "passed_us" else values.mean(axis=1))
 
 
 def _joined(columns: Mapping[str, list[FloatColumn]]) -> dict[str, FloatColumn]:

@@ -21,8 +21,8 @@ _PIECE_BYTES = 1 << 20
 def result_key(revision: str, bundle: Bundle, vehicle: str, settings: Settings) -> str:
     """Return the digest of all that a result depends on. revision: of the log's content."""
     parts = (
-        revision, bundle.digest, bundle.name, __version__, SCHEMA_VERSION, vehicle, settings.samples_hz,
-        settings.positions,
+        revision, bundle.digest, Path(bundle.name).name, __version__, SCHEMA_VERSION, vehicle,
+        settings.samples_hz, settings.positions,
     )  # fmt: skip
     return hashlib.blake2b(utf8("\n".join(map(str, parts))), digest_size=8).hexdigest()
 

@@ -19,10 +19,8 @@ _COLUMNS = (
 _SECONDS_PER_DAY = 86_400.0
 
 
-def drives_of(
-    lake: str, progress: Callable[[float], None] | None = None, *, where: str = "true"
-) -> Iterator[Drive]:
-    """Yield the drives of a lake, in order of vehicle, day and log. where: SQL that samples must meet.
+def drives_of(lake: str, progress: Callable[[float], None] | None = None) -> Iterator[Drive]:
+    """Yield the drives of a lake, in order of vehicle, day and log.
 
     Errors: UsageError for no lake, or one without positions.
     """
@@ -33,11 +31,11 @@ def drives_of(
     missing = [name for name in _COLUMNS if name not in known]
     columns = ", ".join(f"NULL::DOUBLE AS {name}" if name in missing else name for name in _COLUMNS)
     logs = connection.execute(
-        f"select vehicle, log, min(epoch(time)) as began from samples where {where} group by all order by all"
+        "select vehicle, log, min(epoch(time)) as began from samples group by all order by all"
     ).fetchall()
     for number, (vehicle, log, began) in enumerate(logs):
         answer = connection.execute(
-            f"select {columns} from samples where vehicle = ? and log = ? and {where} order by t_s",
+            f"select {columns} from samples where vehicle = ? and log = ? order by t_s",
             [vehicle, log],
         ).fetchnumpy()
         day = float(began // _SECONDS_PER_DAY) if began is not None else float("nan")

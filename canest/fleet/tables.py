@@ -24,7 +24,7 @@ TRIPS: dict[str, tuple[str, str]] = {
     "start": (_TIME, "start of the leg, UTC; null where the log's clock is no calendar"),
     "from_s": (_FLOAT, "start of the leg in the log's own clock, s"),
     "to_s": (_FLOAT, "end of the leg in the log's own clock, s"),
-    "duration_s": (_FLOAT, "from start to end of the leg"),
+    "duration_s": (_FLOAT, "from start to end of the leg, also where the clock was set back"),
     "driving_s": (_FLOAT, "time in motion"),
     "distance_m": (_FLOAT, "distance driven"),
     "climb_m": (_FLOAT, "sum of the rises, from the estimated grade"),

@@ -43,7 +43,7 @@ def trip_rows(legs: Legs, recording: Recording, of_log: Mapping[str, Any]) -> It
             "leg": number,
             "load": leg.load,
             "start": calendar(np.array([round(leg.from_s * 1e6)]))[0],
-            "duration_s": leg.to_s - leg.from_s,
+            "duration_s": (leg.passed_us[1] - leg.passed_us[0]) / 1e6,
             **{
                 name: getattr(leg, name)
                 for name in (
@@ -58,7 +58,8 @@ def trip_rows(legs: Legs, recording: Recording, of_log: Mapping[str, Any]) -> It
 
 
 def _within(leg: Leg, rows: Mapping[str, FloatColumn]) -> dict[str, FloatColumn]:
-    within = (rows["t_us"] >= leg.from_s * 1e6) & (rows["t_us"] <= leg.to_s * 1e6)
+    first_us, last_us = leg.passed_us
+    within = (rows["passed_us"] >= first_us) & (rows["passed_us"] <= last_us)
     return {name: column[within] for name, column in rows.items()}
 
 

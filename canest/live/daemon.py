@@ -210,7 +210,7 @@ class Daemon:
 
         self.estimation.update(frames, drained.reached_us, now_us, publish)
         self.node.send_due(now_us)
-        self.reporter.stream(self._quiet_s(now_us))
+        self.reporter.stream(self._quiet_s(now_us), is_current=self.estimation.is_current(now_us))
         self.notifier.ping_watchdog(now_s)
 
     def _work_once_a_second(self, now_us: int, now_s: float) -> None:

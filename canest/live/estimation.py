@@ -72,11 +72,13 @@ class Estimation:
         except Exception as error:  # a defect of ours; the vehicle drives on, and so do we
             self._restart(error)
 
+    def is_current(self, now_us: int) -> bool:
+        """Return whether there is an estimate of now."""
+        return self._newest is not None and now_us - self._newest[1] <= FRESH_US
+
     def current(self, now_us: int) -> Estimate:
         """Return the newest estimate, "not available" when it is not of now."""
-        if self._newest is None or now_us - self._newest[1] > FRESH_US:
-            return Estimate()
-        return self._newest[0]
+        return self._newest[0] if self._newest is not None and self.is_current(now_us) else Estimate()
 
     def last(self, now_us: int) -> LastEstimate | None:
         """Return the newest estimate that had a mass, whatever its age; None while there is none."""
@@ -94,7 +96,7 @@ class Estimation:
         """Take the model samples of a pipeline (its `Listener`)."""
         self._standing = bool(samples.stopped[-1])
         self.odometer.add_driven(samples.raw_speed_mps)
-        self.live_rows.add(samples, estimates, self.pipeline.gears)
+        self.live_rows.add(samples, estimates)
 
     def _hand_over(self, estimates: Estimates, now_us: int, publish: Publish) -> None:
         if not len(estimates):

@@ -69,9 +69,12 @@ class MassStore:
         self.initialise(pipeline)
 
     def initialise(self, pipeline: Pipeline) -> None:
-        """Start a pipeline from the learned mass, and the time in which nobody saw the load."""
+        """Start a pipeline from the learned mass, and the time in which nobody saw the load.
+
+        Not where the config, which may be another by now, wants no learned mass or allows none like it.
+        """
         learned = self.learned
-        if learned is None:
+        if learned is None or self._config.service.learn == "off" or not state.fits(learned, self._config):
             return
         now_s = self._clock_s()
         std_kg = state.widened_std_kg(learned, self._config)

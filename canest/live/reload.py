@@ -22,7 +22,7 @@ from canest.telemetry.endpoints import Endpoints
 _BUS_SECTIONS = ("bus", "broadcast", "signals", "dbc")
 #: sections of a config whose change means to estimate anew, from the mass learned so far
 _ESTIMATE_SECTIONS = (
-    "bus", "dbc", "signals", "sampling", "vehicle", "effects", "filter", "gates", "estimator",
+    "bus", "dbc", "signals", "sampling", "vehicle", "effects", "filter", "gates", "estimator", "road_map",
 )  # fmt: skip
 #: a config that has not been read by then is refused; the largest database takes less
 LONGEST_S = 120.0
@@ -157,6 +157,8 @@ def prepare(old: Config, read: Callable[[], Config], running: Pipeline, listener
     changed = {part for part in Config.model_fields if getattr(config, part) != getattr(old, part)}
     if config.databases != running.decoder.databases:  # a file of the same name with other content
         changed.add("dbc")
+    if config.road_map is not None and old.road is not None and config.road != old.road:  # likewise
+        changed.add("road_map")
     new = None
     if not changed.isdisjoint(_ESTIMATE_SECTIONS):
         new = Pipeline(config, listener=listener)

@@ -49,11 +49,15 @@ class Reporter:
                 if self.endpoints is not None:
                     self.endpoints.latest.update(content)
 
-    def stream(self, quiet_s: float | None) -> None:
-        """Send live views what the last estimation gave. quiet_s: since the last frame, None: none yet."""
+    def stream(self, quiet_s: float | None, *, is_current: bool) -> None:
+        """Send live views what the last estimation gave.
+
+        quiet_s: since the last frame, None: none yet. is_current: whether the newest estimate is of now.
+        """
         if self.live_rows.wanted and self.endpoints is not None and self.endpoints.live is not None:
             quiet_s = None if quiet_s is None else round(quiet_s, 2)
-            self.endpoints.live.send_rows(self.live_rows.take(), self.live_rows.newest, quiet_s)
+            newest = self.live_rows.newest if is_current else None
+            self.endpoints.live.send_rows(self.live_rows.take(), newest, quiet_s)
 
     def log_counters(self, view: DaemonView) -> None:
         """Log the whole snapshot as one line of key=value."""

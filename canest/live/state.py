@@ -122,6 +122,12 @@ def unseen_s(learned: Learned, now_s: float) -> float:
     return age_s if learned.standing or age_s > DRIVING_ON_S else 0.0
 
 
+def fits(learned: Learned, config: Config) -> bool:
+    """Return whether a mass lies within the bounds of a config's vehicle."""
+    low, high = config.vehicle.mass_min_kg, config.vehicle.mass_max_kg
+    return low <= learned.mass_kg <= high and learned.mass_std_kg <= high
+
+
 def widened_std_kg(learned: Learned, config: Config) -> float:
     """Return the standard deviation to restart with: widened by the restart and by another config."""
     parts = [
@@ -151,9 +157,9 @@ def _checked(content: bytes, config: Config, now_s: float) -> tuple[Learned | No
         return None, "vehicle", f"belongs to the vehicle {found!r}, expected {expected!r}"
     if learned.saved_s > now_s + _CLOCK_TOLERANCE_S:
         return None, "future", f"is dated {learned.saved_s - now_s:.0f} s in the future"
-    low, high = config.vehicle.mass_min_kg, config.vehicle.mass_max_kg
-    if not (low <= learned.mass_kg <= high and learned.mass_std_kg <= high):
+    if not fits(learned, config):
         found = f"{learned.mass_kg:g} +- {learned.mass_std_kg:g} kg"
+        low, high = config.vehicle.mass_min_kg, config.vehicle.mass_max_kg
         return None, "range", f"holds {found}, expected {low:g}..{high:g}"
     return learned, "", ""
 

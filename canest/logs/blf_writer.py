@@ -28,9 +28,15 @@ class BlfFrames:
         self._writer = can.BLFWriter(cast(Any, _KeptOpen(file)), channel=_CHANNEL + 1)
 
     def write(self, frames: FrameBlock) -> None:
-        """Append the next frames. Errors: OutputError for one of more than eight bytes (CAN FD)."""
+        """Append the next frames.
+
+        Errors: OutputError for one of more than eight bytes (CAN FD), and for one before the file's first.
+        """
         from canest.system.python_can import can  # loaded by now
 
+        if len(frames) and self._writer.start_timestamp is None:
+            first_s = int(frames.t_us.min()) / 1e6
+            self._writer.start_timestamp = first_s if first_s >= _FIRST_DATE_S else 0.0
         for t_us, can_id, length, word in zip(
             frames.t_us.tolist(), frames.can_id.tolist(), frames.length.tolist(), frames.data.tolist(),
             strict=True,
@@ -40,8 +46,11 @@ class BlfFrames:
                     "a BLF of frames has eight bytes each", where=str(self._path),
                     found=f"a frame of {length} bytes (CAN FD)", expected="a name that ends in .log",
                 )  # fmt: skip
-            if self._writer.start_timestamp is None and t_us < _FIRST_DATE_S * 1_000_000:
-                self._writer.start_timestamp = 0.0
+            if t_us / 1e6 < self._writer.start_timestamp:
+                raise OutputError(
+                    "the clock was set back to before the first frame, and a BLF holds no such time",
+                    where=str(self._path), expected="a name that ends in .log",
+                )  # fmt: skip
             message = can.Message(
                 timestamp=t_us / 1e6, arbitration_id=can_id & ID_MASK, channel=_CHANNEL,
                 is_extended_id=bool(can_id & EXTENDED), is_remote_frame=bool(can_id & REMOTE),

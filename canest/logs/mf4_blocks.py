@@ -95,7 +95,7 @@ class Mf4File:
             raise UnsupportedMf4Error(f"found {name!r} where {names} is expected")
         return name[2:], length, count
 
-    def chain(self, address: int, name: bytes, next_link: int = 0) -> Iterator[Block]:
+    def chain(self, address: int, name: bytes) -> Iterator[Block]:
         """Yield blocks of one kind, each linked by the one before it."""
         seen = 0
         while address:
@@ -104,7 +104,7 @@ class Mf4File:
                 raise UnsupportedMf4Error("a chain of blocks without end")
             block = self.block(address, name)
             yield block
-            address = block.link(next_link)
+            address = block.link(0)
 
     def text(self, address: int) -> str:
         """Return the text of a TX block, '' where there is none."""

@@ -12,16 +12,17 @@ import numpy as np
 
 from canest.core import jit
 from canest.core.estimates import Estimates
-from canest.core.frames import FloatColumn, FrameBlock
+from canest.core.frames import FloatColumn
 from canest.core.samples import RATE_HZ, ModelBlock, Status
 from canest.doctor.config_warnings import config_warnings
 from canest.doctor.warnings import stream_warnings
 from canest.estimators import registry
 from canest.estimators.base import Estimator
-from canest.grid.grid import Grid, GridBlock
+from canest.grid.grid import Grid
 from canest.logs.log_warnings import log_warnings
 from canest.offline.replay import compiling_pays
 from canest.offline.scoring import Reference, Score
+from canest.offline.signals import ticks_of
 from canest.pipeline.assumed_constants import carry_over
 from canest.pipeline.build import PipelineSpec, build
 from canest.pipeline.intake import Intake
@@ -139,26 +140,13 @@ def _samples(
     """Yield the samples of a log, without and with the low-excitation gate; add to ``notes`` at its end."""
     intake, grid = Intake(spec.intake), Grid(spec.grid.channels, spec.grid.hold_us)
     tables = TableMap(config, log)
-    plain, excited = (ModelStream(spec.model, spec.assumed, excitation_gate=gate) for gate in (False, True))
-
-    def both(ticks: GridBlock) -> Iterator[tuple[_Samples, _Samples]]:
-        return zip(plain.process(ticks), excited.process(ticks), strict=True)
+    plain, excited = (
+        ModelStream(spec.model, spec.assumed, excitation_gate=gate, road=spec.road) for gate in (False, True)
+    )
 
     reader = open_for(config, log, channel)
-    for block in reader:
-        if isinstance(block, FrameBlock):
-            feeds = intake.frames(block)
-        else:
-            feeds = intake.table(tables.samples(block), block.t_us)
-        for feed in feeds:
-            for ticks in grid.take(feed):
-                yield from both(ticks)
-        if progress is not None:
-            progress(reader.bytes_done, reader.bytes_total)
-    if intake.clock.last_us is not None:
-        ticks_left = grid.ticks_until(intake.clock.last_us, inclusive=True)
-        if ticks_left is not None:
-            yield from both(ticks_left)
+    for ticks in ticks_of(reader, tables, intake, grid, progress):
+        yield from zip(plain.process(ticks), excited.process(ticks), strict=True)
     notes += config_warnings(config) + log_warnings(reader) + tables.warnings()
     notes += stream_warnings(intake, plain.stuck_ticks)
 

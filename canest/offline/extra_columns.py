@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,10 +12,6 @@ from canest.core.frames import FloatColumn
 from canest.core.nearest_name import expected_name
 from canest.core.samples import STEP_S, EstimateBlock, ModelBlock
 from canest.vehicle.residual import residual_N
-from canest.vehicle.role_sources import is_at_wheels, torque_role
-
-if TYPE_CHECKING:
-    from canest.config import Config
 
 Compute = Callable[["ExtraColumns", ModelBlock, EstimateBlock], FloatColumn]
 
@@ -30,28 +25,14 @@ class Column:
     compute: Compute
 
 
-def nearest_gear(per_torque_1pm: FloatColumn, config: Config) -> FloatColumn:
-    """Return the gear whose ratio is nearest to the force per crank torque (n,), NaN in neutral."""
-    v = config.vehicle
-    if not v.gear_ratios or is_at_wheels(torque_role(config.signals, config.vehicle), config.signals):
-        return np.full(len(per_torque_1pm), np.nan)
-    gears = np.array(sorted(v.gear_ratios), np.float64)
-    ratios = np.array([v.gear_ratios[int(g)] for g in gears]) * v.final_drive / v.wheel_radius_m
-    engaged = per_torque_1pm > 0
-    known = np.where(engaged, per_torque_1pm, 1.0)
-    nearest = np.abs(np.log(known)[:, None] - np.log(ratios * v.driveline_efficiency)).argmin(1)
-    return np.where(engaged, gears[nearest], np.nan)
-
-
 class ExtraColumns:
     """A pipeline's listener that keeps columns until they are written.
 
     names: of `COLUMNS`, in the order of the file. Errors: UsageError for a name that there is not.
     """
 
-    def __init__(self, names: Sequence[str], config: Config) -> None:
+    def __init__(self, names: Sequence[str]) -> None:
         self.names = checked(names)
-        self.config = config
         self._held: dict[str, list[FloatColumn]] = {name: [] for name in self.names}
         self._distance_m = 0.0
 
@@ -93,6 +74,11 @@ def _of_model(name: str) -> Compute:
     return lambda _, samples, __: getattr(samples, name)
 
 
+def engaged(samples: ModelBlock) -> FloatColumn:
+    """Return the gear of every sample (n,), NaN where none is engaged or known."""
+    return np.where(samples.gear == 0, np.nan, samples.gear)
+
+
 def _residual(_: ExtraColumns, samples: ModelBlock, estimates: EstimateBlock) -> FloatColumn:
     residual = residual_N(estimates.mass_kg, samples.accel_mps2, estimates.grade, samples.mu, samples.force_N)
     return np.where(np.isfinite(samples.raw_force_N), residual, np.nan)
@@ -104,9 +90,7 @@ COLUMNS: dict[str, Column] = {
     "distance_m": Column(2, "driven since the start of the log", lambda c, s, _: c.distance_m(s)),
     "accel_mps2": Column(4, "acceleration along the road, filtered", _of_model("accel_mps2")),
     "torque_Nm": Column(1, "net torque at the crank, or at the wheels", _of_model("raw_torque_Nm")),
-    "gear": Column(
-        0, "gear by the ratio in use", lambda c, s, _: nearest_gear(s.force_per_torque_1pm, c.config)
-    ),
+    "gear": Column(0, "the gear that the model uses", lambda _, s, __: engaged(s)),
     "traction_N": Column(1, "force from the engine's torque, filtered", _of_model("traction_N")),
     "force_N": Column(1, "known forces but gravity and rolling resistance, filtered", _of_model("force_N")),
     "aero_N": Column(1, "aerodynamic drag, filtered", _of_model("aero_N")),

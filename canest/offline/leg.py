@@ -29,6 +29,7 @@ class Leg:
     load: 1 for the first leg with a valid mass, 2 for the next, None without a valid mass.
     true_mass_kg, mass_error_pct: the truth at `mass_t_s`, and the error there; None where nobody knows.
     reported_kg: what other controllers reported meanwhile: sender -> median, kg.
+    passed_us: first and last moving sample, us, as time goes on where the clock was set back; not in JSON.
     """
 
     from_s: float
@@ -46,6 +47,7 @@ class Leg:
     true_mass_kg: float | None = None
     mass_error_pct: float | None = None
     reported_kg: Mapping[str, float] = field(default_factory=dict)
+    passed_us: tuple[int, int] = (0, 0)
 
     @property
     def is_valid(self) -> bool:
@@ -60,6 +62,7 @@ class Leg:
     def to_json(self) -> dict[str, Any]:
         """Return all fields by name, as JSON types, numbers to three decimals."""
         fields = asdict(self)
+        del fields["passed_us"]
         return {name: round(v, 3) if isinstance(v, float) else v for name, v in fields.items()}
 
     def with_truth(self, mass_kg: float) -> Leg:
@@ -103,6 +106,7 @@ def _joined(legs: Sequence[Leg]) -> Leg:
         best,
         from_s=legs[0].from_s,
         to_s=legs[-1].to_s,
+        passed_us=(legs[0].passed_us[0], legs[-1].passed_us[1]),
         valid_share=valid_s / driving_s if driving_s else 0.0,
         distance_m=sum(leg.distance_m for leg in legs),
         climb_m=sum(leg.climb_m for leg in legs),

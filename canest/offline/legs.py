@@ -88,10 +88,11 @@ class Legs:
                 self._close()
             if end > start:
                 at = rows[start:end]
-                leg = self._open = self._open or _OpenLeg(int(e.t_us[at[0]]))
+                leg = self._open = self._open or _OpenLeg(int(e.t_us[at[0]]), int(time_us[at[0]]))
                 # the pause before a leg is not one of its stops
                 stops = int(np.count_nonzero(pause_s[start + bool(part) : end] >= SHORTEST_STOP_S))
                 settled[at] = leg.add(_Moving.of(e, speed_mps, at), stops)
+                leg.passed_us = leg.passed_us[0], int(time_us[at[-1]])
         valid = e.status[rows] == Status.VALID
         self.driving_s += len(rows) * STEP_S
         self._valid_s += int(np.count_nonzero(valid)) * STEP_S
@@ -135,8 +136,9 @@ class _Moving(NamedTuple):
 class _OpenLeg:
     """A leg that has not ended."""
 
-    def __init__(self, t_us: int) -> None:
+    def __init__(self, t_us: int, passed_us: int) -> None:
         self.distance_m = 0.0
+        self.passed_us = passed_us, passed_us
         self._first_us = self._last_us = t_us
         self._samples = self._valid_samples = self._stops = 0
         self._status = Status.UNESTIMATED
@@ -177,6 +179,7 @@ class _OpenLeg:
             driving_s=self._samples * STEP_S,
             stops=self._stops,
             status=STATUS_LABELS[self._status],
+            passed_us=self.passed_us,
         )
 
 

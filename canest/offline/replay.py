@@ -96,7 +96,7 @@ def replay(
     if output is not None and not isinstance(output, Output):
         output = Output(Path(output))
     motion, driven, reported, facts = Motion(), Legs(), ReportedMasses(config), FactsCheck(config)
-    more = _extra_columns(output, config)
+    more = _extra_columns(output)
     run = LogRun(
         log,
         config,
@@ -134,13 +134,13 @@ def replay(
     return ReplayResult(str(log), summary, score, notes, innovations, legs)
 
 
-def _extra_columns(output: Output | None, config: Config) -> ExtraColumns | None:
+def _extra_columns(output: Output | None) -> ExtraColumns | None:
     """Return what takes the columns that are wanted beside those of est.csv, None for none."""
     if output is None or not output.columns:
         return None
     from canest.offline.extra_columns import ExtraColumns  # wanted for further columns alone
 
-    return ExtraColumns(output.columns, config)
+    return ExtraColumns(output.columns)
 
 
 def _opened(

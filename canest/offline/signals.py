@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,9 @@ from canest.pipeline.table_map import TableMap, open_for
 
 if TYPE_CHECKING:
     from canest.config import Config
+    from canest.logs.base import LogReader
     from canest.logs.memory import MemoryLog
+    from canest.offline.log_run import Progress
 
 
 def read_signals(
@@ -33,15 +36,25 @@ def read_signals(
 
 def _ticks(log: str | Path | MemoryLog, config: Config, channel: str | None) -> Iterator[GridBlock]:
     spec = grid_spec(config)
-    intake, grid = Intake(intake_spec(config)), Grid(spec.channels, spec.hold_us)
-    tables = TableMap(config, log)
-    for block in open_for(config, log, channel):
-        if isinstance(block, FrameBlock):
-            feeds = intake.frames(block)
-        else:
-            feeds = intake.table(tables.samples(block), block.t_us)
-        for feed in feeds:
-            yield from grid.take(feed)
+    grid = Grid(spec.channels, spec.hold_us)
+    reader = open_for(config, log, channel)
+    yield from ticks_of(reader, TableMap(config, log), Intake(intake_spec(config)), grid)
+
+
+def ticks_of(
+    reader: LogReader, tables: TableMap, intake: Intake, grid: Grid, progress: Progress | None = None
+) -> Iterator[GridBlock]:
+    """Yield the ticks of a log, and close its reader. progress: takes bytes done, and bytes in all."""
+    with closing(reader):
+        for block in reader:
+            if isinstance(block, FrameBlock):
+                feeds = intake.frames(block)
+            else:
+                feeds = intake.table(tables.samples(block), block.t_us)
+            for feed in feeds:
+                yield from grid.take(feed)
+            if progress is not None:
+                progress(reader.bytes_done, reader.bytes_total)
     if intake.clock.last_us is not None:
         left = grid.ticks_until(intake.clock.last_us, inclusive=True)
         if left is not None:

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from canest.core.frames import FloatColumn
 from canest.core.samples import ModelBlock
 from canest.grid.grid import GridBlock
 from canest.pipeline.assumed_constants import AssumedConstants, AssumedConstantsCheck
@@ -38,10 +37,9 @@ class ModelStream:
         #: role -> ticks on which the sensor was stuck (see `StuckSensor`)
         self.stuck_ticks = self._filtered_model.stuck_sensor.stuck_ticks
 
-    @property
-    def gears(self) -> FloatColumn:
-        """Return the gear at every sample of the newest block (n,); 0: none is engaged or known."""
-        return self._filtered_model.last_columns.gear
+    def road_ahead(self) -> tuple[list[float], list[float]] | None:
+        """Return distances from the vehicle and grades there; None without a map."""
+        return self._road.ahead() if self._road is not None else None
 
     def process(self, ticks: GridBlock) -> Iterator[tuple[ModelBlock, bool]]:
         """Yield samples, in parts, and whether estimators must begin anew before each (`carry_over`)."""

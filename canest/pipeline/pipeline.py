@@ -136,10 +136,9 @@ class Pipeline:
         """Return, by role, the ticks on which it closed the gate `stale`; of speeds, where none was fresh."""
         return dict(self._model.stale_ticks)
 
-    @property
-    def gears(self) -> FloatColumn:
-        """Return the gear at every sample that the listener takes (n,); 0: none is engaged or known."""
-        return self._model.gears
+    def road_ahead(self) -> tuple[list[float], list[float]] | None:
+        """Return distances from the vehicle (m) and the map's grades there; None without a map."""
+        return self._model.road_ahead()
 
     @property
     def gate_counts(self) -> dict[str, int]:

@@ -19,6 +19,7 @@ from canest.logs.base import KNOWN_LOGS, SHOWN_CHARS
 from canest.logs.cells import number_of
 from canest.logs.format_detection import open_log
 from canest.logs.table_reader import TEXTS_KEPT
+from canest.pipeline.build import hold_us
 from canest.pipeline.signal_map import factor_and_offset, unit_of
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ class TableMap:
 
     def __init__(self, config: Config, log: str | Path | MemoryLog = "") -> None:
         self._where = f"{log}: column" if log else "column"
-        self._time_column, self._hold_s = config.sampling.time_column, config.sampling.hold_s
+        self._time_column, self._hold_s = config.sampling.time_column, hold_us(config) * 1e-6
         self.roles: dict[str, tuple[str, float, float]] = {}
         self.values: dict[str, TextTable] = {}
         self.seen: dict[str, dict[str | float, int]] = {}
@@ -97,7 +98,7 @@ class TableMap:
         steps_s = np.diff(block.t_us) * 1e-6
         if len(steps_s) >= _MANY and (apart_s := float(np.median(steps_s))) > self._hold_s:
             raise LogError(
-                "most rows come more than sampling.hold_s after the one before",
+                f"most rows come more than {self._hold_s:g} s (sampling.hold_s) after the one before",
                 where=f"{self._where} {self._time_column}",
                 found=f"{apart_s:g} s from row to row",
                 expected="seconds, or ISO 8601",

@@ -43,7 +43,8 @@ def parse(url: str, ports: Mapping[str, int], secrets: str) -> Address:
     try:
         parts = urlsplit(url)
         host, port = parts.hostname, parts.port
-    except ValueError:  # brackets without an end, a port that is none
+        (host or "").encode("idna")  # what no name server can be asked for, nobody could connect to
+    except ValueError:  # brackets without an end, a port that is none, a name with an empty part
         parts, host, port = urlsplit(""), None, None
     if "@" in url:
         raise UsageError(

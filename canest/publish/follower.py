@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from typing import Any, NamedTuple
 
@@ -14,7 +15,7 @@ from canest.telemetry.status_text import NOT_AVAILABLE
 
 CHECK_S = 0.5
 SILENT_S = 1.2  #: a source without a message for so long does not answer
-QUIET_S = 2.0  #: a bus without a frame for so long has no estimate of now
+QUIET_S = 2.0  #: without a frame, or an estimate of now, for so long there is none
 #: numbers of an estimate, in the order of a row
 NUMBERS = tuple(name for name in DECIMALS if name not in ("t_s", "status", "gate"))
 
@@ -58,9 +59,10 @@ class Follower:
         self._columns: list[str] = []
         self._clock = WallClock()
         self._message_s = 0.0
+        self._row_s = -math.inf  #: when the source last had an estimate of now
 
     def on_estimate(self, estimate: LiveEstimate) -> None:
-        """Take an estimate, as often as the source estimates; one without numbers while the bus is quiet."""
+        """Take an estimate, as often as the source has one; one without numbers where none is of now."""
 
     def on_status(self, status: dict[str, Any]) -> None:
         """Take the snapshot of `canest status --json`, once a second."""
@@ -77,8 +79,9 @@ class Follower:
         if "rows" in message:
             quiet_s = message["quiet_s"] or 0.0
             if message["newest"] is not None:
+                self._row_s = self._message_s
                 self.on_estimate(self._estimate(message["newest"], quiet_s))
-            elif message["quiet_s"] is None or quiet_s > QUIET_S:
+            elif message["quiet_s"] is None or max(quiet_s, self._message_s - self._row_s) > QUIET_S:
                 self.on_estimate(nothing())
         elif "status" in message:
             self.on_status(message["status"])

@@ -38,7 +38,7 @@ SENSORS = {
 }
 
 
-def discovery(base: str, vehicle: str, prefix: str = PREFIX) -> list[tuple[str, bytes]]:
+def discovery(base: str, vehicle: str) -> list[tuple[str, bytes]]:
     """Return (topic, message) of every sensor. base: the publisher's topic."""
     device = re.sub(r"[^a-zA-Z0-9_-]+", "_", base)
     found = []
@@ -59,6 +59,6 @@ def discovery(base: str, vehicle: str, prefix: str = PREFIX) -> list[tuple[str, 
             content["suggested_display_precision"] = sensor.digits
         if sensor.device_class is not None:
             content["device_class"] = sensor.device_class
-        topic = f"{prefix}/sensor/{device}/{key}/config"
+        topic = f"{PREFIX}/sensor/{device}/{key}/config"
         found.append((topic, json.dumps(content, separators=(",", ":")).encode()))
     return found

@@ -9,7 +9,6 @@ import numpy as np
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS, Status
-from canest.offline.extra_columns import nearest_gear
 from canest.offline.leg_text import CALENDAR_END_S, EPOCH_S
 from canest.pipeline.build import model_spec
 from canest.report import figure as look
@@ -39,14 +38,17 @@ def drive_section(
 ) -> Section:
     """Return the curves of a drive with their cursor, all samples, and the track where it is known."""
     origin = recorder.first_us or 0
-    stamps, columns = with_gaps(stamps, columns)
+    truth = {}
+    if score is not None:
+        truth["mass_true"], truth["grade_true"] = score.truth_at(columns["clock_us"].astype(np.int64))
+    stamps, columns = with_gaps(stamps, columns | truth)
     x = numbers((stamps - origin) * 1e-6, 2)
     rows = Rows(
         ["mass, t", "grade, %", "speed, km/h", "torque, N m", "gear", "force, kN", "residual, kN"],
         [1.5, 1.3, 0.9, 0.9, 0.45, 0.9, 0.8],
         "seconds since the start",
     )
-    mass_true, grade_true = score.truth_at(stamps) if score is not None else (None, None)
+    mass_true, grade_true = columns.get("mass_true"), columns.get("grade_true")
     _estimate(rows, 1, x, columns, Estimate("mass", "mass_kg", 1e-3, look.BLUE, "t"))
     if mass_true is not None and np.isfinite(mass_true).any():
         rows.line(
@@ -111,7 +113,7 @@ def _motion(rows: Rows, x: list[float | None], columns: dict[str, FloatColumn], 
         hover="%{y:,.0f} N m",
     )
     rows.follow("torque_Nm", 1.0)
-    gear = nearest_gear(columns["force_per_torque_1pm"], config)
+    gear = np.where(columns["gear"] == 0, np.nan, columns["gear"])
     rows.line(5, x, numbers(gear, 0), "gear", look.Stroke(look.MUTED, width=1.3, shape="hv"))
     rows.follow("gear", 1.0)
     # the filter repeats the last force where there is none

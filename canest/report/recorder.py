@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 
-from canest.core.frames import FloatColumn, IntColumn
+from canest.core.frames import FloatColumn, IntColumn, MonotonicClock
 from canest.core.samples import STEP_S, STEP_US, EstimateBlock, ModelBlock
 from canest.grid.grid import GridBlock
-from canest.offline.extra_columns import nearest_gear
+from canest.offline.extra_columns import engaged
 from canest.report.detail import Detail
 from canest.vehicle.residual import residual_N
-
-if TYPE_CHECKING:
-    from canest.config import Config
 
 #: points per curve at most; then every other one goes. All samples are in the detail.
 POINTS_MAX = 10_000
@@ -24,10 +21,11 @@ FIRST_STRIDE = 10
 #: shorter closures are one stroke wide on any screen, but thousands of them would make the page slow
 EDGES_MAX = 20_000
 
+#: clock_us: the log's own stamps
 COLUMNS = (
-    "distance_m",
+    "distance_m", "clock_us",
     "raw_speed_mps", "raw_torque_Nm", "raw_force_N", "accel_mps2", "force_N", "traction_N", "mu",
-    "force_per_torque_1pm",
+    "gear",
     "mass_kg", "mass_std_kg", "grade", "grade_std", "status", "gate",
 )  # fmt: skip
 
@@ -35,12 +33,13 @@ COLUMNS = (
 class Recorder:
     """A pipeline's listener: every tick that is a multiple of the stride, and every change of the gate.
 
-    config: for the gear of the detail. first_us, last_us: stamps of the first and the last sample.
+    All stamps are of time that goes on where the log's clock was set back.
+    first_us, last_us: stamps of the first and the last sample.
     detail: all samples, packed. track: where the vehicle was.
     """
 
-    def __init__(self, config: Config | None = None) -> None:
-        self._config = config
+    def __init__(self) -> None:
+        self._monotonic = MonotonicClock()
         self.detail = Detail()
         self.track = Positions()
         self._distance_m = 0.0
@@ -58,6 +57,8 @@ class Recorder:
         """Take the next samples and their estimates."""
         if not len(samples):
             return
+        clock_us = samples.t_us
+        samples = replace(samples, t_us=self._monotonic(clock_us))
         if self.first_us is None:
             self.first_us = int(samples.t_us[0])
         self._note_gates(samples)
@@ -68,8 +69,8 @@ class Recorder:
         keep = np.flatnonzero(samples.t_us // STEP_US % self._stride == 0)
         if not len(keep):
             return
-        held = {"distance_m": way_m[keep]}
-        for name in COLUMNS[1:]:
+        held = {"distance_m": way_m[keep], "clock_us": clock_us[keep].astype(np.float64)}
+        for name in COLUMNS[2:]:
             block = samples if hasattr(samples, name) else estimates
             held[name] = np.asarray(getattr(block, name)[keep], np.float64)
         self._stamps.append(samples.t_us[keep])
@@ -106,12 +107,9 @@ class Recorder:
     def _push_detail(self, samples: ModelBlock, e: EstimateBlock, way_m: FloatColumn) -> None:
         residual = residual_N(e.mass_kg, samples.accel_mps2, e.grade, samples.mu, samples.force_N)
         known = np.where(np.isfinite(samples.raw_force_N), 1.0, np.nan)
-        gear = np.full(len(samples), np.nan)
-        if self._config is not None:
-            gear = nearest_gear(samples.force_per_torque_1pm, self._config)
         self.detail.push((samples.t_us - (self.first_us or 0)) // STEP_US, {
             "mass_kg": e.mass_kg, "mass_std_kg": e.mass_std_kg, "grade": e.grade, "grade_std": e.grade_std,
-            "speed_mps": samples.raw_speed_mps, "torque_Nm": samples.raw_torque_Nm, "gear": gear,
+            "speed_mps": samples.raw_speed_mps, "torque_Nm": samples.raw_torque_Nm, "gear": engaged(samples),
             "traction_N": samples.traction_N * known, "force_N": samples.force_N * known,
             "residual_N": np.where(samples.gate == 0, residual, np.nan),
             "gate": samples.gate.astype(np.float64), "status": e.status.astype(np.float64),
@@ -145,16 +143,18 @@ class Positions:
     """Where the vehicle was: a pipeline's listener for ticks, one position per second or fewer."""
 
     def __init__(self) -> None:
+        self._monotonic = MonotonicClock()
         self._held: list[FloatColumn] = []  #: (3, n): stamp, latitude, longitude
         self._stride = 50
 
     def __call__(self, ticks: GridBlock) -> None:
         """Take the next ticks."""
+        t_us = self._monotonic(ticks.t_us)
         roles = [ticks.values.get(role) for role in ("latitude", "longitude")]
         if roles[0] is None or roles[1] is None:
             return
-        keep = (ticks.t_us // STEP_US % self._stride == 0) & np.isfinite(roles[0]) & np.isfinite(roles[1])
-        self._held.append(np.array([ticks.t_us[keep], roles[0][keep], roles[1][keep]], np.float64))
+        keep = (t_us // STEP_US % self._stride == 0) & np.isfinite(roles[0]) & np.isfinite(roles[1])
+        self._held.append(np.array([t_us[keep], roles[0][keep], roles[1][keep]], np.float64))
         if sum(part.shape[1] for part in self._held) > TRACK_MAX:
             self._stride *= 2
             held = self.columns()

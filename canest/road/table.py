@@ -35,7 +35,7 @@ COLUMNS: dict[str, str] = {
 _COUNTS, _SCHEMA = b"canest.counts", b"canest.road_map"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class RoadMap:
     """The columns of `COLUMNS`, all (cells,). counts: what was taken and left out when it was built."""
 
@@ -54,6 +54,15 @@ class RoadMap:
 
     def __len__(self) -> int:
         return len(self.grade)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, RoadMap):
+            return NotImplemented
+        return all(
+            np.array_equal(getattr(self, name), getattr(other, name), equal_nan=True) for name in COLUMNS
+        )
+
+    __hash__ = None  # type: ignore[assignment]
 
     def selected(self, kept: NDArray[np.bool_]) -> RoadMap:
         """Return the map of some cells (cells,); links to others end."""

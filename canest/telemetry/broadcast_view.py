@@ -41,16 +41,16 @@ def sparkline(values: list[float], low: float | None = None, high: float | None 
     return "".join(marks)
 
 
+_POINT_S = 1.0  #: between points of the sparklines
+
+
 class LiveView:
-    """Collects broadcasts of one group; ask it for a picture as often as you like.
+    """Collects broadcasts of one group; ask it for a picture as often as you like."""
 
-    every_s: time between points of the sparklines.
-    """
-
-    def __init__(self, pgn: int, title: str, every_s: float = 1.0) -> None:
+    def __init__(self, pgn: int, title: str) -> None:
         self.title = title
         self.bus_fault = ""  #: what is wrong with the bus, '' while it is up
-        self._pgn, self._every_s = pgn, every_s
+        self._pgn = pgn
         self.estimate = Estimate()
         self.counters: Counter[str] = Counter()
         self.source: int | None = None
@@ -78,7 +78,7 @@ class LiveView:
         if math.isfinite(self.estimate.mass_kg):
             self._known = self.estimate, now_s
         if now_s >= self._point_at_s:
-            self._point_at_s = now_s + self._every_s
+            self._point_at_s = now_s + _POINT_S
             self._mass.append(self.estimate.mass_kg)
             self._grade.append(self.estimate.grade)
         return True

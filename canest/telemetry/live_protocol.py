@@ -3,7 +3,8 @@
 One JSON object per line over a local socket beside the status socket, each with one of these keys:
 
 - ``canest``: first, once: the version, with ``columns`` (of a row), ``gates`` and ``statuses`` (by code).
-- ``rows``: after every estimation, with ``newest`` (a row) and ``quiet_s`` (`quiet_s` of the status).
+- ``rows``: after every estimation, with ``newest`` (a row, null where no estimate is of now) and ``quiet_s``
+  (`quiet_s` of the status).
 - ``status``: once a second, the snapshot of `canest status --json`.
 - ``refused``: last, a sentence: the daemon has watchers enough.
 """

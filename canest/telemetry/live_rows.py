@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.core.frames import FloatColumn
 from canest.core.samples import STEP_US, EstimateBlock, ModelBlock
 from canest.telemetry.live_protocol import DECIMALS, Row
 from canest.vehicle.residual import residual_N
@@ -35,12 +34,12 @@ class LiveRows:
         self.newest: Row | None = None
         self._rows: deque[Row] = deque(maxlen=_MOST)
 
-    def add(self, samples: ModelBlock, estimates: EstimateBlock, gears: FloatColumn) -> None:
-        """Take the next samples (n,), their estimates (n,) and gears (n,)."""
+    def add(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
+        """Take the next samples (n,) and their estimates (n,)."""
         if not self.wanted:
             return
         first = -(int(samples.t_us[0]) // STEP_US) % _STRIDE
-        *rows, self.newest = _rows(samples, estimates, gears, [*range(first, len(samples), _STRIDE), -1])
+        *rows, self.newest = _rows(samples, estimates, [*range(first, len(samples), _STRIDE), -1])
         self._rows.extend(rows)
 
     def take(self) -> list[Row]:
@@ -51,9 +50,7 @@ class LiveRows:
 
 
 @np.errstate(all="ignore")  # signals may be any float
-def _rows(
-    samples: ModelBlock, estimates: EstimateBlock, gears: FloatColumn, positions: list[int]
-) -> list[Row]:
+def _rows(samples: ModelBlock, estimates: EstimateBlock, positions: list[int]) -> list[Row]:
     """Return the rows at some positions. A block is short: whole columns as lists cost least."""
     residual = residual_N(estimates.mass_kg, samples.accel_mps2, estimates.grade, samples.mu, samples.force_N)
     residual[samples.gate != 0] = np.nan  # what is gated is not explained by the model, and need not be
@@ -67,7 +64,7 @@ def _rows(
         samples.gate,
         samples.raw_speed_mps,
         samples.raw_torque_Nm,
-        gears,
+        samples.gear,
         residual,
     )
     rounded = [

@@ -61,6 +61,9 @@ def snapshot(view: DaemonView) -> dict[str, Any]:
             "saved_s": round(view.learned.saved_s, 1),
             "distance_km": view.learned.distance_km,
         }
+    ahead = view.pipeline.road_ahead()
+    if ahead is not None:
+        result["road_ahead"] = dict(zip(("distance_m", "grade"), ahead, strict=True))
     return result
 
 
@@ -68,6 +71,8 @@ def flat(value: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     """Return nested dictionaries as one level of dotted keys, for a line of the log."""
     level: dict[str, Any] = {}
     for key, inner in value.items():
+        if key == "road_ahead":  # a picture, and no line
+            continue
         if isinstance(inner, dict):
             level |= flat(inner, f"{prefix}{key}.")
         else:

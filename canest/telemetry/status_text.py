@@ -9,6 +9,7 @@ from canest.core.gates import LABELS
 from canest.core.samples import STEP_S
 from canest.doctor.reasons import why_no_signal
 from canest.node.estimate_frame import STATUS_NAMES
+from canest.pipeline.build import hold_us
 from canest.telemetry.daemon_view import DaemonView
 
 NOT_AVAILABLE = "not available"
@@ -26,7 +27,7 @@ def why_not_valid(view: DaemonView) -> str:
     if not counters.frames:
         return f"no frame has been received on {config.bus.channel} yet of those that the config maps"
     if status == NOT_AVAILABLE:
-        return f"quiet: no frame that the config maps for more than {config.sampling.hold_s:g} s"
+        return f"quiet: no frame that the config maps for more than {hold_us(config) * 1e-6:g} s"
     missing = pipeline.estimator.missing() or why_no_signal(config, counters, counters.frames)
     if missing := missing or pipeline.estimator.contradiction():
         return missing

@@ -28,20 +28,20 @@ class Section(NamedTuple):
     a2: float
 
 
-def butterworth(order: int, cutoff_hz: float, rate_hz: float = RATE_HZ) -> list[Section]:
+def butterworth(order: int, cutoff_hz: float) -> list[Section]:
     """Design a low-pass: -3 dB at ``cutoff_hz``, by the bilinear transform with prewarping.
 
     Errors: ConfigError when the cut-off is not below half the rate. (The 2005 paper's 25 Hz at 50 Hz
     sampling is exactly the Nyquist frequency, where no digital Butterworth exists.)
     """
-    if not 0 < cutoff_hz < rate_hz / 2:
+    if not 0 < cutoff_hz < RATE_HZ / 2:
         raise ConfigError(
             "no digital Butterworth exists at or above half the sampling rate",
             where="filter.cutoff_hz",
             found=f"{cutoff_hz:g} Hz",
-            expected=f"above 0 and below {rate_hz / 2:g} Hz",
+            expected=f"above 0 and below {RATE_HZ / 2:g} Hz",
         )
-    k = math.tan(math.pi * cutoff_hz / rate_hz)
+    k = math.tan(math.pi * cutoff_hz / RATE_HZ)
     sections = []
     for i in range(order // 2):
         damping = 2.0 * math.sin(math.pi * (2 * i + 1) / (2 * order))
@@ -54,12 +54,12 @@ def butterworth(order: int, cutoff_hz: float, rate_hz: float = RATE_HZ) -> list[
     return sections
 
 
-def delay_s(sections: list[Section], rate_hz: float = RATE_HZ) -> float:
+def delay_s(sections: list[Section]) -> float:
     """Return how much later a slow signal leaves the filter than it entered (group delay at 0 Hz), s."""
     ticks = 0.0
     for s in sections:
         ticks += (s.b1 + 2 * s.b2) / (s.b0 + s.b1 + s.b2) - (s.a1 + 2 * s.a2) / (1 + s.a1 + s.a2)
-    return ticks / rate_hz
+    return ticks / RATE_HZ
 
 
 @jit.kernel

@@ -118,6 +118,7 @@ class FilteredModel:
             raw_speed_mps=raw.speed_mps,
             raw_force_N=raw.force_N,
             raw_torque_Nm=c.wheel_torque_Nm if self.model.at_wheels else c.torque_Nm,
+            gear=c.gear,
             gate=gate,
             restart=is_open & ~was_open,
             stopped=self._stopped(raw),

@@ -145,6 +145,7 @@ def trip(
         raw_speed_mps=measured,
         raw_force_N=reported - aero - ROTATING_KG * accel,
         raw_torque_Nm=reported / GEAR_1PM,
+        gear=np.zeros(n),
         gate=gate,
         restart=np.concatenate(([True], (gate[1:] == 0) & (gate[:-1] != 0))),
         stopped=speed < 0.05,

@@ -73,6 +73,7 @@ def drive(
         raw_speed_mps=speed,
         raw_force_N=force,
         raw_torque_Nm=(force + 500.0) / 10.0,
+        gear=np.zeros(n),
         gate=gate,
         restart=restart,
         stopped=np.zeros(n, bool),

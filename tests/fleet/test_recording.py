@@ -52,8 +52,8 @@ def test_only_whole_seconds_count_and_those_with_a_closed_gate_are_unknown():
     columns = drive()
     columns.gate[100] = 3
     found = means(columns, [])
-    assert len(found["t_us"]) == 29  # it begins 0.48 s after a second, and the last one is not over
-    assert np.array_equal(found["t_us"] % 1_000_000, np.full(29, 980_000))
+    assert len(found["passed_us"]) == 29  # it begins 0.48 s after a second, and the last one is not over
+    assert np.array_equal(found["passed_us"] % 1_000_000, np.full(29, 980_000))
     assert np.flatnonzero(np.isnan(found["force_N"])).tolist() == [1]
 
 

@@ -135,6 +135,16 @@ def test_a_quiet_bus_shows_in_the_stream_at_once(tmp_path, drive, monkeypatch):
     assert quiet == sorted(quiet) and quiet[-1] > 1.2
 
 
+def test_an_estimate_that_is_not_of_now_is_not_sent_again(tmp_path, drive, monkeypatch):
+    settings = config(tmp_path)
+    with Rig(monkeypatch, settings, drive) as rig, opened(rig, settings) as watcher:
+        rig.run(10)
+        assert [m for m in watcher.messages() if "newest" in m][-1]["newest"] is not None
+        rig.script.fall_silent()
+        rig.run(5)
+        assert [m for m in watcher.messages() if "newest" in m][-1]["newest"] is None
+
+
 def opened(rig, settings):
     rig.daemon.reporter.open(settings)
     return Watcher(stream_path(socket_path(settings)))
@@ -175,7 +185,7 @@ def test_a_stream_that_cannot_be_opened_leaves_the_daemon_running(tmp_path, monk
     with log.open("w") as file:
         reporter = Reporter(Journal(file), Notifier({}), background)
         reporter.open(config(tmp_path))
-        reporter.stream(None)
+        reporter.stream(None, is_current=False)
         assert reporter.endpoints is not None and not reporter.endpoints.watched
         reporter.close()
     background.close(1.0)

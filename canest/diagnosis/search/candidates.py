@@ -67,11 +67,6 @@ class Candidate:
         """Return whether it delays the torque; every engine controller has some delay."""
         return self.kind.stage == "sampling"
 
-    @property
-    def is_load(self) -> bool:
-        """Return whether it changes the vehicle's mass, and no force of the model."""
-        return self.kind.stage == "load"
-
     def repeats(self, other: Candidate) -> bool:
         """Return whether it is the same effect again, and not of another gear, signal or stop."""
         if self.effect != other.effect:

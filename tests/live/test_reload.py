@@ -1,0 +1,47 @@
+"""A reload: what has changed is in force at once, and what a start would refuse is not carried over."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from canest.core.samples import Status
+from canest.road.build import build_map
+from canest.road.table import write_map
+from tests.live.rig import Rig, config
+from tests.road.conftest import drive as road_drive
+
+
+@pytest.mark.parametrize("changes", [("service.learn='off'",), ("vehicle.mass_max_kg=15000",)])
+def test_a_reload_carries_no_mass_over_that_a_start_would_refuse(tmp_path, drive, monkeypatch, changes):
+    # the other radius makes the estimate begin anew
+    changed = config(tmp_path, "vehicle.wheel_radius_m=0.51", *changes)
+    with Rig(monkeypatch, config(tmp_path), drive, reload=lambda: changed) as rig:
+        rig.run(60)
+        assert rig.daemon.estimate(rig.now_us).status == Status.VALID
+        rig.daemon.request_reload()
+        rig.run(2)
+        assert rig.daemon.config is changed
+        assert "mass-restored" not in rig.log.getvalue()
+        assert rig.daemon.estimate(rig.now_us).status != Status.VALID
+
+
+def test_a_reload_takes_another_road_map_over(tmp_path, drive, monkeypatch):
+    path = tmp_path / "road.parquet"
+    road = build_map([road_drive(0), road_drive(1, "b")])
+    path.write_bytes(write_map(road))
+
+    def settings():
+        return config(tmp_path, f"road_map={path}")
+
+    with Rig(monkeypatch, settings(), drive, reload=settings) as rig:
+        rig.run(1)
+        pipelines = [rig.daemon.pipeline]
+        for content in (road, replace(road, grade=road.grade + 0.01)):
+            path.write_bytes(write_map(content))
+            rig.daemon.request_reload()
+            rig.run(1)
+            pipelines.append(rig.daemon.pipeline)
+    assert pipelines[0] is pipelines[1]  # the same content: nothing begins anew
+    assert pipelines[1] is not pipelines[2]
