@@ -215,10 +215,10 @@ def diagnose(
 
     several = logs if isinstance(logs, list | tuple) else [logs]
     truths = truth if isinstance(truth, list | tuple) else [truth] * len(several)
-    if not several or len(truths) != len(several):
-        raise UsageError(
-            "logs and truths differ", found=f"{len(several)} and {len(truths)}", expected="pairs"
-        )
+    if not several:
+        raise UsageError("no logs", where="logs", expected="one, or a list of one vehicle's")
+    if (counts := (len(several), len(truths))) != (len(several),) * 2:
+        raise UsageError("logs and truths differ", found="{} and {}".format(*counts), expected="pairs")
     pairs = [log_and_config(log, config) for log in several]
     if any(used != pairs[0][1] for _, used in pairs):
         raise UsageError("tables of one diagnosis differ", expected="the same columns and rate in all")

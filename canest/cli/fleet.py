@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from canest.fleet.run import Tally
 
 EPILOG = """\b
-Examples (pip install 'canest[fleet]' first):
+Examples (they need the extra fleet: docs/install.md):
   canest fleet run logs/ -o lake/ --manifest fleet.csv
   canest fleet report lake/ -o report/
   canest fleet query lake/ "select vehicle, avg(mass_kg) from trips group by vehicle"

@@ -23,22 +23,22 @@ class LiveSource(NamedTuple):
 
 
 class Source(NamedTuple):
-    """What the command line names to follow: -c, --socket, --broadcast."""
+    """What the command line names to follow: -c with --set, --socket, --broadcast."""
 
     config_name: str | None
+    overrides: tuple[str, ...]
     socket_name: str | None
     broadcast: bool
 
     def load(self) -> tuple[Config | None, LiveSource]:
         """Return the config (if there is one) and the source. Errors: a usage error, CanestError."""
-        if (self.config_name is None) == (self.socket_name is None) or (
-            self.broadcast and self.config_name is None
-        ):
+        both = self.config_name is not None and self.socket_name is not None
+        if both or (self.config_name is None and (self.socket_name is None or self.broadcast)):
             raise click.UsageError(
-                "found no daemon to follow, expected -c CONFIG (or --socket PATH)",
+                "found no daemon to follow, expected -c CONFIG (or --socket PATH)" + ", not both" * both,
                 click.get_current_context(),
             )
-        config = None if self.config_name is None else load(self.config_name, databases=False)
+        config = None if self.config_name is None else load(self.config_name, self.overrides, databases=False)
         return config, source_of(config, self.socket_name, broadcast=self.broadcast)
 
 
@@ -51,8 +51,12 @@ def source_options(function: F) -> F:
         click.option(
             "--socket", "socket_name", metavar="PATH", help="The daemon's status socket, without -c."
         ),
+        click.option(
+            "--set", "overrides", multiple=True, metavar="KEY=VALUE",
+            help="Override a config key, as the daemon was started with.",
+        ),
         config_option(required=False),
-    ):
+    ):  # fmt: skip
         function = option(function)
     return function
 

@@ -7,7 +7,7 @@ import click
 from canest.cli.repeated_options import Group
 
 EPILOG = """\b
-Examples (pip install 'canest[map]' first):
+Examples (they need the extra map: docs/install.md):
   canest fleet run logs/ -o lake/ --manifest fleet.csv --positions
   canest map build lake/ -o road.parquet
   canest map show road.parquet

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 EPILOG = """\b
-Examples (pip install 'canest[mqtt,foxglove,kuksa]' first):
+Examples (they need the extras mqtt,foxglove,kuksa: docs/install.md):
   canest publish mqtt -c my-truck.yaml --broker mqtt://localhost
   canest publish foxglove -c my-truck.yaml
   canest publish kuksa -c my-truck.yaml --broker grpc://localhost:55555

@@ -59,6 +59,10 @@ class ConfigError(CanestError):
     exit_code = 2
 
 
+class PluginError(CanestError):
+    """Code of another package has failed, or does not do what canest asks of it."""
+
+
 class LogError(CanestError):
     """A log cannot be read at all."""
 

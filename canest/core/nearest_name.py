@@ -22,7 +22,10 @@ def expected_name(name: str, names: Iterable[str], kind: str = "one", see: str =
     return f"{listed} ... ({len(known)} in all{': ' + see if see else ''})"
 
 
-def nearest_names(name: str, names: Iterable[str]) -> list[str]:
-    """Return the names, two at most, that differ from ``name`` by a slip; letter case does not count."""
+def nearest_names(name: str, names: Iterable[str], cutoff: float = 0.6) -> list[str]:
+    """Return the names, two at most, that differ from ``name`` by a slip; letter case does not count.
+
+    cutoff: of 1, how alike they are at least.
+    """
     spelled = {n.lower(): n for n in reversed(list(names))}
-    return [spelled[n] for n in difflib.get_close_matches(name.lower(), spelled, n=2, cutoff=0.6)]
+    return [spelled[n] for n in difflib.get_close_matches(name.lower(), spelled, n=2, cutoff=cutoff)]

@@ -130,6 +130,8 @@ def _unusable() -> dict[str, str]:
 
 def _why_untried(diagnosis: Diagnosis, name: str) -> str:
     cls, candidates = effect_class(name), diagnosis.search.candidates
+    if name in diagnosis.search.failed:
+        return diagnosis.search.failed[name]
     if not candidates:
         return TOO_LITTLE
     if cls.scales_traction and not diagnosis.problem.mass_known:

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 from canest.core.samples import EstimateBlock, ModelBlock, VehicleFacts
 from canest.estimators.description import Description
+from canest.estimators.options import parse
 from canest.estimators.status import VALID_RATIO
 
 
@@ -33,6 +34,7 @@ class Estimator(ABC):
 
     def __init__(self, name: str, facts: VehicleFacts, options: Mapping[str, Any] | None = None) -> None:
         self.name, self.facts = name, facts
+        self.options: Any = parse(self.description.options, options)
 
     @property
     def description(self) -> Description:

@@ -42,7 +42,7 @@ class FleetJob:
     """A log, and which rules may decide about it.
 
     rules: with the digest of each one's config. keys_in_lake: of results that need not be made again.
-    results_in_lake: key and vehicle of all that the lake has of it, where its VIN decides.
+    results_in_lake: key and vehicle of all that the lake has of it.
     """
 
     log: FoundLog

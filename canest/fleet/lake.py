@@ -20,6 +20,7 @@ from canest.fleet.damaged import damage, damaged_files
 from canest.fleet.job import Outcome
 from canest.fleet.part_files import read_table, results_in, write_part
 from canest.fleet.result_names import (
+    MARKER,
     SUFFIX,
     is_part,
     log_id,
@@ -35,7 +36,6 @@ from canest.fleet.vehicle_lock import vehicle_lock
 from canest.fleet.vehicle_names import vehicle_of
 from canest.system.atomic_file import is_temporary
 
-MARKER = "canest-lake.json"
 TRIPS_FOLDER, SAMPLES_FOLDER = "trips", "samples"
 _READERS = 16  #: of the ends of parts, which may lie far away
 

@@ -59,7 +59,7 @@ def make_plan(
             plan.unmatched.append(Outcome(log.name, unmatched="no rule of the manifest fits its path"))
             continue
         keys = lake.keys(log.name, with_samples=with_samples) if resume else frozenset()
-        old = lake.vehicles(log.name) if rules[0].asks_for_vin else ()
+        old = lake.vehicles(log.name)
         digests = tuple((rule, configs[rule.config].digest) for rule in rules)
         plan.jobs.append(FleetJob(log, digests, keys, old))
     return plan

@@ -94,6 +94,14 @@ def _process(job: FleetJob, bundles: Bundles, settings: Settings, log: _Log) -> 
     key = result_key(job.log.revision or content_digest(log.path()), bundle, vehicle, settings)
     if key in job.keys_in_lake:  # done before
         return Outcome(name, key=key, present=True)
+    revision = job.log.revision or content_digest(log.path())
+    for old_key, old in job.results_in_lake:
+        if old != vehicle and old_key != result_key(revision, bundle, old, settings):
+            raise LogError(
+                f"the lake has another log of this path, of vehicle {old}",
+                expected="one SOURCE for all logs of a lake, or a lake for each; where only its name is "
+                "new, canest fleet forget the old one",
+            )
     path, log.key = log.path(), key
     return _replayed(job, path, bundle, vehicle, (key, settings))
 

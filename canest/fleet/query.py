@@ -51,6 +51,8 @@ def ask(lake: str, sql: str) -> Answer:
     except duckdb.Error as error:
         lines = [line for line in str(error).splitlines() if line.strip()]
         raise UsageError(lines[0], where="SQL", expected="DuckDB's SQL over trips and samples") from None
+    if result is None:
+        raise UsageError("is no query", where="SQL", found=sql, expected="e.g. select * from trips")
     return Answer([column[0] for column in result.description or ()], result)
 
 

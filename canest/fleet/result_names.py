@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 
 from canest.system.result_files import utf8
 
+MARKER = "canest-lake.json"  #: the file by which a folder is a lake
 SUFFIX = ".parquet"
 _PART = "part-"
 

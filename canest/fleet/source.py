@@ -5,9 +5,11 @@ from __future__ import annotations
 import posixpath
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
+from pathlib import Path
 from typing import Any
 
 from canest.core.errors import LogError, UsageError
+from canest.fleet.result_names import MARKER
 from canest.fleet.storage import Storage, plain, retried
 from canest.logs.compression import ARCHIVE_SUFFIXES
 from canest.logs.log_names import TRUTH_SUFFIX
@@ -65,12 +67,17 @@ def find_logs(source: str) -> Listing:
     except Exception as error:
         raise LogError(f"cannot be listed: {plain(error)}", where=source) from None
     listing = Listing()
+    lakes = [f"{posixpath.dirname(path)}/" for path in found if posixpath.basename(path) == MARKER]
     for path in sorted(found):
         info = found[path]
         if info.get("type") == "directory":
             continue
         name = path[path.index(base) + len(base) :].lstrip("/")
-        if wild or _is_log(name):
+        if storage.is_local and not Path(path).is_file():  # a pipe is read for ever
+            listing.passed_over.append(name)
+        elif any(path.startswith(lake) for lake in lakes):
+            continue  # results of a run, and no logs
+        elif wild or _is_log(name):
             url = f"{storage.protocol}://{path}" if storage.protocol else path
             listing.logs.append(FoundLog(name, url, int(info.get("size") or 0), _revision(storage, info)))
         else:

@@ -40,4 +40,5 @@ class Comparison:
 
     def to_pandas(self) -> pd.DataFrame:
         """Return a pandas table: a row per estimator, a column per number. Errors: UsageError."""
-        return pandas().DataFrame.from_dict(self.table["estimators"], orient="index")
+        table = pandas().DataFrame.from_dict(self.table["estimators"], orient="index")
+        return table.astype({name: float for name in table.columns if name != "note"})

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,9 @@ def config_of(given: Config | str | Path, overrides: Mapping[str, object] | None
     """Return a config, loaded where it is a path or a name. Errors: ConfigError."""
     if isinstance(given, Config):
         return given
+    if overrides is not None and not isinstance(overrides, Mapping):
+        expected = "a mapping: dotted key -> value"
+        raise UsageError("no overrides", found=type(overrides).__name__, expected=expected)
     if not isinstance(given, str | Path):
         raise UsageError("no config", found=type(given).__name__, expected="a config, its path or a name")
     return load_config(given, [f"{key}={_yaml(value)}" for key, value in (overrides or {}).items()])
@@ -41,6 +46,11 @@ def with_estimator(config: Config, name: str | None) -> Config:
     """Return the config with another estimator, which has its default options. Errors: ConfigError."""
     if name is None or name == config.estimator.name:
         return config
+    if not isinstance(name, str):
+        raise UsageError(
+            "no name", where="estimator", found=getattr(name, "__name__", name),
+            expected="the name of an estimator; docs/extending.md gives a class of your own one",
+        )  # fmt: skip
     require_known(name, where="estimator")
     section = EstimatorSection.model_validate({**config.estimator.model_dump(), "name": name, "options": {}})
     return config.model_copy(update={"estimator": section})
@@ -98,6 +108,12 @@ def _step_s(log: TableLog, time_column: str) -> float:
         )
     steps = steps[steps > 0]
     return round(float(np.median(steps)), 6) if len(steps) else 0.0
+
+
+def require_number(name: str, value: object, least: float, unit: str = "") -> None:
+    """Refuse what is no finite number of at least so much; None is none. Errors: UsageError."""
+    if value is not None and not (isinstance(value, Real) and least <= float(value) < math.inf):
+        raise UsageError("no such number", where=name, found=value, expected=f"{least:g} {unit}or more")
 
 
 def _yaml(value: object) -> str:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +16,7 @@ from canest.core.samples import EstimateBlock, ModelBlock
 from canest.interface.comparison import Comparison
 from canest.interface.diagnosis import Diagnosis
 from canest.interface.estimates import Replay, columns_of, estimates_of
-from canest.interface.inputs import LogFile, log_of
+from canest.interface.inputs import LogFile, log_of, require_number
 from canest.interface.outputs import output_of
 from canest.interface.signals import Signals
 from canest.logs.truth import read_truth
@@ -79,7 +77,16 @@ def compared(
 
     if isinstance(names, str) or (names is not None and not isinstance(names, Iterable)):
         raise UsageError("no list", where="estimators", found=names, expected="a list of names")
+    if names is not None and not names:
+        raise UsageError(
+            "no estimators", where="estimators", found=names, expected="a list of names, or None"
+        )
     for name in names or ():
+        if not isinstance(name, str):
+            raise UsageError(
+                "no name", where="estimators", found=getattr(name, "__name__", name),
+                expected="the name of an estimator; docs/extending.md gives a class of your own one",
+            )  # fmt: skip
         require_known(name, where="estimators")
     reference = _reference(truth, mass_kg, after_s)
     found = compare(config, log, reference=reference, names=names, channel=channel)
@@ -101,7 +108,7 @@ def diagnosed(
     from canest.diagnosis.report.revised_config import revised_config
     from canest.diagnosis.run import diagnose
 
-    _require_number("mass_kg", mass_kg, LEAST_MASS_KG, "kg ")
+    require_number("mass_kg", mass_kg, LEAST_MASS_KG, "kg ")
     paths = [Path(log) if isinstance(log, str) else log for log in logs]
     files = [log_of(truth) if truth is not None else None for truth in truths]
     jit.enable(compiling_pays(paths, passes))
@@ -134,11 +141,6 @@ def signals_of(log: LogFile, config: Config, channel: str | None) -> Signals:
 
 def _reference(truth: Any, mass_kg: float | None, after_s: float) -> Reference:
     """Return what estimates are compared with. Errors: UsageError for what is no mass or time, LogError."""
-    _require_number("mass_kg", mass_kg, LEAST_MASS_KG, "kg ")
-    _require_number("after_s", after_s, 0.0)
+    require_number("mass_kg", mass_kg, LEAST_MASS_KG, "kg ")
+    require_number("after_s", after_s, 0.0)
     return Reference(read_truth(log_of(truth)) if truth is not None else None, mass_kg, after_s)
-
-
-def _require_number(name: str, value: object, least: float, unit: str = "") -> None:
-    if value is not None and not (isinstance(value, Real) and least <= float(value) < math.inf):
-        raise UsageError("no such number", where=name, found=value, expected=f"{least:g} {unit}or more")

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from canest.core.errors import UsageError
 from canest.core.frames import FrameBlock
+from canest.core.masses import LEAST_MASS_KG
 from canest.interface.estimates import Estimates, estimates_of
-from canest.interface.inputs import config_of
+from canest.interface.inputs import config_of, require_number
 from canest.pipeline import pipeline as inner
 
 if TYPE_CHECKING:
@@ -59,7 +61,11 @@ class Pipeline:
         return estimates_of(self._inner.push(frames))
 
     def advance_to(self, t_s: float) -> Estimates:
-        """Return the samples before a time of the frames' clock, in s, though the bus may be quiet."""
+        """Return the samples before a time of the frames' clock, in s, though the bus may be quiet.
+
+        Errors: UsageError for what is no time.
+        """
+        require_number("t_s", t_s, -math.inf, "s ")
         return estimates_of(self._inner.advance_to(round(t_s * 1e6)))
 
     def finish(self) -> Estimates:
@@ -74,5 +80,9 @@ class Pipeline:
         """Start from a saved mass and its standard deviation, both in kg.
 
         unseen_s: time since then in which the load may have changed and nobody saw it (0: none).
+        Errors: UsageError for what is no mass, standard deviation or time.
         """
+        require_number("mass_kg", mass_kg, LEAST_MASS_KG, "kg ")
+        require_number("mass_std_kg", mass_std_kg, 0.0, "kg ")
+        require_number("unseen_s", unseen_s, 0.0, "s ")
         self._inner.restore(mass_kg, mass_std_kg, unseen_s)

@@ -7,6 +7,7 @@ from collections.abc import Generator, Iterator
 
 import numpy as np
 
+from canest.core.errors import LogError
 from canest.core.frames import FrameBlock
 from canest.logs.frame_columns import FrameColumns, HeldFrames, merged, take_merged
 from canest.logs.mf4_blocks import DataStream, Mf4File, UnsupportedMf4Error
@@ -47,6 +48,11 @@ class Mf4Reader(PythonCanReader):
                 else:
                     yield from super()._blocks()
                 return
+            if mf4.signal_groups and not self._frames:
+                raise LogError(
+                    "holds decoded signals and no CAN frames", where=str(self.path),
+                    expected="a recording of the bus, or the signals as a table (.csv or .parquet)",
+                )  # fmt: skip
             if mf4.cut_short:
                 self.truncated_reason = f"ends early, after {self._frames:,} frames"
                 if not self._frames:
@@ -54,11 +60,12 @@ class Mf4Reader(PythonCanReader):
 
 
 class _Mf4:
-    """One file. cut_short: the file ends before the last of its records."""
+    """One file. cut_short: the file ends before the last of its records. signal_groups: of no CAN frames."""
 
     def __init__(self, file: Mf4File, at_once: int) -> None:
         self._file, self._at_once = file, at_once
         self.cut_short = False
+        self.signal_groups = 0
         identification = file.read(0, _IDENTIFICATION_BYTES)
         (self._missing, custom) = struct.unpack_from("<HH", identification, _IDENTIFICATION_BYTES - 4)
         if identification.startswith(_FINISHED):
@@ -73,6 +80,7 @@ class _Mf4:
         """Yield the frames of all groups, merged by time. Errors: UnsupportedMf4Error."""
         streams: list[Iterator[FrameColumns]] = []
         for group in data_groups(self._file):
+            self.signal_groups += sum(bool(part.cycles) and not part.kind for part in group.groups)
             if group.record_id_bytes:
                 streams.append(self._mixed(group))
             elif group.groups and group.groups[0].kind:

@@ -62,7 +62,8 @@ def sign(values: IntColumn) -> Field:
 
 def fixed(values: FloatColumn, decimals: int) -> Field:
     """Return numbers with a fixed count of decimals; nothing where there is no (sane) number."""
-    scaled = np.rint(values * 10.0**decimals)
+    with np.errstate(over="ignore"):
+        scaled = np.rint(values * 10.0**decimals)
     known = np.abs(scaled) < EXACT  # false for NaN
     whole = np.where(known, scaled, 0.0).astype(np.int64)
     magnitude = np.abs(whole)

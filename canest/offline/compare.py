@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from canest.core import jit
+from canest.core.errors import PluginError
 from canest.core.estimates import Estimates
 from canest.core.frames import FloatColumn
 from canest.core.samples import RATE_HZ, ModelBlock, Status
@@ -18,6 +19,7 @@ from canest.doctor.config_warnings import config_warnings
 from canest.doctor.warnings import stream_warnings
 from canest.estimators import registry
 from canest.estimators.base import Estimator
+from canest.estimators.contract import updated
 from canest.grid.grid import Grid
 from canest.logs.log_warnings import log_warnings
 from canest.offline.replay import compiling_pays
@@ -69,6 +71,7 @@ class _Entry:
     parts: list[Estimates] = field(default_factory=list)
     seconds: float = 0.0
     warm: bool = False
+    failure: str = ""  #: why it ended before the log
 
 
 def compare(
@@ -104,7 +107,7 @@ def compare(
         blocks.append(plain[0])
         for name, entry in entries.items():
             block, again = excited if entry.estimator.wants_excitation_gate else plain
-            if again:
+            if again and not entry.failure:
                 entry.estimator = carry_over(new(name), float(entry.parts[-1].mass_kg[-1]), None)
             _run(entry, block)
     estimates = {name: Estimates.concatenate(entry.parts) for name, entry in entries.items()}
@@ -153,16 +156,30 @@ def _samples(
 
 def _run(entry: _Entry, block: ModelBlock) -> None:
     """Give one estimator the next samples; its cost is processor time, whatever else is running."""
-    if not entry.warm:
-        entry.warm = True
-        first = type(entry.estimator)(entry.estimator.name, entry.estimator.facts)
-        first.update(block[:WARM_UP_SAMPLES])
-    begin = time.thread_time()
-    e = entry.estimator.update(block)
+    if entry.failure:
+        entry.parts.append(_no_estimates(block))
+        return
+    try:
+        if not entry.warm:
+            entry.warm = True
+            first = type(entry.estimator)(entry.estimator.name, entry.estimator.facts)
+            updated(first, block[:WARM_UP_SAMPLES])
+        begin = time.thread_time()
+        e = updated(entry.estimator, block)
+    except PluginError as error:
+        entry.failure = str(error)
+        entry.parts.append(_no_estimates(block))
+        return
     entry.seconds += time.thread_time() - begin
     entry.parts.append(
         Estimates(block.t_us, e.mass_kg, e.mass_std_kg, e.grade, e.grade_std, e.status, block.gate)
     )
+
+
+def _no_estimates(block: ModelBlock) -> Estimates:
+    nothing = np.full(len(block), np.nan)
+    status = np.zeros(len(block), np.uint8)
+    return Estimates(block.t_us, nothing, nothing, nothing, nothing, status, block.gate)
 
 
 def _row(entry: _Entry, estimates: Estimates, true_mass_kg: FloatColumn, score: Score) -> dict[str, Any]:
@@ -171,7 +188,7 @@ def _row(entry: _Entry, estimates: Estimates, true_mass_kg: FloatColumn, score: 
     row: dict[str, Any] = dict.fromkeys(
         ("mass_end_pct", "mass_rms_pct", "mass_max_pct", "grade_rms_deg", "to_5pct_s", "ns_per_sample")
     )
-    note = entry.estimator.missing()
+    note = entry.failure or entry.estimator.missing()
     if note or not n:
         return {**row, "note": note or "no samples in this log"}
     score.add(estimates)

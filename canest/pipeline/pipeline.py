@@ -21,6 +21,7 @@ from canest.core.frames import FloatColumn, FrameBlock, IntColumn
 from canest.core.gates import LABELS, Gate
 from canest.core.samples import EstimateBlock, ModelBlock
 from canest.decode.decoder import Decoder
+from canest.estimators.contract import updated
 from canest.estimators.status import none_begins
 from canest.grid.clock import Clock
 from canest.grid.grid import Feed, Grid, GridBlock
@@ -168,7 +169,7 @@ class Pipeline:
             self._estimate(samples, done)
 
     def _estimate(self, samples: ModelBlock, done: list[Estimates]) -> None:
-        e = self.estimator.update(samples)
+        e = updated(self.estimator, samples)
         status, self._was_valid = none_begins(e.status, samples.gate == Gate.STALE, self._was_valid)
         e = replace(e, status=status)
         if self._listener is not None:

@@ -13,11 +13,14 @@ import numpy as np
 
 from canest.core.errors import LogError
 from canest.core.frames import FloatColumn, IntColumn
+from canest.core.nearest_name import nearest_names
+from canest.core.roles import ROLES
 from canest.core.table_block import TableBlock
 from canest.decode.value_table import Label, TextTable
 from canest.logs.base import KNOWN_LOGS, SHOWN_CHARS
 from canest.logs.cells import number_of
 from canest.logs.format_detection import open_log
+from canest.logs.table_in_memory import TableLog
 from canest.logs.table_reader import TEXTS_KEPT
 from canest.pipeline.build import hold_us
 from canest.pipeline.signal_map import factor_and_offset, unit_of
@@ -31,6 +34,8 @@ if TYPE_CHECKING:
 #: so many rows without one that follows another would take minutes, silence by silence, to no estimate and
 #: the reason that fewer get (`canest.doctor.reasons.why_no_time`)
 _MANY = 5000
+#: a name of a column is a slip of a role's where they are so much alike, of 1
+_SLIP = 0.9
 #: cells without a value that a note names
 _SHOWN = 6
 
@@ -47,6 +52,14 @@ class TableMap:
     def __init__(self, config: Config, log: str | Path | MemoryLog = "") -> None:
         self._where = f"{log}: column" if log else "column"
         self._time_column, self._hold_s = config.sampling.time_column, hold_us(config) * 1e-6
+        names = log.names if isinstance(log, TableLog) else ()
+        self._misspelled = {
+            name: role
+            for name in names
+            for role in nearest_names(name, ROLES, cutoff=_SLIP)[:1]
+            if name not in ROLES and role not in config.signals
+            and not any(source.column == name for source in config.signals.values())
+        }  # fmt: skip
         self.roles: dict[str, tuple[str, float, float]] = {}
         self.values: dict[str, TextTable] = {}
         self.seen: dict[str, dict[str | float, int]] = {}
@@ -79,8 +92,10 @@ class TableMap:
         ]
 
     def warnings(self) -> list[str]:
-        """Return which cells no value table lists, one sentence for each role."""
-        warnings = []
+        """Return which columns of a table in memory are named by a slip, and which cells no map lists."""
+        warnings = [
+            f"column {name} is not used: perhaps it is {role}" for name, role in self._misspelled.items()
+        ]
         for role, count in self.without_value.items():
             unlisted = [cell for cell in self.seen[role] if np.isnan(self.values[role].number(cell))]
             shown = ", ".join(map(_shown, unlisted[:_SHOWN])) + (", ..." if unlisted[_SHOWN:] else "")

@@ -29,7 +29,7 @@ async def _follow_once(path: Path, watcher: Watcher) -> str:
     try:
         reader, writer = await asyncio.open_unix_connection(path, limit=_LONGEST_LINE)
     except FileNotFoundError:
-        return f"no daemon is running ({path}: no such socket)"
+        return f"no daemon is running ({path}: no such socket; canest status shows those that run)"
     except ConnectionRefusedError:
         return f"no daemon is running any more ({path})"
     except OSError as error:

@@ -23,6 +23,7 @@ from canest.core.samples import STEP_S
 from canest.grid.grid import GridBlock
 from canest.vehicle.driveline_losses import loss_factor
 from canest.vehicle.driveline_state import ClutchReports, road_speed_of_engine
+from canest.vehicle.effect_call import apply
 from canest.vehicle.friction import EngineFriction
 from canest.vehicle.gear_ratio import GearRatio
 from canest.vehicle.range_rate_check import MAX_SPEED_MPS
@@ -173,7 +174,7 @@ class LongitudinalModel:
 
     def _run(self, stage: str, c: ModelColumns) -> None:
         for effect in self._stages[stage]:
-            effect.apply(c)
+            apply(effect, c)
 
     def _columns(self, grid: GridBlock) -> ModelColumns:
         n, v = len(grid), self.vehicle

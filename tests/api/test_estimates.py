@@ -218,3 +218,33 @@ def test_diagnosis_of_a_drive_too_short_is_an_object_too():
     assert found.config.vehicle == drive.config.vehicle
     with pytest.raises(canest.UsageError, match="logs and truths differ"):
         canest.diagnose([drive, drive], drive.config, truth=[drive.truth])
+
+
+class NoEstimator:
+    pass
+
+
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        (lambda d: canest.compare(d, d.config, estimators=[]), "no estimators"),
+        (lambda d: canest.compare(d, d.config, estimators=[NoEstimator]), "found 'NoEstimator'.*extending"),
+        (lambda d: canest.replay(d, d.config, estimator=NoEstimator), "found 'NoEstimator'.*extending"),
+        (lambda d: canest.diagnose([], d.config), "no logs"),
+        (lambda d: canest.load_config("class8", "a"), "no overrides.*a mapping"),
+        (lambda d: canest.Pipeline(d.config).restore(float("nan"), 3.0), "mass_kg: no such number"),
+        (lambda d: canest.Pipeline(d.config).restore(2e4, -3.0), "mass_std_kg: no such number"),
+        (lambda d: canest.Pipeline(d.config).advance_to("x"), "t_s: no such number"),
+    ],
+)
+def test_arguments_that_mean_nothing_are_one_plain_error(drive, call, text):
+    with pytest.raises(canest.UsageError, match=text):
+        call(drive)
+
+
+def test_a_table_of_a_comparison_has_numbers_in_its_columns(drive):
+    pytest.importorskip("pandas")
+    table = canest.compare(drive, drive.config, estimators=["rls", "canest"]).to_pandas()
+    assert {name: str(table[name].dtype) for name in table.columns if name != "note"} == dict.fromkeys(
+        (name for name in table.columns if name != "note"), "float64"
+    )

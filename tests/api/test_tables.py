@@ -292,3 +292,11 @@ def test_frames_of_messages_and_of_arrays_are_the_same():
         canest.FrameBlock.from_arrays([1.5], [1, 2], [b""])
     with pytest.raises(canest.UsageError, match="can_id of a frame is no identifier"):
         canest.FrameBlock.from_arrays([1.5], [1 << 30], [b""])
+
+
+def test_a_column_whose_name_is_a_slip_is_noted():
+    given = columns()
+    given["pitchrate"], given["YawRate"] = np.zeros(len(given["t_s"])), np.zeros(len(given["t_s"]))
+    found = canest.estimate(given, VAN)
+    notes = [note for note in found.summary["notes"] if "not used" in note]
+    assert notes == ["column YawRate is not used: perhaps it is yaw_rate"]

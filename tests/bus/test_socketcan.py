@@ -200,6 +200,10 @@ def test_error_frames_give_the_controllers_state(interface):
     assert states == ["error-passive", "bus-off", "up", "error-passive", "up", "up"]
     assert interface.counters["bus_off"] == 1 and interface.counters["error_passive"] == 2
     assert interface.counters["bus_restarted"] == 2 and interface.counters["other_error_frames"] == 1
+    for detail, state in ((0x20, "error-passive"), (0x08, "up")):  # fewer errors, before it is error-active
+        interface.bus_sends(error(0x4, detail))
+        settle(interface.drain, 1)
+        assert interface.state == state
 
 
 def test_traffic_after_bus_off_means_it_is_over(interface):

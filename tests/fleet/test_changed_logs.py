@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from canest.fleet.job import Settings
 from canest.fleet.manifest import Manifest, Rule
 from canest.fleet.query import ask
 from canest.fleet.run import Request, Tally, run_fleet
+from canest.system.shipped_files import shipped
 from tests.fleet.conftest import candump
 from tests.fleet.test_run import vin_lines
 
@@ -77,3 +79,49 @@ def test_a_result_that_cannot_be_written_leaves_the_old_one(source, monkeypatch)
     monkeypatch.setattr(processing, "_replayed", full)
     tally, found = resumed(source, BY_PATH)
     assert (list(tally.failed), found) == (["a.log"], ["a.log", "b.log"])
+
+
+@pytest.mark.parametrize("resume", [True, False])
+def test_another_source_takes_no_result_away(source, resume):
+    """Loggers give the same names again and again: 0001.log of two trucks, each in a folder of its own."""
+    assert resumed(source, BY_PATH)[1] == ["a.log", "b.log"]
+    other = source.parent / "other"
+    other.mkdir()
+    (other / "a.log").write_bytes(candump(5, 1_700_009_000))
+    rule = Rule("*", "truck-2", "kenworth")
+    lake = str(source.parent / "lake")
+    request = Request(other.as_posix(), lake, Manifest((rule,)), Settings(), resume=resume)
+    tally = run_fleet(request, lambda logs: None, lambda outcome: None, lambda: None)
+    assert "another log of this path, of vehicle truck-1" in tally.failed["a.log"]
+    found = ask(lake, "select distinct vehicle, log from trips order by log").rows()
+    assert list(found) == [["truck-1", "a.log"], ["truck-1", "b.log"]]
+
+
+def test_a_vehicle_has_a_new_name_in_the_manifest(source):
+    resumed(source, BY_PATH)
+    tally, found = resumed(source, Rule("*", "truck-9", "kenworth"))
+    assert not tally.failed and found == ["a.log", "b.log"]
+    lake = str(source.parent / "lake")
+    assert list(ask(lake, "select distinct vehicle from trips").rows()) == [["truck-9"]]
+
+
+def test_a_lake_below_source_and_a_pipe_are_no_logs(source):
+    lake = str(source / "lake")
+    os.mkfifo(source / "pipe.log")
+    for _ in range(2):
+        request = Request(source.as_posix(), lake, Manifest((BY_PATH,)), Settings(), resume=True)
+        tally = run_fleet(request, lambda logs: None, lambda outcome: None, lambda: None)
+        assert (tally.logs, tally.passed_over, tally.failed) == (2, ["pipe.log"], {})
+    assert tally.present == 2
+
+
+def test_the_name_of_a_config_is_no_part_of_a_key(source, tmp_path, monkeypatch):
+    (tmp_path / "mine.yaml").write_text(shipped_config("kenworth"))
+    resumed(source, Rule("*", "truck-1", str(tmp_path / "mine.yaml")))
+    monkeypatch.chdir(tmp_path)
+    tally, _ = resumed(source, Rule("*", "truck-1", "mine.yaml"))
+    assert (tally.present, tally.done) == (2, 0)
+
+
+def shipped_config(name):
+    return (shipped("configs") / f"{name}.yaml").read_text(encoding="utf-8")

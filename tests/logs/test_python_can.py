@@ -12,6 +12,7 @@ import threading
 import warnings
 
 import can
+import numpy as np
 import pytest
 
 from canest.core.errors import LogError
@@ -271,3 +272,13 @@ from canest.logs.format_detection import open_log
 print(sum(map(len, open_log({str(log)!r}))), "can" in sys.modules, "asammdf" in sys.modules)
 """
     assert output_of(code).split() == ["1", "True", "False"]
+
+
+def test_an_mf4_of_decoded_signals_says_so(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    t_s = np.arange(0.0, 10.0, 0.02)
+    with asammdf.MDF(version="4.10") as file:
+        file.append([asammdf.Signal(t_s, t_s, name="VehSpd", unit="km/h")])
+        path = file.save(tmp_path / "signals.mf4")
+    with pytest.raises(LogError, match="holds decoded signals and no CAN frames, expected a recording of"):
+        list(open_log(path))

@@ -22,6 +22,7 @@ from canest.core.errors import OutputError
 from canest.core.estimates import Estimates
 from canest.core.frames import EXTENDED, FrameBlock
 from canest.core.gates import LABELS
+from canest.logs import text_fields
 from canest.logs.candump import CandumpParser
 from canest.logs.candump_writer import CandumpWriter, candump_text
 from canest.logs.estimate_writer import estimates_csv, open_writer
@@ -374,3 +375,10 @@ def test_standard_output_is_written_as_it_stands(tmp_path, redirection):
     kept = "first\n" if redirection == ">>" else ""
     assert path.read_text() == kept + "(0000000000.000000) can0 001#\n"
     assert Path("/dev/stdout").readlink() == link
+
+
+def test_a_number_that_no_column_holds_is_left_out():
+    large, one = text_fields.fixed(np.array([1.7e308, 1.0]), 6)
+    blank = np.frombuffer(text_fields.integer(np.array([1, 10])).tobytes(), np.uint8)[0]
+    assert set(large.tolist()) == {int(blank)}
+    assert one.tobytes() == b"1.000000"

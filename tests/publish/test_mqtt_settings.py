@@ -32,6 +32,7 @@ def test_a_broker_has_the_usual_port_unless_it_is_given(url, host, port, encrypt
         ("http://localhost", "is no broker"),
         ("mqtt://", "is no broker"),
         ("mqtt://localhost:0", "is no broker"),
+        ("mqtt://a..b", "is no broker"),
         ("mqtt://localhost:99999", "is no broker"),
         ("mqtt://localhost/topic", "is no broker"),
         (

@@ -71,3 +71,11 @@ def test_a_page_and_geojson_show_the_map(benchmark, folder):
     assert len(features) == len(read_map(folder / "road.parquet"))
     assert benchmark.run("map", "show", folder / "road.parquet") == f"written {folder / 'road.html'}\n"
     assert (folder / "road.html").stat().st_size > 1e6
+
+
+def test_a_comparison_uses_the_map_too(folder):
+    mapped = folder / "cruise" / "mapped.yaml"
+    log = next(mapped.parent.glob("*.log"))
+    found = canest.compare(log, mapped, estimators=["canest"]).estimates["canest"]
+    replayed = canest.replay(log, mapped)
+    np.testing.assert_array_equal(found.mass_kg, replayed.mass_kg)

@@ -8,8 +8,9 @@ from typing import Any, ClassVar
 
 import pytest
 
+import canest
 from canest.config import parse_config
-from canest.core.errors import ConfigError
+from canest.core.errors import ConfigError, PluginError
 from canest.system.shipped_files import shipped
 from canest.vehicle import effects
 from canest.vehicle.effects import (
@@ -145,3 +146,32 @@ def test_model_columns_under_their_old_name() -> None:
         assert effects.Columns is effects.ModelColumns
     with pytest.raises(AttributeError, match="Colums"):
         _ = effects.Colums
+
+
+@dataclass(frozen=True)
+class Failing(PlowDrag):
+    name: ClassVar[str] = "failing"
+
+    def apply(self, c: Any) -> None:
+        if self.force_N:
+            raise KeyError("my own mistake")
+
+
+def test_one_that_fails_is_named(plugins: dict[str, object]) -> None:
+    plugins["failing"] = Failing
+    drive = canest.demo_drive()
+    config = drive.config.model_copy(update={"effects": ({"effect": "failing", "force_N": 5.0},)})
+    with pytest.raises(
+        PluginError, match=r"effect failing \(.*test_effect_plugins\): KeyError: 'my own mistake'"
+    ):
+        canest.replay(drive, config)
+
+
+def test_one_that_fails_costs_a_diagnosis_nothing_else(plugins: dict[str, object]) -> None:
+    drive = canest.demo_drive()
+    signals = {**drive.config.signals, "plow_down": drive.config.signals["engine_speed"]}
+    config = drive.config.model_copy(update={"signals": signals})
+    plugins["failing"] = Failing
+    found = canest.diagnose(drive, config, truth=drive.truth)
+    assert "my own mistake" in found.document["not_tried"]["failing"]
+    assert len(found.document["candidates"]) > 5

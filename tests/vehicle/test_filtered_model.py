@@ -132,6 +132,23 @@ def test_noise_of_the_speed_is_not_taken_for_a_power_that_loses() -> None:
     assert abs((block.force_N + block.aero_N)[50:].mean()) < 50
 
 
+def test_in_overrun_the_gear_is_the_same() -> None:
+    """Though a torque makes more force there, by the losses twice: as much as in the next gear down."""
+    gears = {5: 1.0, 6: 1.0 * EFFICIENCY**1.5}
+    n = 400
+    block = FilteredModel(model_spec(config((*ROLES, "gear"), vehicle={"gear_ratios": gears}))).process(
+        ticks(
+            {
+                "engine_torque": np.where(np.arange(n) < 200, 500.0, -150.0),
+                "vehicle_speed": 15.0,
+                "gear": 6.0,
+            },
+            n,
+        )
+    )
+    assert set(block.gear.tolist()) == {6.0}
+
+
 def test_the_rotating_mass_and_so_the_momentum_does_not_jump_in_overrun() -> None:
     n = 400
     speed = 15 + np.cumsum(np.where(np.arange(n) < 200, 0.5, -0.5)) * STEP_S

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from copy import copy
 from typing import Self
 
 import numpy as np
 
+from canest.core.errors import PluginError
 from canest.core.frames import BoolColumn, FloatColumn
 from canest.core.samples import STEP_S
 from canest.diagnosis.data.least_squares import Matrix, solve
@@ -49,11 +50,23 @@ class JointFit:
         self._spread = usual_spread(problem.parts[0].drive.config.vehicle, self.candidates)
         #: what the small errors of every vehicle do, in N per standard deviation (n,) each
         self.small_errors_N: dict[str, FloatColumn] = {}
-        self.offered = [(c, self._regressor(c)) for c in self.candidates]
+        #: effects of other packages that fail: name -> how
+        self.failed: dict[str, str] = {}
+        self.offered = list(self._offer())
+        self.candidates = [c for c in self.candidates if c.effect not in self.failed]
         self.alternatives = Alternatives(problem, self.offered, self._spread)
         self.residual_N = self.first_residual_N
         #: the small errors that may be beside the chosen effects; None until the noise is known
         self.prior: Prior | None = None
+
+    def _offer(self) -> Iterator[tuple[Candidate, FloatColumn]]:
+        for c in self.candidates:
+            if c.effect in self.failed:
+                continue
+            try:
+                yield c, self._regressor(c)
+            except PluginError as error:
+                self.failed[c.effect] = str(error)
 
     def _regressor(self, c: Candidate) -> FloatColumn:
         """Return the whitened change of the first residual per unit of a candidate's parameter."""

@@ -29,7 +29,6 @@ from canest.estimators.default.sensors import delay_is_too_long
 from canest.estimators.default.windows import COLUMNS, Windows
 from canest.estimators.description import Description
 from canest.estimators.kernel_arrays import state_in
-from canest.estimators.options import Options, parse
 from canest.estimators.status import StatusTracker
 from canest.estimators.windowing import SHIFT
 
@@ -75,7 +74,6 @@ class GaussianSum(Estimator):
 
     def __init__(self, name: str, facts: VehicleFacts, options: Mapping[str, Any] | None = None) -> None:
         super().__init__(name, facts, options)
-        self.options = parse(Options, options)  # none: all follows from the vehicle and its signals
         self._late_s = SHIFT * STEP_S + facts.filter_delay_s
         self._vehicle = v = vehicle_of(facts, self._late_s, self.constants)
         width = math.log(v.most_u / v.least_u)

@@ -13,7 +13,6 @@ from canest.core.frames import FloatColumn
 from canest.core.samples import VehicleFacts
 from canest.estimators.bounds import unseen_std_kg
 from canest.estimators.chunked import ChunkedEstimator
-from canest.estimators.options import parse
 from canest.estimators.status import StatusTracker
 
 
@@ -26,7 +25,6 @@ class LearnedMass(ChunkedEstimator):
 
     def __init__(self, name: str, facts: VehicleFacts, options: Mapping[str, Any] | None = None) -> None:
         super().__init__(name, facts, options)
-        self.options: Any = parse(self.description.options, options)
         self._status = StatusTracker(bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
         self._held: FloatColumn = np.full((2, 1), np.nan)
         self._confirmed = False

@@ -15,7 +15,7 @@ import numpy as np
 from canest.core.samples import GRAVITY_MPS2, EstimateBlock, ModelBlock, VehicleFacts
 from canest.estimators.base import Estimator
 from canest.estimators.description import Description, option
-from canest.estimators.options import Options, parse
+from canest.estimators.options import Options
 from canest.estimators.status import StatusTracker
 
 #: neighbouring samples have passed the same filter: about this many of them are one independent value
@@ -35,6 +35,7 @@ class MeanMassOptions(Options):
 class MeanMass(Estimator):
     """The mean of the samples' masses, and its standard deviation from their scatter."""
 
+    valid_is_configured = True
     descriptions = (
         Description(
             "mean-mass",
@@ -46,8 +47,7 @@ class MeanMass(Estimator):
 
     def __init__(self, name: str, facts: VehicleFacts, options: Mapping[str, Any] | None = None) -> None:
         super().__init__(name, facts, options)
-        self.options = parse(MeanMassOptions, options)
-        self._status = StatusTracker(bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
+        self._status = StatusTracker(self.valid_std, bounds_kg=(facts.mass_min_kg, facts.mass_max_kg))
         self._sums = np.zeros((3, 1))  # number of values, their sum, the sum of their squares
 
     def update(self, block: ModelBlock) -> EstimateBlock:

@@ -20,7 +20,7 @@ from canest.estimators.bounds import unseen_std_kg
 from canest.estimators.chunked import ChunkedEstimator
 from canest.estimators.description import Description, option
 from canest.estimators.kernel_arrays import Container, outputs, pack, state_in, state_out, unpack
-from canest.estimators.options import Options, parse
+from canest.estimators.options import Options
 from canest.estimators.papers.inverse_mass import GRADE_LIMIT_TEXT
 from canest.estimators.papers.kidambi2014.ekf_filter import Rows
 from canest.estimators.papers.prior import SQRT12, VARIANCE_ALPHA, prior_mass_kg, prior_mass_std_kg
@@ -65,7 +65,6 @@ class Dgo(ChunkedEstimator):
 
     def __init__(self, name: str, facts: VehicleFacts, options: Mapping[str, Any] | None = None) -> None:
         super().__init__(name, facts, options)
-        self.options: Any = parse(DgoOptions, options)
         known = facts.initial_mass_kg is not None
         spread = prior_mass_std_kg(facts)
         self._assume(prior_mass_kg(facts), 0.05 * prior_mass_kg(facts) if known else spread)

@@ -1,0 +1,80 @@
+"""What estimators of other packages are held to: see `canest.estimators.base.Estimator`.
+
+Those of canest are held to it by its tests, and cost nothing here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canest.core.errors import CanestError, PluginError
+from canest.core.samples import EstimateBlock, ModelBlock, Status, VehicleFacts
+from canest.estimators.base import Estimator
+
+#: a mass may lie beyond a bound by this share, which is rounding
+_ROUNDING = 1e-9
+
+
+def updated(estimator: Estimator, block: ModelBlock) -> EstimateBlock:
+    """Return an estimator's estimates of the next samples.
+
+    Errors: PluginError for one of another package that fails, or returns what are no estimates.
+    """
+    if type(estimator).__module__.startswith("canest."):
+        return estimator.update(block)
+    name = f"estimator {estimator.name} ({type(estimator).__module__})"
+    try:
+        found = estimator.update(_read_only(block))
+    except CanestError:
+        raise
+    except Exception as error:
+        raise PluginError(f"{type(error).__name__}: {error}", where=name) from error
+    return _checked(found, len(block), estimator.facts, name)
+
+
+def _read_only(block: ModelBlock) -> ModelBlock:
+    """Return the same samples, into which nobody can write: other estimators get them, too."""
+    columns = [getattr(block, field.name) for field in fields(block)]
+    views: list[Any] = [column.view() if column is not None else None for column in columns]
+    for view in views:
+        if view is not None:
+            view.flags.writeable = False
+    return ModelBlock(*views)
+
+
+def _checked(found: object, count: int, facts: VehicleFacts, name: str) -> EstimateBlock:
+    if not isinstance(found, EstimateBlock):
+        raise PluginError(
+            "returns no estimates", where=name, found=type(found).__name__, expected="an EstimateBlock"
+        )
+    columns: dict[str, NDArray[np.float64]] = {}
+    for field in fields(found):
+        try:
+            column = np.asarray(getattr(found, field.name), np.float64)
+        except (TypeError, ValueError):
+            column = np.empty(0)
+        if column.shape != (count,):
+            raise PluginError(
+                f"its {field.name} is wrong", where=name, found=f"shape {column.shape}",
+                expected=f"one number for each of {count} samples",
+            )  # fmt: skip
+        columns[field.name] = column
+    least, most = facts.mass_min_kg * (1 - _ROUNDING), facts.mass_max_kg * (1 + _ROUNDING)
+    for column_name, low, high in (
+        ("mass_kg", least, most), ("mass_std_kg", 0.0, np.inf), ("grade", -np.inf, np.inf),
+        ("grade_std", 0.0, np.inf), ("status", 0.0, float(max(Status))),
+    ):  # fmt: skip
+        column = columns[column_name]
+        wrong = column[np.isinf(column) | (column < low) | (column > high)]
+        if len(wrong) or (column_name == "status" and np.isnan(column).any()):
+            raise PluginError(
+                f"its {column_name} is impossible", where=name,
+                found=f"{wrong[0] if len(wrong) else np.nan:g}",
+                expected=f"{low:g} to {high:g}, and NaN for no number",
+            )  # fmt: skip
+    status = columns.pop("status").astype(np.uint8)
+    return EstimateBlock(**columns, status=status)
