@@ -217,8 +217,9 @@ def diagnose(
     truths = truth if isinstance(truth, list | tuple) else [truth] * len(several)
     if not several:
         raise UsageError("no logs", where="logs", expected="one, or a list of one vehicle's")
-    if (counts := (len(several), len(truths))) != (len(several),) * 2:
-        raise UsageError("logs and truths differ", found="{} and {}".format(*counts), expected="pairs")
+    if len(truths) != len(several):
+        found = f"{len(several)} and {len(truths)}"
+        raise UsageError("logs and truths differ", found=found, expected="pairs")
     pairs = [log_and_config(log, config) for log in several]
     if any(used != pairs[0][1] for _, used in pairs):
         raise UsageError("tables of one diagnosis differ", expected="the same columns and rate in all")

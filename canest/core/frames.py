@@ -97,8 +97,14 @@ class FrameBlock:
             >>> message = can.Message(timestamp=1.5, arbitration_id=0x0CF00400, data=bytes(8))
             >>> canest.FrameBlock.from_messages([message]).t_us.tolist()
             [1500000]
+
+        Errors: UsageError for what are no messages.
         """
-        return FrameBlock.from_frames([frame_of(message) for message in messages])
+        try:
+            return FrameBlock.from_frames([frame_of(message) for message in messages])
+        except (TypeError, AttributeError):
+            found, expected = type(messages).__name__, "a list of can.Message"
+            raise UsageError("no messages", where="from_messages", found=found, expected=expected) from None
 
     @staticmethod
     def from_arrays(

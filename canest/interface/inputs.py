@@ -64,6 +64,9 @@ def log_of(given: Any) -> LogFile:
         return FrameLog(given)
     if isinstance(given, SimulatedDrive):
         return FrameLog(given.frames, given.name)
+    if isinstance(given, list | tuple | set):
+        expected = "one log: a path, a FrameBlock (of FrameBlock.from_messages), or a table"
+        raise LogError("no log", found=type(given).__name__, expected=expected)
     return TableLog(given)
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Callable
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from canest.core import jit
-from canest.core.errors import ConfigError
+from canest.core.errors import ConfigError, UsageError
 from canest.core.frames import FloatColumn
 from canest.simulation.build import course_of, initial_state, vehicle_parameters
 from canest.simulation.bus_car import car_frames
@@ -84,6 +85,8 @@ def simulate_to_directory(
 
 
 def _streams(seed: int) -> dict[str, np.random.Generator]:
+    if isinstance(seed, bool) or not isinstance(seed, Integral) or seed < 0:
+        raise UsageError("no seed", where="seed", found=seed, expected="a whole number of 0 or more")
     children = np.random.SeedSequence(seed).spawn(len(_STREAMS))
     return {stream: np.random.default_rng(child) for stream, child in zip(_STREAMS, children, strict=True)}
 
