@@ -9,6 +9,8 @@ import pytest
 from canest.core.samples import Status
 from canest.road.build import build_map
 from canest.road.table import write_map
+from canest.telemetry.metrics import text
+from canest.telemetry.snapshot import flat, snapshot
 from tests.live.rig import Rig, config
 from tests.road.conftest import drive as road_drive
 
@@ -38,6 +40,9 @@ def test_a_reload_takes_another_road_map_over(tmp_path, drive, monkeypatch):
     with Rig(monkeypatch, settings(), drive, reload=settings) as rig:
         rig.run(1)
         pipelines = [rig.daemon.pipeline]
+        seen = snapshot(rig.daemon.view(rig.now_us))
+        assert seen["road_ahead"] == {"distance_m": [], "grade": []}  # it is on no road of the map
+        assert "road_ahead" not in text(seen) and "road_ahead" not in flat(seen)
         for content in (road, replace(road, grade=road.grade + 0.01)):
             path.write_bytes(write_map(content))
             rig.daemon.request_reload()
