@@ -70,7 +70,7 @@ def command(config_name: str | None, socket_name: str | None, as_json: bool, ver
         click.echo(_WITHOUT_CONFIG, err=True)
     if not paths:
         click.echo(f"no daemon is running here; {_ELSEWHERE}", err=True)
-    if not answers and which("journalctl"):
+    if not answers and socket_name is None and which("journalctl"):
         name = Path(config_name).stem if config_name is not None else "*"
         click.echo(f"what a service has said last: journalctl -e -u 'canest@{name}'", err=True)
     return 0 if answers else 1

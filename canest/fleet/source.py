@@ -5,7 +5,6 @@ from __future__ import annotations
 import posixpath
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from pathlib import Path
 from typing import Any
 
 from canest.core.errors import LogError, UsageError
@@ -73,9 +72,7 @@ def find_logs(source: str) -> Listing:
         if info.get("type") == "directory":
             continue
         name = path[path.index(base) + len(base) :].lstrip("/")
-        if storage.is_local and not Path(path).is_file():  # a pipe is read for ever
-            listing.passed_over.append(name)
-        elif any(path.startswith(lake) for lake in lakes):
+        if any(path.startswith(lake) for lake in lakes):
             continue  # results of a run, and no logs
         elif wild or _is_log(name):
             url = f"{storage.protocol}://{path}" if storage.protocol else path

@@ -35,7 +35,7 @@ class BlfFrames:
         from canest.system.python_can import can  # loaded by now
 
         if len(frames) and self._writer.start_timestamp is None:
-            first_s = int(frames.t_us.min()) / 1e6
+            first_s = int(frames.t_us.min()) // 1000 / 1e3  # as the file has it, in ms
             self._writer.start_timestamp = first_s if first_s >= _FIRST_DATE_S else 0.0
         for t_us, can_id, length, word in zip(
             frames.t_us.tolist(), frames.can_id.tolist(), frames.length.tolist(), frames.data.tolist(),
