@@ -62,8 +62,31 @@ def _effects_possible(
             raise MisplacedError(str(error), "effects", i) from None
         if signal is not None:
             used.setdefault(signal, i)
+        _sums_positive(effects[: i + 1], vehicle)
         _gear_known(vehicle, signals, entry.get("gear"), i)
     return used
+
+
+def _sums_positive(effects: Sequence[Mapping[str, Any]], vehicle: Vehicle) -> None:
+    """Refuse a last effect that makes negative what the vehicle declares (a drag that pushes)."""
+    from canest.vehicle.effects import effect_class
+
+    for name, info in effect_class(effects[-1]["effect"]).parameters.items():
+        if not info.declared:
+            continue
+        own = float(getattr(vehicle, info.declared))
+        added = sum(
+            float(entry.get(other, parameter.neutral))
+            for entry in effects
+            for other, parameter in effect_class(entry["effect"]).parameters.items()
+            if parameter.declared == info.declared
+        )
+        if own + added < 0.0:
+            raise MisplacedError(
+                f"vehicle.{info.declared} {own:g} and this are negative, found {effects[-1].get(name)}, "
+                f"expected a sum of 0 or more",
+                "effects", len(effects) - 1, name,
+            )  # fmt: skip
 
 
 def _gear_known(vehicle: Vehicle, signals: Signals, gear: int | None, i: int) -> None:

@@ -27,9 +27,13 @@ BoolColumn = NDArray[np.bool_]
 
 
 class MonotonicClock:
-    """Makes stamps that never go back, block by block: where the clock was set back, time goes on."""
+    """Makes stamps that never go back, block by block: where the clock was set back, time goes on.
 
-    def __init__(self) -> None:
+    disorder_us: a stamp that goes back by no more is one of an order of arrival, and stays.
+    """
+
+    def __init__(self, disorder_us: int = 0) -> None:
+        self._disorder_us = disorder_us
         self._last_us: int | None = None
         self._ahead_us = 0  # of the clock
 
@@ -39,7 +43,8 @@ class MonotonicClock:
             return t_us
         before = np.empty_like(t_us)
         before[0], before[1:] = t_us[0] if self._last_us is None else self._last_us, t_us[:-1]
-        ahead = self._ahead_us + np.maximum(before - t_us, 0).cumsum()
+        back = before - t_us
+        ahead = self._ahead_us + np.where(back > self._disorder_us, back, 0).cumsum()
         self._last_us, self._ahead_us = int(t_us[-1]), int(ahead[-1])
         return np.asarray(t_us + ahead)
 

@@ -37,9 +37,10 @@ from canest.doctor.stretches import Samples
 from canest.doctor.unmapped_groups import unmapped_group_hints
 from canest.doctor.warnings import stale_warnings, stream_warnings
 from canest.logs.log_warnings import log_warnings
-from canest.pipeline.build import model_spec, stale_limit_s
+from canest.pipeline.build import model_spec
 from canest.pipeline.pipeline import Pipeline
 from canest.pipeline.signal_map import decoder_for, wants_of
+from canest.pipeline.signal_timing import stale_limit_s
 from canest.pipeline.table_map import TableMap, wrong_kind
 from canest.vehicle.model import LongitudinalModel
 
@@ -275,11 +276,11 @@ class Doctor:
     def _differing_masses(self, reports: list[RoleReport]) -> list[str]:
         """Return that two senders report masses which differ."""
         senders = next((found.senders for found in reports if found.role == ROLE), [])
-        last = {
-            address_text(sender.address): sender.high
-            for sender in senders
-            if sender.high is not None and sender.high > 0.0
-        }
+        last = {}
+        for sender in senders:
+            received = self._sender_ranges.get(sender.address, self._received)
+            if (mass_kg := received.last.get(ROLE, 0.0)) > 0.0:
+                last[address_text(sender.address)] = mass_kg
         return [f"signals.{ROLE}: {sentence}" for sentence in differing(last)]
 
 

@@ -13,6 +13,7 @@ from canest.doctor.gear_table import GearFit, slipping_gears, table_line
 from canest.doctor.reported_ratio import ReportedRatio
 from canest.doctor.speed_units import SPEED_TOLERANCE, UNIT_FACTORS, mistaken_unit
 from canest.doctor.stretches import Samples, Stretches, at
+from canest.vehicle.role_sources import AT_WHEELS
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -48,6 +49,8 @@ class ConsistencyCheck:
         self._without_gear = GearFit(config.vehicle.gear_ratios)
         self._reference_Nm: float | None = None
         self._uses_reference = "reference_torque" in config.signals
+        #: torque at the wheels needs no ratio, and a config without gears has given none
+        self._needs_ratio = bool(config.vehicle.gear_ratios) or not config.signals.keys() & {*AT_WHEELS}
 
     def push(self, samples: Samples) -> None:
         """Take the samples of a block."""
@@ -175,7 +178,7 @@ class ConsistencyCheck:
 
         A vehicle without a table counts as one of a single gear.
         """
-        if self._vehicle.gear_ratios or not self._by_gear:
+        if self._vehicle.gear_ratios or not self._by_gear or not self._needs_ratio:
             return ""
         measured = self._measured(FEW_PAIRS) if self._fit is None else self._fit.measured()
         if len(measured) < 2:
@@ -190,7 +193,9 @@ class ConsistencyCheck:
     def _one_gear_hints(self) -> list[str]:
         """Return that a vehicle of one gear turns as it does when a speed is taken in another unit."""
         v = self._vehicle
-        if not v.has_one_gear or not self._by_gear or (v.gear_ratios and self._fit is None):
+        if not (v.has_one_gear and self._by_gear and self._needs_ratio):
+            return []
+        if v.gear_ratios and self._fit is None:
             return []
         measured = self._measured() if self._fit is None else self._fit.measured()
         if len(measured) != 1:

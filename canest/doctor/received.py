@@ -17,7 +17,7 @@ class Received:
     frames, rows: of a bus or log, and of them rows of a table. error_frames, standard_frames: error frames,
     frames with 11-bit identifiers. standard_ids: those of the latter. addresses, pgns: of the 29-bit ones.
     columns: of a table. missing_cells: role -> samples without a value. ranges: role -> lowest, highest value
-    and their count.
+    and their count. last: role -> last value.
     """
 
     def __init__(self, max_backward_s: float) -> None:
@@ -29,6 +29,7 @@ class Received:
         self.columns: set[str] = set()
         self.missing_cells: dict[str, int] = {}
         self.ranges: dict[str, tuple[float, float, int]] = {}
+        self.last: dict[str, float] = {}
         self._span_us: tuple[int, int] | None = None  #: earliest and latest stamp
         self._ends_us: tuple[int, int] | None = None  #: first and last stamp, in the order of arrival
         self._set_backs = self._set_back_us = 0
@@ -68,6 +69,7 @@ class Received:
             valid = values[np.isfinite(values)]
             self.missing_cells[role] = self.missing_cells.get(role, 0) + len(values) - len(valid)
             if len(valid):
+                self.last[role] = float(valid[-1])
                 low, high, count = self.ranges.get(role, (np.inf, -np.inf, 0))
                 self.ranges[role] = (
                     min(low, float(valid.min())),

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from canest.core.roles import COMPARED
 from canest.core.samples import RATE_HZ
-from canest.pipeline.build import stale_limit_s
+from canest.pipeline.signal_timing import stale_limit_s
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -17,7 +17,7 @@ import math
 from dataclasses import dataclass
 
 from canest.core.frames import ID_MASK
-from canest.core.samples import STATUS_LABELS
+from canest.core.samples import STATUS_LABELS, Status
 
 MASS_STEP_KG = 2.0
 MASS_STD_STEP = 0.004
@@ -72,7 +72,10 @@ def encode(estimate: Estimate, counter: int, can_id: int) -> bytes:
     if grade != _NOT_AVAILABLE_16:
         grade_std = _raw(min(estimate.grade_std / GRADE_STD_STEP, _LARGEST_8), _LARGEST_8, _NOT_AVAILABLE_8)
     word = mass | mass_std << 16 | grade << 24 | grade_std << 40
-    word |= (estimate.status & 3) << 48 | (estimate.gate & 63) << 50 | (counter & 15) << 56
+    status = estimate.status
+    if status == Status.VALID and mass == _NOT_AVAILABLE_16:
+        status = Status.CONVERGING  # a valid mass that no frame holds is none for who receives it
+    word |= (status & 3) << 48 | (estimate.gate & 63) << 50 | (counter & 15) << 56
     return (word | checksum(word, can_id) << 60).to_bytes(8, "little")
 
 

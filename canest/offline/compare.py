@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +14,8 @@ import numpy as np
 from canest.core import jit
 from canest.core.errors import PluginError
 from canest.core.estimates import Estimates
-from canest.core.frames import FloatColumn
-from canest.core.samples import RATE_HZ, ModelBlock, Status
+from canest.core.frames import FloatColumn, IntColumn, MonotonicClock
+from canest.core.samples import STEP_S, ModelBlock, Status
 from canest.doctor.config_warnings import config_warnings
 from canest.doctor.warnings import stream_warnings
 from canest.estimators import registry
@@ -204,17 +205,24 @@ def _row(entry: _Entry, estimates: Estimates, true_mass_kg: FloatColumn, score: 
     error_pct = 100.0 * (estimates.mass_kg / true_mass_kg - 1.0)
     if np.isfinite(error_pct[-1]):
         row["mass_end_pct"] = float(error_pct[-1])
-    row["to_5pct_s"] = time_to(np.where(estimated, error_pct, np.nan))
+    row["to_5pct_s"] = time_to(np.where(estimated, error_pct, np.nan), estimates.t_us)
     return {**row, "note": ""}
 
 
-def time_to(error_pct: FloatColumn) -> float | None:
-    """Return the seconds to the first sample from which the error stays small for the hold time."""
+def time_to(error_pct: FloatColumn, t_us: IntColumn) -> float | None:
+    """Return the seconds to the first sample from which the error stays small for the hold time.
+
+    t_us: stamps of the samples (n,); time goes on where the clock was set back.
+    """
+    passed_s = (MonotonicClock()(t_us) - t_us[0]) * 1e-6
     with np.errstate(invalid="ignore"):
         outside = np.flatnonzero(~(np.abs(error_pct) <= WITHIN_PCT))
-    n, hold = len(error_pct), round(WITHIN_HOLD_S * RATE_HZ)
+    n = len(error_pct)
     edges = np.concatenate(([-1], outside, [n]))
-    lengths = np.diff(edges) - 1
-    # a shorter stay counts when the log ends inside it
-    enough = np.flatnonzero((lengths >= hold) | ((edges[1:] == n) & (lengths > 0)))
-    return float(edges[enough[0]] + 1) / RATE_HZ if len(enough) else None
+    for before, after in pairwise(edges.tolist()):
+        # a shorter stay counts when the log ends inside it
+        if after - before > 1 and (
+            after == n or passed_s[after] - passed_s[before + 1] >= WITHIN_HOLD_S - 0.5 * STEP_S
+        ):
+            return float(passed_s[before + 1])
+    return None

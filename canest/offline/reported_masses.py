@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from canest.core.frames import FloatColumn, FrameBlock, IntColumn
+from canest.core.frames import FloatColumn, FrameBlock, IntColumn, MonotonicClock
 from canest.decode.per_sender import PerSender
 from canest.doctor.differing_masses import ROLE, differing
 from canest.offline.leg import Leg
@@ -54,6 +54,7 @@ class ReportedMasses:
         if source is not None and source.message is not None:
             wants = wants_of(config.model_copy(update={"signals": {ROLE: source}}))
             self._frames = PerSender(wants, config.databases)
+        self._monotonic = MonotonicClock(round(config.sampling.max_backward_s * 1e6))
         self._kept: dict[str, tuple[list[int], list[float]]] = {}
         self._counts: dict[str, int] = {}
 
@@ -61,7 +62,8 @@ class ReportedMasses:
         """Take the next frames."""
         if self._frames is None or self._source is None:
             return
-        for address, samples in self._frames.push(block).items():
+        passed = FrameBlock(self._monotonic(block.t_us), block.can_id, block.length, block.data)
+        for address, samples in self._frames.push(passed).items():
             name = str(self._source.message) if address is None else f"0x{address:02X}"
             if ROLE in samples:
                 self._keep(name, *samples[ROLE])
@@ -69,7 +71,8 @@ class ReportedMasses:
     def push_samples(self, samples: Mapping[str, tuple[IntColumn, FloatColumn]]) -> None:
         """Take the next samples of a table: role -> stamps and values."""
         if ROLE in samples and self._source is not None:
-            self._keep(str(self._source.column), *samples[ROLE])
+            t_us, values = samples[ROLE]
+            self._keep(str(self._source.column), self._monotonic(t_us), values)
 
     def compared(self, legs: Sequence[Leg]) -> tuple[list[ReportedMass], list[Leg]]:
         """Return every sender compared with the legs, and the legs with what each sender reported there."""
@@ -111,7 +114,7 @@ class ReportedMasses:
 
     def _within(self, leg: Leg) -> dict[str, float]:
         """Return the median mass of each sender while a leg lasted."""
-        first_us, last_us = round(leg.from_s * 1e6), round(leg.to_s * 1e6)
+        first_us, last_us = leg.passed_us
         found = {}
         for name, (stamps, masses) in sorted(self._kept.items()):
             inside = [m for t, m in zip(stamps, masses, strict=True) if first_us <= t <= last_us]

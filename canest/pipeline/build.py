@@ -12,20 +12,21 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from canest.config.schema import Config
-from canest.config.sections import SLOWEST_ACCELEROMETER_S, Source
+from canest.config.sections import SLOWEST_ACCELEROMETER_S
 from canest.core.errors import ConfigError
-from canest.core.roles import BRAKES, LASTING, ROLES, TWO_STATE, conversion
+from canest.core.roles import ROLES, conversion
 from canest.core.samples import VehicleFacts
 from canest.decode.groups import Want
 from canest.estimators.base import Estimator
 from canest.estimators.registry import create
-from canest.grid.between import Between, earlier, larger, line
 from canest.grid.grid import FOREVER_US, Channel, behind_us
 from canest.pipeline.assumed_constants import AssumedConstants
-from canest.pipeline.signal_map import resolution_of, step_of, unit_of, wants_of
+from canest.pipeline.signal_map import factor_and_offset, resolution_of, step_of, unit_of, wants_of
+from canest.pipeline.signal_timing import between_of, hold_us, stale_limit_s, wait_us
 from canest.vehicle.butterworth import butterworth, delay_s
 from canest.vehicle.range_rate_check import JUMP, JUMP_HOLD_S, MOTION_JUMP, Limit, limits_of
 from canest.vehicle.role_sources import (
+    AT_WHEELS,
     DRIVEN_SPEEDS,
     is_at_wheels,
     motion_roles,
@@ -49,18 +50,13 @@ TORQUE_ROLES = (
     "engine_torque_fraction",
     "engine_torque",
     "power",
+    *AT_WHEELS,
+    "half_shaft_torque_right",
     "engine_friction_pct",
     "retarder_torque_pct",
 )
-#: staleness limit of a signal that only an effect knows
-EFFECT_SIGNAL_STALE_S = 5.0
 #: an accuracy of the config is two standard deviations in percent, one of the facts a fraction
 TWO_STD_PCT = 200.0
-#: two reports are joined when they lie so many periods apart at most: one may be lost
-MISSED_PERIODS = 2.5
-#: a report may come late by this share of its period
-LATE_PERIODS = 0.2
-_NOTHING_BETWEEN = ("gear", "gear_ratio", "selected_gear", "pto_state")
 _ACCELEROMETER = "longitudinal_accel"
 
 
@@ -149,19 +145,25 @@ def intake_spec(config: Config) -> IntakeSpec:
         max_backward_us=round(config.sampling.max_backward_s * 1e6),
         limits=limits_of(roles, vehicle.mps_per_shaft_rpm),
         motion=frozenset(motion_roles(roles, vehicle)),
-        torque=torque_limits(roles, vehicle, _column_factors(config), steps),
+        torque=torque_limits(roles, vehicle, _column_scales(config), steps),
     )
 
 
 def grid_spec(config: Config) -> GridSpec:
     """Return the grid of a config: the signal map with its delays and staleness limits."""
     late_s = sum(float(getattr(e, "delay_s", 0.0)) for e in effects_of(config) if e.stage == "sampling")
-    channels = []
+    channels, has_steps = [], bool(config.vehicle.gear_ratios)
     for role, source in config.signals.items():
         stale_us = round(min(stale_limit_s(role, source) * 1e6, FOREVER_US))
         delay_s = source.delay_s + (late_s if role in TORQUE_ROLES else 0.0)
         channels.append(
-            Channel(role, round(delay_s * 1e6), stale_us, between_of(role, source), wait_us(source))
+            Channel(
+                role,
+                round(delay_s * 1e6),
+                stale_us,
+                between_of(role, source, has_steps=has_steps),
+                wait_us(source),
+            )
         )
     channels += [Channel(name, 0, round(JUMP_HOLD_S * 1e6)) for name in (JUMP, MOTION_JUMP)]
     return GridSpec(tuple(channels), hold_us(config))
@@ -241,50 +243,18 @@ def effects_of(config: Config) -> tuple[Effect, ...]:
     return tuple(effect_from_config(e, f"effects[{i}]") for i, e in enumerate(config.effects))
 
 
-def hold_us(config: Config) -> int:
-    """Return how long ticks go on after the last wanted frame."""
-    slowest_s = max((source.period_s or 0.0 for source in config.signals.values()), default=0.0)
-    return round(max(config.sampling.hold_s, MISSED_PERIODS * slowest_s) * 1e6)
-
-
-def stale_limit_s(role: str, source: Source) -> float:
-    """Return how old a sample of a role may be."""
-    if source.stale_s is not None:
-        return source.stale_s
-    limit_s = ROLES[role].stale_s if role in ROLES else EFFECT_SIGNAL_STALE_S
-    return limit_s if source.period_s is None else max(limit_s, MISSED_PERIODS * source.period_s)
-
-
-def between_of(role: str, source: Source) -> Between | None:
-    """Return what a role is between two reports, None where the last one is held."""
-    if source.period_s is None or role in LASTING:
-        return None
-    if role in (*BRAKES, "parking_brake", "abs_active"):
-        return larger
-    discrete = role in TWO_STATE or role in _NOTHING_BETWEEN or source.map
-    return earlier if discrete else line
-
-
-def wait_us(source: Source) -> int:
-    """Return how long a report waits for the next one: a period, and what it may come late by."""
-    if source.period_s is None:
-        return 0
-    return round(source.period_s * (1.0 + LATE_PERIODS) * 1e6)
-
-
 def behind_s(config: Config) -> float:
     """Return how long ago it is what the ticks show, for late and slow signals to be joined, s."""
     return behind_us(grid_spec(config).channels) * 1e-6
 
 
-def _column_factors(config: Config) -> dict[str, float]:
-    """Return role -> what a number of its table column is multiplied by."""
-    factors = {}
-    for role, source in config.signals.items():
-        converted = conversion(role, unit_of(source)) if source.column is not None else None
-        if converted is not None:
-            factors[role] = converted[0] * source.scale
-    return factors
+def _column_scales(config: Config) -> dict[str, tuple[float, float]]:
+    """Return role -> what a number of its table column is multiplied by, and what is added then."""
+    return {
+        role: factor_and_offset(role, source, unit_of(source))
+        for role, source in config.signals.items()
+        if source.column is not None and role in ROLES and conversion(role, unit_of(source)) is not None
+    }
 
 
 def _accelerometer(config: Config) -> AccelerometerSource | None:

@@ -22,8 +22,8 @@ from canest.logs.cells import number_of
 from canest.logs.format_detection import open_log
 from canest.logs.table_in_memory import TableLog
 from canest.logs.table_reader import TEXTS_KEPT
-from canest.pipeline.build import hold_us
 from canest.pipeline.signal_map import factor_and_offset, unit_of
+from canest.pipeline.signal_timing import hold_us
 
 if TYPE_CHECKING:
     from canest.config import Config

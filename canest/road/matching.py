@@ -60,7 +60,8 @@ class RoadMatcher:
 
     def _forget(self) -> None:
         self._held = (math.nan, math.nan)  # position in force
-        self._point: Points | None = None
+        self._anchor: Points | None = None  # an earlier position, from which the direction is taken
+        self._from_anchor_m = 0.0
         self._direction: Points | None = None
         self._way: _Way | None = None
         self._driven_m, self._since_ticks = 0.0, 0  # since that position
@@ -120,16 +121,16 @@ class RoadMatcher:
     def _locate(self, latitude: float, longitude: float) -> None:
         """Take a new position: the way ahead of it, if the map has one."""
         point = points_of(np.array([latitude]), np.array([longitude]))[0]
-        before, driven = self._point, self._driven_m
         self._way, self._cell = None, -1
-        if before is not None:
-            moved = point - before
-            length = float(np.sqrt(moved @ moved))
-            if length > _LONGER * driven + _FURTHER_M:  # a jump, now or before: no direction
-                self._direction = None
-            elif length >= _LEAST_MOVED_M:
-                self._direction = moved / length
-        self._point, self._driven_m, self._since_ticks = point, 0.0, 0
+        self._from_anchor_m += self._driven_m
+        moved = point - (point if self._anchor is None else self._anchor)
+        length = float(np.sqrt(moved @ moved))
+        jumped = length > _LONGER * self._from_anchor_m + _FURTHER_M  # now or before: no direction
+        if jumped or length >= _LEAST_MOVED_M:
+            self._direction = None if jumped else moved / length
+        if jumped or length >= _LEAST_MOVED_M or self._anchor is None:
+            self._anchor, self._from_anchor_m = point, 0.0
+        self._driven_m, self._since_ticks = 0.0, 0
         if self._direction is None:
             return
         found = self._cell_at(point, self._direction)

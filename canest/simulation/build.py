@@ -71,6 +71,14 @@ def vehicle_parameters(spec: Scenario, hidden: Hidden, contain: Container) -> Ve
     """Return the true vehicle: what is declared, with everything hidden. Errors: ConfigError."""
     vehicle, driver = spec.vehicle, spec.driver
     load = hidden.load
+    inertia_kgm2 = vehicle.engine_inertia_kgm2 + hidden.inertia_kgm2
+    for what, left, is_enough in (
+        ("drag_area", vehicle.cda_m2 + hidden.cda_delta_m2, vehicle.cda_m2 + hidden.cda_delta_m2 >= 0.0),
+        ("rotating_inertia", inertia_kgm2, inertia_kgm2 > 0.0),
+    ):
+        if not is_enough:
+            where, expected = "undeclared", "more than nothing with the vehicle's own"
+            raise ConfigError(f"{what} takes too much", where=where, found=f"{left:g}", expected=expected)
     full = contain(_full_torque(vehicle))
     idle = 0.0 if vehicle.electric else vehicle.idle_rpm * RADPS
     return VehicleParameters(
@@ -222,6 +230,11 @@ def _masses(spec: Scenario, hidden: Hidden) -> tuple[list[float], list[float]]:
             expected="all changes in mass_kg",
         )
     changes = [(change.t_s, change.mass_kg) for change in spec.mass_kg]
+    if early := [when for when, _ in hidden.payloads if when < changes[0][0]]:
+        raise ConfigError(
+            "payload_change before the drive", where="undeclared", found=f"t_s {early[0]:g}",
+            expected=f"{changes[0][0]:g} or later",
+        )  # fmt: skip
     times = sorted({when for when, _ in changes} | {when for when, _ in hidden.payloads})
     masses = [
         next(kg for when, kg in reversed(changes) if when <= at)

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from canest.core.errors import ConfigError
 from canest.simulation.vehicles import Strict
 
 
@@ -214,6 +215,11 @@ class Hidden:
             case TorqueDelay():
                 self.delay_s += effect.delay_s
             case DrivelineLoss():
+                if effect.gear is not None and not 1 <= effect.gear <= len(self.kept):
+                    raise ConfigError(
+                        "no such gear", where="undeclared", found=effect.gear,
+                        expected=f"1 to {len(self.kept)}",
+                    )  # fmt: skip
                 self.kept = [
                     kept * (1 - effect.loss) if effect.gear in (None, index + 1) else kept
                     for index, kept in enumerate(self.kept)

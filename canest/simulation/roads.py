@@ -71,6 +71,15 @@ class Steps(Strict):
     length_m: float = Field(600.0, gt=0)
     transition_m: float = Field(2.0, gt=0)
 
+    @model_validator(mode="after")
+    def _each_is_reached(self) -> Steps:
+        if self.transition_m >= self.length_m:
+            raise ValueError(
+                f"transition_m {self.transition_m:g} is no part of a step, expected less than length_m "
+                f"{self.length_m:g}"
+            )
+        return self
+
 
 Road = Annotated[Flat | Highway | Points | Sine | Steps, Field(discriminator="kind")]
 

@@ -9,7 +9,7 @@ from canest.core.gates import LABELS
 from canest.core.samples import STEP_S
 from canest.doctor.reasons import why_no_signal
 from canest.node.estimate_frame import STATUS_NAMES
-from canest.pipeline.build import hold_us
+from canest.pipeline.signal_timing import hold_us
 from canest.telemetry.daemon_view import DaemonView
 
 NOT_AVAILABLE = "not available"

@@ -174,12 +174,15 @@ class Gating:
         before = shifted(ratio, self._last_ratio)
         self._last_ratio = float(ratio[-1])
         closed = np.isfinite(before) & (np.abs(ratio - before) > 0.03 * before)
+        closed = closed & (not self._model.at_wheels)
         if "shift_in_process" in has:
             closed = closed | raw.columns.on("shift_in_process")
         return closed
 
     def _disengaged(self, raw: RawModel, has: dict[str, FloatColumn], accel_mps2: FloatColumn) -> BoolColumn:
         c, gates = raw.columns, self._gates.driveline
+        if self._model.at_wheels:  # what is measured there has passed the driveline, whatever it does
+            return constant(False, len(c))
         closed = ~raw.geared | driveline_open(c, gates.clutch_slip_pct)
         if "engine_speed" in has:  # also where it was the speed, until the road speed contradicted it
             per_mps = c.ratio / c.radius_m
@@ -195,7 +198,9 @@ class Gating:
         closed = np.abs(accel_mps2) > MAX_ACCEL_MPS2
         if JUMP in has:
             closed = closed | np.isfinite(has[JUMP])
-        others = [has[role] for role in ("undriven_speed", "vehicle_speed") if role in has]
+        others = [has["undriven_speed"]] if "undriven_speed" in has else []
+        if "vehicle_speed" in has:  # as the model takes it
+            others.append(has["vehicle_speed"] * (raw.columns.radius_m / self._model.vehicle.wheel_radius_m))
         if others:
             allowed = SPEED_MISMATCH_SHARE * np.abs(raw.speed_mps) + SPEED_SLACK_MPS
             for other in others:

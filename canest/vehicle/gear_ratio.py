@@ -25,6 +25,8 @@ class GearRatio:
         self._rpm_per_mps = 1.0 / vehicle.mps_per_shaft_rpm
         self._gears = np.array(sorted(vehicle.gear_ratios), np.float64)
         self._ratios = np.array([vehicle.gear_ratios[int(g)] for g in self._gears], np.float64)
+        forwards = self._gears > 0 if (self._gears > 0).any() else self._gears != 0
+        self._forwards, self._ratios_forwards = self._gears[forwards], self._ratios[forwards]
         self._last = math.nan
 
     def of(self, values: Mapping[str, FloatColumn], n: int) -> tuple[FloatColumn, FloatColumn]:
@@ -46,7 +48,7 @@ class GearRatio:
             ratio = np.where(unknown, self._by_shafts(values, n), ratio)
         if gear is None:
             nearest = self._nearest(np.where(ratio > 0, ratio, 1.0))
-            gear = np.where(ratio > 0, self._gears[nearest], 0.0)
+            gear = np.where(ratio > 0, self._forwards[nearest], 0.0)
         return ratio, gear
 
     @property
@@ -78,9 +80,10 @@ class GearRatio:
             return constant(math.nan, n)
         turning = (shaft > MIN_SHAFT_RPM) & (engine > MIN_SHAFT_RPM)
         measured = np.where(turning, engine, 1.0) / np.where(turning, shaft, 1.0)
-        table = self._ratios[self._nearest(measured)]
+        table = self._ratios_forwards[self._nearest(measured)]
         return np.where(turning & (np.abs(measured / table - 1) < RATIO_SNAP), table, np.nan)
 
     def _nearest(self, ratio: FloatColumn) -> IntColumn:
-        nearest: IntColumn = np.abs(np.log(ratio)[:, None] - np.log(self._ratios)).argmin(1)
+        """Return the positions of forward gears: ratios do not show the direction of travel."""
+        nearest: IntColumn = np.abs(np.log(ratio)[:, None] - np.log(self._ratios_forwards)).argmin(1)
         return nearest

@@ -126,6 +126,7 @@ class LongitudinalModel:
         self._run("geometry", c)
         self._torque(c)
         self._run("crank", c)
+        self._retarder(c)
         self._run("driveline", c)
         if self.at_wheels:  # such torque has had its losses, and has accelerated everything before the wheels
             lever, efficiency = 1.0 / c.radius_m, constant(1.0, len(c))
@@ -247,15 +248,14 @@ class LongitudinalModel:
             reference = c.signal("reference_torque", np.nan if declared is None else declared)
             friction = c.signal(_FRICTION, self.vehicle.friction_torque_pct)
             c.torque_Nm = (with_fraction(c.signals) - friction) * 0.01 * reference
+
+    def _retarder(self, c: ModelColumns) -> None:
+        """Add what a reported retarder takes; behind the effects on the engine's torque, which is not its."""
         retarder = self.vehicle.retarder
         # torque measured at the wheels already has what a retarder takes
         if retarder is not None and "retarder_torque_pct" in self.roles and not self.at_wheels:
-            # SPN 520 is negative while braking
-            torque = (
-                0.01
-                * c.signal("retarder_torque_pct")
-                * c.signal("retarder_reference_torque", retarder.reference_torque_Nm)
-            )
+            reference = c.signal("retarder_reference_torque", retarder.reference_torque_Nm)
+            torque = 0.01 * c.signal("retarder_torque_pct") * reference  # SPN 520 is negative while braking
             if retarder.location == "crank":
                 c.torque_Nm = c.torque_Nm + torque
             else:

@@ -138,11 +138,14 @@ class TorqueLimit(NamedTuple):
 
 
 def torque_limits(
-    roles: Collection[str], vehicle: Vehicle, factors: Mapping[str, float], steps: Mapping[str, float]
+    roles: Collection[str],
+    vehicle: Vehicle,
+    scales: Mapping[str, tuple[float, float]],
+    steps: Mapping[str, float],
 ) -> dict[str, TorqueLimit]:
     """Return the limits of every torque role that is mapped.
 
-    factors: role -> what a number of its table column is multiplied by (none for a DBC signal).
+    scales: role -> factor and offset of the numbers of its table column (none for a DBC signal).
     steps: role -> resolution of its DBC signal. A driver's foot moves a torque by some steps and back.
     """
     ratio = min(vehicle.gear_ratios.values(), default=1.0) * vehicle.final_drive
@@ -159,6 +162,7 @@ def torque_limits(
             far, most = _FAR_PCT, _MOST_PCT
         elif role == "engine_torque":
             most = min(most, _MOST_ENGINE_NM)
-        ends = tuple(end * factors[role] for end in _TYPE_ENDS) if role in factors else ()
+        factor, offset = scales.get(role, (math.nan, 0.0))
+        ends = tuple(end * factor + offset for end in _TYPE_ENDS) if role in scales else ()
         limits[role] = TorqueLimit(max(far, _FAR_STEPS * steps.get(role, 0.0)), most, ends)
     return limits

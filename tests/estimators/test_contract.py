@@ -113,3 +113,11 @@ def test_one_that_fails_costs_the_others_nothing(monkeypatch, kind):
     both = table("mine", "rls")["estimators"]
     assert both["mine"]["mass_end_pct"] is None and "estimator mine" in both["mine"]["note"]
     assert both["rls"]["mass_end_pct"] == alone["mass_end_pct"] is not None
+
+
+def test_the_loss_of_a_mass_beyond_its_bound_is_that_of_the_bound():
+    """60 t on 1 % of grade, and a bound of 40 t: the residuals that stay widen the grade, too."""
+    heavy = drive(60.0, mass_kg=60_000.0, grade=0.01, noise_mps2=0.02)
+    e = registry.create("batch-ls", replace(FACTS, mass_max_kg=40_000.0)).update(heavy.block)
+    assert e.mass_kg[-1] == pytest.approx(40_000.0)
+    assert e.grade_std[-1] > 1e-4

@@ -123,3 +123,9 @@ def test_a_frame_from_another_address_does_not_pass_as_ours():
 def test_any_payload_decodes_without_an_exception(payload):
     received = decode(payload, CAN_ID)
     assert (received is None) == (len(payload) != 8)
+
+
+def test_a_mass_that_no_frame_holds_is_not_valid():
+    heavy = Estimate(300e3, 3e3, 0.03, 0.001, 2, 0)
+    received = decode(encode(heavy, 0, 0x18FF5A9E), 0x18FF5A9E).estimate
+    assert math.isnan(received.mass_kg) and received.status == 1 and received.grade == pytest.approx(0.03)

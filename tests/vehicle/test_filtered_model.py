@@ -286,3 +286,24 @@ def test_a_slope_sensor_gives_the_tangent() -> None:
         ticks({"engine_torque": 0.0, "vehicle_speed": 5.0, "pitch": [0.05, -0.1]})
     )
     assert block.slope == pytest.approx([math.tan(0.05), math.tan(-0.1)])
+
+
+@pytest.mark.parametrize("signals", [{"engine_speed": 1500.0}, {"lockup_engaged": 0.0}])
+def test_torque_at_the_wheels_is_gated_by_no_driveline(signals: dict[str, float]) -> None:
+    """It has passed clutch and converter: no ratio is needed, and no slip counts."""
+    n = 400
+    roles = ("wheel_torque", "vehicle_speed", *signals)
+    block = FilteredModel(model_spec(config(roles, vehicle={"gear_ratios": {}}))).process(
+        ticks({"wheel_torque": 3000.0, "vehicle_speed": 15.0, **signals}, n)
+    )
+    assert set(block.gate[100:].tolist()) == {0}
+    assert block.raw_speed_mps[-1] == 15.0
+
+
+def test_a_smaller_wheel_is_no_contradiction() -> None:
+    n = 400
+    effects = ({"effect": "wheel_radius", "factor": 0.8},)
+    block = FilteredModel(model_spec(config(ROLES, effects, vehicle=FIXED_GEAR))).process(
+        ticks({"engine_torque": 500.0, "vehicle_speed": 25.0}, n)
+    )
+    assert set(block.gate[100:].tolist()) == {0}

@@ -21,6 +21,8 @@ from vehicle_helpers import (
 )
 
 from canest.pipeline.build import model_spec
+from canest.vehicle.facts import Vehicle
+from canest.vehicle.gear_ratio import GearRatio
 from canest.vehicle.model import LongitudinalModel, RawModel
 
 RATIO = 2.0 * FINAL_DRIVE
@@ -313,3 +315,32 @@ def test_eighths_of_a_percent_add_to_the_torque_and_what_is_none_does_not(
 ) -> None:
     raw = process({"engine_torque_fraction": fraction})
     assert raw.traction_N[1] == pytest.approx((50.0 + added) * 20.0 * RATIO / RADIUS_M * EFFICIENCY)
+
+
+def test_a_gain_of_the_engine_is_none_of_its_retarder() -> None:
+    roles = {"engine_torque_pct": 0.0, "retarder_torque_pct": -50.0}
+    retarder = {"location": "crank", "reference_torque_Nm": 1500.0}
+    for effects in ((), ({"effect": "torque_gain", "gain": 0.9},)):
+        raw = process(roles, effects=effects, vehicle={"retarder": retarder, "friction_torque_pct": 0.0})
+        assert raw.columns.torque_Nm[1] == pytest.approx(-750.0)
+
+
+@pytest.mark.parametrize("reverse", [6.0, 6.1])
+def test_without_a_gear_signal_a_ratio_is_that_of_a_forward_gear(reverse: float) -> None:
+    vehicle = canest_vehicle(gear_ratios={-1: reverse, 1: 6.0, 2: 3.5})
+    shaft_rpm = 400.0
+    ratio, gear = GearRatio(vehicle).of(
+        {
+            "engine_speed": np.full(3, 6.06 * shaft_rpm),
+            "output_shaft_speed": np.full(3, shaft_rpm),
+        },
+        3,
+    )
+    assert ratio.tolist() == [6.0] * 3 and gear.tolist() == [1.0] * 3
+
+
+def canest_vehicle(**facts: Any) -> Vehicle:
+    return Vehicle(
+        mass_min_kg=8000, mass_max_kg=40000, wheel_radius_m=0.5, final_drive=3.0, drag_area_m2=6.0,
+        rolling_resistance=0.006, **facts,
+    )  # fmt: skip

@@ -7,11 +7,13 @@ nothing, when the grade is only known to be a slow function of distance.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from canest.core.columns import shifted
 from canest.core.errors import LogError
 from canest.core.frames import FloatColumn
 from canest.core.samples import GRAVITY_MPS2
@@ -127,6 +129,8 @@ def _altitude_and_accelerometer(drive: Drive, run: Run) -> Reference | None:
     accel = mean(m.accel_mps2)
     extra = mean(m.accelerometer_mps2) - accel
     altitude = m.altitude_m[ticks[:, -1]]
+    # one that is rarer than once in a second is held: the same again is no measurement
+    altitude = np.where(altitude == shifted(altitude, math.nan), math.nan, altitude)
     noise = altitude_noise_m(altitude, speed)
     pitch = drive.config.vehicle.accelerometer.pitch_rad_per_mps2
     moving = np.maximum(speed, 0.1)

@@ -98,7 +98,8 @@ def mass_and_grade(diagnosis: Diagnosis, drive: int) -> str:
         sides.append(("after", diagnosis.estimates_after, AFTER))
     t_us = MonotonicClock()(part.run.samples.t_us)
     keep = _thinned(len(t_us))
-    x = numbers((t_us[keep] - t_us[0]) * 1e-6, 1)
+    # what the samples show was a while before their stamps
+    x = numbers((t_us[keep] - t_us[0]) * 1e-6 - part.run.behind_s, 1)
     reference = part.reference
     settled: list[FloatColumn] = []
     for name, estimates, colour in sides:

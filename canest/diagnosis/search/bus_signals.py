@@ -140,7 +140,9 @@ def held_on_windows(problem: Problem, drives: list[tuple[IntColumn, FloatColumn]
         t_us, value = MonotonicClock()(t_us)[good], value[good]
         if len(t_us) < MIN_SAMPLES:
             return None
-        centre_us = part.run.samples.t_us[0] + (part.windows.t_s * 1e6).astype(np.int64)
+        # the samples show what was a while ago
+        first_us = part.run.samples.t_us[0] - round(part.run.behind_s * 1e6)
+        centre_us = first_us + (part.windows.t_s * 1e6).astype(np.int64)
         at = np.searchsorted(t_us, centre_us, side="right") - 1
         held = np.where(at >= 0, value[at], value[0])
         fresh = (at >= 0) & (centre_us - t_us[np.maximum(at, 0)] < _STALE_S * 1e6)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -11,6 +12,7 @@ from canest.core.frames import BoolColumn
 from canest.core.roles import RADPS_PER_RPM
 from canest.vehicle.effects.base import Added, Effect, Parameter, Scaled, Stage
 from canest.vehicle.effects.trials import DrivenData, Trial
+from canest.vehicle.role_sources import AT_WHEELS
 from canest.vehicle.working_columns import ModelColumns
 
 
@@ -72,6 +74,12 @@ class TorqueDelay(Effect):
     separated_by: ClassVar[str] = "throttle steps at very different speeds"
     parameters: ClassVar[dict[str, Parameter]] = {"delay_s": Parameter("s", 0.0, 0.0, 1.0, 0.04, fault=0.2)}
     delay_s: float = 0.0
+    untried_reason: ClassVar[str] = "torque measured at the wheels is no late report of an engine"
+
+    @classmethod
+    def trials(cls, drives: DrivenData) -> Sequence[Trial]:
+        """Return it where the engine reports its torque."""
+        return [] if any(role in drives.roles for role in AT_WHEELS) else super().trials(drives)
 
     def describe(self, std: float) -> str:
         """Return it as a part of a sentence."""

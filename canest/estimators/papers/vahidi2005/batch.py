@@ -41,7 +41,10 @@ class BatchLs(TwoParameter):
         low, high = self.box.low, self.box.high
         theta1 = np.clip((n22 * b1 - n12 * b2) / determinant, low[0], high[0])
         theta2 = np.clip((n11 * b2 - n12 * b1) / determinant, low[1], high[1])
-        loss = np.maximum(squares - theta1 * b1 - theta2 * b2, 0.0)
+        # of the clipped parameters too: sum of (y - phi theta)^2
+        twice = 2.0 * (theta1 * b1 + theta2 * b2)
+        quadratic = n11 * theta1 * theta1 + 2.0 * n12 * theta1 * theta2 + n22 * theta2 * theta2
+        loss = np.maximum(squares - twice + quadratic, 0.0)
         # two rows' worth of the start's variance keeps sigma^2 sensible for the first rows
         variance = (loss + 2.0 * self._first_variance) / (count + 2.0)
         p = (n22 / determinant, -n12 / determinant, n11 / determinant)
