@@ -29,6 +29,11 @@ _RETURNS_NONE_FOR_NOISE = frozenset({"slcan", "serial", "udp_multicast"})
 _EXTRAS = {"udp_multicast": "multicast", "slcan": "serial", "serial": "serial", "robotell": "serial"}
 #: `serial` waits this long (s) for each byte, by default 0.1: no loop has that time
 _OPTIONS: dict[str, dict[str, Any]] = {"serial": {"timeout": 0.01}}
+#: how a driver is told that its adapter sends nothing at all, not even acknowledgments and error frames
+_SILENT: dict[str, dict[str, Any]] = {
+    "slcan": {"listen_only": True},
+    "pcan": {"state": can.BusState.PASSIVE},
+}
 #: 0, where not named. pyserial, which slcan hands it to, takes 0 for "try for ever" once its buffer is full
 _SEND_TIMEOUT_S = {"slcan": 0.05}
 _LONGEST_LINE = 256  #: bytes of an slcan line, more than CAN FD's 64 bytes take
@@ -49,6 +54,11 @@ def missing_driver(interface: str) -> str:
     """Return what an interface lacks that cannot be used, and how that is installed where an extra has it."""
     extra = _EXTRAS.get(interface)
     return "its driver" + (f": {how_to_add(extra)}" if extra else "")
+
+
+def silenced(config: Bus) -> Bus:
+    """Return an interface whose adapter acknowledges nothing either, where its driver can be told so."""
+    return config.model_copy(update={"options": _SILENT.get(config.interface, {}) | config.options})
 
 
 def open_bus(config: Bus) -> can.BusABC:

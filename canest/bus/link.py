@@ -78,9 +78,12 @@ def require_frames(config: Config) -> None:
         )
 
 
-def open_link(bus: Bus, filters: Filters, *, transmit: bool) -> tuple[Receiver, Transmitter | None]:
+def open_link(
+    bus: Bus, filters: Filters, *, transmit: bool, silent: bool = False
+) -> tuple[Receiver, Transmitter | None]:
     """Open a bus: its receiver and, only when ``transmit``, its transmitter.
 
+    silent: an adapter is told to acknowledge nothing either. SocketCAN's is told by `ip link`.
     An interface that is absent is waited for. Errors: BusError when it can never be opened here.
     """
     if bus.interface == "socketcan":
@@ -88,7 +91,9 @@ def open_link(bus: Bus, filters: Filters, *, transmit: bool) -> tuple[Receiver, 
 
         receiver = SocketCanReceiver(bus.channel, filters)
         return receiver, SocketCanTransmitter(receiver) if transmit else None
-    from canest.bus.pythoncan import PythonCanReceiver, PythonCanTransmitter
+    from canest.bus.drivers import silenced
+    from canest.bus.pythoncan import PythonCanReceiver
+    from canest.bus.pythoncan_transmitter import PythonCanTransmitter
 
-    other = PythonCanReceiver(bus, filters)
+    other = PythonCanReceiver(silenced(bus) if silent else bus, filters)
     return other, PythonCanTransmitter(other) if transmit else None

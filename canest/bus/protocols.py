@@ -55,3 +55,13 @@ class Transmitter(Protocol):
 
     def send(self, can_id: int, payload: bytes) -> bool:
         """Send one frame if the interface takes it at once; False when it was dropped (and counted)."""
+
+    @property
+    def waiting(self) -> int:
+        """Return how many frames the interface has taken that are not on the bus yet."""
+
+    def failed(self) -> list[int]:
+        """Return the identifiers of frames that were taken and never sent, since the last call."""
+
+    def drop_waiting(self) -> None:
+        """Send none of the frames that wait: they are of an address that was lost."""

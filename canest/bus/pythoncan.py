@@ -39,9 +39,6 @@ _STAMP_MAX_S = 9e12  #: what microseconds in 64 bits can hold
 #: how long is waited for an interface to open: at the start, and between two ticks. Some take seconds
 _FIRST_OPEN_S, _OPEN_S = 0.25, 0.02
 _CLOSE_S = 0.25  #: how long an adapter may take to be closed before the process ends without it
-_SEND_S = 0.002  #: how long is waited to see whether a frame was sent
-_MOST_UNSENT = 16  #: frames that wait for an adapter
-_UNSENT_S = 0.25  #: older ones are of no use to anybody
 
 
 class _Opening:
@@ -231,60 +228,3 @@ class PythonCanReceiver:
                 self.counters["close_failed"] += 1
 
         return self._thread.do(shutdown)
-
-
-class PythonCanTransmitter:
-    """Sends through the receiver's bus."""
-
-    def __init__(self, receiver: PythonCanReceiver) -> None:
-        self._receiver = receiver
-        self._timeout_s = drivers.send_timeout_s(receiver._config.interface)
-        self.counters: Counter[str] = Counter()
-
-    def send(self, can_id: int, payload: bytes) -> bool:
-        """Send one frame if the interface takes it at once; see `canest.bus.protocols.Transmitter`.
-
-        An adapter that takes longer than a moment has the frame in its queue; what becomes of it is counted.
-        """
-        receiver = self._receiver  # the transmitter shares the receiver's bus
-        if receiver._bus is None:
-            self.counters["dropped_interface_absent"] += 1
-            return False
-        if receiver._thread.waiting >= _MOST_UNSENT:
-            self.counters["dropped_buffer_full"] += 1
-            return False
-        sending = _Sending(self, receiver._bus, can_id, payload)
-        return not receiver._thread.do(sending.run).done(_SEND_S) or sending.sent
-
-
-class _Sending:
-    """One frame on its way out, in the driver's thread."""
-
-    def __init__(
-        self, transmitter: PythonCanTransmitter, bus: can.BusABC, can_id: int, payload: bytes
-    ) -> None:
-        self._transmitter, self._bus = transmitter, bus
-        self._can_id, self._payload = can_id, payload
-        self._until_s = time.monotonic() + _UNSENT_S
-        self.sent = False
-
-    def run(self) -> None:
-        counters, echoes = self._transmitter.counters, self._transmitter._receiver._echoes
-        if time.monotonic() > self._until_s:
-            counters["dropped_too_late"] += 1
-            return
-        echo = self._can_id, self._payload
-        if echoes is not None:
-            echoes.append(echo)  # before it is sent: it may come back at once
-        try:
-            self._bus.send(
-                drivers.message_of(self._can_id, self._payload), timeout=self._transmitter._timeout_s
-            )
-        except Exception:  # full queues and dead devices, in every driver's own words
-            counters["dropped_send_failed"] += 1
-            if echoes is not None:
-                with contextlib.suppress(ValueError):  # it came back although the send failed
-                    echoes.remove(echo)
-            return
-        counters["sent"] += 1
-        self.sent = True

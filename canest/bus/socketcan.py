@@ -239,6 +239,8 @@ class SocketCanReceiver:
 class SocketCanTransmitter:
     """Sends through the receiver's socket, so that the kernel does not hand our own frames back to us."""
 
+    waiting = 0  #: the kernel has what it takes
+
     def __init__(self, receiver: SocketCanReceiver) -> None:
         self._receiver = receiver
         self.counters: Counter[str] = Counter()
@@ -259,3 +261,10 @@ class SocketCanTransmitter:
             return False
         self.counters["sent"] += 1
         return True
+
+    def failed(self) -> list[int]:
+        """Return none; see `waiting`."""
+        return []
+
+    def drop_waiting(self) -> None:
+        """Nothing waits."""

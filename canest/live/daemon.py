@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable
 from types import FrameType
 
+from canest.bus.protocols import UP
 from canest.config.schema import Config
 from canest.core.errors import CanestError
 from canest.core.estimates import Estimates
@@ -39,6 +40,8 @@ CHORES_S = 1.0  #: period of everything but receiving, estimating and sending
 #: longest time between two estimates; a little more than the period of the default broadcast, so that its
 #: due time sets the pace
 LONGEST_WAIT_US = 230_000
+#: the same where requests are answered and none is due: within 200 ms (SAE J1939-21, Tr), a tick before
+LONGEST_ANSWER_US = 180_000
 _OBJECTS_BETWEEN_COLLECTIONS = 100_000  #: a look at as many takes 35 ms, and delays ticks by that
 CLOSE_S = 0.5  #: SIGTERM has to be over within a second, whatever the disk does
 
@@ -77,6 +80,7 @@ class Daemon:
         self.receiver, self.node = join(config, self.pipeline.decoder.can_filters())
         self.estimation.odometer = self.node.monitor.odometer
         self._opened = self.receiver.opened
+        self._bus_state = self.receiver.state
         self.outputs = Outputs(config, self.background)
 
     # -- from start to end --------------------------------------------------------------------------
@@ -183,7 +187,9 @@ class Daemon:
         now_us, now_s = now_ns // 1000, now_ns * 1e-9
         if now_us >= self._due_us or not self.receiver.collect():
             self._estimate_and_send(now_us, now_s)
-            self._due_us = min(now_us + LONGEST_WAIT_US, self.node.due_us(now_us))
+            due_us = self.node.due_us(now_us)
+            longest_us = LONGEST_WAIT_US if self.node.transmitter is None else LONGEST_ANSWER_US
+            self._due_us = due_us if due_us <= now_us + LONGEST_WAIT_US else now_us + longest_us
         if now_s >= self._chores_at_s:
             self._chores_at_s = now_s + CHORES_S
             self._work_once_a_second(now_us, now_s)
@@ -194,9 +200,11 @@ class Daemon:
     def _estimate_and_send(self, now_us: int, now_s: float) -> None:
         """Process the frames that have arrived, and send what is due."""
         drained = self.receiver.drain()
-        if self.receiver.opened != self._opened:
+        state, before = self.receiver.state, self._bus_state
+        if self.receiver.opened != self._opened or (before in ("down", "bus-off") and state in UP):
             self._opened = self.receiver.opened
-            self.node.restart(now_us)
+            self.node.restart(now_us)  # claims may have been missed
+        self._bus_state = state
         frames = self.estimation.restamp(drained.frames)
         if len(frames):
             self.rates.frames += len(frames)
@@ -237,19 +245,23 @@ class Daemon:
         if prepared is None:
             return
         try:
-            self._put_into_force(prepared)
+            self._put_into_force(prepared, now_s)
         except Exception as error:  # whatever is wrong with the new config, the old one stays in force
             self.reloads.refuse(error)
         else:
             self.reloads.accept(self.config_name)
 
-    def _put_into_force(self, prepared: Prepared) -> None:
-        new = replacement(prepared, self.pipeline, self.reporter.endpoints)
+    def _put_into_force(self, prepared: Prepared, now_s: float) -> None:
+        if prepared.joins_anew:  # what has arrived is of the old bus
+            self._estimate_and_send(round(now_s * 1e6), now_s)
+        new = replacement(prepared, self.pipeline, self.reporter.endpoints, self.node)
         self.config = new.config
         self.estimation.reconfigure(new.config, new.pipeline)
         if new.joined is not None:
-            self.receiver.close()
-            self.receiver, self.node = new.joined
+            receiver, self.node = new.joined
+            if receiver is not None:
+                self.receiver.close()
+                self.receiver = receiver
             self.estimation.odometer = self.node.monitor.odometer
             self._opened = self.receiver.opened
         self.outputs.close()

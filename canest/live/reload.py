@@ -10,9 +10,10 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from canest.bus.link import may_transmit
 from canest.bus.protocols import Receiver
 from canest.config.schema import Config
-from canest.node.node import Node, join
+from canest.node.node import Node, join, rejoined
 from canest.pipeline.pipeline import Listener, Pipeline
 from canest.system.journal import Journal
 from canest.system.systemd_notify import Notifier
@@ -20,6 +21,8 @@ from canest.telemetry.endpoints import Endpoints
 
 #: sections of a config whose change means to leave the bus and join it anew
 _BUS_SECTIONS = ("bus", "broadcast", "signals", "dbc")
+#: those of them that say what is received
+_RECEIVED_SECTIONS = ("bus", "signals", "dbc")
 #: sections of a config whose change means to estimate anew, from the mass learned so far
 _ESTIMATE_SECTIONS = (
     "bus", "dbc", "signals", "sampling", "vehicle", "effects", "filter", "gates", "estimator", "road_map",
@@ -35,15 +38,24 @@ class Prepared:
     config: Config
     changed: frozenset[str]
     pipeline: Pipeline | None
+    keeps_receiver: bool = False  #: what is received, and whether anything is sent, are the same
+
+    @property
+    def joins_anew(self) -> bool:
+        """Return whether the daemon leaves the bus and joins it anew."""
+        return not self.changed.isdisjoint(_BUS_SECTIONS)
 
 
 @dataclass(frozen=True)
 class Replacement:
-    """The config in force from now on, and what it makes anew: None for what goes on as it is."""
+    """The config in force from now on, and what it makes anew: None for what goes on as it is.
+
+    joined: the node, and the receiver unless the old one goes on.
+    """
 
     config: Config
     pipeline: Pipeline | None
-    joined: tuple[Receiver, Node] | None
+    joined: tuple[Receiver | None, Node] | None
 
 
 @dataclass
@@ -162,22 +174,36 @@ def prepare(old: Config, read: Callable[[], Config], running: Pipeline, listener
     new = None
     if not changed.isdisjoint(_ESTIMATE_SECTIONS):
         new = Pipeline(config, listener=listener)
-    return Prepared(config, frozenset(changed), new)
+    keeps_receiver = changed.isdisjoint(_RECEIVED_SECTIONS) and _sending(config) == _sending(old)
+    return Prepared(config, frozenset(changed), new, keeps_receiver)
 
 
-def replacement(prepared: Prepared, running: Pipeline, endpoints: Endpoints | None) -> Replacement:
+def _sending(config: Config) -> tuple[int, bool, bool]:
+    """Return what of its sending decides how an interface is opened."""
+    broadcast = config.broadcast
+    return broadcast.pgn, broadcast.listen_only, may_transmit(config.bus, broadcast)
+
+
+def replacement(
+    prepared: Prepared, running: Pipeline, endpoints: Endpoints | None, node: Node
+) -> Replacement:
     """Join the bus anew where that is needed, and move the endpoints, if there are any.
 
+    node: the old one, whose transmitter the new one has where the receiver is kept: an adapter is not opened
+    twice, and no frame is missed.
     Errors: whatever is wrong with the config, of any type; everything is as it was then.
     """
-    config, joined = prepared.config, None
-    if not prepared.changed.isdisjoint(_BUS_SECTIONS):
+    config = prepared.config
+    joined: tuple[Receiver | None, Node] | None = None
+    if prepared.joins_anew and prepared.keeps_receiver:
+        joined = None, rejoined(config, node)
+    elif prepared.joins_anew:
         joined = join(config, (prepared.pipeline or running).decoder.can_filters())
     try:
         if endpoints is not None:
             endpoints.move(config)
     except Exception:
-        if joined is not None:
+        if joined is not None and joined[0] is not None:
             joined[0].close()
         raise
     return Replacement(config, prepared.pipeline, joined)

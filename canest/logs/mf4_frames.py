@@ -13,6 +13,7 @@ from canest.logs.mf4_blocks import DataStream, UnsupportedMf4Error
 from canest.logs.mf4_groups import KINDS, Field, Group
 
 _DATA, _ERROR, _REMOTE = KINDS
+_CHUNK_BYTES = 1 << 22  #: that are walked together
 _LENGTH_BYTES = 4  #: in front of bytes that stand elsewhere
 _PAYLOAD_MAX = 64
 _INTEGER_MAX = 2.0**53
@@ -126,7 +127,7 @@ def mixed_records(
     variable = {group.record_id for group in groups if group.variable_length}
     wanted = {group.record_id: group for group in groups if group.kind}
     longest = id_bytes + max(sizes.values(), default=0)
-    begin, chunk_bytes = 0, at_once * longest
+    begin, chunk_bytes = 0, min(at_once * longest, max(_CHUNK_BYTES, longest))
     while begin < stream.size:
         text = stream.read(begin, chunk_bytes)
         places, at = _walk(text, id_bytes, sizes, variable)

@@ -156,6 +156,11 @@ class AddressClaim:
         if self.state is not State.OWNED:
             self._announced = False
 
+    def is_on_its_way(self, now_us: int) -> None:
+        """The interface has a frame that is not on the bus yet: the time to contest a claim has not begun."""
+        if self.state is State.CLAIMING and self._announced:
+            self._sent_us = now_us
+
     def _claim_stands(self, now_us: int) -> bool:
         return self._announced and self._due_us is None and now_us - self._sent_us >= VETO_US
 

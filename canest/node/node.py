@@ -8,6 +8,8 @@ from canest.bus.link import may_transmit, open_link, require_frames, require_int
 from canest.bus.protocols import Filters, Receiver, Transmitter
 from canest.config.schema import Config
 from canest.core.frames import FrameBlock
+from canest.decode import j1939
+from canest.node.address_claim import CLAIM_PGN, AddressClaim
 from canest.node.broadcast import Broadcaster
 from canest.node.bus_monitor import CVW_PGN, BusMonitor
 from canest.node.estimate_frame import Estimate
@@ -30,6 +32,7 @@ class Node:
         self.network_management: NetworkManagement | None = None
         self.broadcaster: Broadcaster | None = None
         self.transmitter: Transmitter | None = None
+        self._sent_from: int | None = None  #: address of the last frames
         self._not_sending_because = LISTENING_ONLY if config.broadcast.listen_only else NOT_ENABLED
 
     def attach(self, config: Config, transmitter: Transmitter, now_us: int) -> None:
@@ -67,6 +70,7 @@ class Node:
         transmitter = self.transmitter
         if management is None or broadcaster is None or transmitter is None:
             return
+        self._follow_frames_that_wait(management.claim, transmitter, now_us)
         for can_id, payload in management.poll(now_us, boottime_us()):
             if not transmitter.send(can_id, payload):
                 management.claim.not_sent(now_us)
@@ -79,6 +83,16 @@ class Node:
             for can_id, payload in broadcaster.frames(now_us, address, management.requested, taken):
                 transmitter.send(can_id, payload)
         management.requested.clear()
+
+    def _follow_frames_that_wait(self, claim: AddressClaim, transmitter: Transmitter, now_us: int) -> None:
+        """See what a slow interface has made of our frames: a claim counts from when it is on the bus."""
+        if self._sent_from not in (None, claim.address):
+            transmitter.drop_waiting()
+        self._sent_from = claim.address
+        if any(j1939.pgn_of(can_id) == CLAIM_PGN for can_id in transmitter.failed()):
+            claim.not_sent(now_us)
+        if transmitter.waiting:
+            claim.is_on_its_way(now_us)
 
     def silence_reason(self, now_us: int) -> str:
         """Return one sentence on why nothing is broadcast ('' when something is)."""
@@ -131,8 +145,17 @@ def join(config: Config, wanted: Filters) -> tuple[Receiver, Node]:
         config.bus,
         sorted({*wanted, *monitor.filters()}),
         transmit=may_transmit(config.bus, config.broadcast),
+        silent=config.broadcast.listen_only,
     )
     node = Node(config, monitor)
     if transmitter is not None:
         node.attach(config, transmitter, time.monotonic_ns() // 1000)
     return receiver, node
+
+
+def rejoined(config: Config, node: Node) -> Node:
+    """Return a new node on the bus of another: a config that sends otherwise, through the same interface."""
+    new = Node(config, BusMonitor(config.broadcast.pgn))
+    if node.transmitter is not None:
+        new.attach(config, node.transmitter, time.monotonic_ns() // 1000)
+    return new

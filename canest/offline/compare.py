@@ -214,7 +214,7 @@ def time_to(error_pct: FloatColumn, t_us: IntColumn) -> float | None:
 
     t_us: stamps of the samples (n,); time goes on where the clock was set back.
     """
-    passed_s = (MonotonicClock()(t_us) - t_us[0]) * 1e-6
+    passed_s = (MonotonicClock()(t_us) - t_us[:1]) * 1e-6
     with np.errstate(invalid="ignore"):
         outside = np.flatnonzero(~(np.abs(error_pct) <= WITHIN_PCT))
     n = len(error_pct)

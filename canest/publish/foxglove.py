@@ -26,6 +26,7 @@ from canest.system.installation import how_to_add
 
 SUBPROTOCOLS: Any = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 MOST_VIEWERS = 16
+_OPEN_TIMEOUT_S = 5.0  #: who connects and asks for nothing is let go
 BACKLOG_BYTES = 1 << 18  #: that may wait for one viewer; a second of messages has 3 kB
 #: pages that may connect to this machine: the viewers' own. Any other page could read along otherwise
 ORIGINS: tuple[Any, ...] = (
@@ -110,6 +111,7 @@ class FoxgloveServer(Follower):
                 self._serve, self.place.address, self.place.port,
                 subprotocols=SUBPROTOCOLS, origins=self._origins, process_request=self._refuse,
                 server_header="canest", max_size=1 << 16, write_limit=BACKLOG_BYTES, compression=None,
+                open_timeout=_OPEN_TIMEOUT_S,
             )  # fmt: skip
         except OSError as error:
             raise CanestError(

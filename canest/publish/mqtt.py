@@ -111,8 +111,7 @@ class MqttPublisher(Follower):
         self._journal.notice("broker-connected", broker=self._broker.address.name)
         self._online = True
         for topic, message in self._more:
-            self._count("published")
-            client.publish(topic, message, qos=_QOS, retain=True)
+            self._publish(client, topic, message)
         self._send("availability", self._availability())
 
     def disconnected(
@@ -139,13 +138,24 @@ class MqttPublisher(Follower):
         elif self.counters["published"] - self.counters["confirmed"] >= MOST_WAITING:
             self._count("dropped_slow")
         else:
-            self._count("published")
-            return self._client.publish(f"{self._base}/{topic}", message, qos=_QOS, retain=True)
+            return self._publish(self._client, f"{self._base}/{topic}", message)
         return None
 
-    def _count(self, name: str) -> None:
+    def _publish(self, client: Any, topic: str, message: bytes) -> Any:
+        """Hand a message to paho, which refuses one where too many wait; None where it does."""
+        from paho.mqtt.enums import MQTTErrorCode  # with the client, by now
+
+        self._count("published")
+        handed_over = client.publish(topic, message, qos=_QOS, retain=True)
+        if handed_over.rc != MQTTErrorCode.MQTT_ERR_QUEUE_SIZE:
+            return handed_over
+        self._count("published", -1)
+        self._count("dropped_slow")
+        return None
+
+    def _count(self, name: str, by: int = 1) -> None:
         with self._counting:
-            self.counters[name] += 1
+            self.counters[name] += by
 
     def _availability(self) -> bytes:
         return b"offline" if self.problem else b"online"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import errno
 import gzip
 from collections.abc import Awaitable, Callable
@@ -109,11 +108,13 @@ class PageServer:
         except (OSError, TimeoutError):
             writer.transport.abort()
         finally:
-            self._connections -= 1
             writer.close()
-            with contextlib.suppress(OSError, TimeoutError):
+            try:
                 async with asyncio.timeout(_SEND_S):
                     await writer.wait_closed()
+            except (OSError, TimeoutError):  # who does not read what is left is not waited for
+                writer.transport.abort()
+            self._connections -= 1
 
     def _answer(self, request: Request) -> Answer:
         if request.method not in ("GET", "HEAD"):

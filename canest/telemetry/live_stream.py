@@ -48,7 +48,7 @@ class LiveStream:
     def poll(self, status: Callable[[], dict[str, Any]]) -> None:
         """Let new watchers in, and send every watcher the status; call it once a second."""
         with contextlib.suppress(OSError):
-            while True:
+            for _ in range(MOST_WATCHERS):  # the loop waits for nobody, however many come
                 self._welcome(self._socket.accept()[0])
         if self._watchers:
             self._send({"status": status()})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from canest.bus import drivers
 from canest.bus.link import may_transmit, open_link
 from canest.bus.pythoncan import PythonCanReceiver
 from canest.bus.socketcan import SocketCanReceiver
@@ -63,3 +64,18 @@ def test_an_adapter_that_is_not_there_is_waited_for(tmp_path):
     receiver, _ = open_link(Bus(interface="slcan", channel=str(tmp_path / "ttyACM0")), [], transmit=False)
     assert receiver.state == "absent" and "could not open port" in receiver.reason
     receiver.close()
+
+
+def test_a_silent_adapter_is_told_so_where_its_driver_can(monkeypatch):
+    opened = []
+
+    def open_bus(config):
+        opened.append(dict(config.options))
+        raise OSError(2, "no such device")
+
+    monkeypatch.setattr(drivers, "open_bus", open_bus)
+    for interface, options in (("slcan", {}), ("slcan", {"listen_only": False}), ("gs_usb", {})):
+        bus = Bus(interface=interface, channel="x", options=options)
+        receiver, _ = open_link(bus, [], transmit=False, silent=True)
+        receiver.close()
+    assert opened == [{"listen_only": True}, {"listen_only": False}, {}]

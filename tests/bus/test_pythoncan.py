@@ -11,7 +11,7 @@ import time
 import can
 import pytest
 
-from canest.bus import drivers, pythoncan
+from canest.bus import drivers, pythoncan, pythoncan_transmitter
 from canest.bus.link import open_link
 from canest.config.bus import Bus
 from canest.decode import j1939
@@ -34,8 +34,8 @@ def buses(monkeypatch):
 
 @pytest.fixture
 def virtual(buses, monkeypatch):
-    for wait in ("_FIRST_OPEN_S", "_SEND_S"):  # a busy machine may be late
-        monkeypatch.setattr(pythoncan, wait, 10.0)
+    monkeypatch.setattr(pythoncan, "_FIRST_OPEN_S", 10.0)  # a busy machine may be late
+    monkeypatch.setattr(pythoncan_transmitter, "_SEND_S", 10.0)
     filters = [j1939.kernel_filter(65265)]
     receiver, transmitter = open_link(Bus(interface="virtual", channel="t"), filters, transmit=True)
     with can.Bus(interface="virtual", channel="t") as other:

@@ -7,6 +7,7 @@ import pytest
 
 from canest.config import load_config
 from canest.core.errors import ConfigError
+from canest.core.samples import STEP_US
 from canest.estimators.registry import BUILT_IN
 from canest.logs.truth import Truth
 from canest.offline.compare import compare, time_to
@@ -107,7 +108,13 @@ def test_an_unknown_name_is_refused(drive):
     ],
 )
 def test_time_to_within_five_percent(error_pct, expected):
-    assert time_to(error_pct) == expected
+    assert time_to(error_pct, STEP_US * np.arange(len(error_pct))) == expected
+
+
+def test_a_silence_counts_as_time():
+    t_us = np.concatenate((STEP_US * np.arange(100), 600_000_000 + STEP_US * np.arange(900)))
+    error_pct = np.concatenate((np.full(200, 9.0), np.zeros(800)))
+    assert time_to(error_pct, t_us) == pytest.approx(602.0)
 
 
 def test_a_log_that_teaches_nothing_has_no_mass_errors(tmp_path):

@@ -336,6 +336,16 @@ class _Wire:
         self.sent += 1
         return self.sent % 7 > 0
 
+    @property
+    def waiting(self) -> int:
+        return self.sent % 3
+
+    def failed(self) -> list[int]:
+        return [0x18EEFF9E | EXTENDED] if self.sent % 11 == 0 else []
+
+    def drop_waiting(self) -> None:
+        """Nothing waits."""
+
 
 def run_node(data: bytes) -> None:
     """Claims, requests and other users of our group: whatever they say, we do not flood the bus."""

@@ -69,6 +69,14 @@ class Script:
         self.sent.append((self._time.now_ns // 1000, can_id, payload))
         return True
 
+    waiting = 0
+
+    def failed(self):
+        return []
+
+    def drop_waiting(self):
+        pass
+
     def repeat(self, now_us):
         """Hand the same frames out again, from now on."""
         frames, now_us = self._frames, now_us + self.offset_us
@@ -98,7 +106,7 @@ class Rig:
         self.script = Script(FrameBlock.empty() if frames is None else frames, self.time)
         self.opened = []
 
-        def open_link(bus, filters, *, transmit):
+        def open_link(bus, filters, *, transmit, silent=False):
             self.opened.append((bus, transmit))
             return self.script, self.script if transmit else None
 

@@ -7,6 +7,8 @@ from dataclasses import replace
 import pytest
 
 from canest.core.samples import Status
+from canest.decode import j1939
+from canest.node.address_claim import CLAIM_PGN
 from canest.road.build import build_map
 from canest.road.table import write_map
 from canest.telemetry.metrics import text
@@ -50,3 +52,32 @@ def test_a_reload_takes_another_road_map_over(tmp_path, drive, monkeypatch):
             pipelines.append(rig.daemon.pipeline)
     assert pipelines[0] is pipelines[1]  # the same content: nothing begins anew
     assert pipelines[1] is not pipelines[2]
+
+
+def test_a_reload_of_the_rate_keeps_the_interface_and_every_frame(tmp_path, drive, monkeypatch):
+    changed = config(tmp_path, "broadcast.rate_hz=2")
+    with Rig(monkeypatch, config(tmp_path), drive, reload=lambda: changed) as rig:
+        rig.run(10)
+        rig.daemon.request_reload()
+        rig.run(10)
+        assert rig.daemon.config is changed and len(rig.opened) == 1
+        received = rig.daemon.pipeline.decoder.counters.frames
+    with Rig(monkeypatch, config(tmp_path), drive) as rig:
+        rig.run(20)
+        assert rig.daemon.pipeline.decoder.counters.frames == received
+
+
+def test_an_interface_that_was_down_is_joined_anew(tmp_path, drive, monkeypatch):
+    """Claims of others were missed meanwhile."""
+    with Rig(monkeypatch, config(tmp_path), drive) as rig:
+        rig.run(5)
+        assert rig.daemon.node.address is not None
+        rig.script.state = "down"
+        rig.run(5)
+        rig.script.state = "up"
+        rig.script.sent.clear()
+        rig.run(2)
+        groups = [j1939.pgn_of(can_id) for _, can_id, _ in rig.script.sent]
+        assert groups[0] == CLAIM_PGN and set(groups[1:]) == {0xFF5A}
+        claimed_ns, first_ns = (rig.script.sent[k][0] for k in (0, 1))
+        assert first_ns - claimed_ns >= 250_000

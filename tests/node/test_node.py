@@ -14,7 +14,7 @@ from canest.core.frames import FrameBlock
 from canest.core.samples import Status
 from canest.decode import j1939
 from canest.node import node as node_module
-from canest.node.address_claim import CLAIM_PGN, REQUEST_PGN
+from canest.node.address_claim import CLAIM_PGN, REQUEST_PGN, VETO_US
 from canest.node.broadcast import PCC1_PGN, Broadcaster, cvw_payload, pcc1_payload
 from canest.node.bus_monitor import CVW_PGN, OTHER_MASS_TIMEOUT_US, BusMonitor
 from canest.node.estimate_frame import Estimate, decode
@@ -37,6 +37,14 @@ class Wire:
         if not self.full:
             self.sent.append((can_id, payload))
         return not self.full
+
+    waiting = 0
+
+    def failed(self):
+        return []
+
+    def drop_waiting(self):
+        pass
 
     def groups(self):
         return [j1939.pgn_of(can_id) for can_id, _ in self.sent]
@@ -337,3 +345,70 @@ def test_noise_of_every_identifier_does_not_make_the_monitor_grow():
 def test_the_group_set_of_a_broadcaster_follows_the_config():
     assert Broadcaster(Broadcast()).groups == {OWN_PGN}
     assert Broadcaster(Broadcast(cvw=True, pcc1=True)).groups == {OWN_PGN, CVW_PGN, PCC1_PGN}
+
+
+class SlowWire(Wire):
+    """Takes every frame, and sends it when `finish` is called, or never."""
+
+    def __init__(self):
+        super().__init__()
+        self.queue, self.lost = [], []
+
+    @property
+    def waiting(self):
+        return len(self.queue)
+
+    def send(self, can_id, payload):
+        self.queue.append((can_id, payload))
+        return True
+
+    def failed(self):
+        lost, self.lost = self.lost, []
+        return lost
+
+    def drop_waiting(self):
+        self.lost += [can_id for can_id, _ in self.queue]
+        self.queue.clear()
+
+    def finish(self, fails=False):
+        if fails:
+            self.lost += [can_id for can_id, _ in self.queue]
+        else:
+            self.sent += self.queue
+        self.queue.clear()
+
+
+def slow_bus():
+    bus = Bus()
+    bus.wire = bus.node.transmitter = SlowWire()
+    return bus
+
+
+def test_a_claim_stands_only_250_ms_after_it_was_on_the_bus():
+    bus = slow_bus().run(2_000_000)  # an adapter that takes its time has the claim
+    assert bus.node.address is None and bus.wire.waiting
+    bus.wire.finish()
+    bus.run(VETO_US - TICK_US)
+    assert bus.node.address is None
+    bus.run(3 * TICK_US)
+    assert bus.node.address == 158
+
+
+def test_a_claim_that_was_never_sent_is_sent_again():
+    bus = slow_bus().run(LISTEN_US)
+    bus.wire.finish(fails=True)
+    bus.run(2 * TICK_US)
+    assert [j1939.pgn_of(i) for i, _ in bus.wire.queue] == [CLAIM_PGN] and not bus.wire.sent
+    bus.wire.finish()
+    bus.run(VETO_US + 3 * TICK_US)
+    assert bus.node.address == 158
+
+
+def test_no_frame_goes_out_from_an_address_that_was_lost():
+    bus = slow_bus().run(TICK_US)
+    bus.wire.finish()
+    bus.run(VETO_US + 2_000_000)
+    assert {j1939.source_of(i) for i, _ in bus.wire.queue} == {158}
+    bus.run(TICK_US, [(j1939.pack(CLAIM_PGN, 158), bytes(8))])  # a lower NAME
+    bus.run(TICK_US)
+    assert 158 not in {j1939.source_of(i) for i, _ in bus.wire.queue}

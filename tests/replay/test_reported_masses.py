@@ -7,7 +7,9 @@ import canest
 from canest.cli.main import run
 from canest.cli.summary import result_lines
 from canest.core.frames import EXTENDED, FrameBlock
+from canest.offline.leg import Leg
 from canest.offline.replay import ReplayResult
+from canest.offline.reported_masses import ReportedMasses
 
 CVW = 0x18FE7000
 
@@ -113,3 +115,27 @@ def write_candump(frames, path):
             for t, i, n, d in zip(*columns, strict=True)
         )
     )
+
+
+def test_each_leg_has_its_own_reports_where_the_clock_was_set_back(drive):
+    frames = drive.frames
+    reports = with_reports(frames, {0x0B: 20_000})
+    again = with_reports(frames, {0x0B: 30_000})
+    back_us = 60_000_000  # within what the first part took
+    shift = frames.t_us[-1] - frames.t_us[0] - back_us
+    masses = ReportedMasses(drive.config)
+    first = FrameBlock(reports.t_us, reports.can_id, reports.length, reports.data)
+    second = FrameBlock(again.t_us + shift, again.can_id, again.length, again.data)
+    masses.push(first)
+    masses.push(second)
+    begin, end = int(frames.t_us[0]), int(frames.t_us[-1])
+    took = end - begin
+    legs = [
+        Leg(begin / 1e6, end / 1e6, 2e4, 200.0, 1.0, status="valid", load=1, passed_us=(begin, end)),
+        Leg(
+            (begin + shift) / 1e6, (end + shift) / 1e6, 3e4, 200.0, 1.0, status="valid", load=2,
+            passed_us=(end, end + took),
+        ),
+    ]  # fmt: skip
+    _, found = masses.compared(legs)
+    assert [leg.reported_kg["0x0B"] for leg in found] == [20_000, 30_000]

@@ -120,3 +120,12 @@ def test_the_road_ahead_is_that_of_the_map(road):
     at_m, grade = (np.array(column) for column in matcher.ahead(1500.0))
     assert at_m[0] < 30.0 and 1400.0 < at_m[-1] < 1600.0
     assert np.sqrt(np.mean((grade - grade_at(way[-1] + at_m)) ** 2)) < 0.0015
+
+
+@pytest.mark.parametrize("every_s", [0.1, 0.2, 0.5, 5.0])
+def test_positions_of_any_rate_find_the_road(road, every_s):
+    columns, way = ticks(seconds=100)
+    held = np.arange(len(way)) // round(every_s * 50) * round(every_s * 50)
+    columns["latitude"], columns["longitude"] = place_at(way[held])
+    sine, _ = matched(road, columns)
+    assert np.isfinite(sine[500:]).mean() > 0.9

@@ -162,3 +162,9 @@ def test_a_tenth_of_the_torque_reports_at_zero_or_full_scale_does_not_bend_the_m
     mass_kg, refused = masses(FrameBlock(FRAMES.t_us, FRAMES.can_id, FRAMES.length, data))
     assert mass_kg == pytest.approx(sane_kg, rel=0.01)
     assert refused["engine_torque_pct"] > 0.3 * len(hurt)
+
+
+def test_the_ends_of_a_type_have_the_offset_of_their_column():
+    van = load_config("class8").vehicle
+    limit = torque_limits(["engine_torque"], van, {"engine_torque": (0.1, -100.0)}, {})["engine_torque"]
+    assert 32767 * 0.1 - 100.0 in limit.ends

@@ -191,3 +191,23 @@ def test_a_stream_that_cannot_be_opened_leaves_the_daemon_running(tmp_path, monk
     background.close(1.0)
     assert "no-live-socket" in log.read_text()
     assert not list(tmp_path.glob("live-*"))
+
+
+def test_a_crowd_at_the_door_holds_nobody_up(statuses, monkeypatch):
+    accepted = []
+
+    class Door:
+        def accept(self):
+            accepted.append(1)
+            assert len(accepted) <= MOST_WATCHERS
+            raise_after = socket.socketpair()
+            raise_after[1].close()
+            return raise_after[0], None
+
+        def close(self):
+            pass
+
+    statuses.stream._socket.close()
+    statuses.stream._socket = Door()
+    statuses.stream.poll(lambda: {"pid": 7})
+    assert len(accepted) == MOST_WATCHERS

@@ -175,3 +175,16 @@ def test_one_that_fails_costs_a_diagnosis_nothing_else(plugins: dict[str, object
     found = canest.diagnose(drive, config, truth=drive.truth)
     assert "my own mistake" in found.document["not_tried"]["failing"]
     assert len(found.document["candidates"]) > 5
+
+
+@pytest.mark.parametrize(
+    "entries",
+    [
+        "[{effect: drag_area, cda_delta_m2: -2.5}, {effect: drag_area, cda_delta_m2: -2.5}, "
+        "{effect: drag_area, cda_delta_m2: -2.5}]",
+        "[{effect: rolling_resistance, crr_delta: -0.02}]",
+    ],
+)
+def test_what_the_vehicle_declares_and_effects_are_never_negative(entries: str) -> None:
+    with pytest.raises(ConfigError, match=r"and this are negative, .*expected a sum of 0 or more"):
+        parse_config(CLASS8 + f"effects: {entries}\n")
