@@ -201,9 +201,11 @@ class Daemon:
         """Process the frames that have arrived, and send what is due."""
         drained = self.receiver.drain()
         state, before = self.receiver.state, self._bus_state
-        if self.receiver.opened != self._opened or (before in ("down", "bus-off") and state in UP):
+        if self.receiver.opened != self._opened or (before == "down" and state in UP):
             self._opened = self.receiver.opened
             self.node.restart(now_us)  # claims may have been missed
+        elif before == "bus-off" and state in UP:
+            self.node.repeat_claim(now_us)  # who has taken the address meanwhile contests it
         self._bus_state = state
         frames = self.estimation.restamp(drained.frames)
         if len(frames):

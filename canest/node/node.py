@@ -47,6 +47,11 @@ class Node:
         if self.network_management is not None:
             self.network_management.start(now_us)
 
+    def repeat_claim(self, now_us: int) -> None:
+        """The interface was off the bus for a moment: show whose the address is."""
+        if self.network_management is not None:
+            self.network_management.claim.on_request(now_us)
+
     def observe(self, frames: FrameBlock, now_us: int) -> None:
         """Take the frames that arrived."""
         self.monitor.observe(frames, now_us)

@@ -81,3 +81,15 @@ def test_an_interface_that_was_down_is_joined_anew(tmp_path, drive, monkeypatch)
         assert groups[0] == CLAIM_PGN and set(groups[1:]) == {0xFF5A}
         claimed_ns, first_ns = (rig.script.sent[k][0] for k in (0, 1))
         assert first_ns - claimed_ns >= 250_000
+
+
+def test_a_controller_that_was_bus_off_repeats_its_claim_and_goes_on(tmp_path, drive, monkeypatch):
+    with Rig(monkeypatch, config(tmp_path), drive) as rig:
+        rig.run(5)
+        rig.script.state = "bus-off"
+        rig.run(0.5)
+        rig.script.state = "up"
+        rig.script.sent.clear()
+        rig.run(1)
+        groups = [j1939.pgn_of(can_id) for _, can_id, _ in rig.script.sent]
+        assert groups.count(CLAIM_PGN) == 1 and groups.count(0xFF5A) >= 4
