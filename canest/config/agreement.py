@@ -45,6 +45,10 @@ def _estimator_known(estimator: EstimatorSection) -> None:
         raise MisplacedError(str(error), "estimator", "name") from None
 
 
+#: a sum of numbers that are rounded in a file
+_ROUNDING = 1e-9
+
+
 def _effects_possible(
     effects: Sequence[Mapping[str, Any]], vehicle: Vehicle, signals: Signals
 ) -> dict[str, int]:
@@ -69,19 +73,14 @@ def _effects_possible(
 
 def _sums_positive(effects: Sequence[Mapping[str, Any]], vehicle: Vehicle) -> None:
     """Refuse a last effect that makes negative what the vehicle declares (a drag that pushes)."""
-    from canest.vehicle.effects import effect_class
+    from canest.vehicle.effects import added_to, effect_class
 
     for name, info in effect_class(effects[-1]["effect"]).parameters.items():
         if not info.declared:
             continue
         own = float(getattr(vehicle, info.declared))
-        added = sum(
-            float(entry.get(other, parameter.neutral))
-            for entry in effects
-            for other, parameter in effect_class(entry["effect"]).parameters.items()
-            if parameter.declared == info.declared
-        )
-        if own + added < 0.0:
+        added = added_to(info.declared, effects)
+        if own + added < -_ROUNDING * own:
             raise MisplacedError(
                 f"vehicle.{info.declared} {own:g} and this are negative, found {effects[-1].get(name)}, "
                 f"expected a sum of 0 or more",

@@ -26,14 +26,19 @@ FloatColumn = NDArray[np.float64]
 BoolColumn = NDArray[np.bool_]
 
 
+#: a clock that was set back more often than this is two clocks
+SET_BACKS_MOST = 200
+
+
 class MonotonicClock:
     """Makes stamps that never go back, block by block: where the clock was set back, time goes on.
 
-    disorder_us: a stamp that goes back by no more is one of an order of arrival, and stays.
+    disorder_us: a stamp that goes back by no more is one of an order of arrival, and stays. What goes back
+    more often than `SET_BACKS_MOST` comes from two clocks in turn, and stays too.
     """
 
     def __init__(self, disorder_us: int = 0) -> None:
-        self._disorder_us = disorder_us
+        self._disorder_us, self._set_backs = disorder_us, 0
         self._last_us: int | None = None
         self._ahead_us = 0  # of the clock
 
@@ -44,7 +49,11 @@ class MonotonicClock:
         before = np.empty_like(t_us)
         before[0], before[1:] = t_us[0] if self._last_us is None else self._last_us, t_us[:-1]
         back = before - t_us
-        ahead = self._ahead_us + np.where(back > self._disorder_us, back, 0).cumsum()
+        set_back = back > self._disorder_us
+        if self._disorder_us and set_back.any():
+            set_back &= self._set_backs + set_back.cumsum() <= SET_BACKS_MOST
+            self._set_backs += int(np.count_nonzero(set_back))
+        ahead = self._ahead_us + np.where(set_back, back, 0).cumsum()
         self._last_us, self._ahead_us = int(t_us[-1]), int(ahead[-1])
         return np.asarray(t_us + ahead)
 

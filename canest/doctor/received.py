@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from canest.core.frames import ERROR, EXTENDED, FrameBlock
+from canest.core.frames import ERROR, EXTENDED, SET_BACKS_MOST, FrameBlock
 from canest.core.table_block import TableBlock
 from canest.decode import j1939
 from canest.doctor.stretches import Samples
-from canest.grid.clock import INTERLEAVED_AFTER
 
 
 class Received:
@@ -81,7 +80,7 @@ class Received:
     def duration_s(self) -> float:
         """Time from the first stamp to the last; it goes on where the clock was set back."""
         first, last = self._span_us or (0, 0)
-        if 0 < self._set_backs < INTERLEAVED_AFTER:
+        if 0 < self._set_backs < SET_BACKS_MOST:
             first, last = self._ends_us or (0, 0)
             last += self._set_back_us
         return (last - first) * 1e-6

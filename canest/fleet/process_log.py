@@ -91,10 +91,10 @@ def _process(job: FleetJob, bundles: Bundles, settings: Settings, log: _Log) -> 
             return Outcome(name, unmatched=chosen)
         vehicle, digest = chosen
     vehicle, bundle = vehicle_names.vehicle_name(vehicle, settings.vin_key), bundles[digest]
-    key = result_key(job.log.revision or content_digest(log.path()), bundle, vehicle, settings)
+    revision = job.log.revision or content_digest(log.path())
+    key = result_key(revision, bundle, vehicle, settings)
     if key in job.keys_in_lake:  # done before
         return Outcome(name, key=key, present=True)
-    revision = job.log.revision or content_digest(log.path())
     for old_key, old in job.results_in_lake:
         if old != vehicle and old_key != result_key(revision, bundle, old, settings):
             raise LogError(

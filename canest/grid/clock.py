@@ -15,10 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from canest.core.frames import EXTENDED, BoolColumn, FrameBlock, IntColumn
+from canest.core.frames import EXTENDED, SET_BACKS_MOST, BoolColumn, FrameBlock, IntColumn
 
-#: a clock that was set back more often than this is two clocks
-INTERLEAVED_AFTER = 200
 #: so many frames of the other one in a row, and it is followed
 _OTHER_IN_A_ROW = 100
 #: a stretch of fewer frames is a scrap
@@ -87,7 +85,7 @@ class Clock:
             step = stamp - last
             if step < -self._max_backward_us or step > self.hold_us:
                 self._others += 1
-                if self.counters["clock_set_back"] >= INTERLEAVED_AFTER and self._others <= _OTHER_IN_A_ROW:
+                if self.counters["clock_set_back"] >= SET_BACKS_MOST and self._others <= _OTHER_IN_A_ROW:
                     kept[i] = False
                     others.append(i)
                     continue

@@ -114,9 +114,10 @@ def _step_s(log: TableLog, time_column: str) -> float:
 
 
 def require_number(name: str, value: object, least: float, unit: str = "") -> None:
-    """Refuse what is no finite number of at least so much; None is none. Errors: UsageError."""
-    if value is not None and not (isinstance(value, Real) and least <= float(value) < math.inf):
-        raise UsageError("no such number", where=name, found=value, expected=f"{least:g} {unit}or more")
+    """Refuse what is no finite number of at least so much. Errors: UsageError."""
+    if not (isinstance(value, Real) and math.isfinite(value) and float(value) >= least):
+        expected = f"{least:g} {unit}or more" if math.isfinite(least) else "a number"
+        raise UsageError("no such number", where=name, found=value, expected=expected)
 
 
 def _yaml(value: object) -> str:

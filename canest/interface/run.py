@@ -108,7 +108,8 @@ def diagnosed(
     from canest.diagnosis.report.revised_config import revised_config
     from canest.diagnosis.run import diagnose
 
-    require_number("mass_kg", mass_kg, LEAST_MASS_KG, "kg ")
+    if mass_kg is not None:
+        require_number("mass_kg", mass_kg, LEAST_MASS_KG, "kg ")
     paths = [Path(log) if isinstance(log, str) else log for log in logs]
     files = [log_of(truth) if truth is not None else None for truth in truths]
     jit.enable(compiling_pays(paths, passes))
@@ -141,6 +142,7 @@ def signals_of(log: LogFile, config: Config, channel: str | None) -> Signals:
 
 def _reference(truth: Any, mass_kg: float | None, after_s: float) -> Reference:
     """Return what estimates are compared with. Errors: UsageError for what is no mass or time, LogError."""
-    require_number("mass_kg", mass_kg, LEAST_MASS_KG, "kg ")
+    if mass_kg is not None:
+        require_number("mass_kg", mass_kg, LEAST_MASS_KG, "kg ")
     require_number("after_s", after_s, 0.0)
     return Reference(read_truth(log_of(truth)) if truth is not None else None, mass_kg, after_s)

@@ -19,6 +19,7 @@ from canest.bus.protocols import UP
 from canest.config.schema import Config
 from canest.core.errors import CanestError
 from canest.core.estimates import Estimates
+from canest.core.samples import STEP_US
 from canest.doctor.config_warnings import config_warnings
 from canest.live.estimation import Estimation
 from canest.live.mass_store import MassStore
@@ -40,8 +41,8 @@ CHORES_S = 1.0  #: period of everything but receiving, estimating and sending
 #: longest time between two estimates; a little more than the period of the default broadcast, so that its
 #: due time sets the pace
 LONGEST_WAIT_US = 230_000
-#: the same where requests are answered and none is due: within 200 ms (SAE J1939-21, Tr), a tick before
-LONGEST_ANSWER_US = 180_000
+#: the same where requests are answered (SAE J1939-21, Tr)
+LONGEST_ANSWER_US = 200_000
 _OBJECTS_BETWEEN_COLLECTIONS = 100_000  #: a look at as many takes 35 ms, and delays ticks by that
 CLOSE_S = 0.5  #: SIGTERM has to be over within a second, whatever the disk does
 
@@ -187,9 +188,10 @@ class Daemon:
         now_us, now_s = now_ns // 1000, now_ns * 1e-9
         if now_us >= self._due_us or not self.receiver.collect():
             self._estimate_and_send(now_us, now_s)
-            due_us = self.node.due_us(now_us)
             longest_us = LONGEST_WAIT_US if self.node.transmitter is None else LONGEST_ANSWER_US
-            self._due_us = due_us if due_us <= now_us + LONGEST_WAIT_US else now_us + longest_us
+            due_us = self.node.due_us(now_us)
+            # a tick before, where it is not the broadcast that sets the pace
+            self._due_us = due_us if due_us <= now_us + longest_us else now_us + longest_us - STEP_US
         if now_s >= self._chores_at_s:
             self._chores_at_s = now_s + CHORES_S
             self._work_once_a_second(now_us, now_s)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Generator, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -46,9 +47,8 @@ class BroadcastLogWriter(EstimateWriter):
         self._broadcaster, self._address = Broadcaster(broadcast), broadcast.preferred_address
         self._monotonic = MonotonicClock()  # a frame is due also where the log's clock was set back
         self._beside, self._held = beside, [FrameBlock.empty()]
-        self._held_us: list[
-            int
-        ] = []  #: when each was due, as time goes on where the log's clock was set back
+        #: when each was due, as time goes on where the log's clock was set back
+        self._held_us: list[int] = []
         self._set_back_us: list[int] = []
         self._last_us: int | None = None
         self._blf = None
@@ -131,20 +131,19 @@ class _LogClock:
     """
 
     def __init__(self, set_back_us: Sequence[int]) -> None:
-        self._set_back_us = np.array(set_back_us, np.int64)
+        self._set_back_us = deque(set_back_us)  #: those that are still to come
         self._last_us: int | None = None
         self._ahead_us = 0
 
     def passed_us(self, t_us: IntColumn) -> IntColumn:
         """Return the next stamps (n,) in this time."""
-        if not len(self._set_back_us) or not len(t_us):
+        if not len(t_us):
             return t_us
         ahead_us = np.zeros(len(t_us), np.int64)
         back_us = -np.diff(t_us, prepend=t_us[0] if self._last_us is None else self._last_us)
         for at in np.flatnonzero(back_us > 0).tolist():
-            nearest_us = self._set_back_us[np.abs(self._set_back_us - back_us[at]).argmin()]
-            if abs(int(nearest_us) - int(back_us[at])) <= _TICKS_US:
-                ahead_us[at] = nearest_us
+            if self._set_back_us and abs(self._set_back_us[0] - int(back_us[at])) <= _TICKS_US:
+                ahead_us[at] = self._set_back_us.popleft()
         ahead_us = self._ahead_us + ahead_us.cumsum()
         self._last_us, self._ahead_us = int(t_us[-1]), int(ahead_us[-1])
         return np.asarray(t_us + ahead_us)

@@ -162,5 +162,7 @@ def rejoined(config: Config, node: Node) -> Node:
     """Return a new node on the bus of another: a config that sends otherwise, through the same interface."""
     new = Node(config, BusMonitor(config.broadcast.pgn))
     if node.transmitter is not None:
+        node.transmitter.drop_waiting()
+        node.transmitter.failed()
         new.attach(config, node.transmitter, time.monotonic_ns() // 1000)
     return new

@@ -113,7 +113,7 @@ class TableMap:
         steps_s = np.diff(block.t_us) * 1e-6
         if len(steps_s) >= _MANY and (apart_s := float(np.median(steps_s))) > self._hold_s:
             raise LogError(
-                f"most rows come more than {self._hold_s:g} s (sampling.hold_s) after the one before",
+                f"most rows come more than {self._hold_s:g} s (hold_s, period_s) after the one before",
                 where=f"{self._where} {self._time_column}",
                 found=f"{apart_s:g} s from row to row",
                 expected="seconds, or ISO 8601",

@@ -231,7 +231,7 @@ class LongitudinalModel:
         return np.where(plausible, density, declared)
 
     def _torque(self, c: ModelColumns) -> None:
-        """Set net crank torque (or wheel torque): (actual - friction) % x reference, plus the retarder."""
+        """Set net crank torque (or wheel torque): (actual - friction) % x reference."""
         role = self.torque_role
         if role == "wheel_force":  # the radius that turns it into a torque turns it back
             c.wheel_torque_Nm = c.signals[role] * c.radius_m

@@ -72,8 +72,10 @@ def speed_roles(roles: Collection[str], vehicle: Vehicle) -> tuple[str, ...]:
 
 def _speeds(roles: Collection[str], vehicle: Vehicle) -> tuple[str, ...]:
     rigid = vehicle.has_one_gear or any(role in roles for role in CLUTCH_ROLES)
-    if any(role in roles for role in AT_WHEELS) and not vehicle.gear_ratios and "gear_ratio" not in roles:
-        rigid = False  # no ratio is needed, and so none was given
+    needs_ratio = vehicle.gear_ratios or not any(role in roles for role in AT_WHEELS)
+    others = any(role in roles for role in SPEED_ORDER if role != "engine_speed")
+    if not needs_ratio and others and "gear_ratio" not in roles:
+        rigid = False  # none may have been given
     # where no signal shows when the clutch is open, any other speed is nearer to the truth
     return tuple(r for r in SPEED_ORDER if r in roles and (rigid or r != "engine_speed"))
 

@@ -239,6 +239,8 @@ class NoEstimator:
         (lambda d: canest.Pipeline(d.config).restore(float("nan"), 3.0), "mass_kg: no such number"),
         (lambda d: canest.Pipeline(d.config).restore(2e4, -3.0), "mass_std_kg: no such number"),
         (lambda d: canest.Pipeline(d.config).advance_to("x"), "t_s: no such number"),
+        (lambda d: canest.Pipeline(d.config).advance_to(None), "t_s: no such number"),
+        (lambda d: canest.Pipeline(d.config).restore(None, 3.0), "mass_kg: no such number"),
     ],
 )
 def test_arguments_that_mean_nothing_are_one_plain_error(drive, call, text):

@@ -69,13 +69,13 @@ class Script:
         self.sent.append((self._time.now_ns // 1000, can_id, payload))
         return True
 
-    waiting = 0
+    waiting = dropped_waiting = 0
 
     def failed(self):
         return []
 
     def drop_waiting(self):
-        pass
+        self.dropped_waiting += 1
 
     def repeat(self, now_us):
         """Hand the same frames out again, from now on."""

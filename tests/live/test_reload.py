@@ -61,6 +61,7 @@ def test_a_reload_of_the_rate_keeps_the_interface_and_every_frame(tmp_path, driv
         rig.daemon.request_reload()
         rig.run(10)
         assert rig.daemon.config is changed and len(rig.opened) == 1
+        assert rig.script.dropped_waiting == 1  # they were of the old node
         received = rig.daemon.pipeline.decoder.counters.frames
     with Rig(monkeypatch, config(tmp_path), drive) as rig:
         rig.run(20)

@@ -139,3 +139,18 @@ def test_each_leg_has_its_own_reports_where_the_clock_was_set_back(drive):
     ]  # fmt: skip
     _, found = masses.compared(legs)
     assert [leg.reported_kg["0x0B"] for leg in found] == [20_000, 30_000]
+
+
+def test_two_clocks_in_turn_leave_the_reports_where_they_are(drive):
+    """A second device's stamps, 30 s behind, between those of the first."""
+    frames = drive.frames
+    middle_us = frames.t_us[0] + 90_000_000
+    early = with_reports(frames[frames.t_us < middle_us], {0x0B: 20_000})
+    late = with_reports(frames[frames.t_us >= middle_us], {0x0B: 30_000})
+    both = FrameBlock.concatenate([early, late])
+    behind = FrameBlock(both.t_us - 30_000_000, both.can_id & 0 | 0x123, both.length, both.data)
+    order = np.argsort(np.concatenate([np.arange(len(both)), np.arange(len(both)) + 0.5]), kind="stable")
+    masses = ReportedMasses(drive.config)
+    masses.push(FrameBlock.concatenate([both, behind])[order])
+    ((stamps, _values),) = masses._kept.values()
+    assert len(stamps) < 400 and stamps[-1] - stamps[0] < 200e6 + 200 * 30e6

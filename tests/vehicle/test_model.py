@@ -344,3 +344,9 @@ def canest_vehicle(**facts: Any) -> Vehicle:
         mass_min_kg=8000, mass_max_kg=40000, wheel_radius_m=0.5, final_drive=3.0, drag_area_m2=6.0,
         rolling_resistance=0.006, **facts,
     )  # fmt: skip
+
+
+def test_an_electric_car_whose_whole_ratio_is_its_final_drive_has_its_motor_for_a_speed() -> None:
+    facts = {"gear_ratios": {}, "final_drive": 9.0}
+    roles = ["half_shaft_torque_left", "half_shaft_torque_right", "engine_speed"]
+    assert model_spec(config(roles, vehicle=facts)).roles == tuple(roles)

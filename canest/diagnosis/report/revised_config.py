@@ -16,7 +16,8 @@ from canest.core.roles import ROLES
 from canest.diagnosis.run import Diagnosis
 from canest.diagnosis.sentences import alternatives
 from canest.system.shipped_files import shipped
-from canest.vehicle.effects import effect_class, effect_from_config, plugin_roles
+from canest.vehicle.effects import added_to, effect_class, effect_from_config, plugin_roles
+from canest.vehicle.facts import Vehicle
 
 _WIDTH = 100
 _INDENT = "  "
@@ -40,13 +41,24 @@ def revised_config(diagnosis: Diagnosis) -> Config:
 def _with_found(diagnosis: Diagnosis) -> Config:
     """Return the config with the selected effects in its list, values rounded to what is known of them."""
     base = list(diagnosis.config.effects)
-    added = []
+    added: list[dict[str, Any]] = []
     for chosen in diagnosis.search.chosen:
         entry = chosen.effect().to_config()
         digits = max(0, 2 - int(np.floor(np.log10(max(chosen.std, 1e-12)))))
-        entry[chosen.candidate.parameter] = round(float(entry[chosen.candidate.parameter]), digits)
+        name = chosen.candidate.parameter
+        least = _least(entry["effect"], name, [*base, *added], diagnosis.config.vehicle)
+        entry[name] = max(round(float(entry[name]), digits), least)
         added.append(entry)
     return diagnosis.config.model_copy(update={"effects": (*base, *added)})
+
+
+def _least(effect: str, name: str, before: Sequence[Mapping[str, Any]], vehicle: Vehicle) -> float:
+    """Return the least value with which nothing that the vehicle declares becomes negative."""
+    info = effect_class(effect).parameters[name]
+    if not info.declared:
+        return info.low
+    others = added_to(info.declared, before)
+    return max(info.low, -float(getattr(vehicle, info.declared)) - others)
 
 
 def revised_text(diagnosis: Diagnosis, config: Config, original: str, name: str) -> str:

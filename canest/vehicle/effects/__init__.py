@@ -9,6 +9,7 @@ from canest.vehicle.effects.base import Effect, Parameter
 from canest.vehicle.effects.registry import (
     EFFECTS,
     EFFECTS_GROUP,
+    added_to,
     all_effects,
     effect_class,
     effect_from_config,
@@ -26,6 +27,7 @@ __all__ = [
     "ModelColumns",
     "Parameter",
     "Trial",
+    "added_to",
     "all_effects",
     "effect_class",
     "effect_from_config",

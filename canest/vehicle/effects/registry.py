@@ -10,7 +10,7 @@ Its metadata is read only where a name is not one of canest's own, or where all 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from functools import cache
 from types import NoneType
@@ -67,6 +67,16 @@ def skipped_effects() -> dict[str, str]:
 def plugin_roles() -> set[str]:
     """Return the roles that drive effects of other packages unless a config names others."""
     return {signal for cls in plugin_effects()[0].values() if (signal := cls().signal) is not None}
+
+
+def added_to(declared: str, entries: Iterable[Mapping[str, Any]]) -> float:
+    """Return what entries of a config's effects add to a field of its vehicle. Errors: ConfigError."""
+    return sum(
+        float(entry.get(name, parameter.neutral))
+        for entry in entries
+        for name, parameter in effect_class(entry["effect"]).parameters.items()
+        if parameter.declared == declared
+    )
 
 
 def effect_class(name: str, where: str = "effects") -> type[Effect]:
