@@ -101,14 +101,6 @@ class Drive:
         notes = log_warnings(reader) + table.warnings() + stream_warnings(intake)
         return Drive(path, config, feeds, why_no_time(intake.clock), notes, channel)
 
-    def report_period_s(self, role: str) -> float:
-        """Return the usual time from one report of a role to the next, s; 0 where there are none."""
-        stamps = [feed.samples[role][0] for feed in self._feeds if role in feed.samples]
-        steps_us = np.concatenate([np.diff(t_us) for t_us in stamps]) if stamps else np.empty(0)
-        if stamps and not len(steps_us):  # a report in each stretch
-            steps_us = np.diff(np.concatenate(stamps))
-        return float(np.median(steps_us)) * 1e-6 if len(steps_us) else 0.0
-
     @staticmethod
     def with_effects(config: Config, effects: Sequence[Effect]) -> Config:
         """Return the config with these effects in place of its own."""

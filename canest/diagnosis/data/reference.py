@@ -34,8 +34,6 @@ from canest.offline.scoring import Score
 
 #: how fast a road's slope may wander, per root metre: from motorway to hills (0.1 to 0.8 % over 100 m);
 #: the likeliest for the drive is taken
-#: an altitude that is reported less often is not new every second, s
-RARE_S = 1.2
 GRADE_WALKS_PER_SQRT_M = (0.0001, 0.0002, 0.0004, 0.0008)
 #: share of the body's pitch that no factor on the acceleration describes
 PITCH_SHARE = 0.1
@@ -131,8 +129,8 @@ def _altitude_and_accelerometer(drive: Drive, run: Run) -> Reference | None:
     accel = mean(m.accel_mps2)
     extra = mean(m.accelerometer_mps2) - accel
     altitude = m.altitude_m[ticks[:, -1]]
-    if drive.report_period_s("altitude") > RARE_S:  # held from report to report: the same again is none
-        altitude = np.where(altitude == shifted(altitude, math.nan), math.nan, altitude)
+    # one that stands still is held from report to report, or stuck: the same again is no measurement
+    altitude = np.where(altitude == shifted(altitude, math.nan), math.nan, altitude)
     noise = altitude_noise_m(altitude, speed)
     pitch = drive.config.vehicle.accelerometer.pitch_rad_per_mps2
     moving = np.maximum(speed, 0.1)
