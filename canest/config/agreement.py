@@ -13,6 +13,9 @@ from canest.vehicle.facts import Vehicle
 
 Signals = Mapping[str, Source]
 
+#: a sum of numbers that are rounded in a file
+_ROUNDING = 1e-9
+
 
 def refuse_contradictions(
     vehicle: Vehicle, signals: Signals, estimator: EstimatorSection, effects: Sequence[Mapping[str, Any]]
@@ -43,10 +46,6 @@ def _estimator_known(estimator: EstimatorSection) -> None:
         require_known(estimator.name, where="")
     except ConfigError as error:
         raise MisplacedError(str(error), "estimator", "name") from None
-
-
-#: a sum of numbers that are rounded in a file
-_ROUNDING = 1e-9
 
 
 def _effects_possible(

@@ -42,6 +42,11 @@ class MonotonicClock:
         self._last_us: int | None = None
         self._ahead_us = 0  # of the clock
 
+    @property
+    def is_two_clocks(self) -> bool:
+        """Return whether stamps went back so often that they are those of two clocks."""
+        return self._set_backs >= SET_BACKS_MOST
+
     def __call__(self, t_us: IntColumn) -> IntColumn:
         """Return the next stamps, int64 (n,), ahead of the clock by as much as it was set back so far."""
         if not len(t_us):

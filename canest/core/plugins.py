@@ -11,9 +11,12 @@ asks for it, not when canest starts.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from typing import Any
+
+from canest.core.errors import CanestError, PluginError
 
 
 @cache
@@ -61,3 +64,19 @@ def usable_plugins(
         elif isinstance(value, type):
             usable[name] = value
     return usable, skipped
+
+
+def is_of_canest(value: object) -> bool:
+    """Return whether an object's class is one of canest itself."""
+    return type(value).__module__.startswith("canest.")
+
+
+@contextmanager
+def named_failures(what: str) -> Iterator[None]:
+    """Turn what the code of another package raises into an error with its name. Errors: PluginError."""
+    try:
+        yield
+    except CanestError:
+        raise
+    except Exception as error:
+        raise PluginError(f"{type(error).__name__}: {error}", where=what) from error

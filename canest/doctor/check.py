@@ -30,7 +30,7 @@ from canest.doctor.reasons import (
     why_hardly_open,
     why_no_time,
 )
-from canest.doctor.received import Received
+from canest.doctor.received import Received, ReceivedValues
 from canest.doctor.signal_report import RoleReport, Sender, address_text, complaint, judge, senders_of
 from canest.doctor.slow_signals import delay_notes, slow_signal_hints
 from canest.doctor.stretches import Samples
@@ -94,7 +94,7 @@ class Doctor:
         self._survey = decoder_for(config.model_copy(update={"signals": anyone | self._unmapped}))
         unowned = {role: want for role, want in wants_of(config).items() if want.source is None}
         self._by_sender = PerSender(unowned, config.databases) if unowned else None
-        self._sender_ranges: dict[int | None, Received] = {}
+        self._of_sender: dict[int | None, ReceivedValues] = {}
         self._received = Received(config.sampling.max_backward_s)
         self._status = STATUS_LABELS[0]
         self._facts = FactsCheck(config)
@@ -129,7 +129,7 @@ class Doctor:
         else:
             samples = self._tables.samples(block)
             estimates = self.pipeline.push_samples(samples, block.t_us)
-        self._received.note(samples)
+        self._received.values.note(samples)
         self._facts.push(samples)
         if len(estimates):
             self._status = STATUS_LABELS[int(estimates.status[-1])]
@@ -181,7 +181,7 @@ class Doctor:
         received = self._survey.push(block).samples
         if self._by_sender is not None:
             for address, samples in self._by_sender.push(block).items():
-                self._sender_ranges.setdefault(address, Received(0.0)).note(samples)
+                self._of_sender.setdefault(address, ReceivedValues()).note(samples)
         self._facts.push({role: received[role] for role in self._unmapped if role in received})
         return self._decoder.push(block).samples
 
@@ -201,10 +201,10 @@ class Doctor:
             if source.source is None:
                 self._note_ranges(found)
         elif source.column in self._received.columns:
-            bad, rows = self._received.missing_cells.get(role, 0), self._received.rows
+            bad, rows = self._received.values.missing_cells.get(role, 0), self._received.rows
             found.senders = [Sender(None, self._received.row_rate_hz, rows, rows - bad, bad, 0, 0)]
         found.labels = self._raw.labels(role) or self._tables.labels(role)
-        low, high, count = self._received.ranges.get(role, (None, None, 0))
+        low, high, count = self._received.values.ranges.get(role, (None, None, 0))
         found.low, found.high, found.values = low, high, count
         # a mean rate over a silence means nothing
         limit_s = math.inf if self.pipeline.clock.counters["gaps"] else stale_limit_s(role, source)
@@ -217,7 +217,7 @@ class Doctor:
     def _note_ranges(self, found: RoleReport) -> None:
         """Note for each sender of a role the range of its own values."""
         for sender in found.senders:
-            own = self._sender_ranges.get(sender.address)
+            own = self._of_sender.get(sender.address)
             if own is not None and found.role in own.ranges:
                 sender.low, sender.high, _ = own.ranges[found.role]
 
@@ -278,7 +278,7 @@ class Doctor:
         senders = next((found.senders for found in reports if found.role == ROLE), [])
         last = {}
         for sender in senders:
-            received = self._sender_ranges.get(sender.address, self._received)
+            received = self._of_sender.get(sender.address, self._received.values)
             if (mass_kg := received.last.get(ROLE, 0.0)) > 0.0:
                 last[address_text(sender.address)] = mass_kg
         return [f"signals.{ROLE}: {sentence}" for sentence in differing(last)]

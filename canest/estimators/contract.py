@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from canest.core.errors import CanestError, PluginError
+from canest.core.errors import PluginError
+from canest.core.plugins import is_of_canest, named_failures
 from canest.core.samples import EstimateBlock, ModelBlock, Status, VehicleFacts
 from canest.estimators.base import Estimator
 
@@ -24,15 +25,11 @@ def updated(estimator: Estimator, block: ModelBlock) -> EstimateBlock:
 
     Errors: PluginError for one of another package that fails, or returns what are no estimates.
     """
-    if type(estimator).__module__.startswith("canest."):
+    if is_of_canest(estimator):
         return estimator.update(block)
     name = f"estimator {estimator.name} ({type(estimator).__module__})"
-    try:
+    with named_failures(name):
         found = estimator.update(_read_only(block))
-    except CanestError:
-        raise
-    except Exception as error:
-        raise PluginError(f"{type(error).__name__}: {error}", where=name) from error
     return _checked(found, len(block), estimator.facts, name)
 
 

@@ -50,7 +50,7 @@ class BroadcastLogWriter(EstimateWriter):
         #: when each was due, as time goes on where the log's clock was set back
         self._held_us: list[int] = []
         self._set_back_us: list[int] = []
-        self._last_us: int | None = None
+        self._ahead_us = 0
         self._blf = None
         if path.name.lower().endswith(".blf"):
             from canest.logs.blf_writer import BlfFrames  # with python-can, for this format alone
@@ -63,15 +63,11 @@ class BroadcastLogWriter(EstimateWriter):
         e = estimates
         columns = (e.mass_kg, e.mass_std_kg, e.grade, e.grade_std, e.status, e.gate)
         frames: list[tuple[int, int, bytes]] = []
+        passed_us = self._monotonic(e.t_us)
+        self._note_set_backs(passed_us - e.t_us)
         for t_us, now_us, *values in zip(
-            e.t_us.tolist(),
-            self._monotonic(e.t_us).tolist(),
-            *(column.tolist() for column in columns),
-            strict=True,
+            e.t_us.tolist(), passed_us.tolist(), *(column.tolist() for column in columns), strict=True
         ):
-            if self._last_us is not None and t_us < self._last_us:
-                self._set_back_us.append(self._last_us - t_us)
-            self._last_us = t_us
             self._broadcaster.set_estimate(Estimate(*values), now_us)
             if now_us >= self._broadcaster.due_us:
                 sent = self._broadcaster.frames(now_us, self._address, frozenset())
@@ -81,6 +77,13 @@ class BroadcastLogWriter(EstimateWriter):
             self._held.append(FrameBlock.from_frames(frames))
         elif frames:
             self._append(FrameBlock.from_frames(frames))
+
+    def _note_set_backs(self, ahead_us: IntColumn) -> None:
+        """Keep by how much the clock was set back. ahead_us: what time is ahead of it (n,)."""
+        if len(ahead_us):
+            steps_us = np.diff(ahead_us, prepend=self._ahead_us)
+            self._set_back_us += steps_us[steps_us > 0].tolist()
+            self._ahead_us = int(ahead_us[-1])
 
     def _append(self, frames: FrameBlock) -> None:
         if self._blf is None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,7 @@ from canest.core import jit
 from canest.core.errors import PluginError
 from canest.core.estimates import Estimates
 from canest.core.frames import FloatColumn, IntColumn, MonotonicClock
-from canest.core.samples import STEP_S, ModelBlock, Status
+from canest.core.samples import STEP_S, EstimateBlock, ModelBlock, Status
 from canest.doctor.config_warnings import config_warnings
 from canest.doctor.warnings import stream_warnings
 from canest.estimators import registry
@@ -157,30 +156,29 @@ def _samples(
 
 def _run(entry: _Entry, block: ModelBlock) -> None:
     """Give one estimator the next samples; its cost is processor time, whatever else is running."""
-    if entry.failure:
-        entry.parts.append(_no_estimates(block))
-        return
     try:
-        if not entry.warm:
-            entry.warm = True
-            first = type(entry.estimator)(entry.estimator.name, entry.estimator.facts)
-            updated(first, block[:WARM_UP_SAMPLES])
-        begin = time.thread_time()
-        e = updated(entry.estimator, block)
+        e = _no_estimates(block) if entry.failure else _updated(entry, block)
     except PluginError as error:
-        entry.failure = str(error)
-        entry.parts.append(_no_estimates(block))
-        return
-    entry.seconds += time.thread_time() - begin
+        entry.failure, e = str(error), _no_estimates(block)
     entry.parts.append(
         Estimates(block.t_us, e.mass_kg, e.mass_std_kg, e.grade, e.grade_std, e.status, block.gate)
     )
 
 
-def _no_estimates(block: ModelBlock) -> Estimates:
+def _updated(entry: _Entry, block: ModelBlock) -> EstimateBlock:
+    if not entry.warm:
+        entry.warm = True
+        first = type(entry.estimator)(entry.estimator.name, entry.estimator.facts)
+        updated(first, block[:WARM_UP_SAMPLES])
+    begin = time.thread_time()
+    e = updated(entry.estimator, block)
+    entry.seconds += time.thread_time() - begin
+    return e
+
+
+def _no_estimates(block: ModelBlock) -> EstimateBlock:
     nothing = np.full(len(block), np.nan)
-    status = np.zeros(len(block), np.uint8)
-    return Estimates(block.t_us, nothing, nothing, nothing, nothing, status, block.gate)
+    return EstimateBlock(nothing, nothing, nothing, nothing, np.zeros(len(block), np.uint8))
 
 
 def _row(entry: _Entry, estimates: Estimates, true_mass_kg: FloatColumn, score: Score) -> dict[str, Any]:
@@ -218,11 +216,10 @@ def time_to(error_pct: FloatColumn, t_us: IntColumn) -> float | None:
     with np.errstate(invalid="ignore"):
         outside = np.flatnonzero(~(np.abs(error_pct) <= WITHIN_PCT))
     n = len(error_pct)
-    edges = np.concatenate(([-1], outside, [n]))
-    for before, after in pairwise(edges.tolist()):
-        # a shorter stay counts when the log ends inside it
-        if after - before > 1 and (
-            after == n or passed_s[after] - passed_s[before + 1] >= WITHIN_HOLD_S - 0.5 * STEP_S
-        ):
-            return float(passed_s[before + 1])
-    return None
+    begins, ends = np.concatenate(([0], outside + 1)), np.concatenate((outside, [n]))
+    stays = ends > begins
+    begins, ends = begins[stays], ends[stays]
+    took_s = passed_s[np.minimum(ends, n - 1)] - passed_s[begins]
+    # a shorter stay counts when the log ends inside it
+    enough = np.flatnonzero((took_s >= WITHIN_HOLD_S - 0.5 * STEP_S) | (ends == n))
+    return float(passed_s[begins[enough[0]]]) if len(enough) else None

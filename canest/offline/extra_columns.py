@@ -74,9 +74,9 @@ def _of_model(name: str) -> Compute:
     return lambda _, samples, __: getattr(samples, name)
 
 
-def engaged(samples: ModelBlock) -> FloatColumn:
-    """Return the gear of every sample (n,), NaN where none is engaged or known."""
-    return np.where(samples.gear == 0, np.nan, samples.gear)
+def engaged(gear: FloatColumn) -> FloatColumn:
+    """Return the gears of samples (n,), NaN where none is engaged or known."""
+    return np.where(gear == 0, np.nan, gear)
 
 
 def _residual(_: ExtraColumns, samples: ModelBlock, estimates: EstimateBlock) -> FloatColumn:
@@ -90,7 +90,7 @@ COLUMNS: dict[str, Column] = {
     "distance_m": Column(2, "driven since the start of the log", lambda c, s, _: c.distance_m(s)),
     "accel_mps2": Column(4, "acceleration along the road, filtered", _of_model("accel_mps2")),
     "torque_Nm": Column(1, "net torque at the crank, or at the wheels", _of_model("raw_torque_Nm")),
-    "gear": Column(0, "the gear that the model uses", lambda _, s, __: engaged(s)),
+    "gear": Column(0, "the gear that the model uses", lambda _, s, __: engaged(s.gear)),
     "traction_N": Column(1, "force from the engine's torque, filtered", _of_model("traction_N")),
     "force_N": Column(1, "known forces but gravity and rolling resistance, filtered", _of_model("force_N")),
     "aero_N": Column(1, "aerodynamic drag, filtered", _of_model("aero_N")),

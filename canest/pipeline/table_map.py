@@ -52,14 +52,8 @@ class TableMap:
     def __init__(self, config: Config, log: str | Path | MemoryLog = "") -> None:
         self._where = f"{log}: column" if log else "column"
         self._time_column, self._hold_s = config.sampling.time_column, hold_us(config) * 1e-6
-        names = log.names if isinstance(log, TableLog) else ()
-        self._misspelled = {
-            name: role
-            for name in names
-            for role in nearest_names(name, ROLES, cutoff=_SLIP)[:1]
-            if name not in ROLES and role not in config.signals
-            and not any(source.column == name for source in config.signals.values())
-        }  # fmt: skip
+        self._names = log.names if isinstance(log, TableLog) else ()
+        self._signals = config.signals
         self.roles: dict[str, tuple[str, float, float]] = {}
         self.values: dict[str, TextTable] = {}
         self.seen: dict[str, dict[str | float, int]] = {}
@@ -93,8 +87,13 @@ class TableMap:
 
     def warnings(self) -> list[str]:
         """Return which columns of a table in memory are named by a slip, and which cells no map lists."""
+        used = {*ROLES, *(source.column for source in self._signals.values())}
         warnings = [
-            f"column {name} is not used: perhaps it is {role}" for name, role in self._misspelled.items()
+            f"column {name} is not used: perhaps it is {role}"
+            for name in self._names
+            if name not in used
+            for role in nearest_names(name, ROLES, cutoff=_SLIP)[:1]
+            if role not in self._signals
         ]
         for role, count in self.without_value.items():
             unlisted = [cell for cell in self.seen[role] if np.isnan(self.values[role].number(cell))]

@@ -9,6 +9,7 @@ import numpy as np
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS, Status
+from canest.offline.extra_columns import engaged
 from canest.offline.leg_text import CALENDAR_END_S, EPOCH_S
 from canest.pipeline.build import model_spec
 from canest.report import figure as look
@@ -113,8 +114,9 @@ def _motion(rows: Rows, x: list[float | None], columns: dict[str, FloatColumn], 
         hover="%{y:,.0f} N m",
     )
     rows.follow("torque_Nm", 1.0)
-    gear = np.where(columns["gear"] == 0, np.nan, columns["gear"])
-    rows.line(5, x, numbers(gear, 0), "gear", look.Stroke(look.MUTED, width=1.3, shape="hv"))
+    rows.line(
+        5, x, numbers(engaged(columns["gear"]), 0), "gear", look.Stroke(look.MUTED, width=1.3, shape="hv")
+    )
     rows.follow("gear", 1.0)
     # the filter repeats the last force where there is none
     known = np.where(np.isfinite(columns["raw_force_N"]), 1e-3, np.nan)

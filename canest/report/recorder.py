@@ -109,7 +109,8 @@ class Recorder:
         known = np.where(np.isfinite(samples.raw_force_N), 1.0, np.nan)
         self.detail.push((samples.t_us - (self.first_us or 0)) // STEP_US, {
             "mass_kg": e.mass_kg, "mass_std_kg": e.mass_std_kg, "grade": e.grade, "grade_std": e.grade_std,
-            "speed_mps": samples.raw_speed_mps, "torque_Nm": samples.raw_torque_Nm, "gear": engaged(samples),
+            "speed_mps": samples.raw_speed_mps, "torque_Nm": samples.raw_torque_Nm,
+            "gear": engaged(samples.gear),
             "traction_N": samples.traction_N * known, "force_N": samples.force_N * known,
             "residual_N": np.where(samples.gate == 0, residual, np.nan),
             "gate": samples.gate.astype(np.float64), "status": e.status.astype(np.float64),

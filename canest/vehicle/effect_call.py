@@ -4,19 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from canest.core.errors import CanestError, PluginError
+from canest.core.plugins import is_of_canest, named_failures
 from canest.vehicle.working_columns import ModelColumns
 
 
 def apply(effect: Any, c: ModelColumns) -> None:
     """Let an effect change the columns. Errors: PluginError for one of another package that fails."""
-    if type(effect).__module__.startswith("canest."):
+    if is_of_canest(effect):
         effect.apply(c)
         return
-    try:
+    with named_failures(f"effect {effect.name} ({type(effect).__module__})"):
         effect.apply(c)
-    except CanestError:
-        raise
-    except Exception as error:
-        name = f"effect {effect.name} ({type(effect).__module__})"
-        raise PluginError(f"{type(error).__name__}: {error}", where=name) from error
