@@ -21,7 +21,8 @@ class Mistake(NamedTuple):
     path: keys from the outermost to the wrong one, () for the whole. words: the whole sentence of a
     contradiction, else what was expected of a wrong value. found: a wrong value as it was written, a very
     long one cut; the type of what should be a single value. siblings: keys that are missing beside an
-    unknown one. more: " (and 2 more)", "" when there is no other mistake.
+    unknown one. more: " (and 2 more)", with the names of keys that are missing beside another; "" when
+    there is no other mistake.
     """
 
     kind: Kind
@@ -51,18 +52,25 @@ def first_mistake(error: ValidationError, section: tuple[str, ...] = ()) -> Mist
     found = _shown(first.get("input"), wrong_length=first["type"] in ("too_short", "too_long"))
     if first["type"] == "union_tag_invalid":
         words, found = context["expected_tags"], context["tag"]
+    siblings = tuple(
+        str(p["loc"][-1]) for p in problems if p["type"] == "missing" and p["loc"][:-1] == first["loc"][:-1]
+    )
     return Mistake(
         _KINDS.get(first["type"], "wrong value"),
         tuple(str(key) for key in (*section, *first["loc"], *inner) if key != "[key]"),
         words,
         found,
-        tuple(
-            str(p["loc"][-1])
-            for p in problems
-            if p["type"] == "missing" and p["loc"][:-1] == first["loc"][:-1]
-        ),
-        f" (and {len(problems) - 1} more)" if len(problems) > 1 else "",
+        siblings,
+        _more(len(problems) - 1, siblings[1:] if first["type"] == "missing" else ()),
     )
+
+
+def _more(count: int, missing: tuple[str, ...]) -> str:
+    """Return how many mistakes there are besides, and which keys are missing beside the first that is."""
+    if not count:
+        return ""
+    names = ", ".join(missing) + (", ..." if 0 < len(missing) < count else "")
+    return f" (and {count} more: {names})" if names else f" (and {count} more)"
 
 
 _KINDS: dict[str, Kind] = {

@@ -297,6 +297,12 @@ def test_several_mistakes_are_counted() -> None:
     assert "(and 1 more)" in refused(text)
 
 
+def test_all_keys_that_a_section_lacks_are_named() -> None:
+    text = TRUCK.replace("final_drive: 3.73", "").replace("drag_area_m2: 6.4", "")
+    assert "vehicle.final_drive: is missing" in refused(text)
+    assert refused(text).endswith("(and 1 more: drag_area_m2)")
+
+
 def test_a_file_that_is_not_there_lists_what_ships(tmp_path: Path) -> None:
     for name in (str(tmp_path / "none.yaml"), str(tmp_path), "x" * 5000, "a\0b"):
         with pytest.raises(ConfigError, match=r"class8\.yaml"):
