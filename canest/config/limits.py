@@ -8,10 +8,10 @@ counted first. The shipped configs have up to 302 values, three levels deep.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import yaml
 
+from canest.config.yaml_loader import LOADER
 from canest.core.errors import ConfigError
 
 MOST_BYTES = 256 * 1024
@@ -21,9 +21,6 @@ MOST_ALIASES = 100
 #: of one key or value; Python writes no whole number of more than 4300 digits, and 3500 hexadecimal ones
 #: are fewer
 MOST_CHARACTERS = 3500
-
-#: libyaml's safe loader where PyYAML was built with it (ten times faster), else the one in Python
-LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def read_text(path: Path) -> str:

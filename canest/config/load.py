@@ -10,9 +10,10 @@ import yaml
 from pydantic import ValidationError
 
 from canest.config.database_files import read_databases
-from canest.config.limits import LOADER, mistake_in_yaml, read_text, refuse_depth, refuse_excess
+from canest.config.limits import mistake_in_yaml, read_text, refuse_depth, refuse_excess
 from canest.config.origins import KeyPath, Origins, lines_of
 from canest.config.schema import Config
+from canest.config.yaml_loader import LOADER
 from canest.core.errors import ConfigError
 from canest.core.nearest_name import expected_name
 from canest.core.validation import first_mistake

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import yaml
 
+from canest.config.yaml_loader import name_of
 from canest.core.errors import ConfigError
 
 KeyPath = tuple[str, ...]  #: ("vehicle", "gear_ratios", "3")
@@ -61,7 +62,7 @@ def lines_of(root: yaml.Node, file: str) -> dict[KeyPath, int]:
         seen.add(id(node))
         if isinstance(node, yaml.MappingNode):
             for key, value in node.value:
-                inner, line = (*path, str(key.value)), key.start_mark.line + 1
+                inner, line = (*path, name_of(key)), key.start_mark.line + 1
                 if inner in lines:
                     raise ConfigError(f"key given twice: {'.'.join(inner)}", where=f"{file}:{line}")
                 lines[inner] = line

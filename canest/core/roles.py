@@ -14,11 +14,19 @@ from canest.core.nearest_name import expected_name
 
 RADPS_PER_RPM = math.pi / 30
 
+#: a pound-force foot, N m
+LBF_FT_NM = 1.3558179483314004
+
 #: unit inside canest -> the units it may come in: value_inside = value * factor + offset
 UNITS: dict[str, dict[str, tuple[float, float]]] = {
     "m/s": {"m/s": (1.0, 0.0), "km/h": (1 / 3.6, 0.0), "kph": (1 / 3.6, 0.0), "mph": (0.44704, 0.0)},
     "rpm": {"rpm": (1.0, 0.0), "1/min": (1.0, 0.0), "rad/s": (1 / RADPS_PER_RPM, 0.0)},
-    "Nm": {"Nm": (1.0, 0.0), "N m": (1.0, 0.0), "kNm": (1000.0, 0.0)},
+    "Nm": {
+        "Nm": (1.0, 0.0),
+        "N m": (1.0, 0.0),
+        "kNm": (1000.0, 0.0),
+        **dict.fromkeys(("lbf ft", "lb-ft", "ft-lb"), (LBF_FT_NM, 0.0)),
+    },
     "N": {"N": (1.0, 0.0), "kN": (1000.0, 0.0)},
     "%": {"%": (1.0, 0.0)},
     "ratio": {"": (1.0, 0.0), "ratio": (1.0, 0.0)},

@@ -34,7 +34,7 @@ from canest.doctor.received import Received, ReceivedValues
 from canest.doctor.signal_report import RoleReport, Sender, address_text, complaint, judge, senders_of
 from canest.doctor.slow_signals import delay_notes, slow_signal_hints
 from canest.doctor.stretches import Samples
-from canest.doctor.unmapped_groups import unmapped_group_hints
+from canest.doctor.unmapped_groups import UnmappedGroups
 from canest.doctor.warnings import stale_warnings, stream_warnings
 from canest.logs.log_warnings import log_warnings
 from canest.pipeline.build import model_spec
@@ -99,7 +99,7 @@ class Doctor:
         self._status = STATUS_LABELS[0]
         self._facts = FactsCheck(config)
         self._past = PastContradiction()
-        self._raw = RawValueCheck(config)
+        self._raw, self._groups = RawValueCheck(config), UnmappedGroups(config)
         self._waiting: list[FrameBlock] = []
         self._frames_waiting = 0
 
@@ -178,6 +178,7 @@ class Doctor:
 
     def _frames(self, block: FrameBlock) -> Samples:
         self._raw.push(block)
+        self._groups.push(block)
         received = self._survey.push(block).samples
         if self._by_sender is not None:
             for address, samples in self._by_sender.push(block).items():
@@ -264,7 +265,7 @@ class Doctor:
             )
         if self._received.frames:
             hints += missing_signal_warnings(self.config, self.pipeline.intake.received)
-            hints += unmapped_group_hints(self.config, self._received.pgns)
+            hints += self._groups.hints()
             hints += slow_signal_hints(self.config, reports)
             if not self.pipeline.clock.counters["gaps"]:  # a mean rate over a silence means nothing
                 hints += clock_hints(self.config, reports)

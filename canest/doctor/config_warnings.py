@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canest.core.roles import ROLES, UNITS
-from canest.decode.database import find_signal, overlap_warnings
+from canest.decode.database import overlap_warnings
 from canest.doctor.same_messages import same_message_warnings
-from canest.pipeline.signal_map import unit_of
+from canest.doctor.unused_signals import unused_signal_warnings
+from canest.pipeline.signal_map import signal_of, unit_of
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -16,7 +17,10 @@ if TYPE_CHECKING:
 
 def config_warnings(config: Config) -> list[str]:
     """Return what is odd about a config and its databases, one sentence each."""
-    return overlap_warnings(config.databases) + same_message_warnings(config) + unit_warnings(config)
+    return [
+        *overlap_warnings(config.databases), *same_message_warnings(config), *unused_signal_warnings(config),
+        *unit_warnings(config), *other_unit_warnings(config),
+    ]  # fmt: skip
 
 
 def unit_warnings(config: Config) -> list[str]:
@@ -26,13 +30,28 @@ def unit_warnings(config: Config) -> list[str]:
         if not _could_be_another(role, source):
             continue
         taken = f"is taken as {ROLES[role].unit} (state signals.{role}.unit)"
-        if source.message is None or source.signal is None:
+        if (known := signal_of(config, role)) is None:
             if not unit_of(source):
                 in_table.append(f"{source.column} {taken}")
-        elif not unit_of(source, find_signal(config.databases, source.message, source.signal)[1]):
+        elif not unit_of(source, known[1]):
             in_dbc.append(f"{source.message}.{source.signal} {taken}")
     both = (("no unit in the DBC", in_dbc), ("no unit of the column", in_table))
     return [f"{what}: {', '.join(found)}" for what, found in both if found]
+
+
+def other_unit_warnings(config: Config) -> list[str]:
+    """Return which signals are taken in another unit than their DBC states, where both could be."""
+    found = []
+    for role, source in config.signals.items():
+        if (known := signal_of(config, role)) is None or not source.unit or role not in ROLES:
+            continue
+        stated, units = (known[1].unit or "").strip(), UNITS[ROLES[role].unit]
+        if source.scale == 1.0 and stated in units and units[stated] != units.get(source.unit):
+            found.append(
+                f"signals.{role}.unit: {source.unit} counts, though the DBC says {stated} of "
+                f"{source.message}.{source.signal}"
+            )
+    return found
 
 
 def _could_be_another(role: str, source: Source) -> bool:

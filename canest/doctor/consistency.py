@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.roles import RADPS_PER_RPM
 from canest.doctor.engine_and_road import ROAD_SPEEDS, at_radius, one_mistake, unit_hint, words
-from canest.doctor.gear_table import GearFit, slipping_gears, table_line
+from canest.doctor.gear_table import GearFit, slipping_gears, stepless, table_line
 from canest.doctor.reported_ratio import ReportedRatio
 from canest.doctor.speed_units import SPEED_TOLERANCE, UNIT_FACTORS, mistaken_unit
 from canest.doctor.stretches import Samples, Stretches, at
@@ -184,10 +185,19 @@ class ConsistencyCheck:
         if len(measured) < 2:
             return ""
         counted = "" if self._fit is None else ", numbered from the largest that stayed in for a second"
+        if stepless(measured.values()):
+            return self._stepless_text(measured.values())
         where = f"{words(self._turns_of)} turn in {len(measured)} ratios"
         return (
             f"vehicle.gear_ratios is missing, and engine and {where}"
             f"{at_radius(self._vehicle, self._turns_of)}: {table_line(measured)}{counted}"
+        )
+
+    def _stepless_text(self, ratios: Collection[float]) -> str:
+        return (
+            f"engine and {words(self._turns_of)} turn in ratios without steps, {min(ratios):.3g} to "
+            f"{max(ratios):.3g}{at_radius(self._vehicle, self._turns_of)}, as by a CVT: map its ratio "
+            "(signals.gear_ratio) or a torque at the wheels"
         )
 
     def _one_gear_hints(self) -> list[str]:
@@ -198,6 +208,8 @@ class ConsistencyCheck:
         if v.gear_ratios and self._fit is None:
             return []
         measured = self._measured() if self._fit is None else self._fit.measured()
+        if stepless(measured.values()):
+            return [self._stepless_text(measured.values())]
         if len(measured) != 1:
             return []
         (turns,), declared = measured.values(), next(iter(v.gear_ratios.values()), 1.0)

@@ -8,9 +8,8 @@ import numpy as np
 
 from canest.core.frames import FloatColumn
 from canest.core.roles import TWO_STATE
-from canest.decode.database import find_signal
 from canest.doctor.stretches import Samples
-from canest.pipeline.signal_map import factor_and_offset, unit_of
+from canest.pipeline.signal_map import factor_and_offset, signal_of, unit_of
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -88,9 +87,9 @@ def _declared(config: Config) -> list[tuple[str, _Declared]]:
     """Return the roles whose signals have a range that means something."""
     found = []
     for role, source in config.signals.items():
-        if source.message is None or source.signal is None or source.map or source.validity == "ascii":
+        if (known := signal_of(config, role)) is None or source.map or source.validity == "ascii":
             continue
-        _, signal = find_signal(config.databases, source.message, source.signal)
+        _, signal = known
         low, high = signal.minimum, signal.maximum
         if role in TWO_STATE or signal.choices or low is None or high is None or not low < high:
             continue

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from canest.decode.database import find_signal, is_j1939
+from canest.decode.database import is_j1939
 from canest.decode.validity import highest_valid
 from canest.decode.value_table import labels_of
 from canest.doctor.consistency import ConsistencyCheck
 from canest.doctor.declared_range import DeclaredRangeCheck
+from canest.doctor.gearbox_states import GearboxStateCheck
 from canest.doctor.raw_values import means_no_value
+from canest.doctor.road_speeds import RoadSpeedCheck
+from canest.doctor.signs import SignCheck
 from canest.doctor.silent_brake import SilentBrakeCheck
 from canest.doctor.stretches import Samples, comparable
 from canest.doctor.switches import SwitchCheck
 from canest.doctor.torque_course import TorqueCourseCheck
 from canest.doctor.torque_samples import TorqueSampleCheck
+from canest.pipeline.signal_map import signal_of
 
 if TYPE_CHECKING:
     from canest.config import Config
-    from canest.config.sections import Source
     from canest.decode.counters import Counters
 
 #: reserved numbers of this share of the samples are worth a note
@@ -35,7 +38,8 @@ class FactsCheck:
         self._consistency, self._torque = ConsistencyCheck(config), TorqueCourseCheck(config)
         self._checks = (
             self._consistency, SwitchCheck(config), SilentBrakeCheck(config), self._torque,
-            TorqueSampleCheck(config), DeclaredRangeCheck(config),
+            TorqueSampleCheck(config), DeclaredRangeCheck(config), RoadSpeedCheck(config), SignCheck(config),
+            GearboxStateCheck(config),
         )  # fmt: skip
 
     def push(self, samples: Samples) -> None:
@@ -64,7 +68,7 @@ def reserved_notes(config: Config, counters: Counters) -> list[str]:
         seen = counters.of_role(role).values()
         lost = sum(counts.not_available + counts.error_value for counts in seen)
         count = lost + sum(counts.valid for counts in seen)
-        if lost >= max(1.0, _RESERVED_SHARE * count) and _is_guarded(config, source):
+        if lost >= max(1.0, _RESERVED_SHARE * count) and _is_guarded(config, role):
             notes.append(
                 f"{role}: {lost:,} of {count:,} samples hold a number that J1939 reserves and count as no "
                 f"value, but {source.message}.{source.signal} is no J1939 signal: if they are values, "
@@ -73,11 +77,12 @@ def reserved_notes(config: Config, counters: Counters) -> list[str]:
     return notes
 
 
-def _is_guarded(config: Config, source: Source) -> bool:
+def _is_guarded(config: Config, role: str) -> bool:
     """Return whether numbers count as no value by a rule that the DBC does not make."""
-    if source.message is None or source.signal is None or source.map:
+    source, known = config.signals[role], signal_of(config, role)
+    if known is None or source.map:
         return False
-    message, signal = find_signal(config.databases, source.message, source.signal)
+    message, signal = known
     if is_j1939(message) or source.validity not in ("j1939", "gear"):
         return False
     if signal.is_signed or signal.is_float or signal.length >= _WIDE:

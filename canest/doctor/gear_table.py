@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 
 import numpy as np
 
@@ -24,6 +24,8 @@ _FEWEST = 400
 _FITS, _FAILS = 0.6, 0.35
 #: of a table that is proposed: at most so many gears, each with at least this share of the steady samples
 _MOST_GEARS, _LEAST_SHARE = 20, 0.01
+#: gears of cars and trucks are 14 % apart at least; and with fewer than so many steps nobody can tell
+_CLOSEST, _FEWEST_STEPS = 0.12, 3
 #: a torque converter that turns steadily slips by no more
 MOST_SLIP = 0.1
 #: tables are tried this much larger and smaller
@@ -99,6 +101,12 @@ class GearFit:
             found.append(float(np.exp(self._sums[near].sum() / self._counts[near].sum())))
             counts[max(0, peak - 5) : peak + 6] = 0.0
         return found
+
+
+def stepless(ratios: Collection[float]) -> bool:
+    """Return whether what was measured as gears is a ratio without steps: no gearbox has them so close."""
+    steps = np.diff(np.log(sorted(ratios)))
+    return len(steps) >= _FEWEST_STEPS and bool(np.median(steps) < _CLOSEST)
 
 
 def slipping_gears(times: Mapping[int, float]) -> list[int]:

@@ -31,6 +31,12 @@ def missing_signal_warnings(config: Config, received: Collection[str]) -> list[s
                 "what it is (vehicle.friction_torque_pct, some 5 to 12 % of a combustion engine, 0 of an "
                 "electric motor), or mass and grade are wrong by it"
             )
+        stated_Nm = config.vehicle.reference_torque_Nm
+        if torque == "engine_torque_pct" and "reference_torque" in missing and stated_Nm is not None:
+            warnings.append(
+                f"reference_torque (SPN 544) is mapped and never came: the {stated_Nm:,g} N m of "
+                "vehicle.reference_torque_Nm count, and masses are as wrong as they are"
+            )
         if RETARDER in missing and config.vehicle.retarder is not None:
             warnings.append(_unseen("a retarder", RETARDER))
     brakes = [role for role in BRAKES if role in config.signals]

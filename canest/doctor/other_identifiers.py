@@ -6,9 +6,9 @@ from collections.abc import Collection, Iterable
 from typing import TYPE_CHECKING
 
 from canest.decode import j1939
-from canest.decode.database import find_signal, is_j1939
+from canest.decode.database import is_j1939
 from canest.decode.groups import exact_id
-from canest.pipeline.signal_map import J1939_DATABASE
+from canest.pipeline.signal_map import J1939_DATABASE, signal_of
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
@@ -59,7 +59,5 @@ def other_group_members(config: Config, reports: Iterable[RoleReport], pgns: Col
 
 def message_of(config: Config, role: str) -> Message | None:
     """Return the message that carries a role, None for a column of a table."""
-    source = config.signals[role]
-    if source.message is None or source.signal is None:
-        return None
-    return find_signal(config.databases, source.message, source.signal)[0]
+    found = signal_of(config, role)
+    return None if found is None else found[0]

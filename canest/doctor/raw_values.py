@@ -12,11 +12,11 @@ from canest.core.frames import ERROR, EXTENDED, REMOTE, FrameBlock
 from canest.core.roles import TWO_STATE
 from canest.decode import j1939
 from canest.decode.compile import FRAME_BYTES, CompiledSignal
-from canest.decode.database import find_signal, is_j1939
+from canest.decode.database import is_j1939
 from canest.decode.groups import build_groups, exact_id
 from canest.decode.validity import GEAR_PARK, gear_of_text, highest_valid
 from canest.decode.value_table import Label, labels_of
-from canest.pipeline.signal_map import wants_of
+from canest.pipeline.signal_map import signal_of, wants_of
 
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
@@ -30,6 +30,8 @@ _KEPT = 256
 _SHARE, _TURNS = 0.01, 3
 #: a wide field runs into its reserved range and out of it by steps, as a share of all its numbers
 _STEP = 1 / 16
+#: a field of so many bits has values that come near to its last number before they come to it
+_WIDE = 8
 #: labels that mean that there is no value
 _NO_VALUE = re.compile(
     r"n/?a\b|sna\b|not.?avail|nicht.?verf|invalid|ungue?ltig|error|fehler|fault|defe[ck]t|init|reserv"
@@ -54,6 +56,10 @@ class RawSignal:
             source.map or signal.is_signed or signal.is_float
         )
         self._highest = highest_valid(width, source.validity, signal.spn) if guarded else (1 << width) - 1
+        #: the last number of a field that is taken whole, and the largest that came below it
+        whole = source.validity == "full" and not (source.map or signal.is_signed or signal.is_float)
+        self._last_number = (1 << width) - 1 if whole and width >= _WIDE else -1
+        self._ones, self._largest = 0, 0
         self._counts: dict[int, int] = {}
         self._samples = self._reserved = self._turns = self._small_turns = 0
         self._last: int | None = None
@@ -84,6 +90,10 @@ class RawSignal:
             for number, count in zip(unique.tolist(), counts.tolist(), strict=True):
                 if number in self._counts or len(self._counts) < _KEPT:
                     self._counts[number] = self._counts.get(number, 0) + count
+        if self._last_number > 0:
+            below = raw[raw < self._last_number]
+            self._ones += len(raw) - len(below)
+            self._largest = max(self._largest, int(below.max(initial=0)))
         if self._last is not None:
             raw = np.concatenate(([self._last], raw))
         reserved = raw > self._highest
@@ -117,7 +127,19 @@ class RawSignal:
 
     def hints(self) -> list[str]:
         """Return the lines that would read the signal better, one sentence each."""
-        return [hint for hint in (self._reserved_hint(), self._label_hint()) if hint]
+        found = (self._reserved_hint(), self._last_number_hint(), self._label_hint())
+        return [hint for hint in found if hint]
+
+    def _last_number_hint(self) -> str:
+        """Return that a field which is taken whole jumps to its last number, as where there is no value."""
+        leaps = self._last_number - self._largest > _STEP * self._last_number
+        if not (0 < self._ones < self._samples and self._ones >= _SHARE * self._samples and leaps):
+            return ""
+        return (
+            f"signals.{self.role}: {self._ones:,} of {self._samples:,} samples hold raw number "
+            f"{self._last_number}, the last one of {self._signal.name}, and none comes near it: if it says "
+            "that there is no value, leave validity: full out"
+        )
 
     def _reserved_hint(self) -> str:
         """Return that reserved numbers look like values, on a bus where J1939 reserves none."""
@@ -138,6 +160,10 @@ class RawSignal:
             f"J1939 reserves ({shown}) and count as no value, but {self._signal.name} is no J1939 "
             "signal and they come in turns with values"
         )
+        if self.role in TWO_STATE and 0 not in self._counts:
+            states = sorted(self._counts, key=lambda raw: -self._counts[raw])[:2]
+            map_of = map_line({raw: float(n == 0) for n, raw in enumerate(sorted(states))})
+            return f"{found}: if they are states, paste {map_of}, or the other way round"
         if len(good) == len(high):
             return f"{found}: if they are values, paste validity: full"
         entries = {
@@ -174,11 +200,10 @@ class RawValueCheck:
 
     def __init__(self, config: Config) -> None:
         self._signals: dict[str, RawSignal] = {}
-        databases = config.databases
         for role, source in config.signals.items():
-            if source.message is None or source.signal is None:
+            if (known := signal_of(config, role)) is None:
                 continue
-            message, signal = find_signal(databases, source.message, source.signal)
+            message, signal = known
             if message.length > FRAME_BYTES or source.validity == "ascii":
                 continue
             if not (signal.choices or not is_j1939(message)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canest.decode.database import find_signal
+from canest.pipeline.signal_map import signal_of
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
@@ -17,11 +17,7 @@ _Place = tuple[str, "Message"]  #: a database's file, and a message in it
 
 def same_message_warnings(config: Config) -> list[str]:
     """Return which messages in use are not the only ones of their name or identifier, one sentence each."""
-    used = {
-        id(find_signal(config.databases, source.message, source.signal)[0])
-        for source in config.signals.values()
-        if source.message is not None and source.signal is not None
-    }
+    used = {id(found[0]) for role in config.signals if (found := signal_of(config, role)) is not None}
     messages: list[_Place] = [
         (Path(name).name, message)
         for name, database in zip(config.dbc, config.databases, strict=False)

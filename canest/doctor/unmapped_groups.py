@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
+from canest.core.frames import EXTENDED, FrameBlock
 from canest.decode import j1939
 from canest.decode.database import is_j1939
 from canest.doctor.missing_signals import FRICTION, RETARDER
@@ -34,18 +36,41 @@ _GROUPS = (
 )  # fmt: skip
 
 
-def unmapped_group_hints(config: Config, pgns: Collection[int]) -> list[str]:
-    """Return what else to map, one sentence each. pgns: the parameter groups that were received."""
+class UnmappedGroups:
+    """Looks for them in a stream."""
+
+    def __init__(self, config: Config) -> None:
+        self._groups = _unmapped(config)
+        self._seen = set[int]()
+
+    def push(self, block: FrameBlock) -> None:
+        """Take the frames of a block."""
+        for pgn in self._groups.keys() - self._seen:
+            # none of them is addressed to one node, whose address would be part of it
+            of_group = (block.can_id >> np.uint32(8)) & np.uint32(j1939.PGN_MASK) == np.uint32(pgn)
+            if (of_group & ((block.can_id & np.uint32(EXTENDED)) != 0)).any():
+                self._seen.add(pgn)
+
+    def hints(self) -> list[str]:
+        """Return what else to map, one sentence each."""
+        return [
+            f"the bus has {group.message}, and no role takes it: {group.without} (signals.{group.role}: "
+            f"{{message: {group.message}, signal: {group.signal}}})"
+            for pgn, group in self._groups.items()
+            if pgn in self._seen
+        ]
+
+
+def _unmapped(config: Config) -> dict[int, _Group]:
+    """Return parameter group -> what it has that no role of the config takes."""
     torque = torque_role(config.signals, config.vehicle)
     known = {message.name: message for base in config.databases for message in base.messages}
-    return [
-        f"the bus has {group.message}, and no role takes it: {group.without} (signals.{group.role}: "
-        f"{{message: {group.message}, signal: {group.signal}}})"
+    return {
+        j1939.pgn_of(message.frame_id): group
         for group in _GROUPS
         if group.role not in config.signals
         and torque in group.torques
         and (message := known.get(group.message)) is not None
         and is_j1939(message)
         and any(signal.name == group.signal for signal in message.signals)
-        and j1939.pgn_of(message.frame_id) in pgns
-    ]
+    }

@@ -17,7 +17,8 @@ from typing import Any
 
 import yaml
 
-from canest.config.limits import LOADER, mistake_in_yaml, refuse_excess
+from canest.config.limits import mistake_in_yaml, refuse_excess
+from canest.config.yaml_loader import LOADER
 from canest.core.errors import ConfigError
 from canest.fleet.source import fits
 

@@ -11,6 +11,7 @@ from canest.core.frames import FrameBlock
 from canest.core.table_block import TableBlock
 from canest.doctor.facts import FactsCheck
 from canest.doctor.past_contradiction import PastContradiction
+from canest.doctor.unmapped_groups import UnmappedGroups
 from canest.logs.memory import MemoryLog
 from canest.offline.reported_masses import ReportedMasses
 from canest.pipeline.pipeline import Listener, Pipeline, TickListener
@@ -50,7 +51,7 @@ class LogRun:
         self.pipeline = Pipeline(
             config, listener=listener, tick_listener=tick_listener, sample_listener=heard
         )
-        self.past_contradiction = PastContradiction()
+        self.past_contradiction, self.unmapped_groups = PastContradiction(), UnmappedGroups(config)
         self.table_map = TableMap(config, log)
         self.reader: LogReader = open_for(config, log, channel)
 
@@ -70,6 +71,7 @@ class LogRun:
         if isinstance(block, FrameBlock):
             if self._reported is not None:
                 self._reported.push(block)
+            self.unmapped_groups.push(block)
             for part in stretches(block.t_us, STRETCH_US):
                 yield self.pipeline.push(block[part])
             return

@@ -22,7 +22,7 @@ def run_warnings(run: LogRun, score: Score | None) -> list[str]:
     found += stream_warnings(pipeline.intake, pipeline.stuck_ticks) + stale_warnings(config, pipeline)
     found += sparse_column_warnings(run)
     if pipeline.updated:
-        found += missing_signal_warnings(config, pipeline.intake.received)
+        found += missing_signal_warnings(config, pipeline.intake.received) + run.unmapped_groups.hints()
     if warning := pipeline.estimator.contradiction():
         found.append(warning)
     found += run.past_contradiction.notes(warning)

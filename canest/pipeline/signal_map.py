@@ -88,6 +88,17 @@ def _of_databases(config: Config) -> dict[str, tuple[Message, Signal]]:
     return found
 
 
+def signal_of(config: Config, role: str) -> tuple[Message, Signal] | None:
+    """Return the DBC's message and signal of a role, None for a column and a role that is not mapped.
+
+    Errors: ConfigError naming the key for what no database has.
+    """
+    source = config.signals.get(role)
+    if source is None or source.message is None or source.signal is None:
+        return None
+    return find_signal(config.databases, source.message, source.signal, config.at(f"signals.{role}"))
+
+
 def _refuse_zero_factor(source: Source, signal: Signal, where: str) -> None:
     """Refuse a factor of 0, which is used unless there is a map. Errors: ConfigError."""
     if not source.map and source.validity != "ascii" and float(signal.scale) == 0.0:
@@ -119,7 +130,11 @@ def factor_and_offset(role: str, source: Source, unit: str, where: str = "") -> 
         if source.unit is None and source.message is not None:
             what = f"unit of {source.message}.{source.signal} in the DBC does not fit the role"
             key = " ".join(["unit:", *nearest_names(unit, known)[:1]])
-            expected += f"; {key} in this entry overrides the DBC's" if any(known) else ""
+            expected += (
+                f"; {key} in this entry overrides the DBC's, with scale: for how many of them one is"
+                if any(known)
+                else ""
+            )
         raise ConfigError(what, where=where or f"signals.{role}", found=unit, expected=expected)
     factor, offset = converted
     factor, offset = factor * source.scale, offset * source.scale
@@ -169,9 +184,9 @@ def resolution_of(config: Config) -> dict[str, float]:
 
 def step_of(config: Config, role: str) -> float | None:
     """Return the factor of a role's DBC signal in the role's unit, None for a column or a mapped signal."""
-    source = config.signals.get(role)
-    if source is None or source.map or source.message is None or source.signal is None:
+    found = signal_of(config, role)
+    if found is None or config.signals[role].map:
         return None
-    _, signal = find_signal(config.databases, source.message, source.signal, config.at(f"signals.{role}"))
+    source, (_, signal) = config.signals[role], found
     factor, _ = factor_and_offset(role, source, unit_of(source, signal))
     return abs(float(signal.scale) * factor)

@@ -42,22 +42,22 @@ class Vehicle(Section):
 
     name: str = "vehicle"
     key: str = ""
-    mass_min_kg: Number = Field(gt=LEAST_MASS_KG, le=500_000)
-    mass_max_kg: Number = Field(gt=LEAST_MASS_KG, le=500_000)
+    mass_min_kg: Number = Field(gt=LEAST_MASS_KG, le=1_000_000)
+    mass_max_kg: Number = Field(gt=LEAST_MASS_KG, le=1_000_000)
     wheel_radius_m: Number = Field(gt=0.1, lt=2.0)
     wheel_radius_accuracy_pct: Number = Field(2.0, gt=0, le=20)
-    wheel_inertia_kgm2: Number = Field(0.0, ge=0, le=2_000)
+    wheel_inertia_kgm2: Number = Field(0.0, ge=0, le=100_000)
     final_drive: Number = Field(gt=0.1, lt=30)
     gear_ratios: dict[int, Number] = Field(default_factory=dict)
     driveline_efficiency: Number = Field(0.96, gt=0.5, le=1.0)
     gear_efficiency: dict[int, Number] = Field(default_factory=dict)
-    engine_inertia_kgm2: Number = Field(0.0, ge=0, le=50)
+    engine_inertia_kgm2: Number = Field(0.0, ge=0, le=500)
     reference_torque_Nm: Number | None = Field(None, gt=1, le=65_000)
     friction_torque_pct: Number = Field(0.0, ge=-125, le=125)
     torque_accuracy_pct: Number = Field(5.0, gt=0, le=50)
     unreported_torque_Nm: Number | None = Field(None, ge=0, le=1_000)
     retarder: Retarder | None = None
-    drag_area_m2: Number = Field(gt=0, lt=30)
+    drag_area_m2: Number = Field(gt=0, lt=200)
     drag_area_accuracy_pct: Number = Field(20.0, gt=0, le=100)
     air_density_kgpm3: Number = Field(1.2, gt=0.5, lt=1.6)
     rolling_resistance: Number = Field(gt=0, lt=0.1)

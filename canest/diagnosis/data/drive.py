@@ -15,7 +15,11 @@ from canest.core.estimates import Estimates
 from canest.core.frames import BoolColumn, FloatColumn, MonotonicClock
 from canest.core.samples import STEP_US, ModelBlock
 from canest.core.table_block import TableBlock
+from canest.doctor.config_warnings import config_warnings
+from canest.doctor.facts import FactsCheck
+from canest.doctor.missing_signals import missing_signal_warnings
 from canest.doctor.reasons import why_no_time
+from canest.doctor.unmapped_groups import UnmappedGroups
 from canest.doctor.warnings import stream_warnings
 from canest.grid.grid import Feed, Grid, GridBlock
 from canest.logs.log_names import log_name
@@ -86,7 +90,8 @@ class Drive:
     @staticmethod
     def load(path: Path | MemoryLog, config: Config, channel: str | None = None) -> Drive:
         """Read and decode a log (frames or table). Errors: LogError, NothingToDiagnoseError."""
-        intake = Intake(intake_spec(config))
+        facts, groups = FactsCheck(config), UnmappedGroups(config)
+        intake = Intake(intake_spec(config), facts.push)
         table = TableMap(config, path)
         feeds: list[Feed] = []
         reader = open_for(config, path, channel)
@@ -94,11 +99,14 @@ class Drive:
             if isinstance(block, TableBlock):
                 feeds.extend(intake.table(table.samples(block), block.t_us))
             else:
+                groups.push(block)
                 feeds.extend(intake.frames(block))
         if not feeds:
             what = "holds no frame that the config's signal map wants"
             raise NothingToDiagnoseError(what, where=str(path))
-        notes = log_warnings(reader) + table.warnings() + stream_warnings(intake)
+        notes = config_warnings(config) + log_warnings(reader) + table.warnings() + stream_warnings(intake)
+        notes += missing_signal_warnings(config, intake.received) + groups.hints()
+        notes += facts.notes(intake.decoder.counters)
         return Drive(path, config, feeds, why_no_time(intake.clock), notes, channel)
 
     @staticmethod

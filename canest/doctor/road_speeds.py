@@ -1,0 +1,67 @@
+"""Do the speeds of the road agree with each other, where no shaft tells which of them is right?"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from canest.doctor.engine_and_road import ROAD_SPEEDS
+from canest.doctor.speed_units import mistaken_unit
+from canest.doctor.stretches import Samples, Stretches, at
+
+if TYPE_CHECKING:
+    from canest.config import Config
+
+#: slower than this (m/s) speeds are too coarse to compare; so many pairs are needed
+_MIN_MPS, _MIN_PAIRS = 5.0, 100
+#: speeds that differ by less are worn tyres, tolerances of a speedometer and rounding
+_TOLERANCE = 0.06
+
+
+class RoadSpeedCheck:
+    """Streams samples; memory does not grow with the log."""
+
+    def __init__(self, config: Config) -> None:
+        #: with shaft or engine each of them is compared by `ConsistencyCheck`
+        turning = {"output_shaft_speed", "engine_speed"} & config.signals.keys()
+        roles = () if turning else ROAD_SPEEDS
+        self._first, *self._others = [role for role in roles if role in config.signals] or [""]
+        self._stretches = Stretches([self._first, *self._others])
+        self._pairs = dict.fromkeys(self._others, 0)
+        self._product = dict.fromkeys(self._others, 0.0)
+        self._square = dict.fromkeys(self._others, 0.0)
+
+    def push(self, samples: Samples) -> None:
+        """Take the samples of a block."""
+        if self._others and (stretch := self._stretches.push(samples)) is not None:
+            self._compare(stretch)
+
+    def _compare(self, stretch: Samples) -> None:
+        for role in self._others:
+            if role not in stretch or self._first not in stretch:
+                continue
+            t_us, mps = stretch[role]
+            first_mps = at(t_us, stretch[self._first])
+            both = np.isfinite(mps) & np.isfinite(first_mps) & (np.minimum(mps, first_mps) > _MIN_MPS)
+            self._pairs[role] += int(np.count_nonzero(both))
+            self._product[role] += float(mps[both] @ first_mps[both])
+            self._square[role] += float(first_mps[both] @ first_mps[both])
+
+    def hints(self) -> list[str]:
+        """Return which speeds differ, one sentence each."""
+        self._compare(self._stretches.rest())
+        found = []
+        for role in self._others:
+            if self._pairs[role] < _MIN_PAIRS:
+                continue
+            times = self._product[role] / self._square[role]
+            if abs(times - 1.0) <= _TOLERANCE:
+                continue
+            mistaken = mistaken_unit(times) or mistaken_unit(1.0 / times)
+            why = f", as it is when {mistaken} in one of them" if mistaken else ""
+            found.append(
+                f"{role} is {times:.3g} times {self._first}{why}: which one is right? (unit: of "
+                f"signals.{role} and of signals.{self._first})"
+            )
+        return found

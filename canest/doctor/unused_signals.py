@@ -1,0 +1,60 @@
+"""What of a config's signals does not count, and what no signal checks: known before any log is read."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from canest.core.errors import ConfigError
+from canest.core.roles import UNITS
+from canest.vehicle.role_sources import AT_WHEELS, is_at_wheels, torque_role
+
+if TYPE_CHECKING:
+    from canest.config import Config
+
+#: signals that are the speed of an engine or motor, by their name
+_ENGINE = re.compile(r"eng|mot", re.IGNORECASE)
+_RIGHT = "half_shaft_torque_right"
+_TORQUES = (*AT_WHEELS, _RIGHT, "engine_torque", "engine_torque_pct", "power")
+
+
+def unused_signal_warnings(config: Config) -> list[str]:
+    """Return which torques are mapped and do not count, and what could check ratio, radius and unit."""
+    try:
+        used = torque_role(config.signals, config.vehicle)
+    except ConfigError:  # is said where the model is built
+        return []
+    return _other_torques(config, used) + _unchecked_ratio(config, used)
+
+
+def _other_torques(config: Config, used: str) -> list[str]:
+    counts = {used, _RIGHT} if used in AT_WHEELS[2:] else {used}
+    others = [role for role in _TORQUES if role in config.signals and role not in counts]
+    if not others:
+        return []
+    return [
+        f"signals.{used} is the torque that counts, the nearest to the wheels: {', '.join(others)} "
+        f"{'are' if len(others) > 1 else 'is'} mapped too, and neither added nor compared (motors on two "
+        "axles: docs/config.md)"
+    ]
+
+
+def _unchecked_ratio(config: Config, used: str) -> list[str]:
+    """Return which signals of the databases could show that ratios, radius and unit fit each other."""
+    if "engine_speed" in config.signals or is_at_wheels(used, config.signals):
+        return []
+    mapped = {(source.message, source.signal) for source in config.signals.values()}
+    could = [
+        f"{message.name}.{signal.name}"
+        for database in config.databases
+        for message in database.messages
+        for signal in message.signals
+        if (signal.unit or "").strip() in UNITS["rpm"] and _ENGINE.search(signal.name)
+        and (message.name, signal.name) not in mapped
+    ]  # fmt: skip
+    if not could:
+        return []
+    return [
+        "no signals.engine_speed: nothing shows whether gear, gear_ratios, final_drive, wheel_radius_m and "
+        f"the unit of the speed fit each other, and masses are as wrong as they are ({could[0]} could)"
+    ]
