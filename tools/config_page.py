@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal, Union, get_args, get_origin
 
+from config_vehicles import vehicles_text
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
@@ -127,6 +128,8 @@ What a map does not list has no value. The map alone decides what is valid; with
 keys are the characters. `canest check` shows the labels and texts in a log, and proposes a map. For a
 gear, 0 is neutral, negative is reverse, 126 is park.
 
+Numbers are those of YAML 1.2: `02100` is 2100, `1e3` is a number, and `50:00` is none.
+
 ### Slow signals
 
 Telematics and OBD-II report speed and torque every 0.1 to 2 s. A value that is held until the next report
@@ -155,7 +158,9 @@ A role is what the estimator needs to know, under a name that no bus gives it. A
 - where a vehicle has several gears, one way to the ratio: `gear_ratio`, `gear`, or `engine_speed` with
   `output_shaft_speed` or `vehicle_speed`.
 
-The messages EEC1 and CCVS1 alone are enough. Every other role improves the estimate or closes a gate, with
+The messages EEC1 and CCVS1 alone are enough. With `engine_speed`, `check` and `replay` find wrong gears,
+ratios, radii and units; without it nothing shows them. Every other role improves the estimate or
+closes a gate, with
 these exceptions: `selected_gear`, `input_shaft_speed`, `steering_angle` and `reported_mass` are shown by
 `canest check` alone; `pitch`, a slope sensor, is used by `canest diagnose` and the estimator `resistance4`.
 
@@ -302,7 +307,7 @@ def _effects() -> str:
             for name, p in effect.parameters.items()
         )
         rows.append([f"`{effect.name}`", parameters, effect.text])
-    return EFFECTS_TEXT + _table(["effect", "parameters", "meaning"], rows)
+    return vehicles_text() + EFFECTS_TEXT + _table(["effect", "parameters", "meaning"], rows)
 
 
 if __name__ == "__main__":

@@ -208,7 +208,7 @@ class ConsistencyCheck:
         if v.gear_ratios and self._fit is None:
             return []
         measured = self._measured() if self._fit is None else self._fit.measured()
-        if stepless(measured.values()):
+        if v.gear_ratios and stepless(measured.values()):
             return [self._stepless_text(measured.values())]
         if len(measured) != 1:
             return []
