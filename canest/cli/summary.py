@@ -116,10 +116,14 @@ def note_lines(noted: Sequence[tuple[str, Sequence[str]]], in_full: str) -> list
 
 
 def short_names(paths: Sequence[str]) -> list[str]:
-    """Return of each path the fewest last parts that no other has: a/x.log where there is b/x.log."""
+    """Return of each path the fewest last parts that no other has: a/x.log where there is b/x.log.
+
+    Each is one line, whatever a name holds.
+    """
     parts = [Path(path).parts for path in paths]
     ends = Counter(p[-n:] for p in set(parts) for n in range(1, len(p) + 1))
-    return [str(Path(*next((p[-n:] for n in range(1, len(p)) if ends[p[-n:]] == 1), p))) for p in parts]
+    names = [str(Path(*next((p[-n:] for n in range(1, len(p)) if ends[p[-n:]] == 1), p))) for p in parts]
+    return [name.replace("\n", "\\n").replace("\r", "\\r") for name in names]
 
 
 def table(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -134,20 +134,23 @@ def sqlite_reader(path: str, log: Path) -> Any:
     page = int.from_bytes(header[16:18], "big")
     page = 65536 if page == 1 else page
     announced = page * int.from_bytes(header[28:32], "big")
-    whole = size >= announced
     reader: Any = can.SqliteReader(":memory:")
-    if whole:
+    try:
+        if size >= announced:
+            reader._conn.close()
+            reader._conn = sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True)
+            reader._cursor = reader._conn.cursor()
+        else:
+            if pages := file.read_bytes()[: size - size % page]:
+                reader._conn.deserialize(pages)
+            reader._cursor.execute("PRAGMA writable_schema=ON")  # otherwise SQLite refuses all of it
+        reader._conn.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _CELL_BYTES_MAX)
+        reader._conn.set_progress_handler(_let_python_look, 100_000)
+        reader._cursor.execute("PRAGMA trusted_schema=OFF")
+        refuse_query(reader, log)
+    except BaseException:
         reader._conn.close()
-        reader._conn = sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True)
-        reader._cursor = reader._conn.cursor()
-    else:
-        if pages := file.read_bytes()[: size - size % page]:
-            reader._conn.deserialize(pages)
-        reader._cursor.execute("PRAGMA writable_schema=ON")  # otherwise SQLite refuses all of it
-    reader._conn.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _CELL_BYTES_MAX)
-    reader._conn.set_progress_handler(_let_python_look, 100_000)
-    reader._cursor.execute("PRAGMA trusted_schema=OFF")
-    refuse_query(reader, log)
+        raise
     reader.file_size = announced
     return reader
 

@@ -154,7 +154,8 @@ def find_sockets(environment: Mapping[str, str] = os.environ) -> Iterator[Path]:
     """Yield the sockets of daemons on this machine, wherever they usually are."""
     folders = [Path(f) for f in _SYSTEM_FOLDERS]
     folders += sorted(p for p in Path("/run/canest").glob("*") if p.is_dir())
-    folders.append(Path(environment.get("HOME", "~")).expanduser() / ".local/state/canest")
+    with contextlib.suppress(RuntimeError):  # a user without an entry, as in containers, has no home
+        folders.append(Path(environment.get("HOME", "~")).expanduser() / ".local/state/canest")
     for folder in folders:
         yield from sorted(folder.glob("status-*.sock"))
 

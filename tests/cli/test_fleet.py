@@ -62,6 +62,10 @@ def test_logs_are_shown_by_the_shortest_unique_path():
     assert short_names(paths) == shown
 
 
+def test_a_name_with_a_line_break_is_one_line():
+    assert short_names(["/d/new\nline.log", "x.log"]) == [r"new\nline.log", "x.log"]
+
+
 def test_a_log_among_many_without_an_estimate_has_a_reason(tmp_path):
     empty = tmp_path / "empty.log"
     empty.touch()

@@ -33,7 +33,9 @@ def bomb(width: int, entry: str) -> str:
 
 
 @pytest.mark.parametrize(
-    "text", ["a: " + "[" * 100_000 + "]" * 100_000, "a: " + "{b: " * 50_000, "a:\n " + "- " * 50_000]
+    "text",
+    ["a: " + "[" * 100_000 + "]" * 100_000, "a: " + "{b: " * 50_000, "a:\n " + "- " * 50_000],
+    ids=["lists", "sections", "entries"],
 )
 def test_brackets_without_end_are_refused_and_do_not_crash_the_process(text: str, tmp_path: Path) -> None:
     """In a process of its own: libyaml's recursion ended it with SIGSEGV."""
