@@ -65,7 +65,7 @@ def command(
 
     keep_apart([*config_files(config), ("the log", log)], [("--json", json_path)])
     require_interface(config.bus, config.at)
-    doctor = Doctor(config)
+    doctor = Doctor(config, log or "")
     title = _config_line(chosen.name, config)
     if log is None and not live:
         from canest.doctor.config_warnings import config_warnings

@@ -74,6 +74,8 @@ def _raw_number(key: str, labels: Mapping[int, str], where: str) -> int:
         expected = "a raw number, or a label of the DBC: " + ", ".join(named)
     else:
         expected = "a raw number: the DBC has no labels (VAL_) for this signal"
+    if key in _SWITCH.values():
+        expected += " (YAML reads a bare yes, no, true or false as on or off)"
     raise ConfigError("no such label", where=where, found=key, expected=expected)
 
 

@@ -82,12 +82,12 @@ _FRAMES_AT_ONCE = 4096
 
 
 class Doctor:
-    """Watches a stream; `report` returns what it saw. Errors: ConfigError."""
+    """Watches a stream; `report` returns what it saw. log: where it comes from. Errors: ConfigError."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, log: str = "") -> None:
         self.config = config
         self.pipeline = Pipeline(config)
-        self._tables = TableMap(config)
+        self._tables = TableMap(config, log)
         self._decoder = decoder_for(config)
         anyone = {role: s.model_copy(update={"source": None}) for role, s in config.signals.items()}
         self._unmapped = _unmapped_reference(config)

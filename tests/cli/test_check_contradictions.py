@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from canest.config import load_config, parse_config, read_databases
+from canest.core.errors import ConfigError
 from canest.core.frames import FrameBlock
 from canest.doctor.check import Doctor
 from canest.doctor.config_warnings import config_warnings
@@ -194,3 +195,21 @@ def test_replay_names_a_message_that_no_role_takes(canest, tmp_path, drive):
     assert "retarder_torque_pct" not in load_config(without).signals
     notes = json.loads(canest("replay", log, "-c", without, "--json", "-").out)["notes"]
     assert any("the bus has ERC1, and no role takes it" in note for note in notes)
+
+
+def test_a_table_that_is_no_log_is_named(canest, tmp_path):
+    path = tmp_path / "t.yaml"
+    text = VEHICLE.replace("dbc: [DBC]", "dbc: []").replace(
+        ", gear_ratios: {1: 4.0, 2: 2.5, 3: 1.6, 4: 1.0}", ""
+    )
+    path.write_text(f"{text}  engine_torque: {{column: tq}}\n  vehicle_speed: {{column: v}}\n")
+    log = tmp_path / "milliseconds.csv"
+    log.write_text("t_s,tq,v\n" + "".join(f"{i * 100},100,{i / 10}\n" for i in range(6000)))
+    found = canest("check", log, "-c", path)
+    assert found.code == 1 and f"{log}: column t_s: most rows come more than" in found.err
+
+
+def test_a_label_that_yaml_takes_for_a_switch_is_explained(tmp_path):
+    mapped = "  brake_switch: {message: MOT, signal: Brake, map: {no: 0, yes: 1}}\n"
+    with pytest.raises(ConfigError, match="YAML reads a bare yes, no, true or false as on or off"):
+        Doctor(config(tmp_path, TORQUE, SPEED, GEAR, ENGINE, mapped))
