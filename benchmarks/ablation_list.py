@@ -148,6 +148,8 @@ MECHANISMS = (
     # -- windows and gated samples
     Variant("retarders, bends and dwells while gated", {"hidden_force_share": 1e6}),
     Variant("mass kept while gated", patch={"sensors._HIDES_MASS": NOWHERE}),
+    Variant("pitch kept while gated", patch={"sensors._HIDES_PITCH": NOWHERE}),
+    Variant("speed of an undriven axle", edit=partial(without, "undriven_mps")),
     Variant("coasting", edit=partial(without, "coasting_N")),
     Variant("altitude", edit=partial(without, "altitude_m")),
     Variant("wander of the altitude", {"altitude_wander_m2ps": 0.0}),

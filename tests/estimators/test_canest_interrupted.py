@@ -166,11 +166,11 @@ def test_a_slower_vehicle_after_a_gap_is_no_surprise():
 
 def test_a_stop_is_no_part_of_the_motion_after_it():
     """Standing windows wait; the first that moves, with a gate closed, must not take their mean."""
-    q = joining.begin_sums.interpreted(NOTHING, 0.0)
+    q = joining.begin_sums.interpreted(0.0, 0.0)
     standing, rolling = NOTHING._replace(stopped=1.0), NOTHING._replace(sensed_mps2=0.7, distance_m=0.3)
     for _ in range(50):
-        q = joining.add_window.interpreted(q, standing, False)
-    q = joining.add_window.interpreted(q, rolling, False)
+        q = joining.add_window.interpreted(q, standing, 0.0, False)
+    q = joining.add_window.interpreted(q, rolling, 0.0, False)
     assert q.windows == 1.0
     assert q.sensed_mps2 == 0.7
     assert q.unseen_s == pytest.approx(50 * WINDOW_S)

@@ -81,7 +81,7 @@ def test_the_slow_traction_follows_a_ramp_as_its_differential_equation_does(dt):
         expected += (at - expected) * dt / n / WINDOW_S
     found = slow_traction.interpreted(slow_N, window(begin_N, end_N), dt)
     assert found == pytest.approx(expected, rel=1e-4)
-    rate_Nps = ends_at.interpreted(20.0, end_N, found, 0.0).traction_Nps
+    rate_Nps = ends_at.interpreted(20.0, (end_N, found), 0.0, False).traction_Nps
     assert rate_Nps == pytest.approx((end_N - expected) / WINDOW_S, rel=1e-4)
 
 

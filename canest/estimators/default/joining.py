@@ -30,20 +30,23 @@ class Joined(NamedTuple):
 
 
 @jit.kernel
-def begin_sums(w: Window, unseen_s: float) -> Joined:
-    """Return empty sums after an update with a window. unseen_s: what is left of that time."""
-    return Joined(0.0, 0.0, 0.0, w.speed_mps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, unseen_s)
+def begin_sums(speed_mps: float, unseen_s: float) -> Joined:
+    """Return empty sums after an update. speed_mps: at its end. unseen_s: what is left of that time."""
+    return Joined(0.0, 0.0, 0.0, speed_mps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, unseen_s)
 
 
 @jit.kernel
-def add_window(q: Joined, w: Window, begins: bool) -> Joined:
-    """Return the sums with one more window. What was closed before it is no part of a balance of forces."""
+def add_window(q: Joined, w: Window, speed_mps: float, begins: bool) -> Joined:
+    """Return the sums with one more window, at whose end the speed is `speed_mps`.
+
+    What was closed before it is no part of a balance of forces.
+    """
     hidden = w.retarding > 0.0 or w.coarse > 0.0 or (w.open == 0.0 and w.stopped == 0.0)
     kept = 0.0 if begins or hidden else 1.0
     goes_on = kept * q.windows > 0.0
     return Joined(
         kept * q.windows + 1.0, q.seconds + WINDOW_S + w.gap_s, q.begin_N if goes_on else w.begin_N,
-        w.speed_mps, q.last_mps,
+        speed_mps, q.last_mps,
         q.distance_m + w.distance_m, kept * q.force_N + w.force_N, kept * q.roll_mps2 + w.roll_mps2,
         kept * q.accels_mps2 + w.accel_mps2, kept * q.drag_N_per_mps + w.drag_N_per_mps,
         (kept * q.sensed_mps2 if kept > 0.0 else 0.0) + w.sensed_mps2,
@@ -68,7 +71,7 @@ def join(q: Joined, w: Window) -> Window:
     n = q.windows
     return Window(
         q.distance_m, q.begin_N, q.force_N / n, q.roll_mps2 / n, q.accels_mps2 / n, q.drag_N_per_mps / n,
-        q.sensed_mps2 / n, q.altitude_m, w.gap_s, w.speed_mps, w.traction_N, w.gear_1pm, w.rotating_kg,
-        w.open, w.retarding, w.stopped, w.coarse, w.bend_mps2, w.zigzag_Nm2s, w.road_sine, w.road_std,
-        w.coast_mps2, w.coast_var, w.coast_N, w.coast_kg, w.coast_back_s,
+        q.sensed_mps2 / n, q.altitude_m, w.gap_s, w.speed_mps, w.traction_N, w.undriven_mps, w.gear_1pm,
+        w.rotating_kg, w.open, w.retarding, w.stopped, w.coarse, w.bend_mps2, w.zigzag_Nm2s, w.road_sine,
+        w.road_std, w.coast_mps2, w.coast_var, w.coast_N, w.coast_kg, w.coast_back_s,
     )  # fmt: skip

@@ -34,6 +34,7 @@ from canest.estimators.default.sensors import (
     learn_open,
     mapped_slope,
     mean_delay,
+    momentum_speed,
     row_of_gain,
     slow_traction,
     speed,
@@ -69,6 +70,7 @@ class Progress(NamedTuple):
     swing: float = 0.0  #: variance of the speed by a driveline that swings
     slow_N: float = math.nan  #: see `slow_traction`; NaN before the first window
     bend_var: float = 0.0  #: see `follow_bends`
+    undriven: bool = False  #: whether the speed is that of an undriven axle
 
 
 class Carried(NamedTuple):
@@ -118,9 +120,12 @@ def run(
         failed = comparison.faulty != was_faulty
         braked = p.braked and (last.open == 0.0 or in_overrun(last))
         is_open, still = last.open > 0.0 and not braked, last.stopped > 0.0
-        begins = is_open and (not p.was_open or last.gap_s > 0.0)
-        joined = add_window(joined, last, begins)
-        if not failed and waits(joined, last, p.was_open, v):
+        starts = is_open and (not p.was_open or last.gap_s > 0.0)
+        undriven = not math.isnan(last.undriven_mps) and (starts or not is_open or p.undriven)
+        begins = starts or (is_open and p.undriven and not undriven)  # one balance has one speed
+        moves_mps = momentum_speed(last, p.u * last.rotating_kg, undriven)
+        joined = add_window(joined, last, moves_mps, begins)
+        if not failed and waits(joined, last, p.was_open and not begins, v):
             write(out[k], given, joined, p, levels, c, v)
             continue
         w, dt = join(joined, last), WINDOW_S * joined.windows
@@ -181,13 +186,14 @@ def run(
             climbed_m = climbed_s = 0.0
         swing = swing_var(0.0, w.begin_N, w, dt, p.u, c) if begins else p.swing
         slow_N = w.begin_N if w.gap_s > 0.0 or math.isnan(p.slow_N) else p.slow_N
-        before = ends_at(joined.before_mps, w.begin_N, slow_N, p.u * w.rotating_kg)
+        before = ends_at(joined.before_mps, (w.begin_N, slow_N), p.u * w.rotating_kg, undriven)
         if begins:
             widen(mix, count, m.V, UNKNOWN_V, m.EVERYWHERE)  # no known force has led to the speed before it
-            if w.gap_s == 0.0 and joined.windows == 1.0 and not math.isnan(joined.before_mps):
+            follows = w.gap_s == 0.0 and joined.windows == 1.0 and undriven == p.undriven
+            if follows and not math.isnan(joined.before_mps):
                 speed(mix, count, before, p.u, levels.speed_var + swing, c, v, t)
         slow_N = slow_traction(slow_N, w, dt)
-        end = ends_at(w.speed_mps, w.traction_N, slow_N, p.u * w.rotating_kg)
+        end = ends_at(moves_mps, (w.traction_N, slow_N), p.u * w.rotating_kg, undriven)
         answered_N = answered_force(w, is_open, p.force_N)
         travel(mix, count, metres, answered_N, c, t)
         motion = w.accel_mps2
@@ -236,8 +242,8 @@ def run(
         p = Progress(
             count, u, mixed_m, mixed_s, w.force_N if is_open or w.retarding > 0.0 else math.nan,
             is_open and not braked, is_open or p.learned, surprise, braked, height_known,
-            climbed_m, climbed_s, delay_s, driven_s, swing, slow_N, bend_var,
+            climbed_m, climbed_s, delay_s, driven_s, swing, slow_N, bend_var, undriven,
         )  # fmt: skip
-        joined = begin_sums(w, unseen_s)
+        joined = begin_sums(moves_mps, unseen_s)
         write(out[k], given, joined, p, levels, c, v)
     return Carried(p, levels, comparison, given, road, joined)

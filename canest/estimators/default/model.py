@@ -68,6 +68,7 @@ class Ends(NamedTuple):
     speed_mps: float
     traction_N: float  #: what of it moves the vehicle: T / (1 + u J)
     traction_Nps: float  #: its rate, over the time of a window
+    slips: float = 1.0  #: 1 for the speed of driven wheels, 0 for that of all that moves
 
 
 class Scratch(NamedTuple):
@@ -109,6 +110,7 @@ class Window(NamedTuple):
     gap_s: float  #: time missing before it
     speed_mps: float  #: at its end
     traction_N: float  #: at its end
+    undriven_mps: float  #: speed of an undriven axle at its end
     gear_1pm: float  #: force per crank torque
     rotating_kg: float
     open: float  #: 1 where no gate was closed

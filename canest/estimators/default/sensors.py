@@ -21,8 +21,8 @@ _ALTITUDE = (m.HEIGHT,)
 _BALANCE = (m.GRADE, m.WIND, m.U, m.OFFSET)
 _COASTED = (m.GRADE, m.CURVATURE, m.WIND, m.U)
 _MAP = (m.GRADE, m.ROLLING, m.CURVATURE)
-#: modes in which a speed tells no delay, and those in which a closed balance tells no mass
-_HIDES_DELAY, _HIDES_MASS = m.ANSWERS, m.EVERYWHERE
+#: modes in which a speed tells no delay, and those in which closed gates tell no mass and no pitch
+_HIDES_DELAY, _HIDES_MASS, _HIDES_PITCH = m.ANSWERS, m.EVERYWHERE, m.EVERYWHERE
 #: bounds of the delay at which its lever is taken, s
 _LEVER_DELAY_S = 0.1
 #: share of the longest delay at which one counts as bounded: updates move it between two exchanges
@@ -86,10 +86,19 @@ def slow_traction(before_N: float, w: Window, dt: float) -> float:
 
 
 @jit.kernel
-def ends_at(speed_mps: float, traction_N: float, slow_N: float, ratio: float) -> Ends:
-    """Return what is measured at one moment. slow_N: see `slow_traction`. ratio: u J, of what rotates."""
-    moving_N = traction_N / (1.0 + ratio)
-    return Ends(speed_mps, moving_N, (moving_N - slow_N / (1.0 + ratio)) / WINDOW_S)
+def momentum_speed(w: Window, ratio: float, undriven: bool) -> float:
+    """Return the speed of all that moves, (v_undriven + u J v_driven) / (1 + u J). ratio: u J.
+
+    The body goes as an undriven axle does, and what rotates as the driven wheels do, which slip and wind up.
+    """
+    return (w.undriven_mps + ratio * w.speed_mps) / (1.0 + ratio) if undriven else w.speed_mps
+
+
+@jit.kernel
+def ends_at(speed_mps: float, tractions_N: tuple[float, float], ratio: float, undriven: bool) -> Ends:
+    """Return what is measured at one moment. tractions_N: T and T_s (`slow_traction`). ratio: u J."""
+    moving_N, slow_N = tractions_N[0] / (1.0 + ratio), tractions_N[1] / (1.0 + ratio)
+    return Ends(speed_mps, moving_N, (moving_N - slow_N) / WINDOW_S, 0.0 if undriven else 1.0)
 
 
 @jit.kernel
@@ -98,13 +107,14 @@ def speed(
 ) -> None:
     """Update with a speed: v measured (1 - lambda u T) = v + delta T + gamma dT/dt.
 
-    lambda: slip of the driven wheels. T of the delay: that halfway through it. u: mean inverse mass.
+    lambda: slip of the driven wheels, where the speed is theirs. T of the delay: that halfway through it.
+    u: mean inverse mass.
     """
     moments(mix, count, m.DELAY, t.columns[0], t.columns[1])
     delay_s = mean_of(mix.weight, count, t.columns[0]) / u
     half_s = 0.5 * min(max(delay_s, -_LEVER_DELAY_S), _LEVER_DELAY_S)
     h = 1.0, end.traction_N + half_s * end.traction_Nps, end.traction_Nps
-    slip = v.slip_per_mps2 * u * end.traction_N
+    slip = v.slip_per_mps2 * u * end.traction_N * end.slips
     condition_on(mix, count, _SPEED, h, end.speed_mps * (1.0 - slip), r, c.outlier_nis, t)
     restore(mix, count, m.DELAY, t.columns[0], t.columns[1], _HIDES_DELAY)
 
@@ -177,8 +187,10 @@ def accelerometer(
 ) -> float:  # fmt: skip
     """Update with an accelerometer: a_x = g theta + b + (1 + p) dv/dt. Returns the surplus of var[0].
 
-    gained: the states know dv/dt; else that of the speeds is subtracted. felt: what is left of a_x, the dv/dt
-    of p, and the `row_of_gain`. var: variance of a window of 0.2 s, and see `felt_var`.
+    gained: the states know dv/dt; else that of the speeds is subtracted, and p keeps its density: an error of
+    theirs is in what is subtracted and in what p is multiplied with, and would teach a negative p.
+    felt: what is left of a_x, the dv/dt of p, and the `row_of_gain`. var: variance of a window of 0.2 s, and
+    see `felt_var`.
     """
     widen(mix, count, m.BIAS, c.bias_wander_m2ps5 * dt, m.EVERYWHERE)
     r = var[0] * WINDOW_S / dt
@@ -187,7 +199,9 @@ def accelerometer(
             mix, count, _GAINED, (GRAVITY_MPS2, 1.0, *felt[1:]), felt[0], r + var[1], c.outlier_nis, t
         )
     else:
+        moments(mix, count, m.PITCH, t.columns[0], t.columns[1])
         condition_on(mix, count, _SENSED, (GRAVITY_MPS2, 1.0, felt[1]), felt[0], r + var[1], c.outlier_nis, t)
+        restore(mix, count, m.PITCH, t.columns[0], t.columns[1], _HIDES_PITCH)
     return judge(mix, count, r + var[1], r, c, t)[1] * dt / WINDOW_S
 
 

@@ -31,9 +31,9 @@ _CORNERING_S2PM = 0.02
 
 (
     _SENSED, _SPEED, _REST, _MU, _ACCEL, _AERO, _TRACTION, _GEAR, _ROTATING, _ALTITUDE, _YAW, _GATE, _STOPPED,
-    _TICK, _BROKEN, _RAW, _COAST, _RUN, _TORQUE, _ROAD, _ROAD_STD,
-) = range(21)  # fmt: skip
-_COLUMNS = 21
+    _TICK, _BROKEN, _RAW, _COAST, _RUN, _TORQUE, _UNDRIVEN, _ROAD, _ROAD_STD,
+) = range(22)  # fmt: skip
+_COLUMNS = 22
 #: ticks between two reports of a torque at most, of which the noise is measured
 _REPORT = 5
 _LATE = slice(_SENSED, _AERO + 1)  #: columns whose mean is taken SHIFT ticks back
@@ -88,6 +88,7 @@ class Windows:
             (_GATE, block.gate), (_STOPPED, block.stopped), (_TICK, block.t_us // STEP_US), (_BROKEN, 0.0),
             (_RAW, block.raw_speed_mps), (_COAST, block.coasting_N),
             (_TORQUE, within(block.raw_torque_Nm, _MOST_TORQUE)),
+            (_UNDRIVEN, within(block.undriven_mps, _MOST[0, 0])),
             (_ROAD, np.nan if block.road_sine is None else block.road_sine),
             (_ROAD_STD, np.nan if block.road_std is None else block.road_std),
         ):  # fmt: skip
@@ -109,6 +110,8 @@ class Windows:
         """Return the columns of the windows but those of coasting, (len(COLUMNS) - 5, w)."""
         now, late = rows[:, back_from(ends, 0)], rows[:, back_from(ends, SHIFT)]
         sensed, mean_speed, rest, mu, accel, aero = mean_of(rows[_LATE], ends, SHIFT)
+        undriven, begun = late[_UNDRIVEN], rows[_UNDRIVEN, back_from(ends, SHIFT + TICKS)]
+        body_accel = np.where(np.isnan(undriven - begun), accel, (undriven - begun) / WINDOW_S)
         mean_traction, noise = mean_of(np.stack((rows[_TRACTION], zigzag(rows[_TORQUE]))), ends, 0)
         rotating, lateral_mps2 = now[_ROTATING], late[_SPEED] * within(late[_YAW], _MOST_YAW)
         settled = ticks[ends] - starts
@@ -121,13 +124,14 @@ class Windows:
             # traction is not shifted, the rest of the force is: force = (F - T)[k - SHIFT] + T[k]
             rest + mean_traction + rotating * accel,
             GRAVITY_MPS2 * mu,
-            accel,
+            body_accel,
             2.0 * aero / np.maximum(mean_speed, 1.0),
             sensed,
             self._cutter.new_altitudes(within(now[_ALTITUDE], _MOST_ALTITUDE)),
             self._cutter.gaps_s(ticks[ends]),
             late[_SPEED],
             now[_TRACTION],
+            undriven,
             now[_GEAR],
             rotating,
             is_open,
