@@ -63,7 +63,7 @@ ABOUT = """\
 RMS error of `canest` beside the Cramér-Rao bound, on {drives} simulated drives drawn from the estimator's
 own priors: roads, constant headwind (std 2 m/s), delay of the torque (0.08 s, std 0.04 s) and bias of the
 accelerometer. The report lacks a constant torque at the crank (std half a step). Loads of 9 to 36 t,
-no altitude, nothing else undeclared, and the vehicle's facts stated as exact.
+no altitude, no undriven axle, nothing else undeclared, and the vehicle's facts stated as exact.
 
 The bound is that of van Trees for a random state, by the recursion of Tichavsky, Muravchik and Nehorai
 (1998), along the true states of each drive, sample by sample. It has the unknowns above and the rounding of
@@ -125,7 +125,7 @@ def scenario(driver: str, seed: int) -> tuple[dict[str, Any], Road]:
 
 
 def exact(drive: Drive) -> Drive:
-    """Return the drive without altitude, of a vehicle whose facts are stated as exact, as they are."""
+    """Return the drive without altitude and undriven axle, of a vehicle whose stated facts are exact."""
     facts = replace(
         drive.facts,
         torque_accuracy=0.0,
@@ -135,7 +135,9 @@ def exact(drive: Drive) -> Drive:
         slips=False,
     )
     unknown = np.full(len(drive.samples), np.nan)
-    return replace(drive, facts=facts, samples=replace(drive.samples, altitude_m=unknown))
+    return replace(
+        drive, facts=facts, samples=replace(drive.samples, altitude_m=unknown, undriven_mps=unknown)
+    )
 
 
 def one_drive(job: tuple[str, int]) -> list[Run]:
