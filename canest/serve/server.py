@@ -44,7 +44,7 @@ class PageServer:
 
     def __init__(self, hub: Hub, place: Place, token: str | None = None) -> None:
         self.hub, self.place = hub, place
-        self._access = Access(place.address, token)
+        self._access = Access(place.address, token, place.port)
         self._files = {f"/{path.name}": _file(path) for path in _FOLDER.iterdir() if path.suffix in _TYPES}
         self._files["/"] = self._files["/index.html"]
         self._connections = 0
