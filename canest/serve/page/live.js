@@ -3,7 +3,7 @@ import { Charts, road } from "./charts.js";
 import { Connection } from "./connection.js";
 import { RECENT_S, Store } from "./store.js";
 import { showChanges, showGates, showKnown, showNumbers, showProblem, showSnapshot, showStatus } from "./view.js";
-import { age, clock, sentence } from "./words.js";
+import { age, clock, minuteSentence, moment, sentence } from "./words.js";
 
 const DRAW_MS = 200, CHECK_MS = 250, DESCRIBE_MS = 10000, DAY_MS = 60000;
 const MOST_CHANGES = 100;
@@ -78,7 +78,7 @@ export function open(history) {
   showChanges(state.changes);
   if (history.status) take("status", history.status, history.sent_s);
   take("rows", { rows: [], newest: null, quiet_s: history.quiet_s }, history.sent_s);
-  draw();
+  if (!state.paused) draw();
   describe();
 }
 
@@ -129,11 +129,11 @@ function announce(text) {
 function draw() {
   state.dirty = false;
   charts.draw(now());
-  showGates(charts.day ? null : store.spans, state.names.gates);
+  showGates(charts.day ? null : charts.store.spans, state.names.gates);
 }
 
 function describe() {
-  if (!document.hidden && store.length) charts.describe();
+  if (!document.hidden && charts.store.length) charts.describe();
 }
 
 function showRoad(ahead) {
@@ -147,18 +147,21 @@ function showRoad(ahead) {
     `Grade of the next ${far} m: ${Math.min(...grades).toFixed(1)} to ${Math.max(...grades).toFixed(1)} %`);
 }
 
-/** Read the values at a time (null: none) into the readout; `from` the slider, which moves the cursors itself. */
-function readAt(time) {
-  const row = time === null || charts.day ? null : store.row(store.at(time));
-  const text = row ? sentence(row, state.names.gates) : time === null ? "move the cursor to read values" : clock(time);
-  id("readout").textContent = text;
-  return text;
+/** What is known at a time (null: none), in words. */
+function wordsAt(time) {
+  if (time === null) return "move the cursor to read values";
+  const found = charts.day ? charts.store.minuteAt(time) : charts.store.rowAt(time);
+  if (!found) return `${charts.day ? moment(time) : clock(time)}, nothing is known of this time`;
+  return charts.day ? minuteSentence(found) : sentence(found, state.names.gates);
 }
 
-function slide() {
-  const slider = id("cursor"), time = now() - (Number(slider.max) - Number(slider.value));
-  charts.point(time);
-  slider.setAttribute("aria-valuetext", readAt(time));
+/** Follow the cursor of the curves with the readout and the slider. */
+function readAt(time) {
+  const slider = id("cursor"), text = wordsAt(time);
+  if (time !== null) slider.value = slider.max - (charts.now - time);
+  if (id("readout").textContent === text) return;
+  id("readout").textContent = text;
+  slider.setAttribute("aria-valuetext", text);
 }
 
 async function show(day) {
@@ -166,17 +169,18 @@ async function show(day) {
   id("show-day").setAttribute("aria-pressed", String(day));
   id("show-recent").setAttribute("aria-pressed", String(!day));
   Object.assign(id("cursor"), { max: day ? 86400 : RECENT_S, step: day ? 60 : 1, value: day ? 86400 : RECENT_S });
+  charts.cursor = null;
   if (day) await refreshDay();
-  charts.now = now();
+  if (!state.paused) charts.now = now();
   charts.rebuild();
   charts.describe();
-  showGates(day ? null : store.spans, state.names.gates);
+  showGates(day ? null : charts.store.spans, state.names.gates);
 }
 
 async function refreshDay() {
   try {
-    const history = await (await fetch("history")).json();
-    store.day = { names: history.day_columns, columns: history.day_columns.map((_, at) => history.day.map((row) => row[at])) };
+    store.loadDay(await (await fetch("history")).json());
+    charts.store.day = store.day;
   } catch {
     return; // `check` shows that the server is gone
   }
@@ -200,13 +204,15 @@ function start() {
   id("show-day").onclick = () => show(true);
   id("pause").onclick = () => {
     state.paused = !state.paused;
+    charts.store = state.paused ? store.copy() : store;
     id("pause").setAttribute("aria-pressed", String(state.paused));
+    if (!state.paused) draw();
   };
-  id("cursor").oninput = slide;
+  id("cursor").oninput = ({ target }) => charts.point(charts.now - (target.max - target.value));
   setInterval(() => { if (state.dirty && !state.paused && !document.hidden && !charts.day) draw(); }, DRAW_MS);
   setInterval(check, CHECK_MS);
   setInterval(describe, DESCRIBE_MS);
-  setInterval(async () => { if (charts.day && !document.hidden) { await refreshDay(); draw(); } }, DAY_MS);
+  setInterval(async () => { if (charts.day && !state.paused && !document.hidden) { await refreshDay(); draw(); } }, DAY_MS);
   connection.connect();
 }
 
