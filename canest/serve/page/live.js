@@ -2,7 +2,7 @@
 import { Charts, road } from "./charts.js";
 import { Connection } from "./connection.js";
 import { RECENT_S, Store } from "./store.js";
-import { showChanges, showGates, showKnown, showNumbers, showProblem, showSnapshot, showStatus } from "./view.js";
+import { showAge, showChanges, showGates, showKnown, showNumbers, showProblem, showSnapshot, showStatus } from "./view.js";
 import { age, clock, minuteSentence, moment, sentence } from "./words.js";
 
 const DRAW_MS = 200, CHECK_MS = 250, DESCRIBE_MS = 10000, DAY_MS = 60000;
@@ -103,13 +103,15 @@ function trouble() {
 function check() {
   const [problem, counting] = trouble();
   const fresh = connection.loaded && !problem && state.newest !== null && newestAge() < STALE_S;
-  const known = state.status?.estimate && server.now() - state.statusAt < STATUS_S ? state.status.estimate.status : "waiting";
+  const old = state.status !== null && (state.problem !== "" || server.now() - state.statusAt > STATUS_S);
+  const known = (!old && state.status?.estimate?.status) || "waiting";
   let name = fresh ? state.names.statuses[state.newest.status] : problem ? "no estimate of now" : known;
   if (!connection.loaded && !problem) name = "connecting";
   showProblem(problem, counting);
   showNumbers(state.newest, state.names.gates, fresh);
   showKnown(fresh ? null : lastKnown());
   showStatus(name);
+  showAge(old ? state.statusAt + state.utc : null);
   announce(problem || `Status: ${name}`);
 }
 
@@ -143,8 +145,8 @@ function showRoad(ahead) {
   state.roadPlot = road(id("road-chart"), ahead, state.roadPlot);
   const grades = ahead.grade.filter((grade) => grade !== null).map((grade) => 100 * grade);
   const far = Math.round(ahead.distance_m.at(-1));
-  id("road-chart").setAttribute("aria-label",
-    `Grade of the next ${far} m: ${Math.min(...grades).toFixed(1)} to ${Math.max(...grades).toFixed(1)} %`);
+  const range = grades.length ? `${Math.min(...grades).toFixed(1)} to ${Math.max(...grades).toFixed(1)} %` : "not known";
+  id("road-chart").setAttribute("aria-label", `Grade of the next ${far} m: ${range}`);
 }
 
 /** What is known at a time (null: none), in words. */
