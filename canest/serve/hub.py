@@ -56,6 +56,7 @@ class Hub:
         self.history: History | None = None
         self._names: dict[str, Any] = {}
         self._status: dict[str, Any] | None = None
+        self._status_at_s = 0.0
         self._newest: Row | None = None
         self._newest_at_s = 0.0
         self._quiet_s: float | None = None
@@ -73,7 +74,7 @@ class Hub:
         if "rows" in message:
             self._take_rows(message)
         elif "status" in message:
-            self._status = message["status"]
+            self._status, self._status_at_s = message["status"], elapsed_s()
             self.changes.of_snapshot(message["status"])
             self._send("status", self._status)
         elif "columns" in message:
@@ -115,6 +116,7 @@ class Hub:
             "newest_at_s": round(self._newest_at_s, 3),
             "quiet_s": self._quiet_s,
             "status": self._status,
+            "status_at_s": round(self._status_at_s, 3),
             "changes": list(self.changes.last),
         }
         text = json.dumps(content, separators=(",", ":"), allow_nan=False)

@@ -19,11 +19,14 @@ NOTHING = "nothing is known of this time"
 INK = """
 window.ink = (from, to) => {
   const plot = document.getElementById('plot-mass_kg'), over = plot.querySelector('.u-over');
-  const left = Math.floor(over.offsetLeft + from * over.clientWidth), width = Math.ceil((to - from) * over.clientWidth);
+  const left = Math.floor(over.offsetLeft + from * over.clientWidth);
+  const width = Math.ceil((to - from) * over.clientWidth);
   const data = plot.querySelector('canvas').getContext('2d')
     .getImageData(left, over.offsetTop, width, over.clientHeight).data;
   let found = 0;
-  for (let at = 0; at < data.length; at += 4) if (data[at + 3] > 20 && data[at + 2] > data[at] + 60) found += 1;
+  for (let at = 0; at < data.length; at += 4) {
+    if (data[at + 3] > 20 && data[at + 2] > data[at] + 60) found += 1;
+  }
   return found;
 }
 """
@@ -178,3 +181,16 @@ def test_a_picture_that_is_paused_is_read_as_it_is(browser, server, stream):
     tab.run("document.getElementById('pause').click()")
     browser.pump(0.5)
     assert tab.run(LINE) < 582 / 600
+
+
+def test_what_is_before_the_history_is_not_known_and_a_clock_that_is_set_back_loses_the_cursor(
+    browser, server
+):
+    tab = opened(browser, server)
+    slide(tab, 100)
+    assert tab.text("readout").endswith(NOTHING) and tab.run(LINE) is None
+    slide(tab, 600)
+    assert "mass 20,00" in tab.text("readout")
+    back = "import('/live.js').then(({ take }) => take('rows', { rows: [row], newest: row, quiet_s: 0 }))"
+    tab.run(f"(row => {back})([1e9, 2e4, 200, 0, 0, 2, 0, 0, 0, 0, 0])")
+    tab.wait("document.getElementById('readout').textContent === 'move the cursor to read values'")

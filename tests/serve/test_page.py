@@ -256,6 +256,9 @@ def test_what_a_daemon_said_of_itself_has_a_time_when_it_has_ended(alone):
     assert re.fullmatch(r"as of \d\d:\d\d:\d\d", alone.run(as_of))
     assert re.fullmatch(r"Senders as of \d\d:\d\d:\d\d", alone.text("senders-title"))
     assert violations(alone) == []
+    later = alone.browser.page(alone.run("location.href"))
+    later.wait(f"{as_of} !== ''")
+    assert later.run(as_of) == alone.run(as_of), "a page that opens later has the same time"
     style = "getComputedStyle(document.getElementById('bus')).fontStyle"
     assert alone.run(style) == "italic"
     alone.run("import('/live.js').then(m => m.take('source', {problem: '', source: 'x', now_s: 1e9}))")

@@ -65,7 +65,8 @@ export class Charts {
 
   /** Put the cursor of every panel at a time, null for none. */
   point(time) {
-    this.cursor = time !== null && time >= this.times()[0] ? time : null;
+    const past = time === null || time < this.now - (this.day ? DAY_S : RECENT_S);
+    this.cursor = past || time > this.now + 1 ? null : time; // the clock of the rows may have been set back
     queueMicrotask(() => this.placeCursor()); // what is new is drawn in a microtask, too
     this.onCursor(this.cursor);
   }

@@ -76,7 +76,7 @@ export function open(history) {
   takeSource(history, history.sent_s);
   state.changes = history.changes || [];
   showChanges(state.changes);
-  if (history.status) take("status", history.status, history.sent_s);
+  if (history.status) take("status", history.status, history.status_at_s);
   take("rows", { rows: [], newest: null, quiet_s: history.quiet_s }, history.sent_s);
   if (!state.paused) draw();
   describe();
@@ -145,8 +145,9 @@ function showRoad(ahead) {
   state.roadPlot = road(id("road-chart"), ahead, state.roadPlot);
   const grades = ahead.grade.filter((grade) => grade !== null).map((grade) => 100 * grade);
   const far = Math.round(ahead.distance_m.at(-1));
-  const range = grades.length ? `${Math.min(...grades).toFixed(1)} to ${Math.max(...grades).toFixed(1)} %` : "not known";
-  id("road-chart").setAttribute("aria-label", `Grade of the next ${far} m: ${range}`);
+  const [least, most] = [Math.min(...grades).toFixed(1), Math.max(...grades).toFixed(1)];
+  id("road-chart").setAttribute("aria-label",
+    `Grade of the next ${far} m: ${grades.length ? `${least} to ${most} %` : "not known"}`);
 }
 
 /** What is known at a time (null: none), in words. */
@@ -214,7 +215,11 @@ function start() {
   setInterval(() => { if (state.dirty && !state.paused && !document.hidden && !charts.day) draw(); }, DRAW_MS);
   setInterval(check, CHECK_MS);
   setInterval(describe, DESCRIBE_MS);
-  setInterval(async () => { if (charts.day && !state.paused && !document.hidden) { await refreshDay(); draw(); } }, DAY_MS);
+  setInterval(async () => {
+    if (!charts.day || state.paused || document.hidden) return;
+    await refreshDay();
+    draw();
+  }, DAY_MS);
   connection.connect();
 }
 
