@@ -184,13 +184,15 @@ def test_a_picture_that_is_paused_is_read_as_it_is(browser, server, stream):
 
 
 def test_what_is_before_the_history_is_not_known_and_a_clock_that_is_set_back_loses_the_cursor(
-    browser, server
+    browser, server, stream
 ):
     tab = opened(browser, server)
     slide(tab, 100)
     assert tab.text("readout").endswith(NOTHING) and tab.run(LINE) is None
     slide(tab, 600)
     assert "mass 20,00" in tab.text("readout")
+    stream.sends_rows = False
+    browser.pump(0.5)
     back = "import('/live.js').then(({ take }) => take('rows', { rows: [row], newest: row, quiet_s: 0 }))"
     tab.run(f"(row => {back})([1e9, 2e4, 200, 0, 0, 2, 0, 0, 0, 0, 0])")
     tab.wait("document.getElementById('readout').textContent === 'move the cursor to read values'")
