@@ -14,6 +14,7 @@ from canest.config.state_directory import state_dir
 from canest.core.samples import Status
 from canest.live import state
 from canest.pipeline.pipeline import Pipeline
+from canest.system.clock import elapsed_s
 from canest.system.files import Background
 from canest.system.journal import Journal
 
@@ -27,13 +28,6 @@ def place(name: str, variable: str, environment: Mapping[str, str] = os.environ)
 def file_name(config: Config) -> str:
     """Return the name of the state file: one per bus, since a daemon may be moved to another vehicle."""
     return f"learned-{config.bus.file_name}.json"
-
-
-def elapsed_s() -> float:
-    """Return a time in s that no clock's adjustment changes, and that goes on while the machine sleeps."""
-    if hasattr(time, "CLOCK_BOOTTIME"):
-        return time.clock_gettime(time.CLOCK_BOOTTIME)
-    return time.monotonic()
 
 
 class MassStore:

@@ -98,7 +98,7 @@ class FoxgloveServer(Follower):
         require_websockets()
         self.place = place
         self.viewers: set[Viewer] = set()
-        self._access = Access(place.address, token)
+        self._access = Access(place.address, token, place.port)
         self._origins = None if token is not None else [*ORIGINS, *origins]
         self._session = str(time.time_ns())
 

@@ -10,7 +10,7 @@ from canest.core.errors import UsageError
 from canest.serve.requests import Answer, Request, sentence
 
 SHORTEST_TOKEN = 16
-_COOKIE = "canest_token"
+_KEPT_S = 400 * 86_400  #: the longest that browsers keep a cookie
 _DENIED = "This page needs its token: open /?token=TOKEN once, or send 'Authorization: Bearer TOKEN'."
 
 
@@ -29,11 +29,12 @@ def is_loopback(address: str) -> bool:
 class Access:
     """Checks every request.
 
-    token: what whoever asks has to know; None for an address that only this machine reaches.
+    token: what whoever asks has to know; None for an address that only this machine reaches. port: where the
+    page is served; cookies know no ports, and another page of the same host has another token.
     Errors: UsageError for an address that others reach without a token, and for a token too short.
     """
 
-    def __init__(self, address: str, token: str | None) -> None:
+    def __init__(self, address: str, token: str | None, port: int) -> None:
         if token is None and not is_loopback(address):
             raise UsageError(
                 "everybody in the network could read the page",
@@ -47,6 +48,7 @@ class Access:
                 expected=f"{SHORTEST_TOKEN} or more letters and digits: 'openssl rand -hex 16' makes them",
             )
         self._token = token
+        self._cookie = f"canest_token_{port}"
         self._names = {"localhost", "127.0.0.1", "::1", address}
 
     def refusal(self, request: Request) -> Answer | None:
@@ -59,11 +61,12 @@ class Access:
         if given := "".join(request.query.get("token", [])):
             if not self._is_token(given):
                 return sentence(HTTPStatus.UNAUTHORIZED, "Wrong token.")
-            cookie = f"{_COOKIE}={given}; HttpOnly; SameSite=Strict; Path=/"
+            # Strict would lose it behind a link of another site; nothing here changes by a GET
+            cookie = f"{self._cookie}={given}; HttpOnly; SameSite=Lax; Path=/; Max-Age={_KEPT_S}"
             return Answer(HTTPStatus.SEE_OTHER, headers=(("Location", "/"), ("Set-Cookie", cookie)))
         scheme, _, bearer = request.headers.get("authorization", "").partition(" ")
         known = scheme.lower() == "bearer" and self._is_token(bearer.strip())
-        if known or self._is_token(request.cookie(_COOKIE)):
+        if known or self._is_token(request.cookie(self._cookie)):
             return None
         return sentence(HTTPStatus.UNAUTHORIZED, _DENIED, ("WWW-Authenticate", "Bearer"))
 

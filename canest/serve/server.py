@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import gzip
+import socket
 from collections.abc import Awaitable, Callable
 from http import HTTPStatus
 from pathlib import Path
@@ -12,12 +13,13 @@ from typing import NamedTuple
 
 from canest.core.errors import CanestError
 from canest.serve.access import Access
-from canest.serve.hub import BACKLOG_BYTES, MOST_PAGES, Hub, Page
+from canest.serve.hub import MOST_PAGES, Hub, Page
 from canest.serve.requests import LONGEST_HEAD, Answer, Request, read_request, sentence
 
 CHECK_S = 0.5
 _MOST_CONNECTIONS = 64  #: at once, open pages included
 _SEND_S = 20.0  #: for an answer as a whole
+_SENT_BYTES = 1 << 13  #: on their way to a page, as the system counts them
 _FOLDER = Path(__file__).with_name("page")
 _TYPES = {
     ".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8",
@@ -44,7 +46,7 @@ class PageServer:
 
     def __init__(self, hub: Hub, place: Place, token: str | None = None) -> None:
         self.hub, self.place = hub, place
-        self._access = Access(place.address, token)
+        self._access = Access(place.address, token, place.port)
         self._files = {f"/{path.name}": _file(path) for path in _FOLDER.iterdir() if path.suffix in _TYPES}
         self._files["/"] = self._files["/index.html"]
         self._connections = 0
@@ -133,10 +135,11 @@ class PageServer:
 
     async def _stream(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Send events until the page is closed."""
-        writer.transport.set_write_buffer_limits(high=BACKLOG_BYTES)
+        # what the system has taken can no longer be left out for a page that turns out to be slow
+        writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SENT_BYTES)
         writer.write(_EVENTS.head(length=None) + b"retry: 1000\n\n")
         page = Page(writer.transport)
-        self.hub.pages.add(page)
+        self.hub.join(page)
         try:
             while await reader.read(LONGEST_HEAD):  # what a page sends is nothing to us; its end is
                 pass

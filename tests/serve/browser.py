@@ -152,6 +152,13 @@ class Tab:
         for kind in ("rawKeyDown", "keyUp"):
             self.call("Input.dispatchKeyEvent", type=kind, key=key, code=code, windowsVirtualKeyCode=number)
 
+    def click(self, element):
+        """Click on an element, given as a JavaScript expression."""
+        box = f"(box => [box.x + box.width / 2, box.y + box.height / 2])(({element}).getBoundingClientRect())"
+        x, y = self.run(box)
+        for kind in ("mousePressed", "mouseReleased"):
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
     def heap_bytes(self):
         """Return what the page's objects take, after everything that can be freed has been."""
         self.call("HeapProfiler.collectGarbage")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import re
 import signal
@@ -16,7 +17,7 @@ import urllib.request
 from pathlib import Path
 
 from canest.demo import DRIVE
-from canest.telemetry.live_protocol import stream_path
+from canest.telemetry.live_protocol import COLUMNS, stream_path
 from canest.telemetry.live_stream import LiveStream
 from tests.live.rig import free_port, wait_for
 
@@ -63,9 +64,13 @@ STATUS = {"vehicle": "truck", "bus": {"state": "up"}, "filler": "x" * 10_000}
 
 
 class Stream:
-    """A daemon's live stream that sends as a daemon does, or faster; no estimation behind it."""
+    """A daemon's live stream that sends as a daemon does, or faster; no estimation behind it.
 
-    def __init__(self, folder):
+    columns: the order of a row's values. sends_rows: whether there are any.
+    """
+
+    def __init__(self, folder, columns=COLUMNS):
+        self.columns, self.sends_rows = columns, True
         self.status_socket = folder / "status-can0.sock"
         self.live = LiveStream(stream_path(self.status_socket))
         self._ended = threading.Event()
@@ -79,9 +84,11 @@ class Stream:
         while not self._ended.wait(self.pause_s):
             t_s += 0.1
             mass_kg = self.mass_kg + self.sent % 7
-            row = [round(t_s, 2), mass_kg, 200.0, 0.01, 0.001, self.status, 0, 20.0, 900.0, 9, 100]
+            values = [round(t_s, 2), mass_kg, 200.0, 0.01, 0.001, self.status, 0, 20.0, 900.0, 9, 100]
+            named = dict(zip(COLUMNS, values, strict=True))
+            row = [named[name] for name in self.columns]
             self.live.poll(lambda: STATUS)
-            if self.live.watched:
+            if self.live.watched and self.sends_rows:
                 self.live.send_rows([row], row, 0.0)
                 self.sent += 1
 
@@ -149,6 +156,44 @@ class _Staying(urllib.request.HTTPRedirectHandler):
         return None
 
 
+def history(port):
+    return json.loads(get(port, "/history")[2])
+
+
+class EventReader:
+    """A page's connection for events."""
+
+    def __init__(self, port):
+        self.socket = socket.create_connection(("127.0.0.1", port), 5)
+        self.socket.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        self.received = b""
+
+    def read(self, until, timeout_s=5.0):
+        self.socket.settimeout(timeout_s)
+        while until not in self.received:
+            part = self.socket.recv(1 << 16)
+            if not part:
+                break
+            self.received += part
+        return until in self.received
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.socket.close()
+
+
+@contextlib.contextmanager
+def served(folder, stream):
+    port = free_port()
+    with Command(folder, "serve", "--socket", stream.status_socket, "--port", port) as process:
+        assert wait_for(lambda: is_up(port), 20), process.output
+        assert wait_for(lambda: history(port)["recent"], 10)
+        process.port = port
+        yield process
+
+
 def resident_mb(pid):
     text = Path(f"/proc/{pid}/status").read_text()
     return int(re.search(r"VmRSS:\s+(\d+)", text)[1]) / 1024
@@ -164,12 +209,15 @@ def is_up(port):
 
 __all__ = [
     "Command",
+    "EventReader",
     "Stream",
     "Vehicle",
     "free_port",
     "get",
     "has_multicast",
+    "history",
     "is_up",
     "resident_mb",
+    "served",
     "wait_for",
 ]

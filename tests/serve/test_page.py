@@ -230,6 +230,40 @@ def test_the_road_ahead_shows_when_the_status_has_one(alone):
     assert not alone.run("document.getElementById('road').hidden")
     label = alone.run("document.getElementById('road-chart').getAttribute('aria-label')")
     assert label == "Grade of the next 1000 m: -2.0 to 3.0 %"
+    unknown = status.replace("[0.01, 0.03, -0.02]", "[null, null, null]")
+    alone.run(f"import('/live.js').then(m => m.take('status', {unknown}))")
+    label = alone.run("document.getElementById('road-chart').getAttribute('aria-label')")
+    assert label == "Grade of the next 1000 m: not known"
+
+
+def test_long_numbers_fit_into_their_tiles(alone):
+    """With and without a standard deviation: what is below does not move."""
+    measure = (
+        "((mass, std) => { document.getElementById('mass').textContent = mass;"
+        "document.getElementById('mass-std').textContent = std;"
+        "const tile = document.querySelector('.numbers .big');"
+        "return [tile.clientHeight, tile.scrollWidth <= tile.clientWidth]; })"
+    )
+    heights = [
+        alone.run(f"{measure}({mass!r}, {std!r})")
+        for mass, std in (("–", ""), ("29,980 kg", "± 317 kg"), ("129,980 kg", "± 13,170 kg"))
+    ]
+    assert heights == [[heights[0][0], True]] * 3
+
+
+def test_what_a_daemon_said_of_itself_has_a_time_when_it_has_ended(alone):
+    as_of = "document.querySelector('header .as-of').textContent"
+    assert re.fullmatch(r"as of \d\d:\d\d:\d\d", alone.run(as_of))
+    assert re.fullmatch(r"Senders as of \d\d:\d\d:\d\d", alone.text("senders-title"))
+    assert violations(alone) == []
+    later = alone.browser.page(alone.run("location.href"))
+    later.wait(f"{as_of} !== ''")
+    assert later.run(as_of) == alone.run(as_of), "a page that opens later has the same time"
+    style = "getComputedStyle(document.getElementById('bus')).fontStyle"
+    assert alone.run(style) == "italic"
+    alone.run("import('/live.js').then(m => m.take('source', {problem: '', source: 'x', now_s: 1e9}))")
+    alone.run("import('/live.js').then(m => m.take('status', {vehicle: 'x', bus: {state: 'up'}}))")
+    assert alone.run(as_of) == "" and alone.run(style) == "normal"
 
 
 def test_eight_hours_do_not_grow_the_page(alone):

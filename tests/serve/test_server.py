@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import re
 import signal
@@ -16,7 +15,18 @@ import pytest
 
 from canest.serve.hub import MOST_PAGES
 from canest.telemetry.live_protocol import COLUMNS, stream_path
-from tests.serve.rig import Command, Stream, free_port, get, is_up, resident_mb, wait_for
+from tests.serve.rig import (
+    Command,
+    EventReader,
+    Stream,
+    free_port,
+    get,
+    history,
+    is_up,
+    resident_mb,
+    served,
+    wait_for,
+)  # fmt: skip
 
 PAGE = Path(sys.modules["canest"].__file__).parent / "serve" / "page"
 
@@ -26,16 +36,6 @@ def stream(tmp_path):
     stream = Stream(tmp_path)
     yield stream
     stream.close()
-
-
-@contextlib.contextmanager
-def served(folder, stream):
-    port = free_port()
-    with Command(folder, "serve", "--socket", stream.status_socket, "--port", port) as process:
-        assert wait_for(lambda: is_up(port), 20), process.output
-        assert wait_for(lambda: history(port)["recent"], 10)
-        process.port = port
-        yield process
 
 
 @pytest.fixture
@@ -53,34 +53,6 @@ def shared(tmp_path_factory):
     with served(folder, stream) as process:
         yield process
     stream.close()
-
-
-def history(port):
-    return json.loads(get(port, "/history")[2])
-
-
-class EventReader:
-    """A page's connection for events."""
-
-    def __init__(self, port):
-        self.socket = socket.create_connection(("127.0.0.1", port), 5)
-        self.socket.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
-        self.received = b""
-
-    def read(self, until, timeout_s=5.0):
-        self.socket.settimeout(timeout_s)
-        while until not in self.received:
-            part = self.socket.recv(1 << 16)
-            if not part:
-                break
-            self.received += part
-        return until in self.received
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.socket.close()
 
 
 def test_a_page_that_opens_gets_what_was_before_and_then_what_comes(server, stream):

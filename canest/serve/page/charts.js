@@ -1,9 +1,10 @@
 // The curves: one uPlot per signal over a common time, gates as shaded spans, one cursor for all.
 /* global uPlot */
-import { RECENT_S } from "./store.js";
+import { MINUTE_S, RECENT_S } from "./store.js";
 import { clock, gateName, number } from "./words.js";
 
 const DAY_S = 86400;
+const DAY_GAP_S = 2.5 * MINUTE_S; // between minutes that no curve joins
 const same = (value) => value;
 // least: what the axis spans at least, so that noise does not fill it
 const PANELS = [
@@ -31,13 +32,14 @@ const rgba = (colour, alpha) => {
 };
 
 export class Charts {
-  /** place: element for the figures; onCursor: called with the time under the pointer, or null. */
+  /** place: element for the figures; onCursor: called with the cursor's time, or null, when one of both moves. */
   constructor(place, store, onCursor) {
     this.store = store;
     this.onCursor = onCursor;
     this.gates = {};
     this.day = false;
     this.now = 0;
+    this.cursor = null; // the time that it stays at while the curves move on
     this.panels = PANELS.map((panel) => ({ ...panel, ...figure(place, panel), plot: null, range: [0, 1] }));
     new ResizeObserver(() => this.resize()).observe(place);
   }
@@ -46,8 +48,11 @@ export class Charts {
   rebuild() {
     for (const panel of this.panels) {
       panel.plot?.destroy();
-      panel.plot = new uPlot(this.options(panel), this.data(panel), panel.place);
+      const plot = panel.plot = new uPlot(this.options(panel), this.data(panel), panel.place);
+      plot.over.addEventListener("mousemove", (event) => this.point(plot.posToVal(event.offsetX, "x")));
+      plot.over.addEventListener("mouseleave", () => this.point(null));
     }
+    this.point(this.cursor);
   }
 
   /** Draw what is new. now: the time at the right edge, seconds. */
@@ -55,13 +60,21 @@ export class Charts {
     this.now = now;
     if (!this.panels[0].plot) return this.rebuild();
     for (const panel of this.panels) panel.plot.setData(this.data(panel));
+    this.point(this.cursor);
   }
 
   /** Put the cursor of every panel at a time, null for none. */
   point(time) {
+    const past = time === null || time < this.now - (this.day ? DAY_S : RECENT_S);
+    this.cursor = past || time > this.now + 1 ? null : time; // the clock of the rows may have been set back
+    queueMicrotask(() => this.placeCursor()); // what is new is drawn in a microtask, too
+    this.onCursor(this.cursor);
+  }
+
+  placeCursor() {
     for (const { plot } of this.panels) {
-      const left = time === null || !plot ? -10 : plot.valToPos(time, "x");
-      plot?.setCursor({ left, top: time === null ? -10 : 1 }, false);
+      const left = this.cursor === null || !plot ? -10 : plot.valToPos(this.cursor, "x");
+      plot?.setCursor({ left, top: left < 0 ? -10 : 1 }, false);
     }
   }
 
@@ -89,7 +102,7 @@ export class Charts {
     const paths = panel.stepped ? uPlot.paths.stepped({ align: 1 }) : undefined;
     return {
       ...this.size(panel), legend: { show: false },
-      cursor: { sync: { key: "canest" }, y: false, drag: { x: false, y: false }, points: { size: 7 } },
+      cursor: { y: false, drag: { x: false, y: false }, points: { size: 7 } },
       scales: {
         x: { time: true, range: () => this.times() },
         y: { range: () => panel.range },
@@ -100,7 +113,7 @@ export class Charts {
       ],
       series: [{}, { stroke: colour, width: 1.6, points: { show: false }, paths }, edge, edge],
       bands: [{ series: [3, 2], fill: rgba(colour, Number(css("--band"))) }],
-      hooks: { drawClear: [(plot) => this.shade(plot)], setCursor: [(plot) => this.moved(plot)] },
+      hooks: { drawClear: [(plot) => this.shade(plot)] },
     };
   }
 
@@ -120,19 +133,15 @@ export class Charts {
     for (const panel of this.panels) panel.plot?.setSize(this.size(panel));
   }
 
-  moved(plot) {
-    const { left } = plot.cursor;
-    if (plot.cursor.event) this.onCursor(left >= 0 ? plot.posToVal(left, "x") : null);
-  }
-
   /** The columns of a panel: times, values, low and high edge of the band. Sets its range, too. */
   data(panel) {
     const { store } = this, show = (value) => (value === null ? null : panel.show(value));
     let times, values, low, high;
     if (this.day) {
-      times = store.dayColumn("t_s").map((time) => time + 30); // the middle of a minute
-      low = store.dayColumn(`${panel.name}_low`).map(show);
-      high = store.dayColumn(`${panel.name}_high`).map(show);
+      const minutes = this.minutes(), column = (name) => store.dayColumn(name);
+      const shown = (values) => minutes.map(([, at]) => show(values[at] ?? null));
+      times = minutes.map(([time]) => time);
+      [low, high] = [shown(column(`${panel.name}_low`)), shown(column(`${panel.name}_high`))];
       values = times.map(() => null);
     } else {
       times = store.columns[0] || [];
@@ -144,6 +153,15 @@ export class Charts {
     }
     panel.range = range(this.day ? low.concat(high) : values, panel, this.day ? [] : high, values);
     return [times, values, low, high];
+  }
+
+  /** The begin and the end of each minute of the day with its position, and -1 where minutes are missing. */
+  minutes() {
+    const begins = this.store.dayColumn("t_s");
+    return begins.flatMap((begin, at) => {
+      const minute = [[begin, at], [begin + 0.99 * MINUTE_S, at]];
+      return begin - begins[at - 1] > DAY_GAP_S ? [[begin - MINUTE_S, -1], ...minute] : minute;
+    });
   }
 
   /** Each minute of the day, the darker the more of it a gate was closed. */

@@ -1,5 +1,7 @@
 // The rows that the page keeps: ten minutes at 10 Hz in columns, and the spans of closed gates.
 export const RECENT_S = 600;
+export const MINUTE_S = 60; // what a row of the day stands for
+const GAP_S = 3; // between rows that no curve joins, unless the stream is as slow as that
 const SLACK_S = 30; // rows go in batches: cutting columns at every row would cost more than their room
 
 export class Store {
@@ -7,6 +9,7 @@ export class Store {
     this.names = [];
     this.columns = [];
     this.spans = [];
+    this.step = Infinity; // the usual distance of rows
     this.day = { names: [], columns: [] };
   }
 
@@ -15,9 +18,20 @@ export class Store {
     this.names = history.columns;
     this.columns = this.names.map(() => []);
     this.spans = [];
+    this.step = Infinity;
     this.add(history.recent);
-    const names = history.day_columns;
-    this.day = { names, columns: names.map((_, at) => history.day.map((row) => row[at])) };
+    this.loadDay(history);
+  }
+
+  loadDay({ day_columns: names, day }) {
+    this.day = { names, columns: names.map((_, at) => day.map((row) => row[at])) };
+  }
+
+  /** What is there now, to stay as it is. */
+  copy() {
+    const { names, step, day } = this;
+    const columns = this.columns.map((column) => [...column]), spans = this.spans.map((span) => ({ ...span }));
+    return Object.assign(new Store(), { names, step, day, columns, spans });
   }
 
   get length() {
@@ -42,10 +56,18 @@ export class Store {
     const gate = this.names.indexOf("gate");
     for (const row of rows) {
       while (this.length && this.lastTime >= row[0]) this.columns.forEach((column) => column.pop());
+      if (this.length) this.addGap(row[0] - this.lastTime);
       row.forEach((value, at) => this.columns[at].push(value));
       this.addGate(row[0], row[gate]);
     }
     if (this.length && this.columns[0][0] < this.lastTime - RECENT_S - SLACK_S) this.cut();
+  }
+
+  /** A row without values where rows are further apart than usual: it breaks the curves. */
+  addGap(distance) {
+    this.step = Math.min(distance, 2 * this.step);
+    if (distance <= Math.max(GAP_S, 2 * this.step)) return;
+    this.columns.forEach((column, at) => column.push(at ? null : this.lastTime + distance / 2));
   }
 
   addGate(time, code) {
@@ -65,6 +87,20 @@ export class Store {
     const first = this.columns[0].findIndex((time) => time >= this.lastTime - RECENT_S);
     this.columns.forEach((column, at) => { this.columns[at] = column.slice(first); });
     this.spans = this.spans.filter((span) => span.to >= this.lastTime - RECENT_S);
+  }
+
+  /** The row at a time as an object, null where nothing is known. */
+  rowAt(time) {
+    const row = this.row(this.at(time));
+    const near = row && Math.abs(row.t_s - time) <= Math.max(GAP_S / 2, this.step);
+    return near && this.names.some((name) => name !== "t_s" && row[name] !== null) ? row : null;
+  }
+
+  /** The minute of the day at a time as an object, null where nothing is known. */
+  minuteAt(time) {
+    const at = this.dayColumn("t_s").findLastIndex((begin) => begin <= time);
+    if (at < 0 || time >= this.day.columns[0][at] + MINUTE_S) return null;
+    return Object.fromEntries(this.day.names.map((name, column) => [name, this.day.columns[column][at]]));
   }
 
   /** The position of the row nearest to a time, -1 without rows. */

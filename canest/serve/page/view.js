@@ -67,6 +67,12 @@ export function showSnapshot(status) {
   facts("daemon", daemonFacts(status));
 }
 
+/** The time that everything of `showSnapshot` is of, where that is not now; null where it is. */
+export function showAge(time) {
+  document.body.classList.toggle("old", time !== null);
+  for (const place of document.querySelectorAll(".as-of")) put(place, time === null ? "" : `as of ${moment(time)}`);
+}
+
 /** What has changed, the newest first: [[time, text], ...] in the order of time. */
 export function showChanges(changes) {
   const place = id("changes"), shown = changes.slice(-CHANGES_SHOWN).reverse();

@@ -39,3 +39,22 @@ export function sentence(row, gates) {
   parts.push(row.gate ? `gate ${gateName(gates, row.gate)}` : "learning");
   return parts.join(", ");
 }
+
+/** A minute of the day as one sentence: what each value was from and to. */
+export function minuteSentence(minute) {
+  const range = (title, name, show) => {
+    const ends = [minute[`${name}_low`], minute[`${name}_high`]];
+    const [low, high] = ends.map((value) => (missing(value) ? "" : show(value)));
+    return low && (low === high ? `${title}${low}` : `${title}${low} to ${high}`);
+  };
+  return [
+    moment(minute.t_s).slice(0, -3),
+    range("mass ", "mass_kg", (value) => unit(value, "kg")),
+    range("grade ", "grade", (value) => percent(value)),
+    range("", "speed_mps", kmh),
+    range("", "torque_Nm", (value) => unit(value, "N m")),
+    range("gear ", "gear", String),
+    range("residual ", "residual_N", (value) => unit(value, "N")),
+    `learning ${Math.round(100 * minute.open)} % of the minute`,
+  ].filter(Boolean).join(", ");
+}
