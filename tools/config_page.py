@@ -159,8 +159,9 @@ A role is what the estimator needs to know, under a name that no bus gives it. A
   `output_shaft_speed` or `vehicle_speed`.
 
 The messages EEC1 and CCVS1 alone are enough. With `engine_speed`, `check` and `replay` find wrong gears,
-ratios, radii and units; without it nothing shows them. Every other role improves the estimate or
-closes a gate, with
+ratios, radii and units; without it nothing shows them. `undriven_speed` (on J1939 the front axle of
+EBC2) is worth its line: driven wheels slip, and a driveline winds up. Every other role improves the
+estimate or closes a gate, with
 these exceptions: `selected_gear`, `input_shaft_speed`, `steering_angle` and `reported_mass` are shown by
 `canest check` alone; `pitch`, a slope sensor, is used by `canest diagnose` and the estimator `resistance4`.
 
