@@ -72,7 +72,7 @@ def test_notebook_page_runs_from_top_to_bottom(tmp_path, monkeypatch):
     errors = [names[found].summary["errors"]["mass_rms_pct"] for found in ("result", "from_table", "better")]
     assert max(errors) < 5.0
     assert errors[2] < 0.5
-    assert names["before"].summary["errors"]["mass_rms_pct"] > 4.0
+    assert names["before"].summary["errors"]["mass_rms_pct"] > 2.5  # by as much as the radius is off
 
 
 def test_python_in_the_readme_runs(tmp_path, monkeypatch, capsys):

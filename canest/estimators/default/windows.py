@@ -26,6 +26,8 @@ from canest.estimators.windowing import (
 COLUMNS = Window._fields
 Ticks = NDArray[np.int64]
 _KEPT = COASTED + TICKS + 2  #: samples that the next block may look back to: a window, and a coasting
+#: an undriven axle that gains so much more or less than the driven ones in a window is no axle, m/s
+_MOST_APART_MPS = 0.5
 #: drag of cornering tyres by lateral acceleration squared: 1 / (g x cornering stiffness per load, some 5/rad)
 _CORNERING_S2PM = 0.02
 
@@ -111,7 +113,9 @@ class Windows:
         now, late = rows[:, back_from(ends, 0)], rows[:, back_from(ends, SHIFT)]
         sensed, mean_speed, rest, mu, accel, aero = mean_of(rows[_LATE], ends, SHIFT)
         undriven, begun = late[_UNDRIVEN], rows[_UNDRIVEN, back_from(ends, SHIFT + TICKS)]
-        body_accel = np.where(np.isnan(undriven - begun), accel, (undriven - begun) / WINDOW_S)
+        gained = undriven - begun
+        undriven = np.where(np.abs(gained - WINDOW_S * accel) > _MOST_APART_MPS, np.nan, undriven)
+        body_accel = np.where(np.isnan(undriven - begun), accel, gained / WINDOW_S)
         mean_traction, noise = mean_of(np.stack((rows[_TRACTION], zigzag(rows[_TORQUE]))), ends, 0)
         rotating, lateral_mps2 = now[_ROTATING], late[_SPEED] * within(late[_YAW], _MOST_YAW)
         settled = ticks[ends] - starts
