@@ -11,6 +11,7 @@ from canest.core.frames import FloatColumn, IntColumn
 from canest.core.roles import RADPS_PER_RPM
 from canest.doctor.engine_and_road import ROAD_SPEEDS, at_radius, one_mistake, unit_hint, words
 from canest.doctor.gear_table import GearFit, slipping_gears, stepless, table_line
+from canest.doctor.proportion import MIN_PAIRS, Proportion
 from canest.doctor.reported_ratio import ReportedRatio
 from canest.doctor.speed_units import SPEED_TOLERANCE, UNIT_FACTORS, mistaken_unit
 from canest.doctor.stretches import Samples, Stretches, at
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
 
 #: slower than this (m/s), speeds are too coarse to compare
 MIN_MPS = 5.0
-#: pairs needed before a comparison counts, and how many of them are kept for a gear
-MIN_PAIRS, MOST_PAIRS = 100, 3000
+#: pairs that are kept for a gear
+MOST_PAIRS = 3000
 #: pairs that a gear of a proposed table needs
 FEW_PAIRS = 20
 #: a gear has one ratio; a clutch or converter that slips has many, whose middle half spreads further
@@ -41,9 +42,7 @@ class ConsistencyCheck:
         self._vehicle = config.vehicle
         self._reported = ReportedRatio()
         self._stretches = Stretches((_ENGINE, "output_shaft_speed", "gear", "gear_ratio", *ROAD_SPEEDS))
-        self._pairs = dict.fromkeys(ROAD_SPEEDS, 0)
-        self._product = dict.fromkeys(ROAD_SPEEDS, 0.0)
-        self._square = dict.fromkeys(ROAD_SPEEDS, 0.0)
+        self._radius_m = {role: Proportion() for role in ROAD_SPEEDS}
         self._gears: set[int] = set()
         self._turns: dict[int, FloatColumn] = {}
         self._turns_of = "output_shaft_speed"
@@ -99,11 +98,7 @@ class ConsistencyCheck:
     def _speeds(
         self, role: str, road: tuple[IntColumn, FloatColumn], wheel: tuple[IntColumn, FloatColumn]
     ) -> None:
-        radps = at(road[0], wheel)
-        both = np.isfinite(road[1]) & np.isfinite(radps) & (road[1] > MIN_MPS)
-        self._pairs[role] += int(np.count_nonzero(both))
-        self._product[role] += float(road[1][both] @ radps[both])
-        self._square[role] += float(radps[both] @ radps[both])
+        self._radius_m[role].add(road[1], at(road[0], wheel), road[1] > MIN_MPS)
 
     def _ratios(self, stretch: Samples) -> None:
         """Note how often the engine turns per turn of the output shaft while a gear stays in."""
@@ -217,10 +212,10 @@ class ConsistencyCheck:
 
     def _speed_hints(self) -> list[str]:
         v, hints, radius_shown = self._vehicle, [], False
-        for role in ROAD_SPEEDS:
-            if self._pairs[role] < MIN_PAIRS or not self._square[role]:
+        for role, compared in self._radius_m.items():
+            radius_m = compared.times
+            if radius_m is None:
                 continue
-            radius_m = self._product[role] / self._square[role]
             times = radius_m / v.wheel_radius_m
             if abs(times - 1) <= SPEED_TOLERANCE:
                 continue

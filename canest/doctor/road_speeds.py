@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from canest.doctor.engine_and_road import ROAD_SPEEDS
+from canest.doctor.proportion import Proportion
 from canest.doctor.speed_units import mistaken_unit
 from canest.doctor.stretches import Samples, Stretches, at
 
 if TYPE_CHECKING:
     from canest.config import Config
 
-#: slower than this (m/s) speeds are too coarse to compare; so many pairs are needed
-_MIN_MPS, _MIN_PAIRS = 5.0, 100
+#: slower than this (m/s) speeds are too coarse to compare
+_MIN_MPS = 5.0
 #: speeds that differ by less are worn tyres, tolerances of a speedometer and rounding
 _TOLERANCE = 0.06
 
@@ -28,9 +29,7 @@ class RoadSpeedCheck:
         roles = () if turning else ROAD_SPEEDS
         self._first, *self._others = [role for role in roles if role in config.signals] or [""]
         self._stretches = Stretches([self._first, *self._others])
-        self._pairs = dict.fromkeys(self._others, 0)
-        self._product = dict.fromkeys(self._others, 0.0)
-        self._square = dict.fromkeys(self._others, 0.0)
+        self._compared = {role: Proportion() for role in self._others}
 
     def push(self, samples: Samples) -> None:
         """Take the samples of a block."""
@@ -43,20 +42,15 @@ class RoadSpeedCheck:
                 continue
             t_us, mps = stretch[role]
             first_mps = at(t_us, stretch[self._first])
-            both = np.isfinite(mps) & np.isfinite(first_mps) & (np.minimum(mps, first_mps) > _MIN_MPS)
-            self._pairs[role] += int(np.count_nonzero(both))
-            self._product[role] += float(mps[both] @ first_mps[both])
-            self._square[role] += float(first_mps[both] @ first_mps[both])
+            self._compared[role].add(mps, first_mps, np.minimum(mps, first_mps) > _MIN_MPS)
 
     def hints(self) -> list[str]:
         """Return which speeds differ, one sentence each."""
         self._compare(self._stretches.rest())
         found = []
-        for role in self._others:
-            if self._pairs[role] < _MIN_PAIRS:
-                continue
-            times = self._product[role] / self._square[role]
-            if abs(times - 1.0) <= _TOLERANCE:
+        for role, compared in self._compared.items():
+            times = compared.times
+            if times is None or abs(times - 1.0) <= _TOLERANCE:
                 continue
             mistaken = mistaken_unit(times) or mistaken_unit(1.0 / times)
             why = f", as it is when {mistaken} in one of them" if mistaken else ""
