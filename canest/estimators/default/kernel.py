@@ -123,7 +123,8 @@ def run(
         starts = is_open and (not p.was_open or last.gap_s > 0.0)
         undriven = not math.isnan(last.undriven_mps) and (starts or not is_open or p.undriven)
         begins = starts or (is_open and p.undriven and not undriven)  # one balance has one speed
-        moves_mps = momentum_speed(last, p.u * last.rotating_kg, undriven)
+        ratio = p.u * last.rotating_kg
+        moves_mps = momentum_speed(last, ratio, undriven)
         joined = add_window(joined, last, moves_mps, begins)
         if not failed and waits(joined, last, p.was_open and not begins, v):
             write(out[k], given, joined, p, levels, c, v)
@@ -186,14 +187,14 @@ def run(
             climbed_m = climbed_s = 0.0
         swing = swing_var(0.0, w.begin_N, w, dt, p.u, c) if begins else p.swing
         slow_N = w.begin_N if w.gap_s > 0.0 or math.isnan(p.slow_N) else p.slow_N
-        before = ends_at(joined.before_mps, (w.begin_N, slow_N), p.u * w.rotating_kg, undriven)
+        before = ends_at(joined.before_mps, (w.begin_N, slow_N), ratio, undriven)
         if begins:
             widen(mix, count, m.V, UNKNOWN_V, m.EVERYWHERE)  # no known force has led to the speed before it
             follows = w.gap_s == 0.0 and joined.windows == 1.0 and undriven == p.undriven
             if follows and not math.isnan(joined.before_mps):
                 speed(mix, count, before, p.u, levels.speed_var + swing, c, v, t)
         slow_N = slow_traction(slow_N, w, dt)
-        end = ends_at(moves_mps, (w.traction_N, slow_N), p.u * w.rotating_kg, undriven)
+        end = ends_at(moves_mps, (w.traction_N, slow_N), ratio, undriven)
         answered_N = answered_force(w, is_open, p.force_N)
         travel(mix, count, metres, answered_N, c, t)
         motion = w.accel_mps2
@@ -207,7 +208,7 @@ def run(
                 answer_log_likelihood(answered_N, p.u, metres, c.smooth_wander_1pm, bend_var, c),
                 answer_log_likelihood(answered_N, p.u, metres, c.rough_wander_1pm, bend_var, c),
             )
-            lever = (1.0 + p.u * w.rotating_kg) / (dt * GRAVITY_MPS2)
+            lever = (1.0 + ratio) / (dt * GRAVITY_MPS2)
             nis, speed_surplus, innovation = learn_open(mix, count, answers, lever, speed_var, c, t)
         elif w.retarding > 0.0 or w.coarse > 0.0:
             closed_balance(mix, count, w, levels.speed_var, p.u, c, t)
