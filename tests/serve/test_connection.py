@@ -9,33 +9,14 @@ import pytest
 
 from canest.serve.hub import MOST_PAGES
 from canest.telemetry.live_protocol import COLUMNS
-from tests.serve.browser import BROWSER, Browser
-from tests.serve.rig import Command, EventReader, Stream, free_port, is_up, served, wait_for
+from tests.serve.browser import BROWSER
+from tests.serve.rig import Command, EventReader, Stream, free_port, is_up, wait_for
 from tests.serve.slow_link import SlowLink
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no Chromium here")]
 
 HAS_MASS = "/[0-9] kg/.test(document.getElementById('mass').textContent)"
 PROBLEM = "document.getElementById('problem').textContent"
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with Browser(tmp_path_factory.mktemp("profile")) as browser:
-        yield browser
-
-
-@pytest.fixture
-def stream(tmp_path):
-    stream = Stream(tmp_path)
-    yield stream
-    stream.close()
-
-
-@pytest.fixture
-def server(tmp_path, stream):
-    with served(tmp_path, stream) as server:
-        yield server
 
 
 def test_a_slow_link_shows_no_old_numbers_as_current(browser, server, stream):

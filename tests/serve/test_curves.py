@@ -8,8 +8,8 @@ import time
 import pytest
 
 from canest.telemetry.live_protocol import COLUMNS
-from tests.serve.browser import BROWSER, Browser
-from tests.serve.rig import Stream, history, served, wait_for
+from tests.serve.browser import BROWSER
+from tests.serve.rig import history, wait_for
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no Chromium here")]
 
@@ -36,25 +36,6 @@ LINE = """(() => {
   const left = Number(/translate\\(([-0-9.]+)px/.exec(line.style.transform)[1]);
   return left < 0 ? null : left / over.clientWidth;
 })()"""
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with Browser(tmp_path_factory.mktemp("profile")) as browser:
-        yield browser
-
-
-@pytest.fixture
-def stream(tmp_path):
-    stream = Stream(tmp_path)
-    yield stream
-    stream.close()
-
-
-@pytest.fixture
-def server(tmp_path, stream):
-    with served(tmp_path, stream) as server:
-        yield server
 
 
 def remember(server, stream, ages_s):

@@ -17,7 +17,7 @@ from canest.config.bus import Bus
 from canest.decode import j1939
 from canest.node.estimate_frame import decode
 from canest.telemetry.status_socket import read_status
-from tests.serve.browser import BROWSER, Browser
+from tests.serve.browser import BROWSER
 from tests.serve.rig import Command, Stream, Vehicle, free_port, has_multicast, is_up, wait_for
 
 pytestmark = [
@@ -31,12 +31,6 @@ PGN = 0xFF5A
 HAS_MASS = "/[0-9] kg/.test(document.getElementById('mass').textContent)"
 PROBLEM = "document.getElementById('problem').textContent"
 LOST_S = 4.0  #: it takes less than 2 on a machine with time to spare (benchmarks/page_cost.py)
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with Browser(tmp_path_factory.mktemp("profile")) as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")

@@ -31,20 +31,6 @@ from tests.serve.rig import (
 PAGE = Path(sys.modules["canest"].__file__).parent / "serve" / "page"
 
 
-@pytest.fixture
-def stream(tmp_path):
-    stream = Stream(tmp_path)
-    yield stream
-    stream.close()
-
-
-@pytest.fixture
-def server(tmp_path, stream):
-    """A page server for one test, that has received something."""
-    with served(tmp_path, stream) as process:
-        yield process
-
-
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory):
     """A page server that tests share, since they leave it as it was."""
