@@ -171,6 +171,15 @@ def test_a_gross_error_speaks_for_no_hypothesis():
     assert mix.found[0] == pytest.approx(mix.found[1], abs=1e-6)
 
 
+def test_a_swing_that_is_taken_for_larger_than_it_is_leaves_the_level_alone():
+    """Every launch pushed the level of the speed down, and what followed was a surprise."""
+    mix, space = mixture(1)
+    t, swing, level = space.scratch, 1e-2, 1e-6
+    t.e[0], t.s[0] = 0.0, swing + level
+    _, surplus, _ = sensors.learn_open(mix, 1, (0.0, 0.0), 0.0, swing + level, level, CONSTANTS, t)
+    assert -10.0 * level < surplus < 0.0
+
+
 def test_a_hidden_force_leaves_the_density_of_the_mass():
     mix, space = mixture(1)
     t = space.scratch

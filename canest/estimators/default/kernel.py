@@ -209,7 +209,8 @@ def run(
                 answer_log_likelihood(answered_N, p.u, metres, c.rough_wander_1pm, bend_var, c),
             )
             lever = (1.0 + ratio) / (dt * GRAVITY_MPS2)
-            nis, speed_surplus, innovation = learn_open(mix, count, answers, lever, speed_var, c, t)
+            level = levels.speed_var
+            nis, speed_surplus, innovation = learn_open(mix, count, answers, lever, speed_var, level, c, t)
         elif w.retarding > 0.0 or w.coarse > 0.0:
             closed_balance(mix, count, w, levels.speed_var, p.u, c, t)
         if measured:

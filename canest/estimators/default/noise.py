@@ -16,6 +16,8 @@ _STEP_STD = math.sqrt(12.0)
 _INCONSISTENT = 1.8
 #: and below which it does again: what was learned meanwhile has to be learned anew
 _CONSISTENT = 1.6
+#: first level of an accelerometer at least, m/s2: one that is finer than its noise must not fix the bias
+_FIRST_SENSED_MPS2 = 0.1
 #: one window counts as that many gross ones at most
 _MOST_GROSS = 4.0
 
@@ -67,7 +69,7 @@ def swing_var(before: float, jump_N: float, w: Window, dt: float, u: float, c: C
 @jit.kernel
 def first_levels(v: Vehicle) -> Levels:
     """Return the levels with which all begins."""
-    sensed = 2.0 * v.sensed_floor_mps2
+    sensed = max(2.0 * v.sensed_floor_mps2, _FIRST_SENSED_MPS2)
     return Levels(v.speed_first_mps * v.speed_first_mps, sensed * sensed, 0.0, 0.0, 0.0, 1.0, False)
 
 

@@ -134,14 +134,16 @@ def no_noise_explains(missing_mps: float, var: float, c: Constants) -> bool:
 
 @jit.kernel
 def learn_open(
-    mix: Mixture, count: int, answers: tuple[float, float], lever: float, r: float, c: Constants, t: Scratch
-) -> tuple[float, float, float]:
+    mix: Mixture, count: int, answers: tuple[float, float], lever: float, r: float, level: float,
+    c: Constants, t: Scratch,
+) -> tuple[float, float, float]:  # fmt: skip
     """Weigh the hypotheses by an open window's speed and torque; returns mean NIS, surplus and innovation.
 
     answers: see `answer_log_likelihood`, on a smooth and a rough road. lever: grade per m/s that is missing.
-    Where no noise explains an innovation the road has a step, and the speed is what was measured.
+    level: the part of r that follows innovations. Where no noise explains an innovation the road has a step,
+    and the speed is what was measured.
     """
-    nis, surplus = judge(mix, count, r, r, c, t)
+    nis, surplus = judge(mix, count, r, level, c, t)
     innovation = mean_of(mix.weight, count, t.e)
     for d in range(count):
         mode, missing = mix.mode[d], t.e[d]
