@@ -24,8 +24,9 @@ def comparable(samples: Samples) -> Samples:
 
 
 def _without_large(values: FloatColumn) -> FloatColumn:
-    possible = np.abs(values) < LARGEST
-    return values if possible.all() else np.where(possible, values, np.nan)
+    if not len(values) or (values.max() < LARGEST and values.min() > -LARGEST):  # not with a NaN
+        return values
+    return np.where(np.abs(values) < LARGEST, values, np.nan)
 
 
 class Stretches:

@@ -141,7 +141,7 @@ class ParquetEstimateWriter(EstimateWriter):
             + [(name, pa.float64()) for name in more or {}]
         )
         with self._out.errors():
-            self._writer = pq.ParquetWriter(self._out.file, self._schema)
+            self._writer = pq.ParquetWriter(self._out.file, self._schema, use_dictionary=["status", "gate"])
         self._held: list[Any] = []
         self._rows = 0
 
