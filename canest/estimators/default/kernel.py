@@ -222,7 +222,7 @@ def run(
             var = levels.sensed_var, felt_var(w, gained, levels.speed_var, dt, p.u, v)
             sensed_surplus = accelerometer(mix, count, gained, felt, dt, var, c, t)
         if road.uses:
-            mapped_slope(mix, count, w.road_sine, 0.5 * metres, cell_var(w), c, t)
+            mapped_slope(mix, count, w.road_sine, 0.5 * w.distance_m, cell_var(w), c, t)
         if not math.isnan(w.coast_mps2) and w.coast_back_s * w.speed_mps < _FAR_M:
             coasting(mix, count, w, c, t)
         # -- weigh, follow the noise, report
@@ -238,7 +238,7 @@ def run(
         u = mean_inverse_mass(mix, count, v, t)
         leave_out(mix, count, c.left_out_share, t)
         mass = (given.mass_kg, given.mass_var, 0.0 if begins else given.windows)
-        if failed or (learns and not still):
+        if failed or (learns and not still and (is_open or p.learned)):
             mass = report_mass(count, best, mass, c, v, space)
         given = report_grade(mix, count, mass, ahead_m, c, v, t)
         p = Progress(

@@ -68,7 +68,7 @@ class Ends(NamedTuple):
     speed_mps: float
     traction_N: float  #: what of it moves the vehicle: T / (1 + u J)
     traction_Nps: float  #: its rate, over the time of a window
-    slips: float = 1.0  #: 1 for the speed of driven wheels, 0 for that of all that moves
+    slips: float = 1.0  #: share of a slip that is in the speed: 1 / (1 + u J) of driven wheels, else 0
 
 
 class Scratch(NamedTuple):

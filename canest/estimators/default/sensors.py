@@ -98,7 +98,8 @@ def momentum_speed(w: Window, ratio: float, undriven: bool) -> float:
 def ends_at(speed_mps: float, tractions_N: tuple[float, float], ratio: float, undriven: bool) -> Ends:
     """Return what is measured at one moment. tractions_N: T and T_s (`slow_traction`). ratio: u J."""
     moving_N, slow_N = tractions_N[0] / (1.0 + ratio), tractions_N[1] / (1.0 + ratio)
-    return Ends(speed_mps, moving_N, (moving_N - slow_N) / WINDOW_S, 0.0 if undriven else 1.0)
+    slips = 0.0 if undriven else 1.0 / (1.0 + ratio)
+    return Ends(speed_mps, moving_N, (moving_N - slow_N) / WINDOW_S, slips)
 
 
 @jit.kernel
