@@ -13,6 +13,9 @@ import numpy as np
 
 from canest.core.frames import FloatColumn
 
+#: two reports of a ratio are the same within this share
+_SAME_SHARE = 0.03
+
 #: (report before, report after, how far between them: 0 to 1), each (n,) -> value (n,)
 Between = Callable[[FloatColumn, FloatColumn, FloatColumn], FloatColumn]
 
@@ -28,6 +31,16 @@ def larger(before: FloatColumn, after: FloatColumn, share: FloatColumn) -> Float
     return np.where(np.abs(after) > np.abs(before), after, before)
 
 
+def smaller(before: FloatColumn, after: FloatColumn, share: FloatColumn) -> FloatColumn:
+    """Return the report that is nearer to zero: a driveline may have been open since the one before."""
+    return np.where(np.abs(after) < np.abs(before), after, before)
+
+
+def unchanged(before: FloatColumn, after: FloatColumn, share: FloatColumn) -> FloatColumn:
+    """Return the report before where the one after is the same, else NaN: a shift lies between them."""
+    return np.where(np.abs(after - before) <= _SAME_SHARE * np.abs(before), before, np.nan)
+
+
 def earlier(before: FloatColumn, after: FloatColumn, share: FloatColumn) -> FloatColumn:
-    """Return the report before: a gear has nothing between two values."""
+    """Return the report before: a lever has nothing between two values."""
     return before

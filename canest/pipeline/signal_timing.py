@@ -5,7 +5,7 @@ from __future__ import annotations
 from canest.config.schema import Config
 from canest.config.sections import Source
 from canest.core.roles import BRAKES, LASTING, ROLES, TWO_STATE
-from canest.grid.between import Between, earlier, larger, line
+from canest.grid.between import Between, earlier, larger, line, smaller, unchanged
 
 #: staleness limit of a signal that only an effect knows
 EFFECT_SIGNAL_STALE_S = 5.0
@@ -13,7 +13,10 @@ EFFECT_SIGNAL_STALE_S = 5.0
 MISSED_PERIODS = 2.5
 #: a report may come late by this share of its period
 LATE_PERIODS = 0.2
-_NOTHING_BETWEEN = ("gear", "gear_ratio", "selected_gear", "pto_state")
+_NOTHING_BETWEEN = ("selected_gear", "pto_state")
+#: states that keep a window from the estimator while they are on, and while they are off
+_CLOSES_ON = (*BRAKES, "parking_brake", "abs_active", "shift_in_process", "clutch_switch", "clutch_slip")
+_CLOSES_OFF = ("driveline_engaged", "lockup_engaged")
 
 
 def hold_us(config: Config) -> int:
@@ -37,10 +40,14 @@ def between_of(role: str, source: Source, *, has_steps: bool) -> Between | None:
     """
     if source.period_s is None or role in LASTING:
         return None
-    if role in (*BRAKES, "parking_brake", "abs_active"):
+    if role in _CLOSES_ON:
         return larger
+    if role in _CLOSES_OFF:
+        return smaller
     if role == "gear_ratio" and not has_steps:
         return line
+    if role in ("gear", "gear_ratio"):
+        return unchanged
     discrete = role in TWO_STATE or role in _NOTHING_BETWEEN or source.map
     return earlier if discrete else line
 

@@ -56,9 +56,15 @@ def add_window(q: Joined, w: Window, speed_mps: float, begins: bool) -> Joined:
 
 
 @jit.kernel
+def tells_coasting(w: Window, v: Vehicle) -> bool:
+    """Return whether a coasting has ended in a window; between two reports of a slow signal nobody knows."""
+    return v.period_windows <= 1.0 and not math.isnan(w.coast_mps2)
+
+
+@jit.kernel
 def waits(q: Joined, w: Window, was_open: bool, v: Vehicle) -> bool:
     """Return whether a window, the last of the sums, waits for the next."""
-    if w.gap_s > 0.0 or not math.isnan(w.coast_mps2):
+    if w.gap_s > 0.0 or tells_coasting(w, v):
         return False
     if w.open > 0.0:
         return was_open and q.windows < v.period_windows

@@ -13,7 +13,7 @@ from canest.estimators.default.accelerometer import Comparison, compare
 from canest.estimators.default.constants import Constants, Vehicle
 from canest.estimators.default.driver import answer_log_likelihood, answered_force
 from canest.estimators.default.hypotheses import change_modes, p_changed, prune, set_loads, take, weigh
-from canest.estimators.default.joining import Joined, add_window, begin_sums, join, waits
+from canest.estimators.default.joining import Joined, add_window, begin_sums, join, tells_coasting, waits
 from canest.estimators.default.load import brakes_unseen, in_overrun, merge_loads, open_disturbance, open_load
 from canest.estimators.default.model import Mixture, Scratch, Space
 from canest.estimators.default.noise import Levels, first_levels, follow, force_noise, swing_var
@@ -223,7 +223,7 @@ def run(
             sensed_surplus = accelerometer(mix, count, gained, felt, dt, var, c, t)
         if road.uses:
             mapped_slope(mix, count, w.road_sine, 0.5 * w.distance_m, cell_var(w), c, t)
-        if not math.isnan(w.coast_mps2) and w.coast_back_s * w.speed_mps < _FAR_M:
+        if tells_coasting(w, v) and w.coast_back_s * w.speed_mps < _FAR_M:
             coasting(mix, count, w, c, t)
         # -- weigh, follow the noise, report
         learns = mix.found[0] != 0.0  # what teaches no mass leaves the likelihoods alone
