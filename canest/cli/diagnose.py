@@ -142,7 +142,8 @@ def _diagnose(
     show(diagnosis, written.found)
     for reason in diagnosis.problem.left_out:
         print(f"left out: {reason}")
-    print("\n".join([*_notes(diagnosis.problem.notes), *_skipped(), _files(written.paths)]))
+    notes = [*_notes(diagnosis.problem.notes), *_skipped(), *_failing(diagnosis)]
+    print("\n".join([*notes, _files(written.paths)]))
     if diagnosis.search.chosen:
         print(f"try it: canest replay ANOTHER.log -c {shlex.quote(str(output / 'revised.yaml'))}")
     return _failures(diagnosis.problem.failed)
@@ -160,6 +161,11 @@ def _skipped() -> list[str]:
     from canest.vehicle.effects import skipped_effects
 
     return [f"skipped the effect {name}: {reason}" for name, reason in skipped_effects().items()]
+
+
+def _failing(diagnosis: Diagnosis) -> list[str]:
+    """Return a line for every effect of another package that failed when it was tried."""
+    return [f"not tried: {reason}" for reason in diagnosis.search.failed.values()]
 
 
 def _failures(failed: Sequence[str]) -> int:

@@ -74,4 +74,9 @@ def _checked(found: object, count: int, facts: VehicleFacts, name: str) -> Estim
                 expected=f"{low:g} to {high:g}, and NaN for no number",
             )  # fmt: skip
     status = columns.pop("status").astype(np.uint8)
+    if np.isnan(columns["mass_kg"] + columns["mass_std_kg"])[status == Status.VALID].any():
+        raise PluginError(
+            "its status is wrong", where=name, found="VALID without a mass",
+            expected="VALID where mass_kg and mass_std_kg are numbers",
+        )  # fmt: skip
     return EstimateBlock(**columns, status=status)

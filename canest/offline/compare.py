@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -96,9 +96,9 @@ def compare(
     def new(name: str) -> Estimator:
         return chosen.create() if name == chosen.name else registry.create(name, chosen.facts)
 
-    entries = {name: _Entry(new(name)) for name in (names or registry.names())}
-    blocks: list[ModelBlock] = []
     notes: list[str] = []
+    entries = _entries(names, new, notes)
+    blocks: list[ModelBlock] = []
     if not names:
         notes += [f"estimator {name} is left out: {why}" for name, why in registry.skipped().items()]
     if compiled and not on:
@@ -127,6 +127,21 @@ def compare(
     }
     speed = np.concatenate([b.raw_speed_mps for b in blocks]) if blocks else np.empty(0)
     return Comparison(table, estimates, true_mass, true_grade, speed)
+
+
+def _entries(
+    names: Sequence[str] | None, new: Callable[[str], Estimator], notes: list[str]
+) -> dict[str, _Entry]:
+    """Return the estimators that were asked for, or all that can be made, and note the others."""
+    entries = {}
+    for name in names or registry.names():
+        try:
+            entries[name] = _Entry(new(name))
+        except PluginError as error:
+            if names:
+                raise
+            notes.append(f"estimator {name} is left out: {error}")
+    return entries
 
 
 _Samples = tuple[ModelBlock, bool]  #: and whether estimators must begin anew before them
@@ -168,7 +183,7 @@ def _run(entry: _Entry, block: ModelBlock) -> None:
 def _updated(entry: _Entry, block: ModelBlock) -> EstimateBlock:
     if not entry.warm:
         entry.warm = True
-        first = type(entry.estimator)(entry.estimator.name, entry.estimator.facts)
+        first = registry.create(entry.estimator.name, entry.estimator.facts)
         updated(first, block[:WARM_UP_SAMPLES])
     begin = time.thread_time()
     e = updated(entry.estimator, block)

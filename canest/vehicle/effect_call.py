@@ -1,11 +1,17 @@
-"""The call of an effect: one of another package that fails is named."""
+"""The call of an effect: one of another package that fails, or leaves what is no column, is named."""
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
 
+import numpy as np
+
+from canest.core.errors import PluginError
 from canest.core.plugins import is_of_canest, named_failures
 from canest.vehicle.working_columns import ModelColumns
+
+_COLUMNS = [field.name for field in fields(ModelColumns) if field.name not in ("signals", "auxiliary")]
 
 
 def apply(effect: Any, c: ModelColumns) -> None:
@@ -13,5 +19,27 @@ def apply(effect: Any, c: ModelColumns) -> None:
     if is_of_canest(effect):
         effect.apply(c)
         return
-    with named_failures(f"effect {effect.name} ({type(effect).__module__})"):
+    name = f"effect {effect.name} ({type(effect).__module__})"
+    before = {column: getattr(c, column) for column in _COLUMNS}
+    with named_failures(name):
         effect.apply(c)
+    for column, given in before.items():
+        if getattr(c, column) is not given:
+            setattr(c, column, _checked(getattr(c, column), given, f"its {column} is wrong", name))
+
+
+def _checked(found: object, given: np.ndarray[Any, Any], what: str, name: str) -> np.ndarray[Any, Any]:
+    try:
+        column = np.asarray(found, given.dtype)
+    except (TypeError, ValueError):
+        column = np.empty(0)
+    if column.shape != given.shape:
+        raise PluginError(
+            what,
+            where=name,
+            found=f"shape {column.shape}",
+            expected=f"one number for each of {len(given)} ticks",
+        )
+    if np.count_nonzero(~np.isfinite(column) & np.isfinite(given)):
+        raise PluginError(what, where=name, found="NaN or infinity", expected="a number where there was one")
+    return column

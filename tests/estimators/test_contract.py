@@ -78,6 +78,10 @@ def block():
         (returning(status=lambda n: np.full(n, 7, np.uint8)), "status is impossible"),
         (returning(grade=lambda n: np.zeros(n - 1)), "its grade is wrong"),
         (returning(grade=lambda n: ["?"] * n), "its grade is wrong"),
+        (
+            returning(mass_kg=lambda n: np.full(n, np.nan), status=lambda n: np.full(n, 2, np.uint8)),
+            "its status is wrong, found 'VALID without a mass'",
+        ),
     ],
 )
 def test_what_breaks_the_contract_is_one_error_with_its_name(block, kind, message):
@@ -113,6 +117,35 @@ def test_one_that_fails_costs_the_others_nothing(monkeypatch, kind):
     both = table("mine", "rls")["estimators"]
     assert both["mine"]["mass_end_pct"] is None and "estimator mine" in both["mine"]["note"]
     assert both["rls"]["mass_end_pct"] == alone["mass_end_pct"] is not None
+
+
+class NeedsAFile(Mine):
+    def __init__(self, name, facts, options=None):
+        raise FileNotFoundError("no calibration file")
+
+
+class ForgetsItsBase(Mine):
+    def __init__(self, name, facts, options=None):
+        self.mass_kg = 0.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [(NeedsAFile, "FileNotFoundError: no calibration file"), (ForgetsItsBase, "super.*__init__")],
+)
+def test_one_that_cannot_be_made_is_named_and_left_out_of_all(monkeypatch, kind, message):
+    """It ended every comparison with an unexpected error that named nobody."""
+    monkeypatch.setitem(registry.BUILT_IN, "mine", f"{__name__}:{kind.__name__}")
+    with pytest.raises(PluginError, match=f"estimator mine .*{message}"):
+        registry.create("mine", FACTS)
+    drive = canest.demo_drive()
+    log = FrameLog(drive.frames[: len(drive.frames) // 8])
+    with pytest.raises(PluginError, match="estimator mine"):
+        compare(drive.config, log, reference=Reference(mass_kg=21e3), names=["mine"], compiled=False)
+    monkeypatch.setattr(registry, "names", lambda: ["mine", "rls"])
+    table = compare(drive.config, log, reference=Reference(mass_kg=21e3), compiled=False).table
+    assert list(table["estimators"]) == ["rls"]
+    assert any("estimator mine is left out: " in note for note in table["notes"])
 
 
 def test_the_loss_of_a_mass_beyond_its_bound_is_that_of_the_bound():

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_grid import HOLD_US, MS, feed, ticks
 
-from canest.grid.between import earlier, larger, line
+from canest.grid.between import earlier, larger, line, smaller, unchanged
 from canest.grid.clock import Clock
 from canest.grid.grid import Channel, Feed, Grid
 
@@ -113,3 +113,16 @@ def test_any_cut_gives_the_same_ticks(moves: list, data: st.DataObject) -> None:
     cuts = sorted(data.draw(st.lists(st.integers(0, len(frames)), max_size=8)))
     assert rows(frames, cuts) == whole
     assert rows(frames, list(range(1, len(frames)))) == whole
+
+
+def test_what_lies_between_two_gears_is_none_and_a_driveline_open_at_one_end_is_open() -> None:
+    grid = Grid([Channel("a", between=unchanged, **SLOW), Channel("b", between=smaller, **SLOW)], HOLD_US)
+    gears, engaged = (
+        [(0, 5.0), (100, 5.1), (200, 7.0), (300, 7.0)],
+        [(0, 1.0), (100, 0.0), (200, 1.0), (300, 1.0)],
+    )
+    blocks = grid.take(feed({"a": gears, "b": engaged}, 421, "gap"))
+    gear, closed = ticks(blocks, "a"), ticks(blocks, "b")
+    assert gear[140] == 5.0 and gear[200] == 5.0 and gear[340] == 7.0  # 2 % apart is one ratio, rounded
+    assert all(math.isnan(gear[t]) for t in range(220, 320, 20))
+    assert [closed[t] for t in (140, 240, 320, 340)] == [0.0, 0.0, 1.0, 1.0]

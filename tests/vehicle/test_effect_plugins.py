@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -155,6 +156,38 @@ class Failing(PlowDrag):
     def apply(self, c: Any) -> None:
         if self.force_N:
             raise KeyError("my own mistake")
+
+
+@dataclass(frozen=True)
+class Short(PlowDrag):
+    name: ClassVar[str] = "failing"
+
+    def apply(self, c: Any) -> None:
+        c.extra_N = c.extra_N[:-1] - self.force_N
+
+
+@dataclass(frozen=True)
+class NoNumber(PlowDrag):
+    name: ClassVar[str] = "failing"
+
+    def apply(self, c: Any) -> None:
+        c.extra_N = c.extra_N * math.nan
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [(Short, r"its extra_N is wrong.*one number for each of"), (NoNumber, "its extra_N is wrong.*'NaN")],
+)
+def test_one_that_leaves_no_column_is_named(plugins: dict[str, object], kind: Any, message: str) -> None:
+    """One that is too short ended a diagnosis, and NaN was listed there as a measured zero."""
+    plugins["failing"] = kind
+    drive = canest.demo_drive()
+    signals = {**drive.config.signals, "plow_down": drive.config.signals["engine_speed"]}
+    listed = {"effects": ({"effect": "failing", "force_N": 5.0},), "signals": signals}
+    with pytest.raises(PluginError, match=rf"effect failing \(.*{message}"):
+        canest.replay(drive, drive.config.model_copy(update=listed))
+    found = canest.diagnose(drive, drive.config.model_copy(update={"signals": signals}), truth=drive.truth)
+    assert "its extra_N is wrong" in found.document["not_tried"]["failing"]
 
 
 def test_one_that_fails_is_named(plugins: dict[str, object]) -> None:
