@@ -137,8 +137,10 @@ makes a step there, and a step of the speed looks like a large force. `period_s`
 apart:
 
 - Numbers lie on the straight line between two reports.
-- A brake counts as pressed from the report before the first one that has it until the one after the last.
-- Switches and gears keep the report before.
+- A brake, a shift, an open driveline or clutch counts from the report before the first one that has it until the one
+  after the last.
+- Between two reports in different gears there is none: a shift lies there.
+- Other switches keep the report before.
 
 A line needs its second end, so all signals are shown 1.2 periods of the slowest one later, in a replay and
 on a bus alike. Gates and mass come that much later. The grade is carried on to now, with a wider standard
