@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from canest.config.schema import Config
 from canest.core.errors import LogError, UsageError
 from canest.core.estimates import Estimates
 from canest.core.frames import FloatColumn
+from canest.core.samples import Status
 from canest.diagnosis.data.drive import Drive, NothingToDiagnoseError
 from canest.diagnosis.data.least_squares import FOLDS
 from canest.diagnosis.data.problem import Problem
@@ -31,6 +32,8 @@ from canest.pipeline.build import effects_of
 
 #: so many blocks of open driving make a held-out score and its standard error; fewer are an anecdote
 MIN_CHUNKS = FOLDS
+#: an estimate so many std, and so much of the mass, away from the given mass is a reason to doubt that
+_FAR_STDS, _FAR_PCT = 4.0, 8.0
 
 #: called with what is being done and the share that is done
 Progress = Callable[[str, float], None]
@@ -105,6 +108,7 @@ def diagnose(
     )
     sizes_N = before.score.residual_rms_N, after.score.residual_rms_N
     statement = statement_of(verdict, search.chosen, *sizes_N, context)
+    statement = replace(statement, details=_other_mass(before, problem) + statement.details)
     progress("done", 1.0)
     return _diagnosis(config, search, tried, ranked, (before, after), (verdict, statement), possible)
 
@@ -116,6 +120,26 @@ class _Side:
     score: Score
     residual_N: FloatColumn
     estimates: list[Estimates]
+
+
+def _other_mass(before: _Side, problem: Problem) -> tuple[str, ...]:
+    """Return that the estimate is far from the given mass, which may be wrong itself."""
+    error_pct = before.score.mass_error_pct
+    stds_pct = [
+        100.0 * float(np.median((e.mass_std_kg / e.mass_kg)[e.status == Status.VALID]))
+        for e in before.estimates
+        if (e.status == Status.VALID).any()
+    ]
+    if not problem.mass_known or error_pct is None or not stds_pct:
+        return ()
+    std_pct = max(stds_pct)
+    if abs(error_pct) <= max(_FAR_STDS * std_pct, _FAR_PCT):
+        return ()
+    heavier = "heavier" if error_pct > 0.0 else "lighter"
+    return (
+        f"The estimate before is {abs(error_pct):.0f} % {heavier} than the given mass, "
+        f"by more than {_FAR_STDS:.0f} standard deviations: if the mass is wrong, all of this is.",
+    )
 
 
 def _diagnosis(

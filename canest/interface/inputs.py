@@ -56,7 +56,7 @@ def with_estimator(config: Config, name: str | None) -> Config:
     return config.model_copy(update={"estimator": section})
 
 
-def log_of(given: Any) -> LogFile:
+def log_of(given: Any, what: str = "log") -> LogFile:
     """Return what a reader opens: a path, frames, or a table. Errors: LogError."""
     if isinstance(given, str | Path | MemoryLog):
         return given
@@ -65,8 +65,8 @@ def log_of(given: Any) -> LogFile:
     if isinstance(given, SimulatedDrive):
         return FrameLog(given.frames, given.name)
     if isinstance(given, list | tuple | set):
-        expected = "one log: a path, a FrameBlock (of FrameBlock.from_messages), or a table"
-        raise LogError("no log", found=type(given).__name__, expected=expected)
+        expected = f"one {what}: a path, a FrameBlock (of FrameBlock.from_messages), or a table"
+        raise LogError(f"no {what}", found=type(given).__name__, expected=expected)
     return TableLog(given)
 
 

@@ -111,7 +111,7 @@ def diagnosed(
     if mass_kg is not None:
         require_number("mass_kg", mass_kg, LEAST_MASS_KG, "kg ")
     paths = [Path(log) if isinstance(log, str) else log for log in logs]
-    files = [log_of(truth) if truth is not None else None for truth in truths]
+    files = [log_of(truth, "truth") if truth is not None else None for truth in truths]
     jit.enable(compiling_pays(paths, passes))
     found = diagnose(
         paths,
@@ -145,4 +145,4 @@ def _reference(truth: Any, mass_kg: float | None, after_s: float) -> Reference:
     if mass_kg is not None:
         require_number("mass_kg", mass_kg, LEAST_MASS_KG, "kg ")
     require_number("after_s", after_s, 0.0)
-    return Reference(read_truth(log_of(truth)) if truth is not None else None, mass_kg, after_s)
+    return Reference(read_truth(log_of(truth, "truth")) if truth is not None else None, mass_kg, after_s)

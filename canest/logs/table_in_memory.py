@@ -134,9 +134,8 @@ def _keys_of(table: Any, where: str) -> list[Any]:
     if isinstance(table, Mapping):
         return list(table)
     names = None
-    if not (
-        isinstance(table, type) or hasattr(table, "collect")
-    ):  # what can be collected is a query, no table
+    # what can be collected or fetched is a query, no table
+    if not (isinstance(table, type) or hasattr(table, "collect") or hasattr(table, "fetchall")):
         # pyarrow's `columns` are the columns, not their names
         names = getattr(table, "column_names", None) or getattr(table, "columns", None)
     if names is None:

@@ -196,6 +196,17 @@ def test_tables_of_one_diagnosis_are_alike():
         canest.diagnose([columns(), other], VAN)
 
 
+def test_duckdb_relation_is_no_table_yet():
+    relation = pytest.importorskip("duckdb").sql("select 1.0 as t_s, 2.0 as vehicle_speed")
+    with pytest.raises(canest.LogError, match="no table"):
+        canest.estimate(relation, VAN)
+
+
+def test_what_is_no_truth_is_called_so():
+    with pytest.raises(canest.LogError, match="no truth, found 'list', expected one truth"):
+        canest.estimate(columns(), VAN, truth=[1, 2])
+
+
 def test_polars_query_is_no_table_yet():
     polars = pytest.importorskip("polars")
     with pytest.raises(

@@ -302,3 +302,11 @@ def test_a_load_that_came_and_went_is_no_loss_of_torque_either(drive, found):
         [found_kg] = [c["mass_delta_kg"] for c in changes if abs(c["t_s"]["value"] - 1.7e9 - at_s) < 40]
         assert abs(found_kg["value"] - kg) < 3 * found_kg["std"] < 0.1 * abs(kg)
     assert "torque_gain" not in document["selected"] and document["verdict"] == "explained"
+
+
+def test_a_given_mass_far_from_the_estimate_is_the_first_thing_to_check(drive, found):
+    """A wrong --mass was explained by a torque of 0.57 times the reported one, without a word."""
+    log = drive(seed=5)
+    first = found(log, "--mass", "12000")["details"][0]
+    assert "heavier than the given mass" in first and "if the mass is wrong, all of this is" in first
+    assert not any("given mass" in line for line in found(log, "--mass", "21250")["details"])
