@@ -137,8 +137,8 @@ makes a step there, and a step of the speed looks like a large force. `period_s`
 apart:
 
 - Numbers lie on the straight line between two reports.
-- A brake, a shift, an open driveline or clutch counts from the report before the first one that has it until the
-  one after the last.
+- A brake, a shift, an open driveline or clutch counts from the report before the first one that has it until
+  the one after the last.
 - Between two reports in different gears there is none: a shift lies there.
 - Other switches keep the report before.
 
