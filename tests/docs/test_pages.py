@@ -134,6 +134,25 @@ def test_every_extra_has_its_row_in_the_readme():
     assert [name for name in extras if f"\n| `{name}` | " not in readme] == []
 
 
+def test_the_readme_prints_what_its_commands_print():
+    """To a kilogram and 0.02 %, since processors round differently."""
+    import canest
+
+    readme = (ROOT / "README.md").read_text()
+    drive = canest.simulate("pulse-21t")
+    shown = canest.replay(drive, drive.config, truth=drive.truth).summary
+    mass = re.search(r"mass +([\d,]+) \+- ([\d,]+) kg at the end \(valid, .*; (\d+) % of the driving", readme)
+    assert mass is not None
+    found = shown["mass_kg"], shown["mass_std_kg"], 100.0 * shown["valid_share"]
+    assert [float(x.replace(",", "")) for x in mass.groups()] == pytest.approx(found, abs=1.0)
+    errors = re.search(
+        r"all samples, .*: mass RMS ([\d.]+) %, worst ([\d.]+) %, grade RMS ([\d.]+) deg", readme
+    )
+    assert errors is not None
+    names = ("mass_rms_pct", "mass_max_pct", "grade_rms_deg")
+    assert [float(x) for x in errors.groups()] == pytest.approx([shown["errors"][n] for n in names], abs=0.02)
+
+
 def test_result_columns_in_the_readme_are_the_writers():
     from canest.logs.estimate_writer import HEADER
 
