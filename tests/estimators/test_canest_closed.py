@@ -62,6 +62,15 @@ def test_an_accelerometer_finer_than_its_noise_fixes_no_bias_at_first(seed):
     assert (off < 3.0 * estimates.grade_std[2_500:]).mean() > 0.99
 
 
+def test_before_a_gate_has_opened_the_mass_is_the_one_that_was_configured():
+    """A closed window with an accelerometer made 12 t of 30, of an unknown load's mixture."""
+    sensed = replace(FACTS, has_accelerometer=True, accelerometer_step_mps2=0.01, initial_mass_kg=30_000.0)
+    drive = trip(20, road=flat, throttle=pulses, accelerometer=True, seed=1)
+    closed = np.full(len(drive.block), Gate.PTO, np.uint8)
+    estimates = create("canest", sensed).update(replace(drive.block, gate=closed))
+    assert (estimates.mass_kg == 30_000.0).all()
+
+
 def test_a_coasting_lies_behind_the_vehicle_however_long_slow_signals_are_waited_for():
     """Waiting delays raw and filtered columns alike: only the grade that is reported is carried further."""
     drive = trip(120.0, throttle=pulses, shifts=[(30.0, 31.0), (60.0, 61.0), (90.0, 91.0)], seed=3)
