@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -54,3 +55,13 @@ def compiled() -> Iterator[None]:
     jit.enable()
     yield
     jit.enable(False)
+
+
+@pytest.fixture
+def stream(tmp_path: Path) -> Iterator[Any]:
+    """A stream of estimates as a daemon gives it, for those who follow one."""
+    from tests.serve.rig import Stream
+
+    stream = Stream(tmp_path)
+    yield stream
+    stream.close()

@@ -28,13 +28,6 @@ OURS = {f"Vehicle.Canest.{name}" for name in ("Mass", "MassStd", "Grade", "Grade
 STANDARD = tree(**WEIGHT, **SPEED)
 
 
-@pytest.fixture
-def stream(tmp_path):
-    stream = Stream(tmp_path)
-    yield stream
-    stream.close()
-
-
 @contextlib.contextmanager
 def publisher(folder, stream, url, *more, **environment):
     arguments = ["--socket", stream.status_socket, "--broker", url, "--rate", 10]

@@ -22,13 +22,6 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-@pytest.fixture
-def stream(tmp_path):
-    stream = Stream(tmp_path)
-    yield stream
-    stream.close()
-
-
 @contextlib.contextmanager
 def publisher(folder, stream, url, *more, **environment):
     arguments = ["--socket", stream.status_socket, "--broker", url, "--topic", "test/truck", "--rate", 10]

@@ -1,24 +1,17 @@
-"""What the tests of the page share: a stream of estimates, a server that follows it, a browser."""
+"""What the tests of the page share: a server that follows a stream of estimates, and a browser."""
 
 from __future__ import annotations
 
 import pytest
 
 from tests.serve.browser import Browser
-from tests.serve.rig import Stream, served
+from tests.serve.rig import served
 
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory):
     with Browser(tmp_path_factory.mktemp("profile")) as browser:
         yield browser
-
-
-@pytest.fixture
-def stream(tmp_path):
-    stream = Stream(tmp_path)
-    yield stream
-    stream.close()
 
 
 @pytest.fixture
