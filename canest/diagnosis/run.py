@@ -25,7 +25,13 @@ from canest.diagnosis.search.exclusion import not_excluded
 from canest.diagnosis.search.held_out import Fold, Score, Step, score, steps_to, two_folds
 from canest.diagnosis.search.set_search import Search
 from canest.diagnosis.search.switches import SWITCH_ROLES, TRY_SIGNAL_SHARE, switching_roles, with_switches
-from canest.diagnosis.sentences import Context, Statement, statement_of, too_short_statement
+from canest.diagnosis.sentences import (
+    Context,
+    Statement,
+    far_from_given_mass,
+    statement_of,
+    too_short_statement,
+)
 from canest.diagnosis.verdict import grade_part_N, little_left, verdict_of, within_usual
 from canest.logs.memory import MemoryLog
 from canest.pipeline.build import effects_of
@@ -135,11 +141,7 @@ def _other_mass(before: _Side, problem: Problem) -> tuple[str, ...]:
     std_pct = max(stds_pct)
     if abs(error_pct) <= max(_FAR_STDS * std_pct, _FAR_PCT):
         return ()
-    heavier = "heavier" if error_pct > 0.0 else "lighter"
-    return (
-        f"The estimate before is {abs(error_pct):.0f} % {heavier} than the given mass, "
-        f"by more than {_FAR_STDS:.0f} standard deviations: if the mass is wrong, all of this is.",
-    )
+    return (far_from_given_mass(error_pct, _FAR_STDS),)
 
 
 def _diagnosis(

@@ -34,6 +34,15 @@ def by_urgency(effects: Iterable[str]) -> list[str]:
     return sorted(dict.fromkeys(effects), key=lambda n: (-effect_class(n).urgency, effect_class(n).rarity))
 
 
+def far_from_given_mass(error_pct: float, stds: float) -> str:
+    """Return that the estimate is far from the given mass, by more than so many standard deviations."""
+    heavier = "heavier" if error_pct > 0.0 else "lighter"
+    return (
+        f"The estimate before is {abs(error_pct):.0f} % {heavier} than the given mass, "
+        f"by more than {stds:.0f} standard deviations: if the mass is wrong, all of this is."
+    )
+
+
 def alternatives(chosen: Chosen) -> list[str]:
     """Return the other effects that would do as well in its place, dangers first."""
     return by_urgency(e.effect for e in chosen.equivalent if e.effect != chosen.candidate.effect)
