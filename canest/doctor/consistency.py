@@ -9,7 +9,7 @@ import numpy as np
 
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.roles import RADPS_PER_RPM
-from canest.doctor.engine_and_road import ROAD_SPEEDS, at_radius, one_mistake, unit_hint, words
+from canest.doctor.engine_and_road import MIN_MPS, ROAD_SPEEDS, at_radius, one_mistake, unit_hint, words
 from canest.doctor.gear_table import GearFit, slipping_gears, stepless, table_line
 from canest.doctor.proportion import MIN_PAIRS, Proportion
 from canest.doctor.reported_ratio import ReportedRatio
@@ -20,8 +20,6 @@ from canest.vehicle.role_sources import AT_WHEELS
 if TYPE_CHECKING:
     from canest.config import Config
 
-#: slower than this (m/s), speeds are too coarse to compare
-MIN_MPS = 5.0
 #: pairs that are kept for a gear
 MOST_PAIRS = 3000
 #: pairs that a gear of a proposed table needs

@@ -6,6 +6,8 @@ from canest.core.roles import RADPS_PER_RPM
 from canest.doctor.speed_units import SPEED_TOLERANCE, mistaken_unit
 from canest.vehicle.facts import Vehicle
 
+#: slower than this (m/s), speeds are too coarse to compare
+MIN_MPS = 5.0
 #: what may turn out to be in another unit or at another radius, the commonest first
 ROAD_SPEEDS = ("vehicle_speed", "undriven_speed", "gps_speed")
 

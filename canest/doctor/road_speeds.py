@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from canest.doctor.engine_and_road import ROAD_SPEEDS
+from canest.doctor.engine_and_road import MIN_MPS, ROAD_SPEEDS
 from canest.doctor.proportion import Proportion
 from canest.doctor.speed_units import mistaken_unit
 from canest.doctor.stretches import Samples, Stretches, at
@@ -14,8 +14,6 @@ from canest.doctor.stretches import Samples, Stretches, at
 if TYPE_CHECKING:
     from canest.config import Config
 
-#: slower than this (m/s) speeds are too coarse to compare
-_MIN_MPS = 5.0
 #: speeds that differ by less are worn tyres, tolerances of a speedometer and rounding
 _TOLERANCE = 0.06
 
@@ -42,7 +40,7 @@ class RoadSpeedCheck:
                 continue
             t_us, mps = stretch[role]
             first_mps = at(t_us, stretch[self._first])
-            self._compared[role].add(mps, first_mps, np.minimum(mps, first_mps) > _MIN_MPS)
+            self._compared[role].add(mps, first_mps, np.minimum(mps, first_mps) > MIN_MPS)
 
     def hints(self) -> list[str]:
         """Return which speeds differ, one sentence each."""
