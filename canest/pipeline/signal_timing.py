@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from canest.config.schema import Config
 from canest.config.sections import Source
-from canest.core.roles import BRAKES, LASTING, ROLES, TWO_STATE
+from canest.core.roles import LASTING, ROLES, TWO_STATE
 from canest.grid.between import Between, earlier, larger, line, smaller, unchanged
 
 #: staleness limit of a signal that only an effect knows
@@ -14,9 +14,9 @@ MISSED_PERIODS = 2.5
 #: a report may come late by this share of its period
 LATE_PERIODS = 0.2
 _NOTHING_BETWEEN = ("selected_gear", "pto_state")
-#: states that keep a window from the estimator while they are on, and while they are off
-_CLOSES_ON = (*BRAKES, "parking_brake", "abs_active", "shift_in_process", "clutch_switch", "clutch_slip")
-_CLOSES_OFF = ("driveline_engaged", "lockup_engaged")
+#: states that close a gate while they are off, and those that do while they are on: all that are 0 or 1
+_CLOSES_OFF = frozenset(("driveline_engaged", "lockup_engaged"))
+_CLOSES_ON = (TWO_STATE - _CLOSES_OFF) | {"brake_pedal", "clutch_slip"}
 
 
 def hold_us(config: Config) -> int:
@@ -48,8 +48,7 @@ def between_of(role: str, source: Source, *, has_steps: bool) -> Between | None:
         return line
     if role in ("gear", "gear_ratio"):
         return unchanged
-    discrete = role in TWO_STATE or role in _NOTHING_BETWEEN or source.map
-    return earlier if discrete else line
+    return earlier if role in _NOTHING_BETWEEN or source.map else line
 
 
 def wait_us(source: Source) -> int:
