@@ -1,14 +1,15 @@
-"""Columns that many stages need: of one value, and shifted by one sample."""
+"""Columns that many stages need: of one value, shifted by one sample, or given by another package."""
 
 from __future__ import annotations
 
 from functools import lru_cache
 from itertools import pairwise
-from typing import TypeVar, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from canest.core.errors import PluginError
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 
 T = TypeVar("T", bound=np.generic)
@@ -50,3 +51,19 @@ def shifted(column: NDArray[T], first: float) -> NDArray[T]:
     before = np.empty_like(column)
     before[0], before[1:] = first, column[:-1]
     return before
+
+
+def column_of(found: object, like: NDArray[Any], what: str, where: str, per: str) -> NDArray[Any]:
+    """Return what the code of another package gives as a column, shape and type of another one.
+
+    what, where, per: what is wrong if it is none, whose it is, and of what it has one number each.
+    Errors: PluginError.
+    """
+    try:
+        column = np.asarray(found, like.dtype)
+    except (TypeError, ValueError):
+        column = np.empty(0, like.dtype)
+    if column.shape != like.shape:
+        shape, expected = f"shape {column.shape}", f"one number for each of {len(like)} {per}"
+        raise PluginError(what, where=where, found=shape, expected=expected)
+    return column

@@ -18,6 +18,9 @@ from typing import Any
 
 from canest.core.errors import CanestError, PluginError
 
+#: how the names of canest's own modules begin
+OWN = "canest."
+
 
 @cache
 def load_plugins(group: str) -> tuple[dict[str, object], dict[str, str]]:
@@ -68,7 +71,7 @@ def usable_plugins(
 
 def is_of_canest(value: object) -> bool:
     """Return whether an object's class is one of canest itself."""
-    return type(value).__module__.startswith("canest.")
+    return type(value).__module__.startswith(OWN)
 
 
 @contextmanager

@@ -5,19 +5,44 @@ Those of canest are held to it by its tests, and cost nothing here.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from canest.core.columns import column_of
 from canest.core.errors import PluginError
-from canest.core.plugins import is_of_canest, named_failures
+from canest.core.plugins import OWN, is_of_canest, named_failures
 from canest.core.samples import EstimateBlock, ModelBlock, Status, VehicleFacts
 from canest.estimators.base import Estimator
 
 #: a mass may lie beyond a bound by this share, which is rounding
 _ROUNDING = 1e-9
+
+
+def make(
+    kind: type[Estimator], name: str, facts: VehicleFacts, options: Mapping[str, Any] | None
+) -> Estimator:
+    """Return a new estimator.
+
+    Errors: ConfigError for its options, PluginError for one of another package that cannot be made.
+    """
+    if kind.__module__.startswith(OWN):
+        return kind(name, facts, options)
+    where = _called(name, kind)
+    with named_failures(where):
+        estimator = kind(name, facts, options)
+    if not {"name", "facts", "options"} <= vars(estimator).keys():
+        raise PluginError(
+            "its __init__ is wrong", where=where, expected="super().__init__(name, facts, options) in it"
+        )
+    return estimator
+
+
+def _called(name: str, kind: type[Estimator]) -> str:
+    return f"estimator {name} ({kind.__module__})"
 
 
 def updated(estimator: Estimator, block: ModelBlock) -> EstimateBlock:
@@ -27,7 +52,7 @@ def updated(estimator: Estimator, block: ModelBlock) -> EstimateBlock:
     """
     if is_of_canest(estimator):
         return estimator.update(block)
-    name = f"estimator {estimator.name} ({type(estimator).__module__})"
+    name = _called(estimator.name, type(estimator))
     with named_failures(name):
         found = estimator.update(_read_only(block))
     return _checked(found, len(block), estimator.facts, name)
@@ -49,16 +74,9 @@ def _checked(found: object, count: int, facts: VehicleFacts, name: str) -> Estim
             "returns no estimates", where=name, found=type(found).__name__, expected="an EstimateBlock"
         )
     columns: dict[str, NDArray[np.float64]] = {}
+    wanted = np.empty(count)
     for field in fields(found):
-        try:
-            column = np.asarray(getattr(found, field.name), np.float64)
-        except (TypeError, ValueError):
-            column = np.empty(0)
-        if column.shape != (count,):
-            raise PluginError(
-                f"its {field.name} is wrong", where=name, found=f"shape {column.shape}",
-                expected=f"one number for each of {count} samples",
-            )  # fmt: skip
+        column = column_of(getattr(found, field.name), wanted, f"its {field.name} is wrong", name, "samples")
         columns[field.name] = column
     least, most = facts.mass_min_kg * (1 - _ROUNDING), facts.mass_max_kg * (1 + _ROUNDING)
     for column_name, low, high in (

@@ -7,11 +7,12 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
 
-from canest.core.errors import ConfigError, PluginError
+from canest.core.errors import ConfigError
 from canest.core.nearest_name import expected_name
-from canest.core.plugins import named_failures, usable_plugins
+from canest.core.plugins import usable_plugins
 from canest.core.samples import VehicleFacts
 from canest.estimators.base import Estimator
+from canest.estimators.contract import make
 from canest.estimators.description import Description
 
 #: entry point group of other packages: an estimator's name = "module:Class"
@@ -87,17 +88,7 @@ def create(name: str, facts: VehicleFacts, options: Mapping[str, Any] | None = N
 
     Errors: ConfigError for an unknown name or option, PluginError for one of another package that fails.
     """
-    kind = estimator_class(name)
-    if kind.__module__.startswith("canest."):
-        return kind(name, facts, options)
-    where = f"estimator {name} ({kind.__module__})"
-    with named_failures(where):
-        made = kind(name, facts, options)
-    if not {"name", "facts", "options"} <= vars(made).keys():
-        raise PluginError(
-            "its __init__ is wrong", where=where, expected="super().__init__(name, facts, options) in it"
-        )
-    return made
+    return make(estimator_class(name), name, facts, options)
 
 
 def _added() -> tuple[dict[str, type[Estimator]], dict[str, str]]:

@@ -6,7 +6,9 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from canest.core.columns import column_of
 from canest.core.errors import PluginError
 from canest.core.plugins import is_of_canest, named_failures
 from canest.vehicle.working_columns import ModelColumns
@@ -28,18 +30,8 @@ def apply(effect: Any, c: ModelColumns) -> None:
             setattr(c, column, _checked(getattr(c, column), given, f"its {column} is wrong", name))
 
 
-def _checked(found: object, given: np.ndarray[Any, Any], what: str, name: str) -> np.ndarray[Any, Any]:
-    try:
-        column = np.asarray(found, given.dtype)
-    except (TypeError, ValueError):
-        column = np.empty(0)
-    if column.shape != given.shape:
-        raise PluginError(
-            what,
-            where=name,
-            found=f"shape {column.shape}",
-            expected=f"one number for each of {len(given)} ticks",
-        )
+def _checked(found: object, given: NDArray[Any], what: str, name: str) -> NDArray[Any]:
+    column = column_of(found, given, what, name, "ticks")
     if np.count_nonzero(~np.isfinite(column) & np.isfinite(given)):
         raise PluginError(what, where=name, found="NaN or infinity", expected="a number where there was one")
     return column
