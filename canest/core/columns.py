@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, TypeVar, overload
@@ -14,8 +15,9 @@ from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 
 T = TypeVar("T", bound=np.generic)
 
-#: live blocks are a few ticks long: their constants are made once; longer columns are rare and large
-_KEPT_LENGTH = 64
+#: live blocks are a few ticks long: their constants are made once. Those of a log's block are kept for the
+#: stages of this block, and those of a long table are too large to keep.
+_KEPT_LENGTH, _RECENT_LENGTH, _RECENT = 64, 1 << 15, 16
 
 
 @overload
@@ -24,7 +26,9 @@ def constant(value: bool, n: int) -> BoolColumn: ...
 def constant(value: float, n: int) -> FloatColumn: ...
 def constant(value: float, n: int) -> BoolColumn | FloatColumn:
     """Return a column (n,) of one value; shared between callers: read it, never write into it."""
-    return _kept(value, n) if n <= _KEPT_LENGTH else _made(value, n)
+    if n <= _KEPT_LENGTH:
+        return _kept(value, n)
+    return _recent(value, n) if n <= _RECENT_LENGTH else _made(value, n)
 
 
 def _made(value: float, n: int) -> BoolColumn | FloatColumn:
@@ -32,6 +36,7 @@ def _made(value: float, n: int) -> BoolColumn | FloatColumn:
 
 
 _kept = lru_cache(maxsize=4096, typed=True)(_made)
+_recent = lru_cache(maxsize=_RECENT, typed=True)(_made)
 
 
 def stretches(t_us: IntColumn, most_us: int) -> list[slice]:
@@ -51,6 +56,13 @@ def shifted(column: NDArray[T], first: float) -> NDArray[T]:
     before = np.empty_like(column)
     before[0], before[1:] = first, column[:-1]
     return before
+
+
+def finite(values: FloatColumn) -> FloatColumn:
+    """Return the finite numbers of a column (n,), in nearly every block the column itself."""
+    if len(values) and math.isfinite(values.min()) and math.isfinite(values.max()):
+        return values
+    return values[np.isfinite(values)]
 
 
 def column_of(found: object, like: NDArray[Any], what: str, where: str, per: str) -> NDArray[Any]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from canest.core.columns import finite
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.roles import RADPS_PER_RPM
 from canest.doctor.engine_and_road import MIN_MPS, ROAD_SPEEDS, at_radius, one_mistake, unit_hint, words
@@ -53,8 +54,7 @@ class ConsistencyCheck:
     def push(self, samples: Samples) -> None:
         """Take the samples of a block."""
         if "reference_torque" in samples:
-            values = samples["reference_torque"][1]
-            values = values[np.isfinite(values)]
+            values = finite(samples["reference_torque"][1])
             if len(values):
                 self._reference_Nm = float(values[-1])
         stretch = self._stretches.push(samples)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
+from canest.core.columns import finite
 from canest.core.frames import FloatColumn
 from canest.core.roles import TWO_STATE
 from canest.doctor.stretches import Samples
@@ -53,7 +54,7 @@ class DeclaredRangeCheck:
                 self._push(role, declared, samples[role][1])
 
     def _push(self, role: str, declared: _Declared, values: FloatColumn) -> None:
-        values = values[np.isfinite(values)]
+        values = finite(values)
         if not len(values):
             return
         low, high = sorted(map(declared.own, (float(values.min()), float(values.max()))))

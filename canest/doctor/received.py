@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from canest.core.columns import finite
 from canest.core.frames import ERROR, EXTENDED, FrameBlock, IntColumn, MonotonicClock
 from canest.core.table_block import TableBlock
 from canest.decode import j1939
@@ -25,7 +26,7 @@ class ReceivedValues:
     def note(self, samples: Samples) -> None:
         """Take the samples of the block."""
         for role, (_, values) in samples.items():
-            valid = values[np.isfinite(values)]
+            valid = finite(values)
             self.missing_cells[role] = self.missing_cells.get(role, 0) + len(values) - len(valid)
             if len(valid):
                 self.last[role] = float(valid[-1])

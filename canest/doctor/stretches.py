@@ -6,6 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 
+from canest.core.columns import finite
 from canest.core.frames import FloatColumn, IntColumn
 
 Samples = dict[str, tuple[IntColumn, FloatColumn]]
@@ -67,12 +68,18 @@ def _joined(parts: list[tuple[IntColumn, FloatColumn]]) -> tuple[IntColumn, Floa
     return np.concatenate([t for t, _ in parts]), np.concatenate([v for _, v in parts])
 
 
+def known(samples: tuple[IntColumn, FloatColumn]) -> tuple[IntColumn, FloatColumn]:
+    """Return the samples that have a value."""
+    t_us, values = samples
+    if finite(values) is values:
+        return samples
+    rows = np.isfinite(values)
+    return t_us[rows], values[rows]
+
+
 def at(stamps: IntColumn, samples: tuple[IntColumn, FloatColumn]) -> FloatColumn:
     """Return a signal at other stamps (n,), NaN before its first sample and after its last."""
-    t_us, values = samples
-    known = np.isfinite(values)
-    if not known.all():
-        t_us, values = t_us[known], values[known]
+    t_us, values = known(samples)
     if not len(values):
         return np.full(len(stamps), np.nan)
     return np.asarray(np.interp(stamps, t_us, values, left=np.nan, right=np.nan), np.float64)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from canest.doctor.motion import STEP_S, motion_of
-from canest.doctor.stretches import Samples, Stretches, at
+from canest.doctor.stretches import Samples, Stretches, at, known
 from canest.doctor.switches import SPEEDS
 from canest.vehicle.role_sources import torque_role
 from canest.vehicle.torque_dropout import torque_limits
@@ -53,9 +53,7 @@ class TorqueCourseCheck:
 
     def _note_steps(self, samples: Samples) -> None:
         assert self._role is not None
-        t_us, values = samples[self._role]
-        known = np.isfinite(values)
-        t_us, values = t_us[known], values[known]
+        t_us, values = known(samples[self._role])
         if not len(values):
             return
         low, high = np.percentile(values, (2, 98)).tolist()

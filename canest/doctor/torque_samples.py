@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from canest.core.frames import FloatColumn, IntColumn
-from canest.doctor.stretches import Samples
+from canest.doctor.stretches import Samples, known
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -46,11 +46,9 @@ class TorqueSampleCheck:
         """Take the samples of a block."""
         for role in self._roles:
             if role in samples:
-                self._push(role, *samples[role])
+                self._push(role, *known(samples[role]))
 
     def _push(self, role: str, t_us: IntColumn, values: FloatColumn) -> None:
-        known = np.isfinite(values)
-        t_us, values = t_us[known], values[known]
         if not len(values):
             return
         self._count[role] += len(values)
