@@ -113,10 +113,11 @@ def _step_s(log: TableLog, time_column: str) -> float:
     return round(float(np.median(steps)), 6) if len(steps) else 0.0
 
 
-def require_number(name: str, value: object, least: float, unit: str = "") -> None:
-    """Refuse what is no finite number of at least so much. Errors: UsageError."""
-    if not (isinstance(value, Real) and math.isfinite(value) and float(value) >= least):
-        expected = f"{least:g} {unit}or more" if math.isfinite(least) else "a number"
+def require_number(name: str, value: object, least: float, unit: str = "", most: float = math.inf) -> None:
+    """Refuse what is no finite number of at least and at most so much. Errors: UsageError."""
+    if not (isinstance(value, Real) and math.isfinite(value) and least <= float(value) <= most):
+        to = f"to {most:g} {unit}".rstrip() if math.isfinite(most) else f"{unit}or more"
+        expected = f"{least:g} {to}" if math.isfinite(least) else "a number"
         raise UsageError("no such number", where=name, found=value, expected=expected)
 
 

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from canest.core.errors import UsageError
 from canest.core.frames import FrameBlock
-from canest.core.masses import LEAST_MASS_KG
 from canest.interface.estimates import Estimates, estimates_of
 from canest.interface.inputs import config_of, require_number
 from canest.pipeline import pipeline as inner
 
 if TYPE_CHECKING:
     from canest.config import Config
+
+#: the inverse of a smaller variance means nothing
+_LEAST_STD_KG = 1e-3
 
 
 class Pipeline:
@@ -35,10 +37,14 @@ class Pipeline:
         >>> rest = pipeline.push(drive.frames[50_000:])
         >>> len(first) + len(rest) + len(pipeline.finish()) == pipeline.samples
         True
+        >>> again = canest.Pipeline(drive.config)
+        >>> if saved := pipeline.snapshot():
+        ...     again.restore(**saved)
     """
 
     def __init__(self, config: Config | str | Path) -> None:
-        self._inner = inner.Pipeline(config_of(config))
+        used = config_of(config)
+        self._inner, self._vehicle = inner.Pipeline(used), used.vehicle
 
     @property
     def samples(self) -> int:
@@ -72,17 +78,22 @@ class Pipeline:
         """Return the samples that were waiting for a later frame, at the end of a log."""
         return estimates_of(self._inner.finish())
 
-    def snapshot(self) -> dict[str, Any]:
-        """Return what is worth keeping over a restart: at least mass_kg and mass_std_kg once known."""
-        return self._inner.snapshot()
+    def snapshot(self) -> dict[str, float]:
+        """Return what `restore` takes after a restart: mass_kg and mass_std_kg; {} while no mass is known."""
+        kept = self._inner.snapshot()
+        if not kept or not kept.get("learned", True):
+            return {}
+        v = self._vehicle
+        mass_kg = min(max(kept["mass_kg"], v.mass_min_kg), v.mass_max_kg)  # or rounding were beyond
+        return {"mass_kg": mass_kg, "mass_std_kg": kept["mass_std_kg"]}
 
     def restore(self, mass_kg: float, mass_std_kg: float, unseen_s: float = 0.0) -> None:
         """Start from a saved mass and its standard deviation, both in kg.
 
         unseen_s: time since then in which the load may have changed and nobody saw it (0: none).
-        Errors: UsageError for what is no mass, standard deviation or time.
+        Errors: UsageError for a mass beyond the vehicle's bounds, and what is no standard deviation or time.
         """
-        require_number("mass_kg", mass_kg, LEAST_MASS_KG, "kg ")
-        require_number("mass_std_kg", mass_std_kg, 0.0, "kg ")
+        require_number("mass_kg", mass_kg, self._vehicle.mass_min_kg, "kg ", self._vehicle.mass_max_kg)
+        require_number("mass_std_kg", mass_std_kg, _LEAST_STD_KG, "kg ")
         require_number("unseen_s", unseen_s, 0.0, "s ")
         self._inner.restore(mass_kg, mass_std_kg, unseen_s)

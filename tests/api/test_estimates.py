@@ -189,6 +189,28 @@ def test_pipeline_gives_the_same_however_frames_are_cut(drive):
     assert pipeline.snapshot()["mass_kg"] == pytest.approx(expected.mass_kg[-1])
 
 
+@pytest.mark.parametrize("estimator", ["canest", "canest-0.1", "rlsmf", "dgo"])
+def test_a_pipeline_goes_on_from_what_another_has_saved(drive, estimator):
+    config = canest.load_config("class8", {"estimator.name": estimator})
+    first, then = canest.Pipeline(config), canest.Pipeline(config)
+    assert first.snapshot() == {}
+    first.push(drive.frames)
+    saved = json.loads(json.dumps(first.snapshot()))
+    assert list(saved) == ([] if estimator == "dgo" else ["mass_kg", "mass_std_kg"])
+    if saved:
+        then.restore(**saved)
+        assert then.push(drive.frames[:500]).mass_kg[-1] == pytest.approx(saved["mass_kg"], rel=0.01)
+
+
+def test_a_saved_mass_is_within_the_bounds_in_spite_of_rounding(drive):
+    most_kg = 15002.0
+    assert 1 / (1 / most_kg) > most_kg
+    pipeline = canest.Pipeline(canest.load_config("class8", {"vehicle.mass_max_kg": most_kg}))
+    pipeline.push(drive.frames)
+    assert pipeline.snapshot()["mass_kg"] == most_kg
+    pipeline.restore(**pipeline.snapshot())
+
+
 def test_overrides_are_values():
     overrides = {
         "vehicle.gear_ratios": {1: 3.0, 2: 1.0},
@@ -239,6 +261,13 @@ class NoEstimator:
         (lambda d: canest.FrameBlock.from_messages([5]), "no messages"),
         (lambda d: canest.Pipeline(d.config).restore(float("nan"), 3.0), "mass_kg: no such number"),
         (lambda d: canest.Pipeline(d.config).restore(2e4, -3.0), "mass_std_kg: no such number"),
+        (lambda d: canest.Pipeline(d.config).restore(2e4, 0.0), "mass_std_kg: no such number"),
+        (lambda d: canest.Pipeline(d.config).restore(2e4, 300.0, -5.0), "unseen_s: no such number"),
+        (lambda d: canest.Pipeline(d.config).restore(60.0, 3.0), "found 60.0, expected 7000 to 40000 kg$"),
+        (
+            lambda d: canest.Pipeline(d.config).restore(1e9, 3.0),
+            "mass_kg: no such number, found 1000000000.0, ex",
+        ),
         (lambda d: canest.Pipeline(d.config).advance_to("x"), "t_s: no such number"),
         (lambda d: canest.Pipeline(d.config).advance_to(None), "t_s: no such number"),
         (lambda d: canest.Pipeline(d.config).restore(None, 3.0), "mass_kg: no such number"),
