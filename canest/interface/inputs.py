@@ -12,11 +12,11 @@ import numpy as np
 import yaml
 
 from canest.config.load import load_config
-from canest.config.of_table import config_of_table
+from canest.config.of_table import SLOW_S, config_of_table
 from canest.config.schema import Config
 from canest.config.sections import EstimatorSection
 from canest.core.errors import ConfigError, LogError, UsageError
-from canest.core.frames import FrameBlock
+from canest.core.frames import FloatColumn, FrameBlock
 from canest.estimators.registry import require_known
 from canest.interface.simulated_drive import SimulatedDrive
 from canest.logs.cells import seconds_of
@@ -94,13 +94,15 @@ def log_and_config(
 def _step_s(log: TableLog, time_column: str) -> float:
     """Return the usual time from row to row, 0 where it cannot be had.
 
-    Errors: LogError for rows that are not in the order of time.
+    Errors: LogError for rows that are not in the order of time, or that float32 does not tell apart.
     """
     if not log.holds_time(time_column):
         return 0.0  # reading it raises the error
     cells = log.column(time_column, time_column)
     times = np.array([seconds_of(cell) for cell in cells], float) if isinstance(cells, list) else cells
-    steps = np.diff(times[np.isfinite(times)])
+    times = times[np.isfinite(times)]
+    steps = np.diff(times)
+    _refuse_float32(times, steps, f"{log.name}: column {time_column}")
     backward = int((steps < 0).sum())
     if backward > _MOST_BACKWARD * len(steps):  # a clock is set back now and then, no more
         raise LogError(
@@ -111,6 +113,22 @@ def _step_s(log: TableLog, time_column: str) -> float:
         )
     steps = steps[steps > 0]
     return round(float(np.median(steps)), 6) if len(steps) else 0.0
+
+
+def _refuse_float32(times: FloatColumn, steps: FloatColumn, where: str) -> None:
+    """Refuse times that float32 has rounded so far that rows have the same. Errors: LogError."""
+    if not len(steps):
+        return
+    with np.errstate(over="ignore"):  # infinite, and so no number of float32
+        rounded = times.astype(np.float32)
+    apart_s = float(np.spacing(np.abs(rounded).max()))
+    if apart_s > SLOW_S and np.array_equal(rounded, times) and np.median(np.abs(steps)) < apart_s:
+        raise LogError(
+            f"the times are rounded to float32, whose numbers are {apart_s:g} s apart there",
+            where=where,
+            found=f"{len(np.unique(times)):,} times in {len(times):,} rows",
+            expected="float64 or dates (datetime64), from before they became float32",
+        )
 
 
 def require_number(name: str, value: object, least: float, unit: str = "", most: float = math.inf) -> None:

@@ -177,6 +177,27 @@ def test_times_that_are_no_seconds_are_reported(factor, every, unit):
         canest.estimate(table, VAN)
 
 
+@pytest.mark.parametrize("rows", [4000, 60_000], ids=["80 s", "20 minutes"])
+@pytest.mark.parametrize("function", [canest.estimate, canest.read_signals])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64], ids=["float32", "made float64 again"])
+def test_times_since_1970_in_float32_are_reported(rows, function, dtype):
+    """Four minutes had a few times only, and the error was of rows 128 s apart, or milliseconds."""
+    table = columns(rows)
+    table["t_s"] = (1.7e9 + table["t_s"]).astype(np.float32).astype(dtype)
+    text = (
+        r"column t_s: the times are rounded to float32, whose numbers are 128 s apart there, found '\d+ times"
+    )
+    with pytest.raises(canest.LogError, match=text + r" in .*,000 rows', expected float64 or dates"):
+        function(table, VAN)
+
+
+@pytest.mark.parametrize("start_s", [0.0, 86_400.0])
+def test_times_in_float32_that_tell_rows_apart_are_times(start_s, expected):
+    of = columns()
+    of["t_s"] = (of["t_s"] + start_s).astype(np.float32)
+    assert canest.estimate(of, VAN).mass_kg[-1] == pytest.approx(expected.mass_kg[-1], rel=0.01)
+
+
 @pytest.mark.parametrize("table", [None, 5, [1, 2], "drive.csv.missing"])
 def test_what_is_no_table_is_refused(table):
     with pytest.raises(canest.CanestError):
