@@ -1,4 +1,4 @@
-"""Does the torque behave as one: does it push where the vehicle gets faster, and change as engines can?"""
+"""Does the torque behave as one: does it push where the vehicle gets faster, as hard and steadily as any?"""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from canest.core.roles import ROLES
 from canest.doctor.motion import STEP_S, motion_of
 from canest.doctor.stretches import Samples, Stretches, at, known
 from canest.doctor.switches import SPEEDS
@@ -20,6 +21,12 @@ if TYPE_CHECKING:
 _MOVES_MPS, _FASTER_MPS2, _DRIVEN_SHARE = 2.0, 0.3, 0.1
 #: for so long (s), and this share of it, before a sign is wrong
 _LEAST_S, _WRONG_SHARE = 10.0, 0.8
+#: no vehicle gets faster by so few N m or percent, but a ratio of the full torque ends there: 125 %
+_RATIO = 1.25
+_OTHER_FORMS = {
+    "%": "a ratio, which takes a factor of 100 (scale: 100)",
+    "Nm": "in kN m (unit: kNm), or a ratio of the full torque (scale: that torque)",
+}
 #: no torque changes by this share of its range from one sample to the next, in so many of its steps
 _WILD, _WILD_SHARE, _WITHIN_US, _FEWEST = 0.25, 0.1, 120_000, 1000
 #: steps are counted by their size, in quarter octaves, from 2 to this power
@@ -98,6 +105,12 @@ class TorqueCourseCheck:
             return (
                 f"signals.{self._role} is negative in {self._against_s:,.0f} of {self._driven_s:,.0f} s in "
                 "which the vehicle gets faster by it: is its sign turned (scale), or is it another signal?"
+            )
+        unit = ROLES[self._role].unit
+        if self._driven_s >= _LEAST_S and max(-low, high) <= _RATIO and unit in _OTHER_FORMS:
+            return (
+                f"signals.{self._role} is between {low:.3g} and {high:.3g} {unit} while the vehicle gets "
+                f"faster by it: is it {_OTHER_FORMS[unit]}?"
             )
         return ""
 

@@ -338,6 +338,38 @@ def test_a_column_whose_name_is_a_slip_is_noted():
     assert notes == ["column YawRate is not used: perhaps it is yaw_rate"]
 
 
+@pytest.mark.parametrize(
+    ("role", "full", "text"),
+    [
+        (
+            "wheel_torque",
+            1100.0,
+            r"wheel_torque is between -0\.\d+ and 0\.\d+ Nm while the .* in kN m \(unit: kNm",
+        ),
+        (
+            "engine_torque_pct",
+            1100.0,
+            r"engine_torque_pct is between -0.* which takes a factor of 100 \(scale: 100",
+        ),
+        ("wheel_torque", 1.0, ""),
+        ("engine_torque_pct", 11.0, ""),
+    ],
+)
+def test_a_torque_that_is_a_ratio_is_noted(role, full, text):
+    of = columns()
+    of[role] = of.pop("wheel_torque") / full
+    vehicle = canest.Vehicle(
+        **(VAN.model_dump() | {"reference_torque_Nm": 1100 / 3.9, "gear_ratios": {1: 1.0}})
+    )
+    notes = [
+        note
+        for note in canest.estimate(of, vehicle).summary["notes"]
+        if "factor of" in note or "ratio" in note
+    ]
+    assert len(notes) == bool(text)
+    assert re.match("signals." + text, "".join(notes)) or not text
+
+
 RATES = re.findall(r"^\| (\d+) \| ([\d.]+) % \| ([\d.]+) % \| ([\d.]+) % \|$", API_PAGE, re.M)
 
 

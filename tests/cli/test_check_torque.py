@@ -120,6 +120,16 @@ def test_a_torque_with_its_sign_turned_is_named(tmp_path):
     assert not [hint for hint in report.hints if "negative" in hint]
 
 
+def test_a_torque_that_is_a_ratio_or_in_another_unit_is_named(tmp_path):
+    report = van(tmp_path, torque=", scale: 0.001")
+    assert report.stops.startswith(
+        "signals.engine_torque is between 0.0005 and 0.6 Nm while the vehicle gets"
+    )
+    assert report.stops.endswith(
+        "is it in kN m (unit: kNm), or a ratio of the full torque (scale: that torque)?"
+    )
+
+
 def test_a_role_most_of_whose_samples_are_refused_is_not_ok(tmp_path):
     report = van(tmp_path, torque=", scale: 1000")
     found = row(report, "engine_torque")
