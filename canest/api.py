@@ -70,7 +70,7 @@ def replay(
     parts are joined). For more than a day at once, let `canest replay -o` write files instead.
 
     Args:
-        log: a file, frames, or a simulated drive.
+        log: a file, frames, or a simulated drive. A table, as of `read_signals`, is for `estimate`.
         config: of the vehicle.
         truth: file or table with t_s and grade or mass_kg or both; its errors go into the summary.
         mass_kg: the true mass, if constant, in kg.
@@ -93,9 +93,8 @@ def replay(
     """
     from canest.interface.run import replayed  # with numba where it pays
 
-    return replayed(
-        log_of(log), with_estimator(config_of(config), estimator), truth, mass_kg, after_s, channel, output
-    )
+    used = with_estimator(config_of(config), estimator)
+    return replayed(log_of(log), used, truth, mass_kg, after_s, channel, output)
 
 
 def estimate(
@@ -118,8 +117,8 @@ def estimate(
     as float64. An empty cell means "not available"; where it stands for the value before, fill it (ffill()).
 
     Args:
-        table: pandas, polars or pyarrow table, or {name: (n,)}. Time is the column t_s (or as the config's
-            sampling.time_column names) in seconds, or as dates; of pandas also a DatetimeIndex.
+        table: pandas, polars or pyarrow table, `Signals`, or {name: (n,)}. Time is the column t_s (or as the
+            config's sampling.time_column names) in seconds, or as dates; of pandas also a DatetimeIndex.
         config: of the vehicle, or a `Vehicle` alone, for columns named by role ("engine_torque",
             "vehicle_speed", ...; docs/config.md lists them with their units).
         estimator: name of one; by default the config's, for a `Vehicle` "canest".

@@ -18,6 +18,7 @@ from canest.config.sections import EstimatorSection
 from canest.core.errors import ConfigError, LogError, UsageError
 from canest.core.frames import FloatColumn, FrameBlock
 from canest.estimators.registry import require_known
+from canest.interface.signals import Signals
 from canest.interface.simulated_drive import SimulatedDrive
 from canest.logs.cells import seconds_of
 from canest.logs.memory import FrameLog, MemoryLog
@@ -30,10 +31,18 @@ _MOST_BACKWARD = 0.1
 LogFile = str | Path | MemoryLog
 
 
-def config_of(given: Config | str | Path, overrides: Mapping[str, object] | None = None) -> Config:
+def config_of(
+    given: Config | facts.Vehicle | str | Path, overrides: Mapping[str, object] | None = None
+) -> Config:
     """Return a config, loaded where it is a path or a name. Errors: ConfigError."""
     if isinstance(given, Config):
         return given
+    if isinstance(given, facts.Vehicle):
+        raise ConfigError(
+            "a vehicle alone does not define where signals are",
+            where="config",
+            expected="a config, or a table for canest.estimate",
+        )
     if overrides is not None and not isinstance(overrides, Mapping):
         expected = "a mapping: dotted key -> value"
         raise UsageError("no overrides", found=type(overrides).__name__, expected=expected)
@@ -64,6 +73,8 @@ def log_of(given: Any, what: str = "log") -> LogFile:
         return FrameLog(given)
     if isinstance(given, SimulatedDrive):
         return FrameLog(given.frames, given.name)
+    if isinstance(given, Signals):
+        return TableLog({"t_s": given.t_s, **given.values})
     if isinstance(given, list | tuple | set):
         expected = f"one {what}: a path, a FrameBlock (of FrameBlock.from_messages), or a table"
         raise LogError(f"no {what}", found=type(given).__name__, expected=expected)
@@ -78,17 +89,11 @@ def log_and_config(
     Errors: LogError, ConfigError.
     """
     log = log_of(given)
+    if not isinstance(log, TableLog):
+        return log, config_of(config)
     known = config if isinstance(config, facts.Vehicle) else config_of(config)
-    if isinstance(log, TableLog):
-        time_column = known.sampling.time_column if isinstance(known, Config) else "t_s"
-        return log, config_of_table(known, log.names, _step_s(log, time_column), units)
-    if isinstance(known, Config):
-        return log, known
-    raise ConfigError(
-        "a vehicle alone does not define where signals are",
-        where="config",
-        expected="a config, or a table as log",
-    )
+    time_column = known.sampling.time_column if isinstance(known, Config) else "t_s"
+    return log, config_of_table(known, log.names, _step_s(log, time_column), units)
 
 
 def _step_s(log: TableLog, time_column: str) -> float:

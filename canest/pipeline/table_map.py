@@ -188,7 +188,8 @@ def wrong_kind(config: Config, log: LogReader) -> str:
                 f"no log of frames ({KNOWN_LOGS}). Is it a table of decoded signals? Name its columns in "
                 "the config (signals.ROLE.column), which maps only DBC signals"
             )
-        return "the config maps only DBC signals, and this log holds a decoded table"
+        estimate = " (canest.estimate takes it by the names of roles)" if log.format == "memory" else ""
+        return f"the config maps only DBC signals, and this log holds a decoded table{estimate}"
     if log.kind == "frames" and columns == len(config.signals):
         return "the config maps only table columns, and this log holds frames"
     return ""

@@ -241,6 +241,21 @@ def test_vehicle_alone_is_no_config_of_frames():
         canest.read_signals(canest.demo_drive(), VAN)
 
 
+def test_signals_are_a_table_for_estimate_and_replay_says_so():
+    drive = canest.demo_drive()
+    signals = canest.read_signals(drive, drive.config)
+    table = {"t_s": signals.t_s, **signals.values}
+    vehicle = drive.config.vehicle
+    assert_same(canest.estimate(signals, vehicle), canest.estimate(table, vehicle))
+    for given in (signals, table):
+        with pytest.raises(canest.LogError, match=r"table: .*canest.estimate takes it by the names of roles"):
+            canest.replay(given, drive.config)
+        with pytest.raises(
+            canest.ConfigError, match=r"config: a vehicle alone .*a table for canest.estimate"
+        ):
+            canest.replay(given, vehicle)
+
+
 @pytest.mark.parametrize(
     ("facts", "text"),
     [
