@@ -21,8 +21,8 @@ class Mistake(NamedTuple):
     path: keys from the outermost to the wrong one, () for the whole. words: the whole sentence of a
     contradiction, else what was expected of a wrong value. found: a wrong value as it was written, a very
     long one cut; the type of what should be a single value. siblings: keys that are missing beside an
-    unknown one. more: " (and 2 more)", with the names of keys that are missing beside another; "" when
-    there is no other mistake.
+    unknown one. more: " (and 2 more)", with the names of keys that are missing beside it; "" when there is
+    no other mistake.
     """
 
     kind: Kind
@@ -61,12 +61,12 @@ def first_mistake(error: ValidationError, section: tuple[str, ...] = ()) -> Mist
         words,
         found,
         siblings,
-        _more(len(problems) - 1, siblings[1:] if first["type"] == "missing" else ()),
+        _more(len(problems) - 1, siblings[1:] if first["type"] == "missing" else siblings),
     )
 
 
 def _more(count: int, missing: tuple[str, ...]) -> str:
-    """Return how many mistakes there are besides, and which keys are missing beside the first that is."""
+    """Return how many mistakes there are besides, and which keys are missing beside the first."""
     if not count:
         return ""
     names = ", ".join(missing) + (", ..." if 0 < len(missing) < count else "")

@@ -272,6 +272,32 @@ def test_facts_of_a_vehicle_are_checked(facts, text):
         canest.Vehicle(**(VAN.model_dump() | facts))
 
 
+@pytest.mark.parametrize(
+    ("facts", "text"),
+    [
+        (
+            {},
+            r"vehicle.mass_min_kg: is missing, .*\(and 5 more: mass_max_kg, wheel_radius_m, final_drive, dra",
+        ),
+        (
+            {"mass_min_kg": 1},
+            r"found 1, expected greater than 50 \(and 5 more: mass_max_kg, wheel_radius_m, fin",
+        ),
+        (
+            {"wheel_radius": 1},
+            r"unknown key, .*perhaps wheel_radius_m .*\(and 6 more: mass_min_kg, mass_max_kg, ",
+        ),
+        (
+            VAN.model_dump() | {"mass_min_kg": 1, "final_drive": 0},
+            r"found 1, expected greater than 50 \(and 1 more\)",
+        ),
+    ],
+)
+def test_all_facts_that_a_vehicle_lacks_are_named_beside_another_mistake(facts, text):
+    with pytest.raises(canest.ConfigError, match=text):
+        canest.Vehicle(**facts)
+
+
 def test_fact_without_a_name_is_refused():
     with pytest.raises(
         canest.ConfigError, match="vehicle: a fact without a name, found 3500, expected facts by"
