@@ -117,8 +117,8 @@ def estimate(
     as float64. An empty cell means "not available"; where it stands for the value before, fill it (ffill()).
 
     Args:
-        table: pandas, polars or pyarrow table, `Signals`, or {name: (n,)}. Time is the column t_s (or as the
-            config's sampling.time_column names) in seconds, or as dates; of pandas also a DatetimeIndex.
+        table: pandas, polars or pyarrow table, `Signals`, or {name: (n,)}. Time is t_s (or the config's
+            sampling.time_column): seconds, or dates, UTC if without a zone; of pandas also a DatetimeIndex.
         config: of the vehicle, or a `Vehicle` alone, for columns named by role ("engine_torque",
             "vehicle_speed", ...; docs/config.md lists them with their units).
         estimator: name of one; by default the config's, for a `Vehicle` "canest".

@@ -18,13 +18,17 @@ def number_of(cell: str) -> float | None:
 def seconds_of(cell: str) -> float | None:
     """Return the time in a cell: a number, or the seconds since 1970 of a date and time (ISO 8601).
 
-    Without a zone it is UTC, as it is in parquet. None for other text and for nothing.
+    None for other text and for nothing.
     """
     seconds = number_of(cell)
     if seconds is not None:
         return seconds
     try:
-        when = datetime.fromisoformat(cell.strip())
+        return seconds_since_1970(datetime.fromisoformat(cell.strip()))
     except ValueError:
         return None
+
+
+def seconds_since_1970(when: datetime) -> float:
+    """Return a date and time in seconds; without a zone it is UTC, as it is in parquet."""
     return (when if when.tzinfo is not None else when.replace(tzinfo=UTC)).timestamp()

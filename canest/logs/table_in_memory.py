@@ -6,6 +6,7 @@ What a column is asked for is one thing only: `numpy.asarray` of it, which all o
 from __future__ import annotations
 
 from collections.abc import Collection, Generator, Mapping
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from canest.core.errors import LogError
 from canest.core.frames import FloatColumn
 from canest.core.table_block import TableBlock
 from canest.logs.base import BLOCK_FRAMES, LogReader
-from canest.logs.cells import number_of, seconds_of
+from canest.logs.cells import number_of, seconds_of, seconds_since_1970
 from canest.logs.memory import MemoryLog, MemorySource
 from canest.logs.table_reader import TableReader
 
@@ -155,8 +156,8 @@ def _cells(column: Any, where: str) -> FloatColumn | list[str]:
         return _seconds(found)
     cells = [None if _is_missing(cell) else cell for cell in found.tolist()]
     first = next((cell for cell in cells if cell is not None), None)
-    if hasattr(first, "timestamp"):  # dates of a time zone
-        return _floats([None if cell is None else cell.timestamp() for cell in cells])
+    if isinstance(first, datetime):  # pandas' dates of a time zone are such
+        return _floats([None if cell is None else seconds_since_1970(cell) for cell in cells])
     if not isinstance(first, str):
         try:
             return _floats(cells)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,20 @@ def test_pandas_index_is_the_time(expected):
     abroad = dates.tz_localize("UTC").tz_convert("Asia/Tokyo")
     for index in (dates, abroad, pd.to_timedelta(micros, unit="us"), pd.Index(micros / 1e6, name="t_s")):
         assert_same(canest.estimate(pd.DataFrame(of, index=index), VAN), expected)
+
+
+@pytest.mark.parametrize("kind", ["datetime", "text", "datetime64"])
+def test_dates_without_a_time_zone_are_utc_wherever_the_machine_is(kind, expected, monkeypatch):
+    monkeypatch.setenv("TZ", "Asia/Tokyo")
+    time.tzset()
+    of = columns()
+    dates = np.rint(of["t_s"] * 1e6).astype("int64").astype("datetime64[us]")
+    made = {"datetime": dates.tolist(), "text": dates.astype(str).tolist(), "datetime64": dates}
+    try:
+        assert_same(canest.estimate(of | {"t_s": made[kind]}, VAN), expected)
+    finally:
+        monkeypatch.undo()
+        time.tzset()
 
 
 def test_pandas_own_missing_values_and_text():
