@@ -240,8 +240,8 @@ def simulate(scenario: str | Path | Mapping[str, Any], seed: int | None = None) 
     Example:
         >>> import canest
         >>> drive = canest.simulate("demo", seed=3)
-        >>> drive.truth["mass_kg"][0]
-        np.float64(21000.0)
+        >>> float(drive.truth["mass_kg"][0])
+        21000.0
     """
     from canest.interface.simulated_drive import simulated_drive_of
     from canest.simulation.run import simulate as run  # heavy

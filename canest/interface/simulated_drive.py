@@ -32,8 +32,8 @@ class SimulatedDrive:
     Example:
         >>> import canest
         >>> drive = canest.demo_drive()
-        >>> drive.truth["mass_kg"][0] > 0
-        np.True_
+        >>> float(drive.truth["mass_kg"][0])
+        21000.0
     """
 
     name: str

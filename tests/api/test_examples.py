@@ -46,6 +46,12 @@ def test_every_function_and_result_has_an_example():
 
 
 @pytest.mark.parametrize("example", EXAMPLES)
+def test_example_of_a_docstring_shows_no_number_of_numpy(example):
+    """numpy 1 and 2 write them differently: 3.0, np.float64(3.0)."""
+    assert not any("np." in shown.want for shown in example.examples)
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
 def test_example_of_a_docstring_runs(example):
     failed = []
     doctest.DocTestRunner(verbose=False).run(example, out=failed.append)
