@@ -253,7 +253,8 @@ def demo_drive() -> SimulatedDrive:
     """Return the drive that ships with canest: three minutes of a 21 t truck, of config class8.
 
     Returns:
-        `SimulatedDrive`; only the frames that class8 wants are kept of it, and not what was undeclared.
+        `SimulatedDrive`: a recording. `simulate("demo")` drives anew, and its numbers follow the simulator.
+        Only the frames that class8 wants are kept of it, and not what was undeclared.
 
     Example:
         >>> import canest

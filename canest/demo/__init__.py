@@ -1,8 +1,8 @@
 """A bundled drive with its truth, and the session that plays it to the daemon.
 
-`drive.log.xz` is three minutes of the simulator's scenario `demo` (21 t, throttle pulses, shifts, hills, and
-the small undeclared errors that every truck has): the frames that the filters of `configs/class8.yaml` let
-through. `tools/bundle_demo.py` makes it.
+`drive.log.xz` is a recording of three minutes of the simulator's scenario `demo` (21 t, throttle pulses,
+shifts, hills, and the small undeclared errors that every truck has): the frames that the filters of
+`configs/class8.yaml` let through. `tools/bundle_demo.py` makes it anew, by the simulator as it is then.
 """
 
 from __future__ import annotations

@@ -211,6 +211,15 @@ def test_a_saved_mass_is_within_the_bounds_in_spite_of_rounding(drive):
     pipeline.restore(**pipeline.snapshot())
 
 
+@pytest.mark.slow
+def test_the_recorded_demo_differs_from_the_simulated_one_by_little(drive):
+    made = canest.simulate("demo")
+    np.testing.assert_array_equal(drive.truth["t_s"], made.truth["t_s"])
+    np.testing.assert_array_equal(drive.truth["mass_kg"], made.truth["mass_kg"])
+    np.testing.assert_allclose(drive.truth["distance_m"], made.truth["distance_m"], atol=1.0)
+    assert len(drive.frames) < len(made.frames)
+
+
 def test_overrides_are_values():
     overrides = {
         "vehicle.gear_ratios": {1: 3.0, 2: 1.0},
