@@ -63,9 +63,12 @@ class _Log:
         self.key = ""
 
     def path(self) -> Path:
-        """Return the file. Errors: LogError where it cannot be fetched."""
+        """Return the file. Errors: LogError where it cannot be fetched, or is a pipe."""
         if "://" not in self._url:
-            return Path(self._url)
+            path = Path(self._url)
+            if path.is_fifo():  # its content would be gone when it is read again
+                raise LogError("is a pipe", expected="a file: canest replay reads a pipe")
+            return path
         if self.copy is None:
             self.copy = download(self._url, Path(self._stack.enter_context(TemporaryDirectory())))
         return self.copy

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import lzma
 import os
+import pty
 import re
 import signal
 import subprocess
@@ -62,6 +63,12 @@ def candump(seconds: int = 20, shift_s: float = 0.0) -> bytes:
             break
         kept.append(b"(%.6f)%s" % (float(stamp) + shift_s, rest))
     return b"\n".join(kept) + b"\n"
+
+
+def hanging_log(path: Path) -> None:
+    """Make a log whose reading never ends: a terminal at which nobody types."""
+    _, terminal = pty.openpty()
+    path.symlink_to(os.ttyname(terminal))
 
 
 @pytest.fixture(scope="session")

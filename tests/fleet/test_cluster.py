@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 import sys
 
 import pytest
 
-from tests.fleet.conftest import ROOT, candump, end, files_of, run, start_worker, wait_for
+from tests.fleet.conftest import ROOT, candump, end, files_of, hanging_log, run, start_worker, wait_for
 from tests.fleet.test_run import hungry_log
 
 pytestmark = pytest.mark.slow
@@ -26,7 +25,7 @@ def test_a_killed_worker_a_hungry_log_and_a_hanging_one_are_named_and_the_rest_i
 ):
     source, folder = tmp_path / "logs", tmp_path / "lake"
     shutil.copytree(logs, source)
-    os.mkfifo(source / "hangs.log")
+    hanging_log(source / "hangs.log")
     hungry_log(source / "hungry.parquet")
     for number in range(6):
         (source / "t1" / f"more{number}.log").write_bytes(candump(25, 1_700_600_000 + 60 * number))

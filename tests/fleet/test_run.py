@@ -17,7 +17,7 @@ import zstandard
 
 from canest.fleet.child_main import write_message
 from canest.fleet.work_folder import PREFIX
-from tests.fleet.conftest import ROOT, candump, command, files_of, run, wait_for
+from tests.fleet.conftest import ROOT, candump, command, files_of, hanging_log, run, wait_for
 
 
 def rows(lake: Path, sql: str) -> list[str]:
@@ -86,6 +86,15 @@ def test_what_fits_no_rule_or_cannot_be_read_is_named_and_the_rest_is_done(logs,
     )
 
 
+def test_a_pipe_is_named_and_not_waited_for(manifest, tmp_path):
+    pipe = tmp_path / "logs/t1/pipe.log"
+    pipe.parent.mkdir(parents=True)
+    os.mkfifo(pipe)
+    done = run(tmp_path / "logs", tmp_path / "lake", manifest, timeout_s=60)
+    assert done.code == 1
+    assert done.err == ("error: t1/pipe.log: is a pipe, expected a file: canest replay reads a pipe\n")
+
+
 def test_a_mistake_in_the_manifest_leaves_no_lake_behind(logs, tmp_path):
     rules = tmp_path / "fleet.csv"
     rules.write_text("pattern,vehicle,config\nt1/*,truck-1,nowhere.yaml\n")
@@ -135,7 +144,7 @@ def test_vehicles_are_told_by_their_vin_which_no_file_of_the_lake_has_unless_ask
 def test_a_log_that_hangs_and_one_that_eats_memory_cost_themselves_alone(lake, logs, tmp_path):
     source = tmp_path / "logs"
     shutil.copytree(logs / "t1", source)
-    os.mkfifo(source / "hangs.log")  # nobody ever writes
+    hanging_log(source / "hangs.log")
     hungry_log(source / "hungry.parquet")
     rules = tmp_path / "fleet.csv"
     rules.write_text("pattern,vehicle,config\nhungry.*,truck-1,bmw-i3\n*,truck-1,kenworth\n")
