@@ -271,6 +271,8 @@ def _tally_lines(tally: Tally, lake: str) -> list[str]:
         f"{len(tally.failed):,} failed, {len(tally.unmatched):,} without a rule",
         f"{tally.trips:,} trips, {tally.samples:,} samples",
     ]
+    if tally.lacking:
+        lines.append(f"{len(tally.lacking):,} logs are empty, cut short or lack the needed signals")
     if tally.passed_over:
         shown = ", ".join(tally.passed_over[:3]) + (", ..." if len(tally.passed_over) > 3 else "")
         lines.append(f"{len(tally.passed_over):,} files passed over that are no logs: {shown}")
@@ -282,6 +284,7 @@ def _print_problems(tally: Tally) -> None:
     problems += [f"no rule: {log}: {why}" for log, why in sorted(tally.unmatched.items())]
     damaged = "was damaged and is removed; its logs below SOURCE are done again"
     problems += [f"note: {name}: {damaged}" for name in sorted(tally.damaged)]
+    problems += [f"note: {log}: {why}" for log, why in sorted(tally.lacking.items())]
     for line in problems[:_FAILURES_SHOWN]:
         print(line, file=sys.stderr)
     if len(problems) > _FAILURES_SHOWN:

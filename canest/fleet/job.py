@@ -61,6 +61,7 @@ class Outcome:
     """What became of a log.
 
     error: why there is no result; '' where there is one. unmatched: why no vehicle or config fits.
+    lacks: why the result is one of an empty log, of one without the needed signals, or of a part of a log.
     key: of the result; of what is there now, where a log cannot be read; '' where neither is known.
     present: the lake had it before. files: name below the lake -> content, trips last; empty where the worker
     wrote them itself. trips, samples: rows; None where no samples are asked for. final: trying again would
@@ -70,6 +71,7 @@ class Outcome:
     name: str
     error: str = ""
     unmatched: str = ""
+    lacks: str = ""
     key: str = ""
     present: bool = False
     files: dict[str, bytes] = field(default_factory=dict)

@@ -25,7 +25,7 @@ from canest.fleet.tables import trips_file
 from canest.fleet.trips import trip_rows
 from canest.fleet.vin import vin_of
 from canest.logs.budget import log_budget
-from canest.logs.log_warnings import log_warnings
+from canest.logs.log_warnings import log_warnings, truncation_warnings
 from canest.offline.legs import Legs
 from canest.offline.log_run import LogRun
 
@@ -154,10 +154,13 @@ def _replayed(
     with closing(run.reader):
         for estimates in run.estimates():
             legs.add(estimates, recording.taken_speeds())
-    rows = list(trip_rows(legs, recording, _of_log(run, job.log.name, bundle, key)))
+    of_log = _of_log(run, job.log.name, bundle, key)
+    rows = list(trip_rows(legs, recording, of_log))
     partition = f"{vehicle_names.folder_of(vehicle)}/date={_date(recording.first_us)}"
     file = result_of(job.log.name, key) + SUFFIX
     outcome = Outcome(job.log.name, key=key, trips=len(rows), written=f"trips/{partition}/{file}")
+    lacks = [] if run.pipeline.samples else [of_log["reason"]]
+    outcome.lacks = "; ".join(lacks + truncation_warnings(run.reader))
     if recording.samples is not None:
         outcome.samples = recording.samples.rows
         outcome.files[f"samples/{partition}/{file}"] = recording.samples.content()

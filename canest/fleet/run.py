@@ -42,7 +42,10 @@ class Request:
 
 @dataclass(slots=True)
 class Tally:
-    """What came of a run so far. failed, unmatched: log -> why. damaged: files of the lake, removed."""
+    """What came of a run so far.
+
+    failed, unmatched, lacking: log -> why. damaged: files of the lake, removed.
+    """
 
     logs: int = 0
     done: int = 0
@@ -51,6 +54,7 @@ class Tally:
     samples: int = 0
     failed: dict[str, str] = field(default_factory=dict)
     unmatched: dict[str, str] = field(default_factory=dict)
+    lacking: dict[str, str] = field(default_factory=dict)
     passed_over: list[str] = field(default_factory=list)
     damaged: list[str] = field(default_factory=list)
     begin_s: float = field(default_factory=time.monotonic)
@@ -67,6 +71,8 @@ class Tally:
             self.present += outcome.present
             self.trips += outcome.trips
             self.samples += outcome.samples or 0
+            if outcome.lacks:
+                self.lacking[outcome.name] = outcome.lacks
 
     @property
     def is_complete(self) -> bool:
@@ -83,6 +89,7 @@ class Tally:
             "samples": self.samples,
             "failed": [{"log": log, "error": self.failed[log]} for log in sorted(self.failed)],
             "unmatched": [{"log": log, "reason": self.unmatched[log]} for log in sorted(self.unmatched)],
+            "lacking": [{"log": log, "reason": self.lacking[log]} for log in sorted(self.lacking)],
             "passed_over": sorted(self.passed_over),
             "damaged": sorted(self.damaged),
             "wall_s": round(time.monotonic() - self.begin_s, 3),

@@ -19,12 +19,15 @@ def log_warnings(reader: LogReader) -> list[str]:
         unnamed = reader.skipped_lines - len(reader.skipped)
         more = f" and {unnamed:,} after them" if unnamed else ""
         notes.append(f"{reader.skipped_lines - _LINES_SHOWN:,} more lines skipped: {numbers}{more}")
-    notes += reader.remarks
-    if reader.truncated:
-        notes.append(f"the log ends before it should: {reader.truncated_reason}")
+    notes += reader.remarks + truncation_warnings(reader)
     if reader.channel is None and len(reader.channels) > 1:
         notes.append(
             f"{len(reader.channels)} interfaces taken as one bus: {reader.channels_text()}; "
             "--channel NAME takes one"
         )
     return notes
+
+
+def truncation_warnings(reader: LogReader) -> list[str]:
+    """Return that a log which has been read ends before it should; nothing for one that is whole."""
+    return [f"the log ends before it should: {reader.truncated_reason}"] if reader.truncated else []

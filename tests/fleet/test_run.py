@@ -17,7 +17,7 @@ import zstandard
 
 from canest.fleet.child_main import write_message
 from canest.fleet.work_folder import PREFIX
-from tests.fleet.conftest import ROOT, candump, command, files_of, hanging_log, run, wait_for
+from tests.fleet.conftest import KENWORTH, ROOT, candump, command, files_of, hanging_log, run, wait_for
 
 
 def rows(lake: Path, sql: str) -> list[str]:
@@ -84,6 +84,25 @@ def test_what_fits_no_rule_or_cannot_be_read_is_named_and_the_rest_is_done(logs,
     assert rows(tmp_path / "lake", "select status, reason from trips where log = 't1/empty.log'")[1] == (
         "unestimated,the log is empty: it holds no frames"
     )
+
+
+def test_an_empty_log_and_one_that_is_cut_short_are_named(manifest, tmp_path):
+    source = tmp_path / "logs/t1"
+    source.mkdir(parents=True)
+    (source / "whole.log").write_bytes(candump(5))
+    (source / "empty.log").write_bytes(b"")
+    (source / "cut.log.xz").write_bytes(KENWORTH.read_bytes()[:4000])
+    (source / "strange.log").write_bytes(b"(1.000000) can0 7FF#00\n")
+    done = run(tmp_path / "logs", tmp_path / "lake", manifest)
+    assert (done.code, done.tally["done"]) == (0, 4), done.err
+    reasons = {log["log"]: log["reason"] for log in done.tally["lacking"]}
+    assert list(reasons) == ["t1/cut.log.xz", "t1/empty.log", "t1/strange.log"]
+    assert reasons["t1/cut.log.xz"] == "the log ends before it should: the xz archive ends early"
+    assert reasons["t1/empty.log"] == "the log is empty: it holds no frames"
+    assert reasons["t1/strange.log"].endswith("was never seen in 1 frames")
+    assert done.err.splitlines() == [f"note: {log}: {reason}" for log, reason in reasons.items()]
+    shown = command("run", tmp_path / "logs", "-o", tmp_path / "again", "--manifest", manifest)
+    assert "3 logs are empty, cut short or lack the needed signals" in shown.out
 
 
 def test_a_pipe_is_named_and_not_waited_for(manifest, tmp_path):
