@@ -49,9 +49,9 @@ def run(case: Case) -> Row:
             known = {"truths": [log.with_suffix(".truth.csv")]}
         try:
             found = diagnose([log], config, **known)
-            result = document(found, entries(found), [log.name])
+            result = document(found, entries(found), [log.name], config.file)
         except TooLittleDrivingError as error:  # two faults may make a gearbox hunt for a whole drive
-            result = empty_document(str(error), [log.name], config.vehicle.name, error.notes)
+            result = empty_document(str(error), [log.name], config, config.file, error.notes)
             result["baseline"]["residual_rms_N"] = result["after"]["residual_rms_N"] = float("nan")
     return {"family": case.family, "seed": case.seed, "reference": case.reference, "planted": case.planted,
             "mass_kg": case.scenario["mass_kg"], "errors": case.scenario["small_errors"],

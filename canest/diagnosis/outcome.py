@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from canest import __version__
+from canest.config.schema import Config
 from canest.diagnosis.data.reference import Reference
 from canest.diagnosis.entries import Entry, unit_share
 from canest.diagnosis.run import Diagnosis
@@ -19,10 +21,14 @@ TOO_LITTLE = "too little driving with open gates"
 MAX_SIGNALS = 20
 
 
-def document(diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str]) -> dict[str, Any]:
-    """Return the whole of diagnosis.json."""
+def document(
+    diagnosis: Diagnosis, found: Sequence[Entry], logs: Sequence[str], config_name: str
+) -> dict[str, Any]:
+    """Return the whole of diagnosis.json. config_name: what the diagnosis was called with."""
     problem = diagnosis.problem
     return {
+        "canest": __version__,
+        "config": config_name,
         "finding": diagnosis.finding,
         "details": list(diagnosis.details),
         "verdict": diagnosis.verdict,
@@ -86,13 +92,19 @@ def dependence(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
 
 
 def empty_document(
-    finding: str, logs: Sequence[str], vehicle: str, notes: Mapping[str, Sequence[str]]
+    finding: str,
+    logs: Sequence[str],
+    config: Config,
+    config_name: str,
+    notes: Mapping[str, Sequence[str]],
 ) -> dict[str, Any]:
     """Return the document of logs in which the gates were never open for long enough to measure anything."""
     unknown = dict.fromkeys(
         ("residual_rms_N", "mass_kg", "mass_error_pct", "mass_rms_pct", "grade_rms_deg"), None
     )
     return {
+        "canest": __version__,
+        "config": config_name,
         "finding": finding,
         "details": [],
         "verdict": "nothing-to-explain",
@@ -112,7 +124,7 @@ def empty_document(
             "drives": 0,
             "open_s": 0,
             "blocks": 0,
-            "vehicle": vehicle,
+            "vehicle": config.vehicle.name,
         },
     }
 

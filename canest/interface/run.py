@@ -125,7 +125,7 @@ def diagnosed(
         found.finding,
         found.verdict,
         revised.effects[len(found.config.effects) :],
-        document(found, entries(found), [str(path) for path in paths]),
+        document(found, entries(found), [str(path) for path in paths], config.file),
         revised,
         tuple(map(estimates_of, found.estimates_before)),
         tuple(map(estimates_of, found.estimates_after)),

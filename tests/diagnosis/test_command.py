@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from canest import __version__
 from canest.cli.diagnose import show
 from canest.cli.main import run
 from canest.config import load_config
@@ -52,6 +53,14 @@ def test_the_json_has_the_contracts_keys_and_types(document):
         assert len(fitted) == 1 and fitted[0]["std"] > 0
         for name, p in c["parameters"].items():
             assert set(p) == {"value", "std", "unit"}, name
+
+
+def test_the_json_says_which_canest_and_which_config_made_it(document, gain, tmp_path):
+    assert document["canest"] == __version__
+    assert document["config"] == str(gain.with_suffix(".yaml"))
+    assert run(["diagnose", "tests/data/ip332/bike.log.xz", "-c", "kenworth", "-o", str(tmp_path)]) == 0
+    empty = json.loads((tmp_path / "diagnosis.json").read_text("utf-8"))
+    assert (empty["canest"], empty["config"]) == (__version__, "kenworth")
 
 
 def test_candidates_come_best_first_and_the_selected_ones_lead(document):

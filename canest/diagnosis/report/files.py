@@ -40,7 +40,7 @@ def write(diagnosis: Diagnosis, config_name: str, logs: Sequence[str], directory
     config = revised_config(diagnosis)
     paths = _together(
         directory,
-        document(diagnosis, found, logs),
+        document(diagnosis, found, logs, config_name),
         revised_text(diagnosis, config, _original(config_name), config_name),
         report_page(diagnosis, found, logs),
     )
@@ -55,7 +55,7 @@ def write_empty(
     _make(directory)
     paths = _together(
         directory,
-        empty_document(finding, logs, config.vehicle.name, error.notes),
+        empty_document(finding, logs, config, config_name, error.notes),
         f"# Nothing was added: {finding}\n" + _original(config_name),
         Page(title=" · ".join(Path(log).name for log in logs), headline=finding),
     )
