@@ -68,7 +68,7 @@ def document(
 def models_of(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """Return the sets of effects that this data does not separate, likeliest first (torque delay apart).
 
-    odds: of each set against the likeliest one, by the data alone.
+    odds: of each set against the likeliest one, by the data alone. selected: whether it is the one taken.
     """
     rivals = diagnosis.search.rivals
     best = min((r.criterion for r in rivals), default=0.0)
@@ -76,6 +76,7 @@ def models_of(diagnosis: Diagnosis) -> list[dict[str, Any]]:
         {
             "effects": {c.candidate.effect: float(f"{c.value:.4g}") for c in rival.chosen},
             "odds": round(float(np.exp(-0.5 * (rival.criterion - best))), 4),
+            "selected": rival.has_effects_of(diagnosis.search.chosen),
         }
         for rival in rivals
     ]

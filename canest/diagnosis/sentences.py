@@ -97,7 +97,7 @@ def statement_of(
         why = (f"Residual {before_N:.0f} N.", _why_none(context.hidden_N))
         return Statement(
             "Something is missing from the model, and none of the known effects explains it for certain.",
-            (*why, *_as_likely(rivals), *rest, *hint),
+            (*why, *_as_likely(chosen, rivals), *rest, *hint),
         )
     lines = [
         f"{capitalised('; '.join(filter(None, (describe(c), describe_equivalents(c)))))}." for c in chosen
@@ -105,7 +105,7 @@ def statement_of(
     change = f"Held-out residual {before_N:.0f} N before, {after_N:.0f} N after."
     beside = _open_beside(chosen, context) if verdict == "explained" else []
     headline = _headline(verdict, chosen, (_others(chosen, rivals), beside), usual=context.usual)
-    return Statement(headline, (change, *lines, *_as_likely(rivals), *rest, *hint))
+    return Statement(headline, (change, *lines, *_as_likely(chosen, rivals), *rest, *hint))
 
 
 def _headline(
@@ -180,11 +180,12 @@ def _open_beside(chosen: Sequence[Chosen], context: Context) -> list[str]:
     return [n for n in by_urgency(context.not_excluded) if n not in named]
 
 
-def _as_likely(rivals: Sequence[FittedSet]) -> tuple[str, ...]:
-    """Return the line that names the sets which the data does not separate; none where there is one."""
-    if len(rivals) < 2:
+def _as_likely(chosen: Sequence[Chosen], rivals: Sequence[FittedSet]) -> tuple[str, ...]:
+    """Return the line that names the sets which the data does not separate from the chosen one, if any."""
+    others = [rival for rival in rivals if not rival.has_effects_of(chosen)]
+    if len(rivals) < 2 or not others:
         return ()
-    sets = [" with ".join(effect_class(n).in_words() for n in by_urgency(r.names)) or "none" for r in rivals]
+    sets = [" with ".join(effect_class(n).in_words() for n in by_urgency(r.names)) or "none" for r in others]
     more = f"; and {len(sets) - _SETS_NAMED} more" if len(sets) > _SETS_NAMED else ""
     return (f"About as likely: {'; '.join(sets[:_SETS_NAMED])}{more}.",)
 

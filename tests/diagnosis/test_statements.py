@@ -47,7 +47,7 @@ def test_a_pair_that_is_as_likely_is_named_beside_the_single_effect():
         "explained", [wind], 1500.0, 300.0, Context(rivals=[pair, FittedSet([wind], 3.0, 3.0)])
     )
     assert statement.finding.startswith("A dragging brake or wind explains")
-    assert "About as likely: a dragging brake with wind; wind." in statement.details
+    assert "About as likely: a dragging brake with wind." in statement.details
 
 
 def test_a_cause_that_may_be_a_danger_is_named_first_wherever_it_was_found():

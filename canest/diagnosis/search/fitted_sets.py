@@ -26,6 +26,10 @@ class FittedSet:
         """Return the effects' names, each once."""
         return tuple(dict.fromkeys(c.candidate.effect for c in self.chosen))
 
+    def has_effects_of(self, chosen: Sequence[Chosen]) -> bool:
+        """Return whether its effects are those of a choice, the reporting delay apart."""
+        return set(self.names) == {c.candidate.effect for c in chosen if not c.candidate.is_delay}
+
 
 def commonest(fitted: Sequence[FittedSet]) -> FittedSet:
     """Return, of the sets as good as the best one and not larger, the commonest."""
