@@ -10,6 +10,7 @@ from canest.config.sections import Source
 from canest.diagnosis.data.drive import Run
 from canest.diagnosis.data.residual_windows import windows_of
 from canest.diagnosis.search.bus_signals import Ranked, _repeats, held_on_windows, signals_of
+from canest.diagnosis.search.driven_data import _level_between
 from canest.diagnosis.search.switches import with_switches
 from canest.pipeline.signal_map import decoder_for
 from canest.system.shipped_files import shipped
@@ -108,3 +109,13 @@ def test_a_table_has_columns_whatever_dbc_its_config_lists(tmp_path):
     found = signals_of(log, parse_config(text, overrides=["sampling.time_column=seconds"]))
     assert set(found) == {"v", "lamp"}
     assert found["lamp"][0].column == "lamp"
+
+
+@pytest.mark.parametrize(
+    ("off", "on", "level"),
+    [(0.0, 1.0, 0.5), (0.3173, 17.2891, 9.0), (101.32517, 101.39283, 101.359), (-4.0, 1316.7, 700.0)],
+)
+def test_the_level_of_a_switch_has_the_digits_that_off_and_on_tell_apart(off, on, level):
+    run = SimpleNamespace(signals={"fan": np.repeat([off, on, np.nan], 100)})
+    problem = SimpleNamespace(parts=[SimpleNamespace(run=run)])
+    assert _level_between(problem, "fan") == level

@@ -271,6 +271,12 @@ def test_an_effect_is_described_by_the_parameters_of_the_vocabulary(drive, found
     assert set(slip["parameters"]) == {"slip_per_mps2"} and slip["settings"] == {"mass_kg": 21250.0}
 
 
+def test_an_unknown_mass_that_an_effect_goes_by_is_stated_in_whole_kilograms(drive, found):
+    document = found(drive(seed=5))
+    slip = next(c for c in document["candidates"] if c["effect"] == "wheel_slip")
+    assert slip["settings"]["mass_kg"].is_integer()
+
+
 @pytest.mark.parametrize("reference", [("--mass", "19000"), ()])
 def test_a_load_that_changed_in_a_stop_is_no_loss_of_torque(drive, found, reference):
     log = drive(

@@ -20,7 +20,7 @@ def driven_data(problem: Problem, switches: Sequence[str]) -> DrivenData:
     first = problem.parts[0]
     return DrivenData(
         roles=frozenset(first.drive.config.signals),
-        mass_kg=float(first.mass_w.mean()),
+        mass_kg=float(round(first.mass_w.mean())),
         gears=_gears(problem),
         temperature_span_K=_temperature_span_K(problem),
         loading_stops_s=_loading_stops(problem),
@@ -70,8 +70,9 @@ def _gears(problem: Problem) -> list[int]:
 
 
 def _level_between(problem: Problem, role: str) -> float:
-    """Return the level halfway between a switching signal's off and on."""
+    """Return the level halfway between a switching signal's off and on, to a tenth of that distance."""
     values = np.concatenate([p.run.signals[role] for p in problem.parts])
     values = values[np.isfinite(values)]
     low, high = np.percentile(values, [2, 98]) if len(values) else (0.0, 1.0)
-    return float(0.5 * (low + high))
+    decimals = 1 - int(np.floor(np.log10(max(high - low, 1e-12))))
+    return round(float(0.5 * (low + high)), decimals)
