@@ -10,6 +10,7 @@ import re
 import sqlite3
 import sys
 from collections.abc import Iterable, Iterator
+from datetime import UTC
 from importlib import reload
 from importlib.util import find_spec
 from pathlib import Path
@@ -97,6 +98,17 @@ def blf_reader(file: Any) -> Any:
 
     clipped: Any = _Clipped(file)
     return Reader(clipped)
+
+
+def mf4_reader(file: Any) -> Any:
+    """Return python-can's reader of an MF4 file; a local time without its zone counts as UTC."""
+    from canest.system.python_can import can  # heavy
+
+    reader: Any = can.MF4Reader(file)
+    start = reader._mdf.header.start_time
+    if start.tzinfo is None:  # python-can takes it for one of this machine
+        reader._start_timestamp = start.replace(tzinfo=UTC).timestamp()
+    return reader
 
 
 class _Clipped:

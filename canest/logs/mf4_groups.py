@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta, timezone
+from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,6 @@ _FIXED, _VARIABLE_LENGTH, _MASTER, _VIRTUAL = 0, 1, 2, 6  #: kinds of channels
 _TIME = 1  #: what a master channel counts
 _UNSIGNED, _FLOAT, _BYTES = 0, 4, 10  #: types of values, little-endian
 _LINEAR, _TABLE = 1, 5  #: conversions; a table without interpolation
-_LOCAL_TIME = 1
 _RECORD_FLAG_VARIABLE = 1  #: of a channel group whose records have a length of their own
 #: unfinished recordings: what a logger that lost power has not written (ASAM MDF 4.1, 5.3)
 COUNTS_MISSING, LENGTH_MISSING, VARIABLE_BYTES_MISSING = 1, 4, 32
@@ -109,14 +108,9 @@ class DataGroup:
 
 
 def start_s(file: Mf4File) -> float:
-    """Return when the recording began, in seconds since 1970."""
-    body = file.block(_HEADER_ADDRESS, b"HD").data
-    nanoseconds, zone_min, summer_min, flags = struct.unpack_from("<QhhB", body)
-    # to the microsecond, as datetime has it; a stamp without a zone is in this machine's
-    if flags & _LOCAL_TIME:
-        return datetime.fromtimestamp(nanoseconds / 10**9, UTC).replace(tzinfo=None).timestamp()
-    zone = timezone(timedelta(minutes=zone_min + summer_min))
-    return datetime.fromtimestamp(nanoseconds / 10**9, zone).timestamp()
+    """Return when the recording began, in seconds since 1970. A local time without its zone counts as UTC."""
+    (nanoseconds,) = struct.unpack_from("<Q", file.block(_HEADER_ADDRESS, b"HD").data)
+    return datetime.fromtimestamp(nanoseconds / 10**9, UTC).timestamp()  # to the microsecond
 
 
 def data_groups(file: Mf4File) -> Iterator[DataGroup]:

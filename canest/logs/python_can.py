@@ -18,7 +18,15 @@ from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.logs.base import CountingReader
 from canest.logs.candump_line import CLASSIC_BYTES
 from canest.logs.compression import Source
-from canest.logs.damaged import blf_reader, find_asammdf, quiet_lines, quiet_messages, silenced, sqlite_reader
+from canest.logs.damaged import (
+    blf_reader,
+    find_asammdf,
+    mf4_reader,
+    quiet_lines,
+    quiet_messages,
+    silenced,
+    sqlite_reader,
+)
 from canest.logs.frame_columns import NO_CHANNEL, FrameColumns
 from canest.logs.line_parser import Wanted
 from canest.logs.python_can_lines import Lines, OneLine, in_plain_words
@@ -102,10 +110,8 @@ class PythonCanReader(CountingReader):
             ) from None
 
     def _binary_messages(self, file: Any) -> Iterator[Any]:
-        from canest.system.python_can import can  # heavy
-
         of_database = partial(sqlite_reader, log=self.path)
-        make: Any = {".blf": blf_reader, ".mf4": can.MF4Reader, ".db": of_database}[self._suffix]
+        make: Any = {".blf": blf_reader, ".mf4": mf4_reader, ".db": of_database}[self._suffix]
         source = file.name if self._suffix == ".db" else file  # sqlite opens by name only
         damage, announced = "", 0
         with silenced():

@@ -7,6 +7,7 @@ import lzma
 import random
 import struct
 import sys
+import time
 import zlib
 from collections import Counter
 from pathlib import Path
@@ -174,6 +175,22 @@ def test_recordings_of_a_logger(tmp_path, name):
     path = tmp_path / f"{name}.mf4"
     path.write_bytes(lzma.decompress((DATA / "obd-car" / f"{name}.mf4.xz").read_bytes()))
     assert len(assert_equal_to_python_can(path)) == {"drive": 7601, "unfinished": 1952}[name]
+
+
+@MF4_ONLY
+def test_the_local_time_of_an_mf4_does_not_depend_on_the_machine(tmp_path, monkeypatch):
+    """python-can writes a local time without its zone, as some loggers do."""
+    found = bus(20)
+    try:
+        for zone in ("UTC", "America/New_York"):
+            monkeypatch.setenv("TZ", zone)
+            time.tzset()
+            path = tmp_path / "local.mf4"
+            block = assert_equal_to_python_can(path if path.exists() else write(path, found))
+            assert block.t_us[0] == 1_700_000_000_000_000, zone
+    finally:
+        monkeypatch.undo()
+        time.tzset()
 
 
 def test_an_mf4_is_read_without_asammdf(tmp_path, monkeypatch):
