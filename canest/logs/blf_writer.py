@@ -10,9 +10,8 @@ from canest.core.frames import ERROR, EXTENDED, ID_MASK, REMOTE, FrameBlock
 from canest.logs.candump_line import CLASSIC_BYTES
 
 _CHANNEL = 0  #: the first one, which the file numbers 1
-_FIRST_DATE_S = (
-    631_152_000  #: 1990-01-01: a clock below it does not count from 1970, and a BLF has no date for it
-)
+#: 1990-01-01: a clock below it does not count from 1970, and a BLF has no date for it
+FIRST_DATE_S = 631_152_000
 
 
 class BlfFrames:
@@ -36,7 +35,7 @@ class BlfFrames:
 
         if len(frames) and self._writer.start_timestamp is None:
             first_s = int(frames.t_us.min()) // 1000 / 1e3  # as the file has it, in ms
-            self._writer.start_timestamp = first_s if first_s >= _FIRST_DATE_S else 0.0
+            self._writer.start_timestamp = first_s if first_s >= FIRST_DATE_S else 0.0
         for t_us, can_id, length, word in zip(
             frames.t_us.tolist(), frames.can_id.tolist(), frames.length.tolist(), frames.data.tolist(),
             strict=True,

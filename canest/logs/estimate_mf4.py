@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from canest.core.errors import OutputError
 from canest.core.gates import LABELS
 from canest.core.samples import STATUS_LABELS
+from canest.logs.blf_writer import FIRST_DATE_S
 from canest.logs.estimate_file import Columns, Decimals, EstimateWriter
 from canest.logs.estimate_message import unit
 from canest.system.installation import how_to_add
@@ -20,15 +21,18 @@ if TYPE_CHECKING:
     from canest.core.estimates import Estimates
 
 
-#: where the log's clock is zero, if it is one of the day
+#: where a clock of the day is zero
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+#: a file that counts from 1970 has 64 bits for nanoseconds
+_CALENDAR_END_US = 2**63 // 1000
 
 
 class Mf4EstimateWriter(EstimateWriter):
     """The columns of est.csv as one channel group; status and gate are codes with their names.
 
-    The master channel counts seconds of the log's clock. asammdf writes a file at once, so the columns
-    stay in memory until the end: 10 MB per hour of driving.
+    The file begins with the first estimate, and its master channel counts seconds from there. Where the log's
+    clock is no calendar it counts that clock's seconds, from 1970. asammdf writes a file at once, so the
+    columns stay in memory until the end: 10 MB per hour of driving.
     """
 
     def __init__(self, path: Path, more: Decimals | None = None) -> None:
@@ -50,17 +54,23 @@ class Mf4EstimateWriter(EstimateWriter):
     def _finish(self) -> None:
         content = io.BytesIO()
         with self._asammdf.MDF(version="4.10") as mdf:
-            mdf.start_time = EPOCH
+            start_us = self._start_us()
+            mdf.start_time = EPOCH + timedelta(microseconds=start_us)
             if self._held:
-                mdf.append(self._signals(), comment="canest")
+                mdf.append(self._signals(start_us), comment="canest")
             mdf.save(content, overwrite=True, compression=2)
         self._out.write(content.getvalue())
 
-    def _signals(self) -> list[Any]:
+    def _start_us(self) -> int:
+        """Return when the file begins, us since 1970; 0 where the log's clock is no calendar."""
+        start_us = min((int(estimates.t_us.min()) for estimates, _ in self._held), default=0)
+        return start_us if FIRST_DATE_S * 10**6 <= start_us < _CALENDAR_END_US else 0
+
+    def _signals(self, start_us: int) -> list[Any]:
         def column(name: str) -> Any:
             return np.concatenate([getattr(estimates, name) for estimates, _ in self._held])
 
-        t_s = column("t_us") / 1e6
+        t_s = (column("t_us") - start_us) / 1e6
         columns = {name: column(name) for name in ("mass_kg", "mass_std_kg", "grade", "grade_std")}
         columns |= {name: np.concatenate([more[name] for _, more in self._held]) for name in self._more}
         codes = {"status": STATUS_LABELS, "gate": LABELS}

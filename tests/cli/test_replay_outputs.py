@@ -94,10 +94,21 @@ def test_an_mf4_has_the_same_columns(log, tmp_path):
             signal = mdf.get(name)
             expected = np.array([float(row[name] or "nan") for row in table])
             np.testing.assert_allclose(signal.samples, expected, rtol=0, atol=half_step)
-            np.testing.assert_allclose(signal.timestamps, [float(row["t_s"]) for row in table])
-        assert mdf.start_time.timestamp() == 0.0  # so that the stamps are those of the day
+            stamps = mdf.start_time.timestamp() + signal.timestamps
+            np.testing.assert_allclose(stamps, [float(row["t_s"]) for row in table], rtol=0, atol=5e-7)
+        assert mdf.start_time.timestamp() == float(table[0]["t_s"]) > 1e9
         for name in ("status", "gate"):
             assert [s.decode() for s in mdf.get(name).samples] == [row[name] for row in table]
+
+
+@pytest.mark.skipif(importlib.util.find_spec("asammdf") is None, reason="asammdf (extra: formats)")
+def test_an_mf4_of_a_clock_that_is_no_calendar_keeps_its_seconds(tmp_path):
+    from asammdf import MDF
+
+    replay(ROOT / "tests/data/kenworth/normal.log.xz", "-o", tmp_path / "est.mf4")
+    with MDF(tmp_path / "est.mf4") as mdf:
+        assert mdf.start_time.timestamp() == 0.0
+        assert 0 <= mdf.get("mass_kg").timestamps[0] < 1
 
 
 @pytest.mark.skipif(importlib.util.find_spec("pyarrow") is None, reason="pyarrow (extra: formats)")
