@@ -20,7 +20,7 @@ from canest.diagnosis.data.reference import Reference, reference_for
 from canest.diagnosis.data.residual_windows import CHUNK_S
 from canest.diagnosis.search.bus_signals import Ranked, rank_bus_signals
 from canest.diagnosis.search.candidates import candidates_for
-from canest.diagnosis.search.choice import Tried
+from canest.diagnosis.search.choice import Chosen, Tried
 from canest.diagnosis.search.exclusion import not_excluded
 from canest.diagnosis.search.held_out import Fold, Score, Step, score, steps_to, two_folds
 from canest.diagnosis.search.set_search import Search
@@ -29,6 +29,7 @@ from canest.diagnosis.sentences import (
     Context,
     Statement,
     far_from_given_mass,
+    load_against_constant_mass,
     statement_of,
     too_short_statement,
 )
@@ -114,7 +115,8 @@ def diagnose(
     )
     sizes_N = before.score.residual_rms_N, after.score.residual_rms_N
     statement = statement_of(verdict, search.chosen, *sizes_N, context)
-    statement = replace(statement, details=_other_mass(before, problem) + statement.details)
+    doubts = _other_mass(before, problem) + _changed_load(problem, search.chosen)
+    statement = replace(statement, details=doubts + statement.details)
     progress("done", 1.0)
     return _diagnosis(config, search, tried, ranked, (before, after), (verdict, statement), possible)
 
@@ -142,6 +144,16 @@ def _other_mass(before: _Side, problem: Problem) -> tuple[str, ...]:
     if abs(error_pct) <= max(_FAR_STDS * std_pct, _FAR_PCT):
         return ()
     return (far_from_given_mass(error_pct, _FAR_STDS),)
+
+
+def _changed_load(problem: Problem, chosen: Sequence[Chosen]) -> tuple[str, ...]:
+    """Return that a load changed where the given mass does not."""
+    if not problem.mass_known or all(c.candidate.kind.stage != "load" for c in chosen):
+        return ()
+    masses = [p.reference.mass_kg for p in problem.parts if p.reference.mass_kg is not None]
+    if any(np.nanmin(mass) != np.nanmax(mass) for mass in masses):
+        return ()
+    return (load_against_constant_mass(),)
 
 
 def _diagnosis(

@@ -43,6 +43,14 @@ def far_from_given_mass(error_pct: float, stds: float) -> str:
     )
 
 
+def load_against_constant_mass() -> str:
+    """Return that a changed load was found with a mass that was given as constant."""
+    return (
+        "The given mass is constant, and a changed load was found: these contradict each other. It is taken "
+        "for the mass before the change; a truth table can hold a mass that changes."
+    )
+
+
 def alternatives(chosen: Chosen) -> list[str]:
     """Return the other effects that would do as well in its place, dangers first."""
     return by_urgency(e.effect for e in chosen.equivalent if e.effect != chosen.candidate.effect)
@@ -58,6 +66,17 @@ def describe_equivalents(chosen: Chosen) -> str:
     return f"this data cannot separate it from {listed}, alone or together" + (
         f"; {way} would" if way else ""
     )
+
+
+def describe_end(chosen: Chosen) -> str:
+    """Return that a value lies at the end of its range ('' where it does not)."""
+    end = chosen.candidate.reached_end(chosen.deviation)
+    if end is None:
+        return ""
+    info = chosen.candidate.info
+    limit = f"{end:.3g} {info.unit}".strip()
+    most = "most" if end == info.high else "least"
+    return f"{limit} is the {most} that is tried: the true value may lie beyond it, or the cause is another"
 
 
 class Context(NamedTuple):
@@ -100,7 +119,8 @@ def statement_of(
             (*why, *_as_likely(chosen, rivals), *rest, *hint),
         )
     lines = [
-        f"{capitalised('; '.join(filter(None, (describe(c), describe_equivalents(c)))))}." for c in chosen
+        f"{capitalised('; '.join(filter(None, (describe(c), describe_end(c), describe_equivalents(c)))))}."
+        for c in chosen
     ]
     change = f"Held-out residual {before_N:.0f} N before, {after_N:.0f} N after."
     beside = _open_beside(chosen, context) if verdict == "explained" else []

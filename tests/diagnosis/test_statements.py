@@ -6,6 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from canest.diagnosis.entries import Entry
+from canest.diagnosis.report.format import entry_value
 from canest.diagnosis.search.candidates import Candidate
 from canest.diagnosis.search.choice import Chosen
 from canest.diagnosis.search.evidence import (
@@ -48,6 +50,25 @@ def test_a_pair_that_is_as_likely_is_named_beside_the_single_effect():
     )
     assert statement.finding.startswith("A dragging brake or wind explains")
     assert "About as likely: a dragging brake with wind." in statement.details
+
+
+@pytest.mark.parametrize(
+    ("effect", "deviation", "limit"),
+    [
+        ("headwind", 29.99, "30 m/s is the most that is tried"),
+        ("headwind", -29.9, "-30 m/s is the least that is tried"),
+        ("torque_gain", -0.6999, "0.3 is the least that is tried"),
+        ("headwind", 25.0, ""),
+        ("brake_drag", 20.0, ""),  # near the end that means none of it
+    ],
+)
+def test_a_value_at_the_end_of_its_range_is_called_so(effect, deviation, limit):
+    found = chosen(effect, deviation)
+    details = statement_of("explained", [found], 1500.0, 300.0).details
+    assert any("the true value may lie beyond it" in line for line in details) == bool(limit)
+    assert any(limit in line for line in details)
+    entry = Entry(found.candidate, deviation, 0.1, 0.5, 0.5, True, ())
+    assert entry_value(entry).endswith("(end of range)") == bool(limit)
 
 
 def test_a_cause_that_may_be_a_danger_is_named_first_wherever_it_was_found():

@@ -54,6 +54,7 @@ def entry_name(entry: Entry) -> str:
 
 
 def entry_value(entry: Entry) -> str:
-    """Return value, standard deviation and unit of the fitted parameter."""
+    """Return value, standard deviation and unit of the fitted parameter, and whether its range ends there."""
     fitted = entry.parameters()[entry.candidate.parameter]
-    return f"{fitted['value']:.4g} ± {entry.std:.2g} {fitted['unit']}".strip()
+    end = " (end of range)" if entry.candidate.reached_end(entry.deviation) is not None else ""
+    return f"{fitted['value']:.4g} ± {entry.std:.2g} {fitted['unit']}".strip() + end

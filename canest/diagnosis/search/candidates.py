@@ -43,6 +43,15 @@ class Candidate:
         info = self.info
         return bool(info.low < info.neutral + deviation < info.high)
 
+    def reached_end(self, deviation: float) -> float | None:
+        """Return the end of the range (the neutral one is none) within a step of a value; None where far."""
+        info = self.info
+        value = info.neutral + deviation
+        for end in (info.low, info.high):
+            if abs(value - end) < min(info.step, 0.5 * abs(end - info.neutral)):
+                return end
+        return None
+
     def make(self, deviation: float) -> Effect:
         """Build the effect; the deviation is clipped to the parameter's bounds."""
         info = self.info
