@@ -40,7 +40,7 @@ class Endpoints:
                 self.metrics = MetricsServer(port, self.latest)
             except OSError as error:
                 journal.warning("no-metrics-port", port=port, error=socket_error_text(error, "AF_INET"))
-        self._open_status(config)
+        self._open_status(socket_path(config))
 
     def move(self, config: Config) -> None:
         """Move to the socket and port of a changed config.
@@ -62,7 +62,7 @@ class Endpoints:
             if old is not None:  # its thread takes half a second to end, and the loop must not wait
                 self._background.submit("metrics_port", old.close)
         if socket_moves:
-            self._open_status(config)
+            self._open_status(path)
 
     @property
     def watched(self) -> bool:
@@ -72,6 +72,9 @@ class Endpoints:
     def answer(self, content: Callable[[], dict[str, Any]]) -> None:
         """Answer those who wait on the local sockets; call it once a second."""
         if self.status is not None:
+            if not self.status.path.exists():
+                self._journal.warning("status-socket-lost", path=self.status.path)
+                self._open_status(self.status.path)
             self.status.poll(content)
         if self.live is not None:
             self.live.poll(content)
@@ -82,8 +85,7 @@ class Endpoints:
             if server is not None:
                 server.close()
 
-    def _open_status(self, config: Config) -> None:
-        path = socket_path(config)
+    def _open_status(self, path: Path) -> None:
         try:
             new = StatusServer(path, partial(self._publish, published_path(path)))
         except OSError as error:
