@@ -36,6 +36,7 @@ from canest.system.systemd_notify import Notifier
 from canest.telemetry.daemon_view import DaemonView, LearnedMass, ReloadCounts, TickCounts
 from canest.telemetry.loop_rates import LoopRates
 from canest.telemetry.sender_rates import SenderRateMonitor
+from canest.telemetry.status_socket import refuse_second_daemon, socket_path
 
 CHORES_S = 1.0  #: period of everything but receiving, estimating and sending
 #: longest time between two estimates; a little more than the period of the default broadcast, so that its
@@ -51,7 +52,7 @@ class Daemon:
     """One bus, one vehicle, until it is stopped.
 
     config_name: where the config came from; reload: reads it again (SIGHUP).
-    Errors: BusError, ConfigError when it cannot begin; later nothing short of a defect in canest ends it.
+    Errors: BusError, ConfigError, UsageError when it cannot begin; later only a defect in canest ends it.
     """
 
     def __init__(
@@ -75,6 +76,7 @@ class Daemon:
         self._due_us = 0
         self._frames_us: int | None = None
         self._save_at_s = self._chores_at_s = 0.0
+        refuse_second_daemon(socket_path(config))  # before the state file of one that runs is touched
         mass_store = MassStore(config, self.background, self.journal)
         self.estimation = Estimation(config, mass_store, self.journal)
         self.estimation.live_rows = self.reporter.live_rows
@@ -174,6 +176,8 @@ class Daemon:
             learned=learned,
             last=self.estimation.last(now_us),
             quiet_s=self._quiet_s(now_us),
+            notes=self.estimation.notes.found,
+            notes_told=self.estimation.notes.told,
         )
 
     def _quiet_s(self, now_us: int) -> float | None:
@@ -229,6 +233,7 @@ class Daemon:
         self.rates.end_period(now_s)
         self.sender_rates.update(self.pipeline.decoder.counters, now_s)
         self.outputs.flush_due(now_s)
+        self.estimation.notes.update(now_s)
         self.reporter.report(self.view(now_us), self.outputs, now_s)
         if now_s >= self._save_at_s:
             if self._save_at_s:
@@ -239,7 +244,7 @@ class Daemon:
             self.reporter.log_counters(self.view(now_us))
         if self._reload_requested and not self.reloads.under_way:  # a signal meanwhile waits for its turn
             self._reload_requested = False
-            self.reloads.begin(self.config, self.pipeline, self.estimation.listen, now_s)
+            self.reloads.begin(self.config, self.pipeline, self.estimation.new_pipeline, now_s)
 
     # -- reload and signals -------------------------------------------------------------------------
 

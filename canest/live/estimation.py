@@ -14,7 +14,9 @@ from canest.config.schema import Config
 from canest.core.estimates import Estimates
 from canest.core.frames import FrameBlock
 from canest.core.samples import EstimateBlock, ModelBlock
+from canest.doctor.stretches import Samples
 from canest.live.mass_store import MassStore
+from canest.live.notes import Notes
 from canest.node.broadcast import FRESH_US
 from canest.node.estimate_frame import Estimate
 from canest.node.odometer import Odometer
@@ -34,11 +36,13 @@ class Estimation:
 
     odometer: compares its senders with the speed of the pipeline's samples; the node's, once there is one.
     late_frames: restamped by the late-frame policy. failures: errors survived. live_rows: for live views.
+    notes: what contradicts the config.
     """
 
     def __init__(self, config: Config, mass_store: MassStore, journal: Journal) -> None:
         self.config, self.mass_store, self._journal = config, mass_store, journal
-        self.pipeline = Pipeline(config, listener=self.listen)
+        self.notes = Notes(config, journal)
+        self.pipeline = self.new_pipeline(config)
         self.odometer = Odometer()
         self.live_rows = LiveRows()
         self.late_frames = self.failures = 0
@@ -90,13 +94,23 @@ class Estimation:
     def reconfigure(self, config: Config, pipeline: Pipeline | None) -> None:
         """Go on under a changed config. pipeline: the new one, None to keep the present one."""
         self.mass_store = self.mass_store.transferred(config, pipeline)
+        if pipeline is not None:
+            self.notes = Notes(config, self._journal)
         self.config, self.pipeline = config, pipeline or self.pipeline
+
+    def new_pipeline(self, config: Config) -> Pipeline:
+        """Return a pipeline that hands its samples to this."""
+        return Pipeline(config, listener=self.listen, sample_listener=self.hear)
 
     def listen(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
         """Take the model samples of a pipeline (its `Listener`)."""
         self._standing = bool(samples.stopped[-1])
         self.odometer.add_driven(samples.raw_speed_mps)
         self.live_rows.add(samples, estimates)
+
+    def hear(self, samples: Samples) -> None:
+        """Take the decoded samples of a pipeline (its `SampleListener`)."""
+        self.notes.push(samples)
 
     def _hand_over(self, estimates: Estimates, now_us: int, publish: Publish) -> None:
         if not len(estimates):
@@ -128,5 +142,5 @@ class Estimation:
             trace = trace.tb_next
         where = f"{trace.tb_frame.f_code.co_filename}:{trace.tb_lineno}" if trace else "?"
         self._journal.error("estimation-failed", error=f"{type(error).__name__}: {error}", where=where)
-        self.pipeline = Pipeline(self.config, listener=self.listen)
+        self.pipeline = self.new_pipeline(self.config)
         self.mass_store.initialise(self.pipeline)

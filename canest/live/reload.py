@@ -14,7 +14,7 @@ from canest.bus.link import may_transmit
 from canest.bus.protocols import Receiver
 from canest.config.schema import Config
 from canest.node.node import Node, join, rejoined
-from canest.pipeline.pipeline import Listener, Pipeline
+from canest.pipeline.pipeline import Pipeline
 from canest.system.journal import Journal
 from canest.system.systemd_notify import Notifier
 from canest.telemetry.endpoints import Endpoints
@@ -89,10 +89,10 @@ class ConfigReloader:
         """Return whether an attempt has begun whose outcome has not been fetched."""
         return self._attempt is not None
 
-    def begin(self, old: Config, running: Pipeline, listener: Listener, now_s: float) -> None:
+    def begin(self, old: Config, running: Pipeline, make: Callable[[Config], Pipeline], now_s: float) -> None:
         """Start to read the config and to build its pipeline. old, running: what is in force meanwhile.
 
-        listener: of a new pipeline. Refused while an attempt that timed out still hangs.
+        make: returns a new pipeline. Refused while an attempt that timed out still hangs.
         """
         read = self.read
         if read is None or self.under_way:
@@ -102,7 +102,7 @@ class ConfigReloader:
             self._timed_out = [thread for thread in self._timed_out if thread.is_alive()]
             if self._timed_out:  # a thread for every signal would be more and more of them
                 raise TimeoutError("the config of the reload before is still being read")  # noqa: TRY301
-            self._start(lambda: prepare(old, read, running, listener), now_s)
+            self._start(lambda: prepare(old, read, running, make), now_s)
         except Exception as error:  # no thread to be had, or one that hangs
             self.refuse(error)
 
@@ -160,7 +160,9 @@ class ConfigReloader:
         return attempt.outcome or TimeoutError(f"the config could not be read within {LONGEST_S:g} s")
 
 
-def prepare(old: Config, read: Callable[[], Config], running: Pipeline, listener: Listener) -> Prepared:
+def prepare(
+    old: Config, read: Callable[[], Config], running: Pipeline, make: Callable[[Config], Pipeline]
+) -> Prepared:
     """Read a config, and its databases, and build the pipeline that it asks for, beside the running one.
 
     Errors: whatever is wrong with the config, of any type.
@@ -173,7 +175,7 @@ def prepare(old: Config, read: Callable[[], Config], running: Pipeline, listener
         changed.add("road_map")
     new = None
     if not changed.isdisjoint(_ESTIMATE_SECTIONS):
-        new = Pipeline(config, listener=listener)
+        new = make(config)
     keeps_receiver = changed.isdisjoint(_RECEIVED_SECTIONS) and _sending(config) == _sending(old)
     return Prepared(config, frozenset(changed), new, keeps_receiver)
 

@@ -117,6 +117,7 @@ def _learning(view: DaemonView) -> dict[str, Any]:
     missing = missing_signal_warnings(view.config, pipeline.intake.received) if settled else []
     return {
         "missing_signals": missing,
+        "notes": view.notes,
         "unheard": missing,  # deprecated
         "why_not_valid": why_not_valid(view),
         "samples": pipeline.samples,

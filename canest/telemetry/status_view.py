@@ -39,6 +39,7 @@ def rows(snapshot: dict[str, Any], verbose: bool = False) -> list[tuple[str, str
     if snapshot["why_not_valid"]:
         lines.append(("why not valid", snapshot["why_not_valid"]))
     lines += [("missing", sentence) for sentence in snapshot.get("missing_signals", ())]
+    lines += [("note", sentence) for sentence in snapshot.get("notes", ())]
     if estimate["gate"]:
         lines.append(("gate now", estimate["gate"]))
     samples = max(snapshot["samples"], 1)

@@ -57,7 +57,7 @@ export function showSnapshot(status) {
   document.title = `${status.vehicle || "canest"} – canest live`;
   const rate = unknown(bus.frames_per_s) ? "" : `, ${number(bus.frames_per_s)} frames/s`;
   put("bus", `${bus.interface}:${bus.channel} ${bus.state}${rate}`);
-  const lacking = [status.why_not_valid, ...(status.missing_signals || [])].filter(Boolean);
+  const lacking = [status.why_not_valid, ...(status.missing_signals || []), ...(status.notes || [])].filter(Boolean);
   id("missing").hidden = !lacking.length;
   list("missing-list", lacking);
   showSenders(status);
