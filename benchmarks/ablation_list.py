@@ -31,6 +31,11 @@ def is_noise(missing_mps: float, var: float, c: Constants) -> bool:
     return False
 
 
+def as_modelled(levels: Any) -> float:
+    """Take the place of `noise.unexplained`."""
+    return 1.0
+
+
 def no_noise(torque_Nm: FloatColumn) -> FloatColumn:
     """Take the place of `windows.zigzag`."""
     return np.zeros(len(torque_Nm))
@@ -143,6 +148,7 @@ MECHANISMS = (
     Variant("noise of the torque", patch={"windows.zigzag": no_noise}),
     Variant("outliers cut", {"outlier_nis": NEVER}),
     Variant("mean of the innovations squared", patch={"noise._INCONSISTENT": NEVER}),
+    Variant("variances that follow this mean", patch={"kernel.unexplained": as_modelled}),
     Variant("heavy tails of the likelihood", {"likelihood_floor": NOTHING}),
     Variant("dependent windows (power 1)", {"likelihood_power": 1.0}),
     # -- windows and gated samples

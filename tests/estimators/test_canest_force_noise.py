@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from canest.core.samples import STEP_S, Status
+from canest.estimators.bounds import gain_std
 from canest.estimators.default import noise
 from canest.estimators.default.constants import CONSTANTS, vehicle_of
 from canest.estimators.default.estimator import GaussianSum
@@ -147,3 +148,21 @@ def test_reports_that_are_as_fast_as_windows_are_not_slow():
     for period_s, windows in ((0.0, 0.0), (0.02, 0.0), (0.2, 0.0), (0.21, 2.0), (1.0, 5.0)):
         facts = replace(FACTS, report_period_s=period_s)
         assert vehicle_of(facts, 0.1, CONSTANTS).period_windows == windows
+
+
+def test_what_innovations_do_not_explain_widens_mass_and_grade():
+    """A mean NIS of 1.5: the posterior's variances are 1.5 times as large, that of the gain is as it was."""
+    block = trip(60.2).block
+    samples = np.arange(len(block))
+    found = []
+    for nis in (0.8, 1.0, 1.5):
+        estimator = GaussianSum("canest", FACTS)
+        estimator.update(block[samples < 3_000])
+        levels = estimator._carried.levels._replace(nis=nis)
+        estimator._carried = estimator._carried._replace(levels=levels)
+        last = estimator.update(block[samples >= 3_000])
+        gain_kg = gain_std(FACTS) * last.mass_kg[-1]
+        found.append((last.mass_kg[-1], last.mass_std_kg[-1] ** 2 - gain_kg**2, last.grade_std[-1] ** 2))
+    less, usual, more = np.array(found)
+    np.testing.assert_allclose(less, usual, rtol=0.01)
+    np.testing.assert_allclose(more / usual, [1.0, 1.5, 1.5], rtol=0.01)

@@ -16,7 +16,7 @@ from canest.estimators.default.hypotheses import change_modes, p_changed, prune,
 from canest.estimators.default.joining import Joined, add_window, begin_sums, join, tells_coasting, waits
 from canest.estimators.default.load import brakes_unseen, in_overrun, merge_loads, open_disturbance, open_load
 from canest.estimators.default.model import Mixture, Scratch, Space
-from canest.estimators.default.noise import Levels, first_levels, follow, force_noise, swing_var
+from canest.estimators.default.noise import Levels, first_levels, follow, force_noise, swing_var, unexplained
 from canest.estimators.default.predict import accelerate, climb, fade, follow_bends, travel, widen
 from canest.estimators.default.report import Report, leave_out, report_grade, report_mass, unknown_load_var
 from canest.estimators.default.road_map import RoadUse, cell_var, follow_road
@@ -97,10 +97,12 @@ def mean_inverse_mass(mix: Mixture, count: int, v: Vehicle, t: Scratch) -> float
 def write(row: Any, given: Report, q: Joined, p: Progress, levels: Levels, c: Constants, v: Vehicle) -> None:
     """Write what is known after a window, the grade carried on since the last update."""
     mass_kg, slope_1pm, wander_1pm = given.mass_kg, given.slope_1pm, given.wander_1pm
-    var = given.mass_var + unknown_load_var(mass_kg, q.unseen_s, p.braked, c, v)
+    wider = unexplained(levels)
+    var = wider * given.mass_var + unknown_load_var(mass_kg, q.unseen_s, p.braked, c, v)
     if levels.refuted or delay_is_too_long(p.delay_s, c):
         var += mass_kg * mass_kg
-    grade, grade_var = given.grade + slope_1pm * q.distance_m, given.grade_var + wander_1pm * q.distance_m
+    grade = given.grade + slope_1pm * q.distance_m
+    grade_var = wider * given.grade_var + wander_1pm * q.distance_m
     learned, speed_mps = 1.0 if p.learned else 0.0, max(q.last_mps, 0.0)
     row[:] = mass_kg, var, grade, grade_var, slope_1pm, wander_1pm, learned, speed_mps
 

@@ -74,6 +74,12 @@ def first_levels(v: Vehicle) -> Levels:
 
 
 @jit.kernel
+def unexplained(levels: Levels) -> float:
+    """Return by how much all variances are too small while the mean NIS is above 1 (Birge 1932)."""
+    return max(levels.nis, 1.0)
+
+
+@jit.kernel
 def follow(
     levels: Levels, w: Window, nis: float, speed: float, sensed: float, sees: bool, c: Constants, v: Vehicle
 ) -> Levels:
