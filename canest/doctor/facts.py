@@ -10,6 +10,7 @@ from canest.decode.value_table import labels_of
 from canest.doctor.consistency import ConsistencyCheck
 from canest.doctor.declared_range import DeclaredRangeCheck
 from canest.doctor.gearbox_states import GearboxStateCheck
+from canest.doctor.held_torque import HeldTorqueCheck
 from canest.doctor.raw_values import means_no_value
 from canest.doctor.road_speeds import RoadSpeedCheck
 from canest.doctor.signs import SignCheck
@@ -39,7 +40,7 @@ class FactsCheck:
         self._checks = (
             self._consistency, SwitchCheck(config), SilentBrakeCheck(config), self._torque,
             TorqueSampleCheck(config), DeclaredRangeCheck(config), RoadSpeedCheck(config), SignCheck(config),
-            GearboxStateCheck(config),
+            GearboxStateCheck(config), HeldTorqueCheck(config),
         )  # fmt: skip
 
     def push(self, samples: Samples) -> None:
