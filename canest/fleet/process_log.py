@@ -150,7 +150,7 @@ def _replayed(
     jit.enable(settings.compiled)
     metadata = {"canest.key": key}
     recording, legs = Recording(job.log.name, settings, metadata), Legs()
-    run = LogRun(path, bundle.unpack(), listener=recording, tick_listener=recording.take_ticks)
+    run = LogRun(path, bundle.unpack(), listeners=[recording], tick_listener=recording.take_ticks)
     with closing(run.reader):
         for estimates in run.estimates():
             legs.add(estimates, recording.taken_speeds())

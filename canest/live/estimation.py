@@ -107,6 +107,7 @@ class Estimation:
         self._standing = bool(samples.stopped[-1])
         self.odometer.add_driven(samples.raw_speed_mps)
         self.live_rows.add(samples, estimates)
+        self.notes.listen(samples, estimates)
 
     def hear(self, samples: Samples) -> None:
         """Take the decoded samples of a pipeline (its `SampleListener`)."""

@@ -8,7 +8,9 @@ import numpy as np
 
 from canest.config.schema import Config
 from canest.core.frames import FloatColumn, IntColumn
+from canest.core.samples import EstimateBlock, ModelBlock
 from canest.doctor.facts import FactsCheck
+from canest.doctor.mass_jump import MassJump
 from canest.doctor.stretches import Samples
 from canest.system.journal import Journal
 
@@ -35,7 +37,7 @@ class Notes:
         self._kinds: list[str] = []
         self.found: list[str] = []
         self.told = ""
-        self._check = FactsCheck(config)
+        self._check, self._jump = FactsCheck(config), MassJump()
 
     def push(self, samples: Samples) -> None:
         """Take the samples of a block: role -> t_us, values (n,)."""
@@ -43,6 +45,10 @@ class Notes:
             for role, column in samples.items():
                 self._waiting.setdefault(role, []).append(column)
                 self._waiting_samples += len(column[0])
+
+    def listen(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
+        """Take model samples with their estimates."""
+        self._jump(samples, estimates)
 
     def update(self, now_s: float) -> None:
         """Compare what has come, when that is due; call it once a second. A defect in a check is survived."""
@@ -69,7 +75,7 @@ class Notes:
         return taken
 
     def _look(self) -> None:
-        self.found = self._check.hints()
+        self.found = [*self._check.hints(), *([self._jump.found] if self._jump.found else [])]
         kinds = [_NUMBER.sub("#", note) for note in self.found]
         if kinds != self._kinds:
             self._kinds, self.told = kinds, "; ".join(self.found)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canest.core.columns import stretches
 from canest.core.frames import FrameBlock
+from canest.core.samples import EstimateBlock, ModelBlock
 from canest.core.table_block import TableBlock
 from canest.doctor.facts import FactsCheck
+from canest.doctor.mass_jump import MassJump
 from canest.doctor.past_contradiction import PastContradiction
 from canest.doctor.unmapped_groups import UnmappedGroups
 from canest.logs.memory import MemoryLog
@@ -39,7 +41,7 @@ class LogRun:
         log: str | Path | MemoryLog,
         config: Config,
         *,
-        listener: Listener | None = None,
+        listeners: Sequence[Listener] = (),
         tick_listener: TickListener | None = None,
         channel: str | None = None,
         reported: ReportedMasses | None = None,
@@ -48,8 +50,10 @@ class LogRun:
         self.config = config
         self._reported = reported
         heard = facts.push if facts is not None else None
+        self.mass_jump = MassJump()
+        self._listeners = (self.mass_jump, *listeners)
         self.pipeline = Pipeline(
-            config, listener=listener, tick_listener=tick_listener, sample_listener=heard
+            config, listener=self._listen, tick_listener=tick_listener, sample_listener=heard
         )
         self.past_contradiction, self.unmapped_groups = PastContradiction(), UnmappedGroups(config)
         self.table_map = TableMap(config, log)
@@ -65,6 +69,10 @@ class LogRun:
         estimates = self.pipeline.finish()
         if len(estimates):
             yield estimates
+
+    def _listen(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
+        for listener in self._listeners:
+            listener(samples, estimates)
 
     def _taken(self, block: FrameBlock | TableBlock) -> Iterator[Estimates]:
         """Yield the estimates of a block's stretches: a block of slow signals may be hours of ticks."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from canest.core import jit
-from canest.core.samples import STATUS_LABELS, EstimateBlock, ModelBlock
+from canest.core.samples import STATUS_LABELS
 from canest.doctor.facts import FactsCheck
 from canest.doctor.reasons import why_unestimated
 from canest.logs.compression import ARCHIVE_SUFFIXES
@@ -100,7 +100,7 @@ def replay(
     run = LogRun(
         log,
         config,
-        listener=_all_of([each for each in (motion, listener, more) if each is not None]),
+        listeners=[each for each in (motion, listener, more) if each is not None],
         tick_listener=tick_listener,
         channel=channel,
         reported=reported,
@@ -149,18 +149,6 @@ def _opened(
     if output is None:
         return nullcontext()
     return output.opened(output.path, more.decimals if more is not None else {})
-
-
-def _all_of(listeners: list[Listener]) -> Listener | None:
-    """Return one listener for several, None for none."""
-    if len(listeners) < 2:
-        return listeners[0] if listeners else None
-
-    def each(samples: ModelBlock, estimates: EstimateBlock) -> None:
-        for listener in listeners:
-            listener(samples, estimates)
-
-    return each
 
 
 def compiling_pays(logs: Sequence[str | Path | MemoryLog], passes: int = 1) -> bool:

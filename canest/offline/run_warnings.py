@@ -26,6 +26,8 @@ def run_warnings(run: LogRun, score: Score | None) -> list[str]:
     if warning := pipeline.estimator.contradiction():
         found.append(warning)
     found += run.past_contradiction.notes(warning)
+    if run.mass_jump.found:
+        found.append(run.mass_jump.found)
     if score is not None:
         v = config.vehicle
         found += score.notes() + score.beyond(v.mass_min_kg, v.mass_max_kg)
