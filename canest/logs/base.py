@@ -125,6 +125,13 @@ class LogReader(ABC):
                 where=str(self.path),
                 found=text,
             )
+        if not self.frames and self.truncated:
+            raise LogError(
+                "nothing to read",
+                where=str(self.path),
+                found=self.truncated_reason,
+                expected="frames or rows",
+            )
         if self._channel is not None and self.channels and self._channel not in self.channels:
             raise LogError(
                 "no frame on this channel",

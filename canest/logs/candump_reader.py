@@ -26,6 +26,7 @@ class CandumpReader(LogReader):
     def __init__(self, source: Source, head: bytes, parser: CandumpParser, block_frames: int) -> None:
         super().__init__(source, parser.channel)
         self._head, self._parser, self._block_frames = head, parser, block_frames
+        self._had_zeros = False
         if not head:
             self.kind = "nothing"
 
@@ -63,7 +64,9 @@ class CandumpReader(LogReader):
 
     def _parsed(self) -> Iterator[FrameBlock]:
         head, self._head = self._head, b""
-        for kind, text, end in text_parts(self._source, head, LINE_CHARS_MAX, _TEXT_BYTES, _without_zeros):
+        for kind, text, end in text_parts(
+            self._source, head, LINE_CHARS_MAX, _TEXT_BYTES, self._without_zeros
+        ):
             if kind == "lines":
                 yield self._parser.parse(text, end)
             elif kind == "last":
@@ -72,7 +75,11 @@ class CandumpReader(LogReader):
                 self._parser.skip_line(text[:SHOWN_CHARS], "line too long")
             else:
                 self._parser.skip_line(text, "cut off by the end of the archive")
+        if self._had_zeros and not self.frames:
+            self.truncated_reason = "zeros alone, as a power cut leaves them"
 
-
-def _without_zeros(text: bytes) -> bytes:
-    return _NEVER_WRITTEN.sub(rb"\1", text) if b"\0" in text else text
+    def _without_zeros(self, text: bytes) -> bytes:
+        if b"\0" not in text:
+            return text
+        self._had_zeros = True
+        return _NEVER_WRITTEN.sub(rb"\1", text)
