@@ -20,6 +20,11 @@ COMMAND = re.compile(r"^ *(?:\$ )?canest +(.+)$", re.MULTILINE)
 TESTED = re.compile(r"<!-- tested -->\n```sh\n(.*?)```", re.DOTALL)
 
 
+@pytest.fixture(autouse=True)
+def tools_import_each_other(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "tools")
+
+
 def command_lines() -> list[tuple[str, str]]:
     lines = []
     for page in PAGES:
