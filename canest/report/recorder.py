@@ -210,9 +210,8 @@ class Whiteness:
             before = self._last
             if before is not None and stamp - before[0] == self.LAG_US:
                 self.lagged_N2 += value * before[1]
-                self.runs += (value > 0) != (before[1] > 0)
-            else:
-                self.runs += 1
+            # a gap ends no run: what is tested is the order of the signs, whenever each was seen
+            self.runs += before is None or (value > 0) != (before[1] > 0)
             self._last = stamp, value
 
     @property
@@ -227,7 +226,10 @@ class Whiteness:
 
     @property
     def runs_z(self) -> float:
-        """Wald-Wolfowitz runs test: standard normal when signs are random, below -2: too few changes."""
+        """Runs test of the sequence of all signs (Wald and Wolfowitz 1940); below -2: too few changes.
+
+        Standard normal where every order of the signs is as likely.
+        """
         n, up = self.count, self.positive
         down = n - up
         if up < 2 or down < 2:

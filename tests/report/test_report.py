@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import subprocess
+from itertools import combinations, groupby
 from pathlib import Path
 
 import numpy as np
@@ -104,6 +105,21 @@ class TestWhiteness:
         w = self.residuals(50 * np.sin(np.arange(4000) / 40))
         assert w.correlation > 0.95
         assert w.runs_z < -20
+
+    @pytest.mark.parametrize("gaps", [(), (3, 4, 8, 11), range(1, 14)], ids=["none", "some", "everywhere"])
+    def test_runs_are_those_of_the_signs_whatever_gaps_the_gates_make(self, gaps):
+        signs = np.array([1, 1, 1, 1, -1, -1, -1, 1, 1, -1, -1, -1, -1, 1])
+        t_us = 1_000_000 * (np.arange(14) + np.cumsum(np.isin(np.arange(14), gaps)))
+        w = Whiteness()
+        w.push(*block(t_us, force_N=-50.0 * signs))
+        runs = sum(1 for _ in groupby(signs))
+        # every order in which these seven positive and seven negative signs may come
+        orders = np.full((3432, 14), -1)
+        for order, places in zip(orders, combinations(range(14), 7), strict=True):
+            order[list(places)] = 1
+        by_chance = 1 + np.count_nonzero(np.diff(orders, axis=1), axis=1)
+        assert w.runs == runs == 5
+        assert w.runs_z == pytest.approx((runs - by_chance.mean()) / by_chance.std())
 
     def test_residual_by_hand(self):
         one = np.ones(1)
