@@ -186,7 +186,7 @@ class Whiteness:
 
     def __init__(self) -> None:
         self.count = self.runs = self.positive = 0
-        self.square_N2 = self.lagged_N2 = 0.0
+        self.square_N2 = self.lagged_N2 = self.paired_N2 = 0.0
         self._last: tuple[int, float] | None = None
 
     def push(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
@@ -210,6 +210,7 @@ class Whiteness:
             before = self._last
             if before is not None and stamp - before[0] == self.LAG_US:
                 self.lagged_N2 += value * before[1]
+                self.paired_N2 += 0.5 * (value * value + before[1] * before[1])
             # a gap ends no run: what is tested is the order of the signs, whenever each was seen
             self.runs += before is None or (value > 0) != (before[1] > 0)
             self._last = stamp, value
@@ -221,8 +222,8 @@ class Whiteness:
 
     @property
     def correlation(self) -> float:
-        """Correlation of residuals one second apart; 0 is white."""
-        return self.lagged_N2 / self.square_N2 if self.square_N2 > 0 else float("nan")
+        """Correlation of residuals one second apart, of those that have such a neighbour; 0 is white."""
+        return self.lagged_N2 / self.paired_N2 if self.paired_N2 > 0 else float("nan")
 
     @property
     def runs_z(self) -> float:

@@ -121,6 +121,17 @@ class TestWhiteness:
         assert w.runs == runs == 5
         assert w.runs_z == pytest.approx((runs - by_chance.mean()) / by_chance.std())
 
+    def test_gaps_of_the_gates_leave_the_correlation_as_it_is(self):
+        rng = np.random.default_rng(2)
+        force = np.zeros(20_000)
+        for k in range(1, len(force)):
+            force[k] = 0.8 * force[k - 1] + rng.normal(0, 30)
+        seconds = np.arange(len(force))
+        seen = seconds % 3 < 2  # each third second a gate is closed
+        w = Whiteness()
+        w.push(*block(1_000_000 * seconds[seen], force_N=force[seen]))
+        assert w.correlation == pytest.approx(0.8, abs=0.02)
+
     def test_residual_by_hand(self):
         one = np.ones(1)
         # 2000 kg, 0.5 m/s2, 100 % grade (45 degrees), mu 0.01
