@@ -32,9 +32,9 @@ from canest.logs.memory import MemoryLog
 from canest.logs.truth import read_truth
 from canest.offline.scoring import Score
 
-#: how fast a road's slope may wander, per root metre: from motorway to hills (0.1 to 0.8 % over 100 m);
-#: the likeliest for the drive is taken
-GRADE_WALKS_PER_SQRT_M = (0.0001, 0.0002, 0.0004, 0.0008)
+#: how fast a road's slope may wander, per root metre: from motorway (0.1 % over 100 m) to short, steep hills
+#: (3.2 %); the likeliest for the drive is taken. What a road may not do is put down to the body's pitch
+GRADE_WALKS_PER_SQRT_M = (0.0001, 0.0002, 0.0004, 0.0008, 0.0016, 0.0032)
 #: share of the body's pitch that no factor on the acceleration describes
 PITCH_SHARE = 0.1
 

@@ -1,0 +1,29 @@
+"""Drives whose grade is known from an accelerometer alone, with the mass given."""
+
+import pytest
+
+from canest.config import load_config
+from canest.diagnosis.run import diagnose
+
+HILLS = {"kind": "sine", "amplitude": 0.05, "wavelength_m": 400}
+
+
+@pytest.fixture(scope="module")
+def without_altitude(drive):
+    def found(*undeclared, **changes):
+        log = drive(*undeclared, seed=3, **changes)
+        config = load_config(log.with_suffix(".yaml"))
+        signals = {role: source for role, source in config.signals.items() if role != "altitude"}
+        return diagnose([log], config.model_copy(update={"signals": signals}), mass_kg=21250.0)
+
+    return found
+
+
+def test_a_road_rougher_than_a_highway_is_no_other_wheel_radius(without_altitude):
+    """Part of the road was put down to the pitch of the body, and what was then wrong to the radius."""
+    planted = {"effect": "torque_gain", "gain": 0.85}
+    found = without_altitude(planted, road=HILLS, driver={"kind": "mixed"})
+    chosen = {c.candidate.label: c.value for c in found.search.chosen}
+    assert chosen.keys() - {"torque_delay"} == {"torque_gain"}
+    assert chosen["torque_gain"] == pytest.approx(0.85, abs=0.02)
+    assert abs(found.after.mass_error_pct) < 1.0 < 15.0 < found.before.mass_error_pct
