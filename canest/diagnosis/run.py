@@ -204,7 +204,7 @@ def _with_bus_switches(
 def _before_and_after(search: Search) -> tuple[_Side, _Side, Search]:
     """Return both sides, and the search with nothing chosen where that is no better on held-out data."""
     problem = search.problem
-    if problem.mass_known:
+    if not problem.nuisance.shape[1]:
         folds = [Fold(search.base, np.zeros(problem.rows), np.ones(problem.rows, np.bool_))]
     else:
         folds = two_folds(problem, search.without_choice())

@@ -1,5 +1,6 @@
 """Drives whose grade is known from an accelerometer alone, with the mass given."""
 
+import numpy as np
 import pytest
 
 from canest.config import load_config
@@ -27,3 +28,8 @@ def test_a_road_rougher_than_a_highway_is_no_other_wheel_radius(without_altitude
     assert chosen.keys() - {"torque_delay"} == {"torque_gain"}
     assert chosen["torque_gain"] == pytest.approx(0.85, abs=0.02)
     assert abs(found.after.mass_error_pct) < 1.0 < 15.0 < found.before.mass_error_pct
+
+
+def test_the_bias_of_the_accelerometer_is_no_residual_before_either(without_altitude):
+    before_N = without_altitude(road={"kind": "highway"}).residual_before_N
+    assert abs(before_N.mean()) < 0.1 * np.sqrt((before_N**2).mean())
