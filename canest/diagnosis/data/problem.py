@@ -68,6 +68,7 @@ class Problem:
         self.mass_known = all(p.reference.mass_kg is not None for p in self.parts)
         self.nuisance_N = self._nuisance()
         self.nuisance = self.whiten(self.nuisance_N)
+        self._reference_errors = {n: self.whiten(column) for n, column in self.reference_errors_N().items()}
         weights = [p.mass_kg.mean() * GRAVITY_MPS2 for p in self.parts]
         self.weight_N = float(np.mean(weights))
         #: one step of the reported torque, as force at the wheels
@@ -110,12 +111,22 @@ class Problem:
         return np.column_stack([*columns, self.nuisance])
 
     def held_out(self, residual: FloatColumn, columns: Sequence[FloatColumn]) -> FloatColumn:
-        """Return what is left of a whitened residual on windows that were not used to fit it (n,)."""
-        return held_out(residual, self.beside_nuisance(columns), self.chunk)
+        """Return what is left of a whitened residual on windows that were not used to fit it (n,).
+
+        Errors of the reference may take their part, each at the price of its spread. A chunk of what is left
+        without them counts as one observation.
+        """
+        matrix = self.beside_nuisance(columns)
+        left = held_out(residual, matrix, self.chunk)
+        errors = list(self.reference_errors().values())
+        if not errors:
+            return left
+        prior = np.eye(len(errors), len(errors) + matrix.shape[1]) * np.sqrt(left @ left / self.chunks)
+        return held_out(residual, np.column_stack([*errors, matrix]), self.chunk, prior)
 
     def reference_errors(self) -> dict[str, FloatColumn]:
         """Return what steady errors of the reference do, whitened, per standard deviation (n,) each."""
-        return {name: self.whiten(column) for name, column in self.reference_errors_N().items()}
+        return self._reference_errors
 
     def reference_errors_N(self) -> dict[str, FloatColumn]:
         """Return what steady errors of the reference do, in N per standard deviation (n,) each.

@@ -25,6 +25,7 @@ from canest.diagnosis.data.road_smoother import (
     STEP_TICKS,
     altitude_noise_m,
     on_ticks,
+    pitch_std_of,
     smooth,
     whole_seconds,
 )
@@ -151,6 +152,9 @@ def _altitude_and_accelerometer(drive: Drive, run: Run) -> Reference | None:
     # a body pitches with a lag and by its load: never in proportion to better than this
     least_std = PITCH_SHARE * (PITCH_STD if pitch is None else max(pitch, 0.003))
     pitch_std = max(road.pitch_std, least_std) if has_accelerometer else 0.0
+    if has_accelerometer and not has_altitude:
+        # a driver who slows uphill makes slope and acceleration alike: a drive alone does not part them
+        pitch_std = pitch_std_of(pitch)
     # the bias is a steady error only where an altitude ties it down: else it is free, see `Problem`
     bias_std = road.bias_std_mps2 if has_accelerometer and has_altitude else 0.0
     kind = "+".join(names)

@@ -89,6 +89,11 @@ def altitude_noise_m(altitude: FloatColumn, speed: FloatColumn) -> float:
     return max(float(1.4826 * np.median(np.abs(second)) / np.sqrt(6.0)), MIN_ALTITUDE_STD_M)
 
 
+def pitch_std_of(declared: float | None) -> float:
+    """Return how well the body's pitch is known before a drive, rad per m/s2."""
+    return PITCH_STD if declared is None else 0.3 * max(declared, 0.003)
+
+
 def smooth(
     fresh: BoolColumn,
     speed: FloatColumn,
@@ -114,9 +119,10 @@ def smooth(
     scatter = np.hypot(ACCELEROMETER_STD_MPS2, 0.05 * accel[at])
     of_drive = np.column_stack([np.ones(len(at)), GRAVITY_MPS2 * accel[at]])
     equations.add([(at, "slope", GRAVITY_MPS2)], extra[at], scatter, of_drive)
-    pitch_std = PITCH_STD if pitch is None else 0.3 * max(pitch, 0.003)
     equations.add([], np.array([0.0]), BIAS_STD_MPS2, np.array([[1.0, 0.0]]))
-    equations.add([], np.array([0.01 if pitch is None else pitch]), pitch_std, np.array([[0.0, 1.0]]))
+    equations.add(
+        [], np.array([0.01 if pitch is None else pitch]), pitch_std_of(pitch), np.array([[0.0, 1.0]])
+    )
     return equations.solve()
 
 
