@@ -113,23 +113,18 @@ def _diagnose(
     channel: str | None,
     output: Path,
 ) -> int:
-    from canest.cli.progress import Share
+    from canest.cli.progress import Stages
     from canest.core import jit
     from canest.diagnosis.data.problem import TooLittleDrivingError
     from canest.diagnosis.report.files import check_folder, write, write_empty
     from canest.diagnosis.run import diagnose
     from canest.offline.replay import compiling_pays
 
-    class Stage(Share):
-        def show(self, text: str, share: float) -> None:
-            self._text = text
-            self.update(share)
-
     check_folder(output)  # before the work of minutes
     jit.enable(compiling_pays(paths, _PASSES))
     names = [str(p) for p in paths]
     try:
-        with Stage("diagnose") as bar:
+        with Stages("diagnose") as bar:
             diagnosis = diagnose(
                 paths, config, truths=truths, mass_kg=mass_kg, channel=channel, progress=bar.show
             )

@@ -12,10 +12,14 @@ from canest.core.errors import printable
 from canest.system import terminal
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rich.progress import Progress
 
 #: shorter jobs show nothing, and so need not import rich
 PATIENCE_S = 0.7
+#: nobody waits at a pipe for less
+LINE_PATIENCE_S = 5.0
 
 
 class _Shown:
@@ -57,30 +61,66 @@ class _Shown:
                 self._progress.stop()
 
 
-class Bar(_Shown):
-    """Progress through one log, by bytes; it appears even while nothing is done yet.
+class _Waiting(_Shown):
+    """Appears even while nothing is done yet.
 
     The first log after an update may wait for a quarter of a minute until numba has compiled.
     """
 
+    def _appear(self) -> tuple[float, Callable[[], None]] | None:
+        """Return after how long, s, what is to be done; None for nothing."""
+        return (PATIENCE_S, self._draw) if sys.stderr.isatty() else None
+
     def __enter__(self) -> Any:
-        self._timer = threading.Timer(PATIENCE_S, self._draw)
-        self._timer.daemon = True
-        if sys.stderr.isatty():
+        wanted = self._appear()
+        self._timer = None if wanted is None else threading.Timer(*wanted)
+        if self._timer is not None:
+            self._timer.daemon = True
             self._timer.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._timer.cancel()
-        if self._timer.is_alive():
+        if self._timer is not None:
+            self._timer.cancel()
             self._timer.join()
         super().__exit__(kind, error, trace)
+
+
+class Bar(_Waiting):
+    """Progress through one log, by bytes."""
 
     def update(self, done: int, total: int) -> None:
         """Take note of the bytes done, of all (0: unknown)."""
         self._show(done, total or None)
+
+
+class Stages(_Waiting):
+    """Progress through stages of minutes; where standard error is no terminal, a line for each of them.
+
+    The first word of the text is the stage.
+    """
+
+    _printed = ""
+
+    def _appear(self) -> tuple[float, Callable[[], None]]:
+        return super()._appear() or (LINE_PATIENCE_S, self._print)
+
+    def show(self, text: str, share: float) -> None:
+        """Take note of what is being done, and of the share done, 0 to 1."""
+        self._text = text
+        self._show(share, 1.0)
+        waited = time.monotonic() - self._begin >= LINE_PATIENCE_S
+        if waited and share < 1.0 and not sys.stderr.isatty():
+            self._print()
+
+    def _print(self) -> None:
+        with self._lock:
+            stage = self._text.split(" ", 1)[0]
+            if stage != self._printed:
+                self._printed = stage
+                print(f"{100 * self._done:3.0f} %  {printable(self._text)}", file=sys.stderr, flush=True)
 
 
 class Share(_Shown):

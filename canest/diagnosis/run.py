@@ -266,6 +266,7 @@ class _Data:
 def _search(
     problem: Problem, config: Config, switches: Sequence[str], progress: Progress
 ) -> tuple[Search, list[Tried]]:
+    progress("trying every effect", 0.3)
     present = switching_roles(problem, [r for r in switches if r in config.signals])
     candidates = candidates_for(problem, present)
     base = effects_of(config)
@@ -278,5 +279,6 @@ def _search(
 
     search = Search(problem, base, candidates, on_candidate)
     tried = search.alone()
+    progress("comparing sets of effects", 0.55)
     search.run()
     return search, tried

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from canest.cli import progress
 from canest.cli.main import run
 from canest.simulation import simulate
 
@@ -20,6 +21,12 @@ SCENARIO: dict[str, Any] = {
     "driver": {"kind": "pulses"},
     "bus": {"traffic": False},
 }
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch):
+    """Let no slow machine add lines of progress to what is printed."""
+    monkeypatch.setattr(progress, "LINE_PATIENCE_S", 3600.0)
 
 
 @pytest.fixture(scope="session")
