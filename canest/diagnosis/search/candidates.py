@@ -24,7 +24,7 @@ class Candidate:
     confounded: bool = False
     #: no vehicle of this config can have less (no negative inertia, drag or rolling resistance in all)
     low: float = -np.inf
-    #: its standard deviation among vehicles that have it as a fault
+    #: its standard deviation among vehicles that have it as a fault, or what a measurement leaves of that
     scale: float = np.inf
 
     @property
@@ -98,6 +98,6 @@ def candidates_for(problem: Problem, switches: Sequence[str] = ()) -> list[Candi
             # a common factor on all traction is nearly one thing with a free mass: never to be claimed then
             confounded = cls.scales_traction and not trial.shape and not problem.mass_known
             low = cls.parameters[parameter].lowest(vehicle)
-            scale = cls.parameters[parameter].fault_std(vehicle)
+            scale = min(cls.parameters[parameter].fault_std(vehicle), trial.measured_std)
             found.append(Candidate(trial.label, name, parameter, trial.shape, confounded, low, scale))
     return found

@@ -9,6 +9,8 @@ import numpy as np
 
 from canest.core.samples import LOADING_S, RATE_HZ
 from canest.diagnosis.data.problem import Problem
+from canest.doctor.engine_and_road import MIN_MPS
+from canest.doctor.proportion import Proportion
 from canest.vehicle.effects import DrivenData
 
 #: seconds of open driving that a gear needs before its own loss can be seen
@@ -25,7 +27,31 @@ def driven_data(problem: Problem, switches: Sequence[str]) -> DrivenData:
         temperature_span_K=_temperature_span_K(problem),
         loading_stops_s=_loading_stops(problem),
         switches={role: _level_between(problem, role) for role in switches},
+        radius_factor=_radius_factor(problem),
     )
+
+
+def _radius_factor(problem: Problem) -> float | None:
+    """Return the satellites' speed over that of the driven wheels at the declared radius; None for unknown.
+
+    A config that has a wheel radius as an effect says itself that the declared one is not the true one.
+    """
+    found = Proportion()
+    for part in problem.parts:
+        config, signals = part.drive.config, part.run.signals
+        if "gps_speed" not in signals or any(e["effect"] == "wheel_radius" for e in config.effects):
+            return None
+        known = [
+            signals[role] * mps
+            for role, mps in (
+                ("output_shaft_speed", config.vehicle.mps_per_shaft_rpm),
+                ("vehicle_speed", 1.0),
+            )
+            if role in signals and np.isfinite(signals[role]).any()
+        ]
+        for wheels_mps in known[:1]:
+            found.add(signals["gps_speed"], wheels_mps, wheels_mps > MIN_MPS)
+    return found.times
 
 
 def _loading_stops(problem: Problem) -> list[float]:

@@ -33,13 +33,16 @@ def not_excluded(search: Search) -> list[str]:
     for c, column in search.offered:
         if c.effect in named or c.effect in found or c.confounded or c.is_delay or not np.isfinite(c.scale):
             continue
+        ordinary = c.info.fault_std(problem.parts[0].drive.config.vehicle)
         own, pull = _seen(evidence, residual, column)
+        if c.scale < ordinary:  # measured
+            own += prior.noise / c.scale**2
         if own <= 0.0:
             found.append(c.effect)
             continue
         value, std = -pull / own, float(np.sqrt(prior.noise / own))
         # an ordinary fault in either direction that a vehicle can have
-        ends = [c.scale * sign for sign in (1.0, -1.0) if c.possible(c.scale * sign)]
+        ends = [ordinary * sign for sign in (1.0, -1.0) if c.possible(ordinary * sign)]
         if any(np.sign(end) * (end - value) < RULED_OUT_SIGMAS * std for end in ends):
             found.append(c.effect)
     return found

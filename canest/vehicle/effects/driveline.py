@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import hypot, inf
 from typing import ClassVar
 
 import numpy as np
@@ -10,6 +11,9 @@ import numpy as np
 from canest.vehicle.effects.base import Added, Effect, Parameter, Scaled, Stage
 from canest.vehicle.effects.trials import DrivenData, Trial
 from canest.vehicle.working_columns import ModelColumns
+
+#: how well satellites show the rolling radius: driven wheels slip by half a percent to one
+SATELLITE_RADIUS_STD = 0.01
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,11 @@ class DrivelineLoss(Effect):
 
 @dataclass(frozen=True)
 class WheelRadius(Scaled):
-    """The rolling radius is not the declared one."""
+    """The rolling radius is not the declared one.
+
+    A controller counts turns of the wheels and multiplies them by a radius. With tyres of another one its
+    speed is as wrong as the lever of the torque: that speeds of driven wheels agree is no proof against it.
+    """
 
     name: ClassVar[str] = "wheel_radius"
     stage: ClassVar[Stage] = "geometry"
@@ -63,6 +71,14 @@ class WheelRadius(Scaled):
     scales_traction: ClassVar[bool] = True
     parameters: ClassVar[dict[str, Parameter]] = {"factor": Parameter("", 1.0, 0.7, 1.3, 0.005, fault=0.03)}
     factor: float = 1.0
+
+    @classmethod
+    def trials(cls, drives: DrivenData) -> list[Trial]:
+        """Return it, as large as a satellite speed allows where there is one."""
+        seen = drives.radius_factor
+        return [
+            Trial(cls.name, measured_std=inf if seen is None else hypot(seen - 1.0, SATELLITE_RADIUS_STD))
+        ]
 
     def describe(self, std: float) -> str:
         """Return it as a part of a sentence."""
