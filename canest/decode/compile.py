@@ -58,6 +58,11 @@ class Field(NamedTuple):
             word = int.from_bytes(word.to_bytes(self.size, "little"), "big")
         return (word >> self.shift) & self.mask
 
+    def placed(self, raw: int) -> int:
+        """Return the little-endian integer of a payload that holds nothing but these raw bits."""
+        word = raw << self.shift
+        return int.from_bytes(word.to_bytes(self.size, "little"), "big") if self.swapped else word
+
 
 def locate(signal: Signal, size: int) -> tuple[Field, int]:
     """Return the field of a signal in a payload of ``size`` bytes, and how many bytes must be there."""

@@ -120,10 +120,12 @@ class RawSignal:
         return raw - (1 << width) if self._signal.is_signed and raw >> (width - 1) else raw
 
     def _value(self, raw: int) -> float | None:
-        value = self._used.columns(np.array([raw << self._used.field.shift], np.uint64))[1]
-        if self._used.field.swapped or self._used.multiplexer is not None or not len(value):
-            return None
-        return None if np.isnan(value[0]) else float(value[0])
+        word = self._used.field.placed(raw & self._used.field.mask)
+        if self._used.multiplexer is not None:
+            selector, (selected, *_) = self._used.multiplexer
+            word |= selector.placed(selected)
+        (value,) = self._used.columns(np.array([word], np.uint64))[1].tolist()
+        return None if np.isnan(value) else value
 
     def hints(self) -> list[str]:
         """Return the lines that would read the signal better, one sentence each."""
@@ -189,10 +191,18 @@ class RawSignal:
         if not wrong:
             return ""
         every = {
-            text: number for text in self.labels.values() if (number := meaning(self.role, text)) is not None
+            text: number for raw, text in self.labels.items() if (number := self._meant(raw)) is not None
         }
         shown = ", ".join(f"{label.value:g} for {label.label!r}" for label in wrong[:3])
         return f"signals.{self.role} reads {shown} of the DBC: to go by its labels, paste {map_line(every)}"
+
+    def _meant(self, raw: int) -> float | None:
+        """Return what a labelled number most likely means: what its label says, else what it counts as."""
+        label = self.labels[raw]
+        number = meaning(self.role, label)
+        if number is None and not means_no_value(label):
+            return self._value(raw)
+        return number
 
 
 class RawValueCheck:
