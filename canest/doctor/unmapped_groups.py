@@ -1,4 +1,4 @@
-"""Messages on a J1939 bus that no role takes, though mass and grade are wrong without them."""
+"""Messages on a bus that no role takes, though mass and grade are wrong without them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from canest.core.frames import EXTENDED, FrameBlock
 from canest.decode import j1939
 from canest.decode.database import is_j1939
 from canest.doctor.missing_signals import FRICTION, RETARDER
+from canest.doctor.second_motor import SecondMotorCheck
 from canest.vehicle.role_sources import torque_role
 
 if TYPE_CHECKING:
@@ -37,14 +38,16 @@ _GROUPS = (
 
 
 class UnmappedGroups:
-    """Looks for them in a stream."""
+    """Looks for them in a stream: parameter groups of J1939, and the message of a second motor."""
 
     def __init__(self, config: Config) -> None:
         self._groups = _unmapped(config)
         self._seen = set[int]()
+        self._second_motor = SecondMotorCheck(config)
 
     def push(self, block: FrameBlock) -> None:
         """Take the frames of a block."""
+        self._second_motor.push(block)
         for pgn in self._groups.keys() - self._seen:
             # none of them is addressed to one node, whose address would be part of it
             of_group = (block.can_id >> np.uint32(8)) & np.uint32(j1939.PGN_MASK) == np.uint32(pgn)
@@ -58,7 +61,7 @@ class UnmappedGroups:
             f"{{message: {group.message}, signal: {group.signal}}})"
             for pgn, group in self._groups.items()
             if pgn in self._seen
-        ]
+        ] + self._second_motor.hints()
 
 
 def _unmapped(config: Config) -> dict[int, _Group]:

@@ -10,6 +10,8 @@ from canest.core.roles import UNITS
 from canest.vehicle.role_sources import AT_WHEELS, is_at_wheels, torque_role
 
 if TYPE_CHECKING:
+    from cantools.database.can import Signal
+
     from canest.config import Config
 
 #: signals that are the speed of an engine or motor, by their name
@@ -39,6 +41,11 @@ def _other_torques(config: Config, used: str) -> list[str]:
     ]
 
 
+def is_motor_speed(signal: Signal) -> bool:
+    """Return whether a signal is the speed of an engine or motor, by its unit and name."""
+    return (signal.unit or "").strip() in UNITS["rpm"] and _ENGINE.search(signal.name) is not None
+
+
 def _unchecked_ratio(config: Config, used: str) -> list[str]:
     """Return which signals of the databases could show that ratios, radius and unit fit each other."""
     if "engine_speed" in config.signals or is_at_wheels(used, config.signals):
@@ -49,8 +56,7 @@ def _unchecked_ratio(config: Config, used: str) -> list[str]:
         for database in config.databases
         for message in database.messages
         for signal in message.signals
-        if (signal.unit or "").strip() in UNITS["rpm"] and _ENGINE.search(signal.name)
-        and (message.name, signal.name) not in mapped
+        if is_motor_speed(signal) and (message.name, signal.name) not in mapped
     ]  # fmt: skip
     if not could:
         return []
