@@ -169,7 +169,7 @@ class Doctor:
             status=self._status,
             stops=stops,
             hints=[hint for hint in hints if hint != stops],
-            notes=config_warnings(self.config)
+            notes=config_warnings(self.config, self._groups.came)
             + ([] if log is None else log_warnings(log) + self._tables.warnings())
             + stream_warnings(self.pipeline.intake, self.pipeline.stuck_ticks)
             + stale_warnings(self.config, self.pipeline)

@@ -11,15 +11,20 @@ from canest.doctor.unused_signals import unused_signal_warnings
 from canest.pipeline.signal_map import signal_of, unit_of
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from canest.config import Config
     from canest.config.sections import Source
 
 
-def config_warnings(config: Config) -> list[str]:
-    """Return what is odd about a config and its databases, one sentence each."""
+def config_warnings(config: Config, came: Collection[str] | None = None) -> list[str]:
+    """Return what is odd about a config and its databases, one sentence each.
+
+    came: messages of the log, of those that no role takes (`UnmappedGroups`); None where none has been read.
+    """
     return [
-        *overlap_warnings(config.databases), *same_message_warnings(config), *unused_signal_warnings(config),
-        *unit_warnings(config), *other_unit_warnings(config),
+        *overlap_warnings(config.databases), *same_message_warnings(config),
+        *unused_signal_warnings(config, came), *unit_warnings(config), *other_unit_warnings(config),
     ]  # fmt: skip
 
 

@@ -10,7 +10,9 @@ from canest.core.roles import UNITS
 from canest.vehicle.role_sources import AT_WHEELS, is_at_wheels, torque_role
 
 if TYPE_CHECKING:
-    from cantools.database.can import Signal
+    from collections.abc import Collection
+
+    from cantools.database.can import Message, Signal
 
     from canest.config import Config
 
@@ -20,13 +22,21 @@ _RIGHT = "half_shaft_torque_right"
 _TORQUES = (*AT_WHEELS, _RIGHT, "engine_torque", "engine_torque_pct", "power")
 
 
-def unused_signal_warnings(config: Config) -> list[str]:
-    """Return which torques are mapped and do not count, and what could check ratio, radius and unit."""
+def unused_signal_warnings(config: Config, came: Collection[str] | None = None) -> list[str]:
+    """Return which torques are mapped and do not count, and what could check ratio, radius and unit.
+
+    came: messages of the log, of those that could; None where no log has been read.
+    """
     try:
         used = torque_role(config.signals, config.vehicle)
     except ConfigError:  # is said where the model is built
         return []
-    return _other_torques(config, used) + _unchecked_ratio(config, used)
+    return _other_torques(config, used) + _unchecked_ratio(config, came)
+
+
+def messages_that_could_check(config: Config) -> list[Message]:
+    """Return the messages that could show whether ratios, radius and unit fit each other."""
+    return [message for message, _ in _could_check(config)]
 
 
 def _other_torques(config: Config, used: str) -> list[str]:
@@ -46,21 +56,32 @@ def is_motor_speed(signal: Signal) -> bool:
     return (signal.unit or "").strip() in UNITS["rpm"] and _ENGINE.search(signal.name) is not None
 
 
-def _unchecked_ratio(config: Config, used: str) -> list[str]:
-    """Return which signals of the databases could show that ratios, radius and unit fit each other."""
-    if "engine_speed" in config.signals or is_at_wheels(used, config.signals):
-        return []
-    mapped = {(source.message, source.signal) for source in config.signals.values()}
+def _unchecked_ratio(config: Config, came: Collection[str] | None) -> list[str]:
+    """Return which signal of the databases could show that ratios, radius and unit fit each other."""
     could = [
         f"{message.name}.{signal.name}"
-        for database in config.databases
-        for message in database.messages
-        for signal in message.signals
-        if is_motor_speed(signal) and (message.name, signal.name) not in mapped
-    ]  # fmt: skip
+        for message, signal in _could_check(config)
+        if came is None or message.name in came
+    ]
     if not could:
         return []
     return [
         "no signals.engine_speed: nothing shows whether gear, gear_ratios, final_drive, wheel_radius_m and "
         f"the unit of the speed fit each other, and masses are as wrong as they are ({could[0]} could)"
     ]
+
+
+def _could_check(config: Config) -> list[tuple[Message, Signal]]:
+    """Return the speeds of an engine or motor that no role takes: first that of the torque's own message."""
+    used = torque_role(config.signals, config.vehicle)
+    if "engine_speed" in config.signals or is_at_wheels(used, config.signals):
+        return []
+    mapped = {(source.message, source.signal) for source in config.signals.values()}
+    found = [
+        (message, signal)
+        for database in config.databases
+        for message in database.messages
+        for signal in message.signals
+        if is_motor_speed(signal) and (message.name, signal.name) not in mapped
+    ]
+    return sorted(found, key=lambda pair: pair[0].name != config.signals[used].message)

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 def run_warnings(run: LogRun, score: Score | None) -> list[str]:
     """Return it in sentences, of a run that has ended."""
     pipeline, config = run.pipeline, run.config
-    found = config_warnings(config) + log_warnings(run.reader) + run.table_map.warnings()
+    found = config_warnings(config, run.unmapped_groups.came)
+    found += log_warnings(run.reader) + run.table_map.warnings()
     found += stream_warnings(pipeline.intake, pipeline.stuck_ticks) + stale_warnings(config, pipeline)
     found += sparse_column_warnings(run)
     if pipeline.updated:

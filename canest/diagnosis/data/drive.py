@@ -104,7 +104,8 @@ class Drive:
         if not feeds:
             what = "holds no frame that the config's signal map wants"
             raise NothingToDiagnoseError(what, where=str(path))
-        notes = config_warnings(config) + log_warnings(reader) + table.warnings() + stream_warnings(intake)
+        notes = config_warnings(config, groups.came) + log_warnings(reader)
+        notes += table.warnings() + stream_warnings(intake)
         notes += missing_signal_warnings(config, intake.received) + groups.hints()
         notes += facts.notes(intake.decoder.counters)
         return Drive(path, config, feeds, why_no_time(intake.clock), notes, channel)
