@@ -6,7 +6,9 @@ _LINES = (
     (
         "motors on two axles, or an engine and a motor",
         "the torques at the wheels as `half_shaft_torque_left` and `_right`: each with `scale:` ratio times "
-        "efficiency. They are added; `gear_ratios` and `final_drive` do not count for them",
+        "efficiency. They are added; `gear_ratios` and `final_drive` do not count for them. The speed of one "
+        "motor as `output_shaft_speed` with `scale:` `final_drive` by its ratio lets `check` find a wrong "
+        "radius or unit",
     ),
     (
         "several torques in one signal map",

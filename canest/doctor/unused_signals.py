@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 #: signals that are the speed of an engine or motor, by their name
 _ENGINE = re.compile(r"eng|mot", re.IGNORECASE)
+#: and those that turn with the wheels, whatever gear is in
+_TURN_WITH_WHEELS = re.compile(r"mot|shaft", re.IGNORECASE)
 _RIGHT = "half_shaft_torque_right"
 _TORQUES = (*AT_WHEELS, _RIGHT, "engine_torque", "engine_torque_pct", "power")
 
@@ -51,11 +53,6 @@ def _other_torques(config: Config, used: str) -> list[str]:
     ]
 
 
-def is_motor_speed(signal: Signal) -> bool:
-    """Return whether a signal is the speed of an engine or motor, by its unit and name."""
-    return (signal.unit or "").strip() in UNITS["rpm"] and _ENGINE.search(signal.name) is not None
-
-
 def _unchecked_ratio(config: Config, came: Collection[str] | None) -> list[str]:
     """Return which signal of the databases could show that ratios, radius and unit fit each other."""
     could = [
@@ -65,23 +62,40 @@ def _unchecked_ratio(config: Config, came: Collection[str] | None) -> list[str]:
     ]
     if not could:
         return []
+    used = torque_role(config.signals, config.vehicle)
+    role, facts = "engine_speed", "gear, gear_ratios, final_drive, wheel_radius_m and the unit of the speed"
+    scale = ""
+    if is_at_wheels(used, config.signals):
+        role, facts = "output_shaft_speed", "wheel_radius_m and the unit of the speed"
+        scale = ", with scale: final_drive / its ratio to the wheels"
     return [
-        "no signals.engine_speed: nothing shows whether gear, gear_ratios, final_drive, wheel_radius_m and "
-        f"the unit of the speed fit each other, and masses are as wrong as they are ({could[0]} could)"
+        f"no signals.{role}: nothing shows whether {facts} fit each other, and masses are as wrong as they "
+        f"are ({could[0]} could{scale})"
     ]
 
 
 def _could_check(config: Config) -> list[tuple[Message, Signal]]:
-    """Return the speeds of an engine or motor that no role takes: first that of the torque's own message."""
+    """Return the speeds that turn as the torque does and that no role takes: of its own message first."""
     used = torque_role(config.signals, config.vehicle)
-    if "engine_speed" in config.signals or is_at_wheels(used, config.signals):
+    at_wheels = is_at_wheels(used, config.signals)
+    if "engine_speed" in config.signals or (at_wheels and "output_shaft_speed" in config.signals):
         return []
+    names = _TURN_WITH_WHEELS if at_wheels else _ENGINE
     mapped = {(source.message, source.signal) for source in config.signals.values()}
     found = [
         (message, signal)
         for database in config.databases
         for message in database.messages
         for signal in message.signals
-        if is_motor_speed(signal) and (message.name, signal.name) not in mapped
+        if _is_speed(signal, names) and (message.name, signal.name) not in mapped
     ]
     return sorted(found, key=lambda pair: pair[0].name != config.signals[used].message)
+
+
+def is_motor_speed(signal: Signal) -> bool:
+    """Return whether a signal is the speed of an engine or motor, by its unit and name."""
+    return _is_speed(signal, _ENGINE)
+
+
+def _is_speed(signal: Signal, names: re.Pattern[str]) -> bool:
+    return (signal.unit or "").strip() in UNITS["rpm"] and names.search(signal.name) is not None
