@@ -173,7 +173,8 @@ class Doctor:
             + ([] if log is None else log_warnings(log) + self._tables.warnings())
             + stream_warnings(self.pipeline.intake, self.pipeline.stuck_ticks)
             + stale_warnings(self.config, self.pipeline)
-            + delay_notes(self.config),
+            + delay_notes(self.config)
+            + self._facts.unconfirmed(),
         )
 
     def _frames(self, block: FrameBlock) -> Samples:

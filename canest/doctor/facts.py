@@ -12,6 +12,7 @@ from canest.doctor.declared_range import DeclaredRangeCheck
 from canest.doctor.gearbox_states import GearboxStateCheck
 from canest.doctor.held_torque import HeldTorqueCheck
 from canest.doctor.raw_values import means_no_value
+from canest.doctor.reference_torque import ReferenceTorqueCheck
 from canest.doctor.road_speeds import RoadSpeedCheck
 from canest.doctor.signs import SignCheck
 from canest.doctor.silent_brake import SilentBrakeCheck
@@ -37,6 +38,7 @@ class FactsCheck:
     def __init__(self, config: Config) -> None:
         self._config = config
         self._consistency, self._torque = ConsistencyCheck(config), TorqueCourseCheck(config)
+        self._reference_torque = ReferenceTorqueCheck(config)
         self._checks = (
             self._consistency, SwitchCheck(config), SilentBrakeCheck(config), self._torque,
             TorqueSampleCheck(config), DeclaredRangeCheck(config), RoadSpeedCheck(config), SignCheck(config),
@@ -46,7 +48,7 @@ class FactsCheck:
     def push(self, samples: Samples) -> None:
         """Take the samples of a block: role -> t_us, values (n,)."""
         compared = comparable(samples)
-        for check in self._checks:
+        for check in (*self._checks, self._reference_torque):
             check.push(compared)
 
     def hints(self) -> list[str]:
@@ -57,9 +59,13 @@ class FactsCheck:
         """Return why no estimate can be right, '' where it may be; of what `hints` has compared."""
         return self._consistency.missing_table() or self._torque.fault()
 
+    def unconfirmed(self) -> list[str]:
+        """Return what may be right or wrong, as nothing shows it, one sentence each."""
+        return self._reference_torque.notes()
+
     def notes(self, counters: Counters) -> list[str]:
         """Return the hints, and what no value came of. counters: of the decoder of the same stream."""
-        return self.hints() + reserved_notes(self._config, counters)
+        return self.hints() + self.unconfirmed() + reserved_notes(self._config, counters)
 
 
 def reserved_notes(config: Config, counters: Counters) -> list[str]:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import pytest
+
+from canest.doctor.check import Doctor
 from canest.doctor.config_warnings import config_warnings
 from canest.logs.memory import FrameLog
 from canest.offline.replay import replay
-from tests.van_bus import BOTH, DBC, REAR, bus, config_of, report
+from tests.pulsing_truck import config_of as truck
+from tests.pulsing_truck import write_drive
+from tests.van_bus import BOTH, DBC, REAR, SPEED_MPS, TORQUE_NM, bus, config_of, report
 
 TORQUE = REAR.splitlines(keepends=True)[0]
 
@@ -45,3 +50,35 @@ def test_torques_at_the_wheels_need_a_speed_that_turns_with_them(tmp_path):
 def test_the_speed_of_an_engine_with_gears_does_not_turn_with_the_wheels(tmp_path):
     dbc = DBC.replace("MotF_Speed", "EngSpeed").replace("MotR_Speed", "FanSpeed")
     assert not unchecked(config_warnings(config_of(tmp_path, BOTH, dbc)))
+
+
+def unconfirmed(notes):
+    return [note for note in notes if "confirms" in note]
+
+
+def test_a_reference_torque_that_nothing_confirms_is_said_with_what_the_engine_gave(tmp_path):
+    """The numbers of N m on this bus are taken as percent of 400 N m."""
+    percent = REAR.replace("engine_torque:", "engine_torque_pct:").replace("Torque}", "Torque, unit: '%'}")
+    config = config_of(tmp_path, percent)
+    (note,) = unconfirmed(report(config, bus()).notes)
+    assert note.startswith("nothing here confirms vehicle.reference_torque_Nm = 400, and masses are as wrong")
+    assert unconfirmed(replay(FrameLog(bus()), config).summary["notes"]) == [note]
+    torque_Nm, power_kW = (float(note.split(f" {unit}")[0].split()[-1]) for unit in ("N m", "kW"))
+    assert torque_Nm == pytest.approx(4.0 * TORQUE_NM.max(), rel=0.02)
+    motor_radps = 10.6 / 0.358 * SPEED_MPS
+    most_kW = 4e-3 * (TORQUE_NM * motor_radps).max()
+    assert 0.9 * most_kW < power_kW < most_kW  # held for a second
+    doctor, frames = Doctor(config), bus()
+    for first in range(0, len(frames), 40):
+        doctor.push(frames[first : first + 40])
+    assert unconfirmed(doctor.report().notes) == [note]
+    net = config.model_copy(update={"vehicle": config.vehicle.model_copy(update={"friction_torque_pct": 20})})
+    assert f"up to {torque_Nm - 80:.0f} N m" in unconfirmed(report(net, bus()).notes)[0]
+
+
+def test_torques_in_newton_metres_and_buses_of_j1939_need_no_reference(tmp_path):
+    assert not unconfirmed(report(config_of(tmp_path, REAR), bus()).notes)
+    drive = write_drive(tmp_path, 30)
+    for without in ((), ("reference_torque",)):
+        config = truck(drive, without=without)
+        assert not unconfirmed(replay(drive, config).summary["notes"])
