@@ -19,6 +19,7 @@ from weakref import WeakKeyDictionary
 
 from canest.core.errors import ConfigError
 from canest.decode.database_limits import refuse_excess
+from canest.decode.unused_entries import unused_entries, unused_entry_note, without_entries
 
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal
@@ -27,6 +28,8 @@ _WINDOWS_FORMATS = ("dbc", "sym")
 #: in cantools' message about two signals that have bits in common
 _OVERLAP = "are overlapping in message"
 _OVERLAPS_SHOWN = 3
+#: of cantools' message, whose lines are joined
+_MOST_CHARS = 300
 #: modules of cantools that take longer to import than they are worth here
 _NOT_IMPORTED = ("tester", "logreader")
 # cantools logs two messages of one name or identifier; the check names those in use, with their files
@@ -35,6 +38,8 @@ logging.getLogger("cantools.database.can.database").addFilter(
 )
 #: database -> its signals that overlap, where some do
 _overlaps: WeakKeyDictionary[Database, list[str]] = WeakKeyDictionary()
+#: database -> its entries without a signal, where it has some
+_unused: WeakKeyDictionary[Database, list[str]] = WeakKeyDictionary()
 
 
 def parse(content: bytes, suffix: str, where: str) -> Database:
@@ -50,10 +55,21 @@ def parse(content: bytes, suffix: str, where: str) -> Database:
     cantools_database = _cantools_database()
     encoding = "cp1252" if file_format in _WINDOWS_FORMATS and not marked else "utf-8"
     overlaps: list[str] = []
+    unused: list[str] = []
 
     def load(strict: bool) -> Any:
+        nonlocal content
         text = io.TextIOWrapper(io.BytesIO(content), encoding=encoding, errors="replace")
-        return cantools_database.load(text, file_format, strict=strict)
+        try:
+            return cantools_database.load(text, file_format, strict=strict)
+        except cantools_database.Error as error:
+            entries = unused_entries(str(error))
+            shorter = without_entries(content, entries)
+            if shorter == content:
+                raise
+        content = shorter
+        unused.extend(entries)
+        return load(strict)
 
     try:
         try:
@@ -64,16 +80,24 @@ def parse(content: bytes, suffix: str, where: str) -> Database:
             loaded = load(strict=False)
             overlaps = _overlaps_of(loaded, cantools_database.Error)
     except Exception as error:  # a damaged file meets any exception of cantools' parsers
-        reason = str(error).strip().splitlines() or [type(error).__name__]
+        reason = " ".join(str(error).split())[:_MOST_CHARS] or type(error).__name__
         raise ConfigError(
-            "not a readable database", where=where, found=reason[0], expected="a DBC file"
+            "not a readable database", where=where, found=reason, expected="a DBC file"
         ) from error
     if not isinstance(loaded, cantools_database.Database) or not loaded.messages:
         raise ConfigError("database without CAN messages", where=where, expected="a DBC file with messages")
     database: Database = loaded
     if overlaps:
         _overlaps[database] = overlaps
+    if unused:
+        _unused[database] = unused
     return database
+
+
+def database_warnings(databases: Sequence[Database]) -> list[str]:
+    """Return which signals overlap and which entries have no signal, one sentence each."""
+    unused = [unused_entry_note(_unused[database]) for database in databases if database in _unused]
+    return overlap_warnings(databases) + unused
 
 
 def overlap_warnings(databases: Iterable[Database]) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from canest.core.roles import ROLES, UNITS
-from canest.decode.database import overlap_warnings
+from canest.decode.database import database_warnings
 from canest.doctor.same_messages import same_message_warnings
 from canest.doctor.unused_signals import unused_signal_warnings
 from canest.pipeline.signal_map import signal_of, unit_of
@@ -23,7 +23,7 @@ def config_warnings(config: Config, came: Collection[str] | None = None) -> list
     came: messages of the log, of those that no role takes (`UnmappedGroups`); None where none has been read.
     """
     return [
-        *overlap_warnings(config.databases), *same_message_warnings(config),
+        *database_warnings(config.databases), *same_message_warnings(config),
         *unused_signal_warnings(config, came), *unit_warnings(config), *other_unit_warnings(config),
     ]  # fmt: skip
 
