@@ -29,7 +29,8 @@ def missing_signal_warnings(config: Config, received: Collection[str]) -> list[s
             warnings.append(
                 "no signal reports the engine's friction, so it counts as 0 % of the reference torque: set "
                 "what it is (vehicle.friction_torque_pct, some 5 to 12 % of a combustion engine, 0 of an "
-                "electric motor), or mass and grade are wrong by it"
+                "electric motor and of a net torque, as one that is clearly negative in overrun), or mass "
+                "and grade are wrong by it"
             )
         stated_Nm = config.vehicle.reference_torque_Nm
         if torque == "engine_torque_pct" and "reference_torque" in missing and stated_Nm is not None:

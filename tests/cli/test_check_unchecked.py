@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from canest.config import load_config
 from canest.doctor.check import Doctor
 from canest.doctor.config_warnings import config_warnings
+from canest.doctor.missing_signals import missing_signal_warnings
 from canest.logs.memory import FrameLog
 from canest.offline.replay import replay
 from tests.pulsing_truck import config_of as truck
@@ -82,3 +84,10 @@ def test_torques_in_newton_metres_and_buses_of_j1939_need_no_reference(tmp_path)
     for without in ((), ("reference_torque",)):
         config = truck(drive, without=without)
         assert not unconfirmed(replay(drive, config).summary["notes"])
+
+
+def test_a_net_torque_is_told_from_one_that_lacks_the_friction():
+    (hint,) = [h for h in missing_signal_warnings(load_config("class8"), ()) if "friction" in h]
+    assert "0 of an electric motor and of a net torque, as one that is clearly negative in overrun" in hint
+    stated = load_config("class8", ["vehicle.friction_torque_pct=0"])
+    assert not [h for h in missing_signal_warnings(stated, ()) if "friction" in h]
