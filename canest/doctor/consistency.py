@@ -10,7 +10,15 @@ import numpy as np
 from canest.core.columns import finite
 from canest.core.frames import FloatColumn, IntColumn
 from canest.core.roles import RADPS_PER_RPM
-from canest.doctor.engine_and_road import MIN_MPS, ROAD_SPEEDS, at_radius, one_mistake, unit_hint, words
+from canest.doctor.engine_and_road import (
+    MIN_MPS,
+    ROAD_SPEEDS,
+    at_radius,
+    one_mistake,
+    signals_first,
+    unit_hint,
+    words,
+)
 from canest.doctor.gear_table import GearFit, slipping_gears, stepless, table_line
 from canest.doctor.proportion import MIN_PAIRS, Proportion
 from canest.doctor.reported_ratio import ReportedRatio
@@ -225,6 +233,7 @@ class ConsistencyCheck:
             elif not radius_shown:
                 radius_shown = True
                 hints.append(
+                    f"{signals_first(times, role, 'output_shaft_speed')}"
                     f"{role.replace('_', ' ')} and output shaft agree with wheel_radius_m {radius_m:.3f} "
                     f"(at final_drive {v.final_drive:g}), the config has {v.wheel_radius_m:g}; or with "
                     f"final_drive {v.final_drive / times:.3g} (at wheel_radius_m {v.wheel_radius_m:g})"
@@ -257,7 +266,8 @@ class ConsistencyCheck:
                 "Leave gear_ratios as they are; signals.lockup_engaged tells when it does"
             ]
         measured = f"Measured{at_radius(self._vehicle, self._turns_of)}: {table_line(self._measured())}"
-        return [f"{listed}: is the table another gearbox's? {measured}"]
+        first = signals_first(least, _ENGINE, self._turns_of) if one else ""
+        return [f"{first}{listed}: is the table another gearbox's? {measured}"]
 
     def _table_hints(self) -> list[str]:
         """Return what is wrong with a gear table where no signal carries the gear."""

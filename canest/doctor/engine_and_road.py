@@ -8,6 +8,8 @@ from canest.vehicle.facts import Vehicle
 
 #: slower than this (m/s), speeds are too coarse to compare
 MIN_MPS = 5.0
+#: no wrong radius or axle, but a diameter, makes speeds so many times larger or smaller
+MOST_TIMES = 1.6
 #: what may turn out to be in another unit or at another radius, the commonest first
 ROAD_SPEEDS = ("vehicle_speed", "undriven_speed", "gps_speed")
 
@@ -44,6 +46,19 @@ def unit_hint(role: str, times: float) -> str:
     )
 
 
+def signals_first(times: float, role: str, other: str) -> str:
+    """Return the question that comes before radius and axle, '' where one of them may make so many times.
+
+    role, other: the speed that is so many times the other one.
+    """
+    if 1.0 / MOST_TIMES < times < MOST_TIMES:
+        return ""
+    return (
+        f"{role} is {times:.3g} times what {other} gives: are factor, start bit and byte order of both "
+        "signals right? Else "
+    )
+
+
 def one_mistake(vehicle: Vehicle, role: str, times: float, by: str) -> list[str]:
     """Return which one mistake makes the engine turn so many times as often in every gear; [] for none.
 
@@ -58,9 +73,9 @@ def one_mistake(vehicle: Vehicle, role: str, times: float, by: str) -> list[str]
             f"engine_speed is {times:.3g} times what {words(role)} and {by} give: look at the units of "
             f"signals.engine_speed, signals.{role} and {by}"
         ]
-    radius_m, drive = vehicle.wheel_radius_m, vehicle.final_drive
+    radius_m, drive, road = vehicle.wheel_radius_m, vehicle.final_drive, words(role)
     return [
-        f"engine and {words(role)} agree with wheel_radius_m {radius_m / times:.3f} (at final_drive "
-        f"{drive:g} and the same {by}), the config has {radius_m:g}; or with final_drive "
-        f"{drive * times:.3g} (at wheel_radius_m {radius_m:g})"
+        f"{signals_first(times, 'engine_speed', role)}engine and {road} agree with wheel_radius_m "
+        f"{radius_m / times:.3f} (at final_drive {drive:g} and the same {by}), the config has {radius_m:g}; "
+        f"or with final_drive {drive * times:.3g} (at wheel_radius_m {radius_m:g})"
     ]

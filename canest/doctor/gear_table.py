@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterable, Mapping
 import numpy as np
 
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn
+from canest.doctor.engine_and_road import MOST_TIMES
 from canest.doctor.speed_units import SPEED_TOLERANCE
 from canest.doctor.stretches import at
 
@@ -28,8 +29,6 @@ _MOST_GEARS, _LEAST_SHARE = 20, 0.01
 _CLOSEST, _FEWEST_STEPS = 0.12, 3
 #: a torque converter that turns steadily slips by no more
 MOST_SLIP = 0.1
-#: tables are tried this much larger and smaller
-_MOST_TIMES = 1.6
 
 
 class GearFit:
@@ -69,7 +68,7 @@ class GearFit:
         """
         if len(self._table) < 2 or self._counts.sum() < _FEWEST or self._share(1.0) > _FAILS:
             return None, []
-        tried = np.exp(np.arange(-np.log(_MOST_TIMES), np.log(_MOST_TIMES), 0.5 * _BIN))
+        tried = np.exp(np.arange(-np.log(MOST_TIMES), np.log(MOST_TIMES), 0.5 * _BIN))
         shares = np.array([self._share(times) for times in tried])
         helps = tried[shares > max(_FITS, 0.9 * shares.max())]
         if not len(helps):

@@ -106,6 +106,17 @@ def test_an_engine_speed_twice_as_large_beside_an_output_shaft(drive):
     assert any(each.startswith("engine_speed is 2 times what output shaft and gear_ratio") for each in found)
 
 
+@pytest.mark.parametrize("factor", [2, 0.5, 8, 0.1])
+@pytest.mark.parametrize("without", [("gear_ratio", "output_shaft_speed"), ("output_shaft_speed",)])
+def test_a_speed_off_by_more_than_any_wheel_is_first_a_signal_misread(drive, factor, without):
+    found = hints(drive, f"signals.engine_speed.scale={factor}", without=without)
+    (hint_text,) = [each for each in found if "wheel_radius_m" in each]
+    assert hint_text.startswith(
+        f"engine_speed is {factor} times what vehicle_speed gives: are factor, start bit"
+    )
+    assert "Else engine and vehicle speed agree with wheel_radius_m" in hint_text
+
+
 GEARLESS = ("gear_ratio", "gear", "output_shaft_speed")
 
 
