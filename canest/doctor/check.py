@@ -19,7 +19,7 @@ from canest.doctor.cycle_times import clock_hints
 from canest.doctor.differing_masses import ROLE, differing
 from canest.doctor.facts import FactsCheck
 from canest.doctor.missing_signals import missing_signal_warnings
-from canest.doctor.other_identifiers import other_format, other_group_members
+from canest.doctor.other_identifiers import other_format, other_group_members, unknown_identifiers
 from canest.doctor.past_contradiction import PastContradiction
 from canest.doctor.raw_values import RawValueCheck, text_hints
 from canest.doctor.reasons import (
@@ -260,6 +260,7 @@ class Doctor:
                 seen = ", ".join(f"0x{a:02X}" for a in sorted(self._received.addresses)[:12])
                 hints.append(f"none of the config's messages is there; the bus has addresses {seen}")
         hints += other_group_members(self.config, reports, self._received.pgns)
+        hints += unknown_identifiers(self.config, reports, self._received)
         if self._received.error_frames:
             hints.append(
                 f"{self._received.error_frames:,} error frames: check bit rate, termination and wiring"

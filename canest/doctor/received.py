@@ -42,13 +42,14 @@ class Received:
     """Streams blocks; memory does not grow with the log.
 
     frames, rows: of a bus or log, and of them rows of a table. error_frames, standard_frames: error frames,
-    frames with 11-bit identifiers. standard_ids: those of the latter. addresses, pgns: of the 29-bit ones.
-    columns: of a table. values: of the samples. max_backward_s: stamps that go back by no more are reordered.
+    frames with 11-bit identifiers. standard_ids: those of the latter -> frames. addresses, pgns: of the
+    29-bit ones. columns: of a table. values: of the samples. max_backward_s: stamps that go back by no more
+    are reordered.
     """
 
     def __init__(self, max_backward_s: float) -> None:
         self.frames = self.rows = self.error_frames = self.standard_frames = 0
-        self.standard_ids: set[int] = set()
+        self.standard_ids: dict[int, int] = {}
         self.addresses: set[int] = set()
         self.pgns: set[int] = set()
         self.columns: set[str] = set()
@@ -74,7 +75,11 @@ class Received:
         self.error_frames += int(np.count_nonzero(error))
         extended = (block.can_id & np.uint32(EXTENDED)) != 0
         self.standard_frames += int(np.count_nonzero(~extended))
-        self.standard_ids.update((np.unique(block.can_id[~extended & ~error]) & np.uint32(0x7FF)).tolist())
+        standard = block.can_id[~extended & ~error] & np.uint32(0x7FF)
+        for number, count in zip(
+            *map(np.ndarray.tolist, np.unique(standard, return_counts=True)), strict=True
+        ):
+            self.standard_ids[number] = self.standard_ids.get(number, 0) + count
         identifiers = np.unique(block.can_id[extended])
         self.addresses.update(np.unique(identifiers & np.uint32(0xFF)).tolist())
         groups = np.unique(identifiers >> np.uint32(8) << np.uint32(8))

@@ -6,6 +6,9 @@ import json
 
 import pytest
 
+from tests.van_bus import DBC as DBC_OF_VAN
+from tests.van_bus import REAR, bus, config_of, report
+
 CONFIG = """
 vehicle: {mass_min_kg: 1000, mass_max_kg: 2000, wheel_radius_m: 0.3, final_drive: 4, drag_area_m2: 0.7,
   rolling_resistance: 0.01}
@@ -56,3 +59,18 @@ def test_frames_of_another_length_are_named(canest, tmp_path):
 def test_an_identifier_that_never_came_is_only_not_found(canest, tmp_path):
     check, replay = reasons(canest, tmp_path, 257, "102#00010002000000FF")
     assert check.endswith("was not found as Motor.Torque") and "was never seen in 300 frames" in replay
+
+
+def test_an_identifier_that_never_came_is_named_beside_those_that_no_message_has(tmp_path):
+    wrong = config_of(tmp_path, REAR, DBC_OF_VAN.replace("BO_ 162", "BO_ 163").replace("BO_ 161", "BO_ 1000"))
+    (hint,) = [hint for hint in report(wrong, bus()).hints if "never came" in hint]
+    assert hint == (
+        "0xA3 (MCU_R) never came, and the bus has 0xA2 (50/s), 0xA1 (50/s), which no message of the DBC has"
+    )
+    assert not [hint for hint in report(config_of(tmp_path, REAR), bus()).hints if "never came" in hint]
+
+
+def test_a_bus_of_another_vehicle_gets_the_one_hint_that_all_is_missing(canest, tmp_path):
+    reasons(canest, tmp_path, 257, "102#00010002000000FF")
+    done = canest("check", "-c", tmp_path / "car.yaml", tmp_path / "car.log", "--json", "-")
+    assert not [hint for hint in json.loads(done.out)["hints"] if "never came" in hint]
