@@ -5,6 +5,7 @@ The estimation needs neither: one that cannot be opened at the start is logged, 
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Any
 
 from canest.bus.sandbox import socket_error_text
 from canest.config.schema import Config
-from canest.core.errors import ConfigError
+from canest.core.errors import ConfigError, UsageError
 from canest.system.files import Background, write_atomically
 from canest.system.journal import Journal
 from canest.telemetry.live_protocol import stream_path
@@ -72,9 +73,10 @@ class Endpoints:
     def answer(self, content: Callable[[], dict[str, Any]]) -> None:
         """Answer those who wait on the local sockets; call it once a second."""
         if self.status is not None:
-            if not self.status.path.exists():
+            if self.status.is_lost:
                 self._journal.warning("status-socket-lost", path=self.status.path)
-                self._open_status(self.status.path)
+                with contextlib.suppress(UsageError):  # another daemon took it just now
+                    self._open_status(self.status.path)
             self.status.poll(content)
         if self.live is not None:
             self.live.poll(content)

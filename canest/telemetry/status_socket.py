@@ -49,6 +49,7 @@ class StatusServer:
         self._socket.bind(str(path))
         path.chmod(0o666)  # everybody who reaches the directory may read the status
         self._created_ns = path.stat().st_mtime_ns  # inodes are used again at once
+        self._device = path.parent.stat().st_dev
         self._socket.listen(_CLIENTS)
 
     def poll(self, content: Callable[[], dict[str, Any]]) -> None:
@@ -66,6 +67,14 @@ class StatusServer:
                 client.send(answer)
         if self._publish is not None:
             self._publish(answer)
+
+    @property
+    def is_lost(self) -> bool:
+        """Return whether the name is gone. Behind a file system mounted over it, it is there again later."""
+        try:
+            return not self.path.exists() and self.path.parent.stat().st_dev == self._device
+        except OSError:  # nor is there a folder
+            return True
 
     def close(self, *, keep_name: bool = False) -> None:
         """Stop answering and take the socket's name away, unless it is another server's by now."""
