@@ -36,27 +36,32 @@ class Stretches:
     def __init__(self, roles: Collection[str]) -> None:
         self._roles = tuple(roles)
         self._waiting: dict[str, list[tuple[IntColumn, FloatColumn]]] = {}
-        self._waiting_samples = 0
+        self.waiting = 0  #: samples
         self._since_us: int | None = None
 
-    def push(self, samples: Samples) -> Samples | None:
-        """Take the samples of a block; return a stretch when one is full."""
+    def add(self, samples: Samples) -> int | None:
+        """Take the samples of a block; return the stamp of the latest one, None where there is none."""
         latest_us = None
         for role in self._roles:
             if role in samples and len(samples[role][0]):
                 self._waiting.setdefault(role, []).append(samples[role])
-                self._waiting_samples += len(samples[role][0])
+                self.waiting += len(samples[role][0])
                 latest_us = max(latest_us or 0, int(samples[role][0][-1]))
+        return latest_us
+
+    def push(self, samples: Samples) -> Samples | None:
+        """Take the samples of a block; return a stretch when one is full."""
+        latest_us = self.add(samples)
         if latest_us is None:
             return None
         if self._since_us is None:
             self._since_us = latest_us
-        full = abs(latest_us - self._since_us) >= STRETCH_US or self._waiting_samples > MOST_WAITING
+        full = abs(latest_us - self._since_us) >= STRETCH_US or self.waiting > MOST_WAITING
         return self.rest() if full else None
 
     def rest(self) -> Samples:
         """Return what has come since the last stretch, and begin another."""
-        self._since_us, self._waiting_samples = None, 0
+        self._since_us, self.waiting = None, 0
         stretch = {role: _joined(parts) for role, parts in self._waiting.items()}
         self._waiting.clear()
         return stretch

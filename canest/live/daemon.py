@@ -177,7 +177,7 @@ class Daemon:
             last=self.estimation.last(now_us),
             quiet_s=self._quiet_s(now_us),
             notes=self.estimation.notes.found,
-            notes_told=self.estimation.notes.told,
+            notes_logged=self.estimation.notes.logged,
         )
 
     def _quiet_s(self, now_us: int) -> float | None:

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import re
 
-import numpy as np
-
 from canest.config.schema import Config
-from canest.core.frames import FloatColumn, IntColumn
 from canest.core.samples import EstimateBlock, ModelBlock
 from canest.doctor.facts import FactsCheck
 from canest.doctor.mass_jump import MassJump
-from canest.doctor.stretches import Samples
+from canest.doctor.stretches import Samples, Stretches
 from canest.system.journal import Journal
 
-#: seconds of samples that are compared in one go, and between two looks at what was found: both take 2 ms
+#: seconds of samples that are compared in one go, and between two looks at what was found; both take some ms
 COMPARE_S, LOOK_S = 10.0, 60.0
 #: samples that wait at most: a table of stamps that stand still has no end
 _MOST_WAITING = 1 << 17
@@ -25,26 +22,23 @@ _NUMBER = re.compile(r"\d[\d.,]*")
 class Notes:
     """Takes the decoded samples of the bus; memory does not grow with time.
 
-    found: one sentence each, as they are now. told: the same as one text, which changes only with what is
-    said, not with its numbers.
+    found: one sentence each, with the numbers of now. logged: the same as one text for the journal; it stays
+    as it is while nothing but numbers differ.
     """
 
     def __init__(self, config: Config, journal: Journal) -> None:
         self._config, self._journal = config, journal
-        self._waiting: dict[str, list[tuple[IntColumn, FloatColumn]]] = {}
-        self._waiting_samples = 0
+        self._gathered = Stretches(config.signals)
         self._compare_at_s = self._look_at_s = 0.0
         self._kinds: list[str] = []
         self.found: list[str] = []
-        self.told = ""
+        self.logged = ""
         self._check, self._jump = FactsCheck(config), MassJump()
 
     def push(self, samples: Samples) -> None:
         """Take the samples of a block: role -> t_us, values (n,)."""
-        if self._waiting_samples < _MOST_WAITING:
-            for role, column in samples.items():
-                self._waiting.setdefault(role, []).append(column)
-                self._waiting_samples += len(column[0])
+        if self._gathered.waiting < _MOST_WAITING:
+            self._gathered.add(samples)
 
     def listen(self, samples: ModelBlock, estimates: EstimateBlock) -> None:
         """Take model samples with their estimates."""
@@ -57,7 +51,7 @@ class Notes:
         self._compare_at_s = now_s + COMPARE_S
         self._look_at_s = self._look_at_s or now_s + LOOK_S
         try:
-            self._check.push(self._taken())
+            self._check.push(self._gathered.rest())
             if now_s >= self._look_at_s:
                 self._look_at_s = now_s + LOOK_S
                 self._look()
@@ -65,17 +59,8 @@ class Notes:
             self._journal.error("notes-failed", error=f"{type(error).__name__}: {error}")
             self._check = FactsCheck(self._config)
 
-    def _taken(self) -> Samples:
-        taken = {
-            role: (np.concatenate([t for t, _ in parts]), np.concatenate([v for _, v in parts]))
-            for role, parts in self._waiting.items()
-        }
-        self._waiting.clear()
-        self._waiting_samples = 0
-        return taken
-
     def _look(self) -> None:
         self.found = [*self._check.hints(), *([self._jump.found] if self._jump.found else [])]
         kinds = [_NUMBER.sub("#", note) for note in self.found]
         if kinds != self._kinds:
-            self._kinds, self.told = kinds, "; ".join(self.found)
+            self._kinds, self.logged = kinds, "; ".join(self.found)

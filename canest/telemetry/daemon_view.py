@@ -60,7 +60,7 @@ class DaemonView:
     estimate: the newest one, "not available" when it is not of now. late_frames: received after their tick.
     failures: errors inside the estimation that were survived. learned: None while no mass was valid.
     last: None while there was no mass. quiet_s: since the last frame, seconds; None while there was none.
-    notes: what on the bus contradicts the config. notes_told: the same, while its numbers change alone.
+    notes: what on the bus contradicts the config. notes_logged: the same as the journal has it.
     """
 
     now_us: int
@@ -83,4 +83,4 @@ class DaemonView:
     last: LastEstimate | None
     quiet_s: float | None
     notes: list[str]
-    notes_told: str
+    notes_logged: str

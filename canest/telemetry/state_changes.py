@@ -28,8 +28,8 @@ class StateChangeLog:
         self._log("bus", bus_state(view.receiver), bad=view.receiver.state != "up")
         self._log_node(view)
         self._log("status", STATUS_NAMES[view.estimate.status])
-        told = view.notes_told
-        self._log("notes", told or "none", bad=bool(told), unless_first=not told)
+        notes = view.notes_logged
+        self._log("notes", notes or "none", bad=bool(notes), unless_first=not notes)
         self._log_senders(view)
         for kind in _FILE_KINDS:
             failure = view.background.failures.get(kind, "")
