@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
 from canest.core.columns import finite
@@ -49,7 +51,7 @@ class Received:
 
     def __init__(self, max_backward_s: float) -> None:
         self.frames = self.rows = self.error_frames = self.standard_frames = 0
-        self.standard_ids: dict[int, int] = {}
+        self.standard_ids: Counter[int] = Counter()
         self.addresses: set[int] = set()
         self.pgns: set[int] = set()
         self.columns: set[str] = set()
@@ -76,10 +78,8 @@ class Received:
         extended = (block.can_id & np.uint32(EXTENDED)) != 0
         self.standard_frames += int(np.count_nonzero(~extended))
         standard = block.can_id[~extended & ~error] & np.uint32(0x7FF)
-        for number, count in zip(
-            *map(np.ndarray.tolist, np.unique(standard, return_counts=True)), strict=True
-        ):
-            self.standard_ids[number] = self.standard_ids.get(number, 0) + count
+        numbers, frames = np.unique(standard, return_counts=True)
+        self.standard_ids.update(dict(zip(numbers.tolist(), frames.tolist(), strict=True)))
         identifiers = np.unique(block.can_id[extended])
         self.addresses.update(np.unique(identifiers & np.uint32(0xFF)).tolist())
         groups = np.unique(identifiers >> np.uint32(8) << np.uint32(8))

@@ -41,15 +41,10 @@ def _radius_factor(problem: Problem) -> float | None:
         config, signals = part.drive.config, part.run.signals
         if "gps_speed" not in signals or any(e["effect"] == "wheel_radius" for e in config.effects):
             return None
-        known = [
-            signals[role] * mps
-            for role, mps in (
-                ("output_shaft_speed", config.vehicle.mps_per_shaft_rpm),
-                ("vehicle_speed", 1.0),
-            )
-            if role in signals and np.isfinite(signals[role]).any()
-        ]
-        for wheels_mps in known[:1]:
+        speeds = {"output_shaft_speed": config.vehicle.mps_per_shaft_rpm, "vehicle_speed": 1.0}
+        used = next((role for role in speeds if np.isfinite(signals.get(role, np.nan)).any()), None)
+        if used is not None:
+            wheels_mps = signals[used] * speeds[used]
             found.add(signals["gps_speed"], wheels_mps, wheels_mps > MIN_MPS)
     return found.times
 
