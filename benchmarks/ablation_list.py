@@ -148,7 +148,7 @@ MECHANISMS = (
     Variant("noise of the torque", patch={"windows.zigzag": no_noise}),
     Variant("outliers cut", {"outlier_nis": NEVER}),
     Variant("mean of the innovations squared", patch={"noise._INCONSISTENT": NEVER}),
-    Variant("variances that follow this mean", patch={"kernel.unexplained": as_modelled}),
+    Variant("variances that follow low-passed innovations", patch={"kernel.unexplained": as_modelled}),
     Variant("heavy tails of the likelihood", {"likelihood_floor": NOTHING}),
     Variant("dependent windows (power 1)", {"likelihood_power": 1.0}),
     # -- windows and gated samples

@@ -53,7 +53,8 @@ class ReplayResult:
 
     summary: the content of summary.json. legs: the load legs in order of time, as in its "legs".
     warnings: what a user should know beside it, one sentence each.
-    innovations: statistics of the estimator's own innovations (`nis`, `runs_z`, `windows`), where it has any.
+    innovations: statistics of the estimator's own innovations (`nis`, `low_nis`, `runs_z`, `windows`), where
+        it has any.
     """
 
     log: str
@@ -129,7 +130,7 @@ def replay(
     summary["wall_s"] = round(time.perf_counter() - begin, 4)
     snapshot = run.pipeline.snapshot()
     innovations: dict[str, float] = {
-        name: float(snapshot[name]) for name in ("nis", "runs_z", "windows") if name in snapshot
+        name: float(snapshot[name]) for name in ("nis", "low_nis", "runs_z", "windows") if name in snapshot
     }
     return ReplayResult(str(log), summary, score, notes, innovations, legs)
 

@@ -16,7 +16,15 @@ from canest.report.gate_colours import look as gate_look
 from canest.report.page import Bar, Page, Section, Table
 from canest.report.recorder import Recorder
 from canest.report.replay_figures import cards, legs_section, reported_section
-from canest.report.verdicts import of_correlation, of_count, of_nis, of_residual, of_runs, why_not_valid
+from canest.report.verdicts import (
+    of_correlation,
+    of_count,
+    of_low_nis,
+    of_nis,
+    of_residual,
+    of_runs,
+    why_not_valid,
+)
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -101,6 +109,9 @@ def _residual(recorder: Recorder, result: ReplayResult) -> Section:
     if innovations.get("windows"):
         nis = innovations["nis"]
         judged.append(("normalised innovation squared", _or_dash(nis, ".2f"), of_nis(nis)))
+        if "low_nis" in innovations:
+            low_nis = innovations["low_nis"]
+            judged.append(("the same of innovations that last", f"{low_nis:.2f}", of_low_nis(low_nis)))
         if "runs_z" in innovations:
             z = innovations["runs_z"]
             name = f"runs test of {innovations['windows']:,.0f} innovations (z)"

@@ -69,6 +69,17 @@ def of_nis(nis: float) -> Verdict:
     return Verdict("innovations are as large as the estimator expects: its bands can be trusted", "good")
 
 
+def of_low_nis(low_nis: float) -> Verdict:
+    """Judge the mean square of low-passed innovations over its expected value."""
+    if low_nis > _NIS_HIGH:
+        return Verdict(
+            f"errors last longer than noise: its bands are {math.sqrt(low_nis):.1f} times as wide for them; "
+            f"{_DIAGNOSE}",
+            "warn",
+        )
+    return Verdict("innovations follow each other by chance: no error is seen to last", "good")
+
+
 def of_residual(rms_N: float, weight_N: float) -> Verdict:
     """Judge the size of the residual by the slope that would cause it."""
     if not rms_N > 0 or not weight_N > 0:

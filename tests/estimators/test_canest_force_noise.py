@@ -151,14 +151,14 @@ def test_reports_that_are_as_fast_as_windows_are_not_slow():
 
 
 def test_what_innovations_do_not_explain_widens_mass_and_grade():
-    """A mean NIS of 1.5: the posterior's variances are 1.5 times as large, that of the gain is as it was."""
+    """Low-passed innovations of variance 1.5: so are the posterior's variances, but that of the gain."""
     block = trip(60.2).block
     samples = np.arange(len(block))
     found = []
     for nis in (0.8, 1.0, 1.5):
         estimator = GaussianSum("canest", FACTS)
         estimator.update(block[samples < 3_000])
-        levels = estimator._carried.levels._replace(nis=nis)
+        levels = estimator._carried.levels._replace(low_nis=nis)
         estimator._carried = estimator._carried._replace(levels=levels)
         last = estimator.update(block[samples >= 3_000])
         gain_kg = gain_std(FACTS) * last.mass_kg[-1]

@@ -148,6 +148,6 @@ def test_a_few_gross_windows_in_two_minutes_refute_no_model(gross, expected):
     for k in range(1200):
         is_gross = k >= 600 and gross > 0 and k % (600 // gross) == 0
         nis = 1e4 if is_gross else 0.8
-        levels = follow.interpreted(levels, window(0.0, 0.0), nis, 0.0, 0.0, False, CONSTANTS, vehicle)
+        levels = follow.interpreted(levels, window(0.0, 0.0), (nis, 0.0), 0.0, 0.0, False, CONSTANTS, vehicle)
         found.append(levels.refuted > 0.0)
     assert any(found) == expected

@@ -28,7 +28,7 @@ def wanted(t, v):
 def test_short_waves_of_the_road_are_no_mass(length_m, sine, phase):
     """With the curvature of country roads all and 60 % of the valid samples were 8 to 13 % wrong here."""
     drive = trip(
-        400,
+        900,
         mass_kg=14_000.0,
         road=lambda s: sine * np.sin(2.0 * np.pi * s / length_m + phase),
         throttle=wanted,

@@ -187,7 +187,7 @@ class GaussianSum(Estimator):
         return EstimateBlock(mass, mass_std, grade, grade_std, status)
 
     def snapshot(self) -> dict[str, Any]:
-        """Return the mass with its std, and the mean normalised innovation squared over how many windows."""
+        """Return the mass with its std, and of the innovations the mean square, what lasts, how many."""
         mass, levels = float(self._last[kernel.OUT_MASS]), self._carried.levels
         std = math.sqrt(self._last[kernel.OUT_VAR] + (self._gain * mass) ** 2)
         learned = bool(self._last[kernel.OUT_LEARNED] > 0.0)
@@ -197,6 +197,7 @@ class GaussianSum(Estimator):
             "mass_std_kg": std,
             "learned": learned,
             "nis": nis,
+            "low_nis": levels.low_nis,
             "windows": levels.windows,
         }
 

@@ -234,7 +234,7 @@ def run(
         if is_open:
             surprise = max(surprise + nis - c.surprise_nis, 0.0)
             braked = sees and brakes_unseen(w, surprise, innovation, c)
-            levels = follow(levels, w, nis, speed_surplus, sensed_surplus, sees, c, v)
+            levels = follow(levels, w, (nis, innovation), speed_surplus, sensed_surplus, sees, c, v)
         delay_s = mean_delay(mix, count, p.u) if is_open else p.delay_s
         best = set_loads(mix, count, t)
         u = mean_inverse_mass(mix, count, v, t)

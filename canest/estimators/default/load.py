@@ -28,12 +28,12 @@ def in_overrun(w: Window) -> bool:
 
 
 @jit.kernel
-def brakes_unseen(w: Window, surprise: float, innovation_mps: float, c: Constants) -> bool:
+def brakes_unseen(w: Window, surprise: float, innovation: float, c: Constants) -> bool:
     """Return whether a surprise may be a brake that nobody reports: the vehicle is too slow in overrun.
 
-    innovation_mps: of the speed, mean. A lighter load would be as slow, but surprises when driven as well.
+    innovation: of the speed, over its std. A lighter load is as slow, but surprises when driven as well.
     """
-    return surprise > c.gross_nis and innovation_mps < 0.0 and in_overrun(w)
+    return surprise > c.gross_nis and innovation < 0.0 and in_overrun(w)
 
 
 @jit.kernel

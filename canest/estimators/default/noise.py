@@ -20,6 +20,8 @@ _CONSISTENT = 1.6
 _FIRST_SENSED_MPS2 = 0.1
 #: one window counts as that many gross ones at most
 _MOST_GROSS = 4.0
+#: what is left of the low-passed innovation a window later: a time constant of 0.6 s
+_LEFT = 0.7
 
 
 class Levels(NamedTuple):
@@ -32,6 +34,8 @@ class Levels(NamedTuple):
     torque_Nm2s: float = 0.0  #: density of the noise of the torque
     nis: float = 1.0  #: mean of the last two minutes
     refuted: bool = False  #: while the innovations refute the model
+    low: float = 0.0  #: innovations over their std, low-passed: of variance 1 where they are white
+    low_nis: float = 1.0  #: mean of its square of the last two minutes
 
 
 @jit.kernel
@@ -70,20 +74,25 @@ def swing_var(before: float, jump_N: float, w: Window, dt: float, u: float, c: C
 def first_levels(v: Vehicle) -> Levels:
     """Return the levels with which all begins."""
     sensed = max(2.0 * v.sensed_floor_mps2, _FIRST_SENSED_MPS2)
-    return Levels(v.speed_first_mps * v.speed_first_mps, sensed * sensed, 0.0, 0.0, 0.0, 1.0, False)
+    return Levels(v.speed_first_mps * v.speed_first_mps, sensed * sensed, 0.0, 0.0, 0.0, 1.0, False, 0.0, 1.0)
 
 
 @jit.kernel
 def unexplained(levels: Levels) -> float:
-    """Return by how much all variances are too small while the mean NIS is above 1 (Birge 1932)."""
-    return max(levels.nis, 1.0)
+    """Return by how much all variances are too small: errors that last add up (Newey and West 1987)."""
+    return max(levels.low_nis, 1.0)
 
 
 @jit.kernel
 def follow(
-    levels: Levels, w: Window, nis: float, speed: float, sensed: float, sees: bool, c: Constants, v: Vehicle
-) -> Levels:
-    """Return the levels after an open window. nis, speed, sensed: mean NIS and surpluses."""
+    levels: Levels, w: Window, found: tuple[float, float], speed: float, sensed: float, sees: bool,
+    c: Constants, v: Vehicle,
+) -> Levels:  # fmt: skip
+    """Return the levels after an open window.
+
+    found: mean NIS, and the innovation over its standard deviation. speed, sensed: surpluses.
+    """
+    nis, innovation = found
     windows = levels.windows + 1.0
     memory = min(c.noise_memory_windows, c.first_noise_windows + windows)
     speed_var = max(levels.speed_var + speed / memory, v.speed_floor_mps * v.speed_floor_mps)
@@ -96,5 +105,7 @@ def follow(
     longer_memory = min(2.0 * c.noise_memory_windows, c.first_noise_windows + windows)
     mean_nis = levels.nis + (min(nis, _MOST_GROSS * c.gross_nis) - levels.nis) / longer_memory
     is_refuted = mean_nis > (_CONSISTENT if levels.refuted else _INCONSISTENT)
-    nis_sum = levels.nis_sum + nis
-    return Levels(speed_var, sensed_var, windows, nis_sum, torque_Nm2s, mean_nis, is_refuted)
+    nis_sum, gross = levels.nis_sum + nis, math.sqrt(c.gross_nis)
+    low = _LEFT * levels.low + math.sqrt(1.0 - _LEFT * _LEFT) * min(max(innovation, -gross), gross)
+    low_nis = levels.low_nis + (low * low - levels.low_nis) / longer_memory
+    return Levels(speed_var, sensed_var, windows, nis_sum, torque_Nm2s, mean_nis, is_refuted, low, low_nis)

@@ -138,16 +138,19 @@ def learn_open(
     mix: Mixture, count: int, answers: tuple[float, float], lever: float, r: float, level: float,
     c: Constants, t: Scratch,
 ) -> tuple[float, float, float]:  # fmt: skip
-    """Weigh the hypotheses by an open window's speed and torque; returns mean NIS, surplus and innovation.
+    """Weigh the hypotheses by an open window's speed and torque.
+
+    Returns the means of NIS and of its surplus, and the innovation over its standard deviation, mean.
 
     answers: see `answer_log_likelihood`, on a smooth and a rough road. lever: grade per m/s that is missing.
     level: the part of r that follows innovations. Where no noise explains an innovation the road has a step,
     and the speed is what was measured.
     """
     nis, surplus = judge(mix, count, r, level, c, t)
-    innovation = mean_of(mix.weight, count, t.e)
+    innovation = 0.0
     for d in range(count):
         mode, missing = mix.mode[d], t.e[d]
+        innovation += mix.weight[d] * missing / math.sqrt(t.s[d])
         mix.found[d] += answers[int(m.IS_ROUGH[mode])] * m.ANSWERS[mode]
         if no_noise_explains(missing, t.s[d], c):
             step = missing * lever
