@@ -109,10 +109,10 @@ class TextLog(_Spool[Block]):
         if self._file is None:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             self._file = _open_to_append(self._path)
-            if self._header and self._file.tell() == 0:
-                text = self._header + text
+        if self._header and _is_empty(self._file):  # also where somebody has truncated it since
+            text = self._header + text
         # an unbuffered write may be cut short by a full disk: take back what makes no whole line
-        begin = self._file.tell()
+        begin = self._file.seek(0, os.SEEK_END)
         try:
             complete = self._file.write(text) == len(text)
         except OSError:
@@ -132,6 +132,12 @@ class TextLog(_Spool[Block]):
         with contextlib.suppress(OSError):  # a device or pipe cannot; the error reported is that of the write
             self._file.truncate(begin)
             self._file.seek(begin)
+
+
+def _is_empty(file: FileIO) -> bool:
+    """Return whether a file that grows has nothing in it; a device never had."""
+    status = os.fstat(file.fileno())
+    return stat.S_ISREG(status.st_mode) and status.st_size == 0
 
 
 def _open_to_append(path: Path) -> FileIO:

@@ -28,7 +28,7 @@ def find(kind: str, name: str, where: str = "") -> Path:
     names = ", ".join(sorted(p.name for p in shipped(kind).glob("*") if p.is_file()))
     what = f"{kind.removesuffix('s')} file"
     raise ConfigError(
-        f"is a directory, not a {what}" if _is_directory(Path(name)) else f"no such {what}",
+        f"is {kept}, not a {what}" if (kept := _other_kind(Path(name))) else f"no such {what}",
         where=where or name,
         found=name if where else None,
         expected=f"a path or a shipped name ({names})",
@@ -62,8 +62,11 @@ def _is_hidden(path: Path) -> bool:
     return False
 
 
-def _is_directory(path: Path) -> bool:
+def _other_kind(path: Path) -> str:
+    """Return what is there in place of a file ('' for nothing). A pipe would keep its reader waiting."""
     try:
-        return path.is_dir()
+        if path.is_dir():
+            return "a directory"
+        return "a pipe or a device" if path.exists() else ""
     except (OSError, ValueError):  # as above
-        return False
+        return ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 
@@ -315,6 +316,12 @@ def test_a_directory_is_not_said_to_be_missing(tmp_path: Path) -> None:
         load_config(tmp_path)
     with pytest.raises(ConfigError, match=r"dbc\.0: is a directory, not a dbc file, found '.*dir\.dbc'"):
         load_config("class8", [f"dbc=['{tmp_path / 'dir.dbc'}']"])
+
+
+def test_a_pipe_is_not_said_to_be_missing(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.yaml")
+    with pytest.raises(ConfigError, match="is a pipe or a device, not a config file, expected a path or"):
+        load_config(tmp_path / "pipe.yaml")
 
 
 def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:

@@ -188,12 +188,29 @@ def test_a_full_disk_leaves_whole_lines_and_recording_goes_on_later(tmp_path, ba
     assert same(read, FrameBlock.concatenate([frames(10), frames(10, seed=3)]))
 
 
-def test_estimates_are_logged_as_est_csv_with_one_header_over_restarts(tmp_path, background):
-    def estimates(t_us):
-        one = np.ones(1)
-        return Estimates(np.array([t_us]), 20_000 * one, 100 * one, 0.01 * one, 0.001 * one,
-                         np.array([2], np.uint8), np.array([0], np.uint8))  # fmt: skip
+def estimates(t_us):
+    one = np.ones(1)
+    return Estimates(np.array([t_us]), 20_000 * one, 100 * one, 0.01 * one, 0.001 * one,
+                     np.array([2], np.uint8), np.array([0], np.uint8))  # fmt: skip
 
+
+def test_estimates_that_are_truncated_while_written_begin_with_a_header_again(tmp_path, background):
+    """As logrotate does with copytruncate."""
+    path = tmp_path / "est.csv"
+    log = TextLog(path, render_estimates, background, kind="estimates", header=HEADER)
+    for t_us in (20_000, 40_000, 60_000):
+        log.add(estimates(t_us), 1e-6 * t_us * 1000.0)
+        assert background.flush(5)
+        if t_us == 20_000:
+            os.truncate(path, 0)
+    log.close()
+    assert background.flush(5)
+    lines = path.read_text().splitlines()
+    assert lines[0] == "t_s,mass_kg,mass_std_kg,grade,grade_std,status,gate"
+    assert [line.split(",")[0] for line in lines[1:]] == ["0.040", "0.060"]
+
+
+def test_estimates_are_logged_as_est_csv_with_one_header_over_restarts(tmp_path, background):
     for t_us in (20_000, 40_000):
         log = TextLog(tmp_path / "est.csv", render_estimates, background, kind="estimates", header=HEADER)
         log.add(estimates(t_us), 0.0)
