@@ -167,7 +167,8 @@ def test_a_slower_vehicle_after_a_gap_is_no_surprise():
 def test_a_stop_is_no_part_of_the_motion_after_it():
     """Standing windows wait; the first that moves, with a gate closed, must not take their mean."""
     q = joining.begin_sums.interpreted(0.0, 0.0)
-    standing, rolling = NOTHING._replace(stopped=1.0), NOTHING._replace(sensed_mps2=0.7, distance_m=0.3)
+    standing = NOTHING._replace(stopped=1.0)
+    rolling = NOTHING._replace(sensed_mps2=0.7, distance_m=0.3, speed_mps=1.5, accel_mps2=0.7)
     for _ in range(50):
         q = joining.add_window.interpreted(q, standing, 0.0, False)
     q = joining.add_window.interpreted(q, rolling, 0.0, False)
@@ -213,3 +214,22 @@ def test_a_start_grade_is_a_slope_and_holds_once():
     assert estimator.update(drive.block).grade[0] == pytest.approx(0.2, abs=1e-12)
     begun = estimator.update(later[:60]).grade
     assert np.abs(begun).max() < 0.05
+
+
+@pytest.mark.parametrize(("mps", "seconds"), [(0.3, 200.0), (1.5, 60.0)])
+def test_a_load_that_is_tipped_while_creeping_leaves_no_old_mass_valid(mps, seconds):
+    """A tipper before a paver: the old mass was valid meanwhile, and until 20 s after it."""
+    loads = [(0.0, 32_000.0), (150.0 + 0.5 * seconds, 15_000.0)]
+    drive = trip(300.0 + seconds, mass_kg=loads, road=flat, stops=[(150.0, 150.0 + seconds)], seed=4)
+    t_s = drive.block.t_us * 1e-6
+    creeps = (t_s >= 150.0) & (t_s < 150.0 + seconds)
+    speeds = {
+        name: np.where(creeps, slow, getattr(drive.block, name))
+        for name, slow in (("speed_mps", mps), ("raw_speed_mps", mps), ("accel_mps2", 0.0))
+    }
+    block = replace(drive.block, stopped=drive.block.stopped & ~creeps, **speeds)
+    estimates = GaussianSum("canest", FACTS).update(block)
+    valid = estimates.status == Status.VALID
+    assert valid[(t_s > 60.0) & (t_s < 135.0)].all()
+    assert not (valid & (t_s > 60.0) & (np.abs(drive.error(estimates)) > 0.08)).any()
+    assert valid[t_s > 180.0 + seconds].all()

@@ -10,6 +10,9 @@ from canest.estimators.default.constants import Vehicle
 from canest.estimators.default.model import Window
 from canest.estimators.windowing import WINDOW_S
 
+#: a vehicle that goes slower, and no faster from second to second, creeps, as a tipper before a paver does
+_CREEPS_MPS, _STEADY_MPS2 = 2.0, 0.3
+
 
 class Joined(NamedTuple):
     """The windows since the last update; what they sum up to, and what their ends were."""
@@ -26,13 +29,19 @@ class Joined(NamedTuple):
     drag_N_per_mps: float = 0.0
     sensed_mps2: float = 0.0
     altitude_m: float = math.nan  #: the latest of them
-    unseen_s: float = 0.0  #: standing and missing time since the load was last taken up
+    unseen_s: float = 0.0  #: standing, creeping and missing time since the load was last taken up
 
 
 @jit.kernel
 def begin_sums(speed_mps: float, unseen_s: float) -> Joined:
     """Return empty sums after an update. speed_mps: at its end. unseen_s: what is left of that time."""
     return Joined(0.0, 0.0, 0.0, speed_mps, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, unseen_s)
+
+
+@jit.kernel
+def creeps(w: Window) -> bool:
+    """Return whether the vehicle moves so slowly that nothing is learned, and it may be loaded meanwhile."""
+    return w.open == 0.0 and w.speed_mps < _CREEPS_MPS and abs(w.accel_mps2) < _STEADY_MPS2
 
 
 @jit.kernel
@@ -51,7 +60,7 @@ def add_window(q: Joined, w: Window, speed_mps: float, begins: bool) -> Joined:
         kept * q.accels_mps2 + w.accel_mps2, kept * q.drag_N_per_mps + w.drag_N_per_mps,
         (kept * q.sensed_mps2 if kept > 0.0 else 0.0) + w.sensed_mps2,
         q.altitude_m if math.isnan(w.altitude_m) else w.altitude_m,
-        q.unseen_s + w.gap_s + (WINDOW_S if w.stopped > 0.0 else 0.0),
+        q.unseen_s + w.gap_s + (WINDOW_S if w.stopped > 0.0 or creeps(w) else 0.0),
     )  # fmt: skip
 
 
