@@ -23,7 +23,7 @@ from canest.doctor.gear_table import GearFit, slipping_gears, stepless, table_li
 from canest.doctor.proportion import MIN_PAIRS, Proportion
 from canest.doctor.reported_ratio import ReportedRatio
 from canest.doctor.speed_units import SPEED_TOLERANCE, UNIT_FACTORS, mistaken_unit
-from canest.doctor.stretches import Samples, Stretches, at
+from canest.doctor.stretches import Samples, at
 from canest.vehicle.role_sources import AT_WHEELS
 
 if TYPE_CHECKING:
@@ -48,7 +48,6 @@ class ConsistencyCheck:
     def __init__(self, config: Config) -> None:
         self._vehicle = config.vehicle
         self._reported = ReportedRatio()
-        self._stretches = Stretches((_ENGINE, "output_shaft_speed", "gear", "gear_ratio", *ROAD_SPEEDS))
         self._radius_m = {role: Proportion() for role in ROAD_SPEEDS}
         self._gears: set[int] = set()
         self._turns: dict[int, FloatColumn] = {}
@@ -59,18 +58,12 @@ class ConsistencyCheck:
         #: torque at the wheels needs no ratio, and a config without gears has given none
         self._needs_ratio = bool(config.vehicle.gear_ratios) or not config.signals.keys() & {*AT_WHEELS}
 
-    def push(self, samples: Samples) -> None:
-        """Take the samples of a block."""
-        if "reference_torque" in samples:
-            values = finite(samples["reference_torque"][1])
+    def push(self, stretch: Samples) -> None:
+        """Take the samples of a stretch."""
+        if "reference_torque" in stretch:
+            values = finite(stretch["reference_torque"][1])
             if len(values):
                 self._reference_Nm = float(values[-1])
-        stretch = self._stretches.push(samples)
-        if stretch is not None:
-            self._compare(stretch)
-
-    def _compare(self, stretch: Samples) -> None:
-        """Compare what has come since the last time."""
         if "output_shaft_speed" in stretch:
             stamps, rpm = stretch["output_shaft_speed"]
             wheel_radps = rpm * (RADPS_PER_RPM / self._vehicle.final_drive)
@@ -138,7 +131,6 @@ class ConsistencyCheck:
 
     def hints(self) -> list[str]:
         """Return what does not fit, one sentence each."""
-        self._compare(self._stretches.rest())
         v = self._vehicle
         hints = self._speed_hints() + self._ratio_hints() + self._table_hints()
         hints += one_mistake(v, self._turns_of, self._reported.times(), "gear_ratio")

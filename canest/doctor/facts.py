@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canest.core.roles import ROLES
 from canest.decode.database import is_j1939
 from canest.decode.validity import highest_valid
 from canest.decode.value_table import labels_of
@@ -16,7 +17,7 @@ from canest.doctor.reference_torque import ReferenceTorqueCheck
 from canest.doctor.road_speeds import RoadSpeedCheck
 from canest.doctor.signs import SignCheck
 from canest.doctor.silent_brake import SilentBrakeCheck
-from canest.doctor.stretches import Samples, comparable
+from canest.doctor.stretches import Samples, Stretches, comparable
 from canest.doctor.switches import SwitchCheck
 from canest.doctor.torque_course import TorqueCourseCheck
 from canest.doctor.torque_samples import TorqueSampleCheck
@@ -36,7 +37,7 @@ class FactsCheck:
     """Takes the decoded samples of a stream; memory does not grow with the log."""
 
     def __init__(self, config: Config) -> None:
-        self._config = config
+        self._config, self._stretches = config, Stretches(ROLES)
         self._consistency, self._torque = ConsistencyCheck(config), TorqueCourseCheck(config)
         self._reference_torque = ReferenceTorqueCheck(config)
         self._checks = (
@@ -47,12 +48,17 @@ class FactsCheck:
 
     def push(self, samples: Samples) -> None:
         """Take the samples of a block: role -> t_us, values (n,)."""
-        compared = comparable(samples)
+        stretch = self._stretches.push(comparable(samples))
+        if stretch is not None:
+            self._compare(stretch)
+
+    def _compare(self, stretch: Samples) -> None:
         for check in (*self._checks, self._reference_torque):
-            check.push(compared)
+            check.push(stretch)
 
     def hints(self) -> list[str]:
         """Return what does not fit, one sentence each."""
+        self._compare(self._stretches.rest())
         return [hint for check in self._checks for hint in check.hints()]
 
     def unfit(self) -> str:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from canest.doctor.motion import STEP_S, motion_of
-from canest.doctor.stretches import Samples, Stretches, held
-from canest.doctor.switches import SPEEDS
+from canest.doctor.stretches import Samples, held
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -26,17 +25,12 @@ class GearboxStateCheck:
     def __init__(self, config: Config) -> None:
         self._vehicle, self._sources = config.vehicle, config.signals
         self._roles = [role for role in (_SHIFT, _LOCKUP) if role in config.signals]
-        self._stretches = Stretches([*self._roles, *(r for r in SPEEDS if r in config.signals)])
         #: seconds by role: slow, slow and on, fast, fast and on
         self._seconds = {role: np.zeros(4) for role in self._roles}
 
-    def push(self, samples: Samples) -> None:
-        """Take the samples of a block."""
-        if self._roles and (stretch := self._stretches.push(samples)) is not None:
-            self._compare(stretch)
-
-    def _compare(self, stretch: Samples) -> None:
-        motion = motion_of(stretch, self._vehicle)
+    def push(self, stretch: Samples) -> None:
+        """Take the samples of a stretch."""
+        motion = motion_of(stretch, self._vehicle) if self._roles else None
         if motion is None:
             return
         for role in self._roles:
@@ -50,7 +44,6 @@ class GearboxStateCheck:
 
     def hints(self) -> list[str]:
         """Return which states cannot be right, one sentence each."""
-        self._compare(self._stretches.rest())
         return [hint for role in self._roles if (hint := self._hint(role))]
 
     def _hint(self, role: str) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from canest.doctor.engine_and_road import MIN_MPS, ROAD_SPEEDS
 from canest.doctor.proportion import Proportion
 from canest.doctor.speed_units import mistaken_unit
-from canest.doctor.stretches import Samples, Stretches, at
+from canest.doctor.stretches import Samples, at
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -26,15 +26,10 @@ class RoadSpeedCheck:
         turning = {"output_shaft_speed", "engine_speed"} & config.signals.keys()
         roles = () if turning else ROAD_SPEEDS
         self._first, *self._others = [role for role in roles if role in config.signals] or [""]
-        self._stretches = Stretches([self._first, *self._others])
         self._compared = {role: Proportion() for role in self._others}
 
-    def push(self, samples: Samples) -> None:
-        """Take the samples of a block."""
-        if self._others and (stretch := self._stretches.push(samples)) is not None:
-            self._compare(stretch)
-
-    def _compare(self, stretch: Samples) -> None:
+    def push(self, stretch: Samples) -> None:
+        """Take the samples of a stretch."""
         for role in self._others:
             if role not in stretch or self._first not in stretch:
                 continue
@@ -44,7 +39,6 @@ class RoadSpeedCheck:
 
     def hints(self) -> list[str]:
         """Return which speeds differ, one sentence each."""
-        self._compare(self._stretches.rest())
         found = []
         for role, compared in self._compared.items():
             times = compared.times

@@ -11,8 +11,7 @@ from canest.core.roles import BRAKES
 from canest.core.samples import GRAVITY_MPS2
 from canest.doctor.missing_signals import RETARDER
 from canest.doctor.motion import STEP_S, motion_of
-from canest.doctor.stretches import Samples, Stretches, at
-from canest.doctor.switches import SPEEDS
+from canest.doctor.stretches import Samples, at
 from canest.vehicle.role_sources import torque_role
 
 if TYPE_CHECKING:
@@ -36,24 +35,22 @@ class SilentBrakeCheck:
         asked = not config.gates.brake.assume_when_pedal_released
         self._brakes = [role for role in BRAKES if role in roles and asked]
         self._torque = torque_role(roles, config.vehicle) if self._brakes else ""
-        self._stretches = Stretches([r for r in (self._torque, RETARDER, *SPEEDS) if r in roles])
         self._reported, self._pressed = set[str](), False
         self._largest, self._times, self._slowed_s = 0.0, 0, 0.0
 
-    def push(self, samples: Samples) -> None:
-        """Take the samples of a block."""
+    def push(self, stretch: Samples) -> None:
+        """Take the samples of a stretch."""
         for role in self._brakes:
-            if role in samples:
-                values = samples[role][1]
+            if role in stretch:
+                values = stretch[role][1]
                 if np.isfinite(values).any():
                     self._reported.add(role)
                 self._pressed |= bool((values > self._least_on[role]).any())
-        if self._brakes and not self._pressed and (stretch := self._stretches.push(samples)) is not None:
+        if self._brakes and not self._pressed:
             self._compare(stretch)
 
     def hints(self) -> list[str]:
         """Return that the brake is not reported, at most one sentence."""
-        self._compare(self._stretches.rest())
         if self._pressed or not self._reported or self._times < _FEWEST or self._slowed_s < _LEAST_S:
             return []
         return [

@@ -43,20 +43,20 @@ class Stretches:
         """Take the samples of a block; return the stamp of the latest one, None where there is none."""
         latest_us = None
         for role in self._roles:
-            if role in samples and len(samples[role][0]):
+            if role in samples and len(stamps := samples[role][0]):
                 self._waiting.setdefault(role, []).append(samples[role])
-                self.waiting += len(samples[role][0])
-                latest_us = max(latest_us or 0, int(samples[role][0][-1]))
+                self.waiting += len(stamps)
+                if self._since_us is None or stamps[0] < self._since_us:
+                    self._since_us = int(stamps[0])
+                latest_us = max(latest_us or 0, int(stamps[-1]))
         return latest_us
 
     def push(self, samples: Samples) -> Samples | None:
         """Take the samples of a block; return a stretch when one is full."""
         latest_us = self.add(samples)
-        if latest_us is None:
+        if latest_us is None or self._since_us is None:
             return None
-        if self._since_us is None:
-            self._since_us = latest_us
-        full = abs(latest_us - self._since_us) >= STRETCH_US or self.waiting > MOST_WAITING
+        full = latest_us - self._since_us >= STRETCH_US or self.waiting > MOST_WAITING
         return self.rest() if full else None
 
     def rest(self) -> Samples:

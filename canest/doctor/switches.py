@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn
-from canest.doctor.stretches import Samples, Stretches, at, held
+from canest.doctor.stretches import Samples, at, held
 from canest.vehicle.driveline_state import CLUTCH_ROLES, ENGAGED_ROLES
 
 if TYPE_CHECKING:
@@ -41,8 +41,6 @@ class SwitchCheck:
         self._clutches = [] if config.vehicle.has_one_gear else [r for r in CLUTCH_ROLES if r in mapped]
         opens = [r for r in ("driveline_engaged", "clutch_switch") if r in self._clutches]
         self._watched = [*opens, *(r for r in BRAKING if r in mapped)]
-        roles = {*self._watched, *self._clutches, *SPEEDS, *TORQUES, "engine_speed", "gear"}
-        self._stretches = Stretches([role for role in sorted(roles) if role in mapped])
         self._known_s = dict.fromkeys(self._watched, 0.0)
         self._on_s = dict.fromkeys(self._watched, 0.0)
         self._pulled_s = dict.fromkeys(self._watched, 0.0)
@@ -51,18 +49,12 @@ class SwitchCheck:
         self._opened, self._reported = False, set[str]()
         self._stood_s, self._shifts = 0.0, 0
 
-    def push(self, samples: Samples) -> None:
-        """Take the samples of a block."""
-        stretch = self._stretches.push(samples)
-        if stretch is not None:
-            self._compare(stretch)
-
     def hints(self) -> list[str]:
         """Return which switches cannot be right, one sentence each."""
-        self._compare(self._stretches.rest())
         return [*(h for role in self._watched if (h := self._pulls_with(role))), *self._never_open()]
 
-    def _compare(self, stretch: Samples) -> None:
+    def push(self, stretch: Samples) -> None:
+        """Take the samples of a stretch."""
         speed = next((role for role in SPEEDS if role in stretch), None)
         if speed is None:
             return

@@ -8,8 +8,7 @@ import numpy as np
 
 from canest.core.roles import ROLES
 from canest.doctor.motion import STEP_S, motion_of
-from canest.doctor.stretches import Samples, Stretches, at, known
-from canest.doctor.switches import SPEEDS
+from canest.doctor.stretches import Samples, at, known
 from canest.vehicle.role_sources import torque_role
 from canest.vehicle.torque_dropout import torque_limits
 
@@ -44,18 +43,15 @@ class TorqueCourseCheck:
         self._role = role if role in config.signals else None
         limits = torque_limits([role] if self._role else [], config.vehicle, {}, {})
         self._far = limits[role].far if self._role and role in limits else np.inf
-        self._stretches = Stretches([*([role] if self._role else []), *SPEEDS])
         self._largest, self._driven_s, self._against_s = 0.0, 0.0, 0.0
         self._range = np.inf, -np.inf
         self._before: tuple[int, float] | None = None
         self._steps = np.zeros(_PER_OCTAVE * _OCTAVES, np.int64)
 
-    def push(self, samples: Samples) -> None:
-        """Take the samples of a block."""
-        if self._role in samples:
-            self._note_steps(samples)
-        stretch = self._stretches.push(samples)
-        if stretch is not None:
+    def push(self, stretch: Samples) -> None:
+        """Take the samples of a stretch."""
+        if self._role in stretch:
+            self._note_steps(stretch)
             self._compare(stretch)
 
     def _note_steps(self, samples: Samples) -> None:
@@ -75,7 +71,7 @@ class TorqueCourseCheck:
 
     def _compare(self, stretch: Samples) -> None:
         motion = motion_of(stretch, self._config.vehicle)
-        if motion is None or self._role is None or self._role not in stretch:
+        if motion is None or self._role is None:
             return
         torque = at(motion.stamps, stretch[self._role])
         self._largest = max(self._largest, float(np.nanmax(np.abs(torque), initial=0.0)))
@@ -86,7 +82,6 @@ class TorqueCourseCheck:
 
     def hints(self) -> list[str]:
         """Return what no torque does, at most one sentence."""
-        self._compare(self._stretches.rest())
         found = self.fault()
         return [found] if found else []
 
