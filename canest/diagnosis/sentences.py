@@ -146,10 +146,7 @@ def _headline(
         "unexplained": f"explain{{s}} little of the residual; {_of_the_rest('most', usual)}.",
     }[verdict]
     for named in range(_NAMED, 0, -1):
-        phrases = []
-        for i, c in enumerate(causes):
-            same = by_urgency([c.candidate.effect, *alternatives(c), *(others if i == 0 else ())])
-            phrases.append(_one_of(same, named if i == 0 else min(named, 2), c.candidate.effect))
+        phrases = _phrases(causes, others, named)
         subject = ", and ".join(phrases) if any(" or " in p for p in phrases) else " and ".join(phrases)
         several = len(causes) > 1
         text = f"{capitalised(subject)} {end.format(s='' if several else 's')}"
@@ -161,6 +158,17 @@ def _headline(
                 return longer
         return text
     return f"{capitalised(_one_of([causes[0].candidate.effect], 1, ''))} and others {end.format(s='')}"
+
+
+def _phrases(causes: Sequence[Chosen], others: Sequence[str], named: int) -> list[str]:
+    """Return what each cause may be, dangers first; what was taken first where two would read the same."""
+    phrases, taken_first = [], []
+    for i, c in enumerate(causes):
+        own, most = c.candidate.effect, named if i == 0 else min(named, 2)
+        same = by_urgency([own, *alternatives(c), *(others if i == 0 else ())])
+        phrases.append(_one_of(same, most, own))
+        taken_first.append(_one_of([own, *(n for n in same if n != own)], most, own))
+    return phrases if len({*phrases}) == len(phrases) else taken_first
 
 
 def _of_the_rest(name: str, usual: bool) -> str:

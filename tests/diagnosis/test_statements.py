@@ -1,5 +1,6 @@
 """What a diagnosis reports: one short sentence, dangers first, and never more than the data shows."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -91,6 +92,17 @@ def test_the_headline_has_one_sentence_of_few_words_and_no_numbers(verdict):
         finding = statement_of(verdict, many[:n], 1857.0, 1486.0, Context(hints=["FD.Fan"])).finding
         assert len(finding.split()) <= MAX_WORDS and finding.endswith(".") and finding.count(". ") == 0
         assert not any(letter.isdigit() for letter in finding)
+
+
+@pytest.mark.parametrize("effects", [("wheel_radius", "drag_area"), ("torque_offset", "rotating_inertia")])
+def test_no_cause_is_named_twice_where_one_effect_may_stand_for_both(effects):
+    """It read: misreported torque or others, and misreported torque or others explain the residual."""
+    rest = ("torque_gain", "driveline_loss", "rolling_resistance", "rolling_warmup")
+    causes = [chosen(effect, 0.05, *rest) for effect in effects]
+    finding = statement_of("partly", causes, 1857.0, 700.0).finding
+    named = re.split(r", and | and | explain", finding.casefold())[:2]
+    assert named[0] != named[1], finding
+    assert len(finding.split()) <= MAX_WORDS
 
 
 def test_a_late_torque_alone_names_no_other_cause():
