@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from canest.cli.options import F, config_option, load
+from canest.cli.options import F, config_option, load, started_with_option
 
 if TYPE_CHECKING:
     from canest.config import Config
@@ -51,10 +51,7 @@ def source_options(function: F) -> F:
         click.option(
             "--socket", "socket_name", metavar="PATH", help="The daemon's status socket, without -c."
         ),
-        click.option(
-            "--set", "overrides", multiple=True, metavar="KEY=VALUE",
-            help="Override a config key, as the daemon was started with.",
-        ),
+        started_with_option,
         config_option(required=False),
     ):  # fmt: skip
         function = option(function)

@@ -110,6 +110,14 @@ def config_option(required: bool = True) -> Callable[[F], F]:
     )
 
 
+def started_with_option(function: F) -> F:
+    """Add --set of a command that looks for a daemon."""
+    return click.option(
+        "--set", "overrides", multiple=True, metavar="KEY=VALUE",
+        help="Override a config key, as the daemon was started with.",
+    )(function)  # fmt: skip
+
+
 def override_options(function: F) -> F:
     """Add the options that change a config for one call."""
     for option in (

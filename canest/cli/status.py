@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from canest.cli.options import config_option, load
+from canest.cli.options import config_option, load, started_with_option
 from canest.core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -18,27 +18,33 @@ EPILOG = """\b
 Examples:
   canest status                         every daemon of this machine
   canest status -c my-truck.yaml        the daemon of this config, also where the file is wrong by now
-                                        (started with --set bus.channel=... it is found without -c)
+  canest status -c my-truck.yaml --set bus.channel=can1
+                                        one that was started so (without -c it is found as well)
   canest status --json
 
 Exits 1 when no daemon answers.
 """
 
 #: `run --set bus.channel=...` puts the socket where the file alone does not lead
-_WITHOUT_CONFIG = "a daemon that was started with other settings (--set) is found by canest status without -c"
+_WITHOUT_CONFIG = "a daemon started with --set is found with the same --set, or by canest status without -c"
 _ELSEWHERE = "--socket PATH asks one in another place (status-CHANNEL.sock in its service.state_dir)"
 
 
 @click.command(epilog=EPILOG)
 @config_option(required=False)
+@started_with_option
 @click.option("--socket", "socket_name", metavar="PATH", help="The daemon's socket, if it is elsewhere.")
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 @click.option("-v", "--verbose", is_flag=True, help="Also every sender and every counter.")
-def command(config_name: str | None, socket_name: str | None, as_json: bool, verbose: bool) -> int:
+def command(
+    config_name: str | None, overrides: tuple[str, ...], socket_name: str | None, as_json: bool, verbose: bool
+) -> int:
     """Show how a running daemon is doing: bus, rates, gates, estimate, and why it is not valid."""
     from canest.telemetry.status_socket import find_sockets, running_sockets, socket_path
 
-    config, broken = _config(config_name)
+    if overrides and config_name is None:
+        raise click.UsageError("found --set without a config, expected -c CONFIG with it")
+    config, broken = _config(config_name, overrides)
     if socket_name is not None:
         paths = [Path(socket_name)]
     elif config is not None:
@@ -76,10 +82,10 @@ def command(config_name: str | None, socket_name: str | None, as_json: bool, ver
     return 0 if answers else 1
 
 
-def _config(name: str | None) -> tuple[Config | None, ConfigError | None]:
+def _config(name: str | None, overrides: tuple[str, ...]) -> tuple[Config | None, ConfigError | None]:
     """Return the config, or what is wrong with a file that is there. Errors: ConfigError for no such file."""
     try:
-        return (None if name is None else load(name, databases=False)), None
+        return (None if name is None else load(name, overrides, databases=False)), None
     except ConfigError as error:
         if not Path(str(name)).is_file():
             raise

@@ -60,9 +60,19 @@ def test_a_daemon_on_another_channel_than_the_file_says_is_hinted_at(tmp_path, c
     assert run(["status", "-c", str(config)]) == 1
     lines = capsys.readouterr().err.splitlines()
     assert "no daemon (no such socket)" in lines[0]
-    assert lines[1].endswith("(--set) is found by canest status without -c")
+    assert lines[1].endswith("is found with the same --set, or by canest status without -c")
     run(["status", "--socket", str(tmp_path / "none.sock"), "-c", str(config)])
     assert "without -c" not in capsys.readouterr().err
+
+
+def test_a_daemon_is_found_with_the_settings_that_it_was_started_with(daemon, capsys):
+    settings = ("bus.channel=can0", f"service.state_dir={daemon.path.parent}")
+    assert run(["status", "-c", "class8", "--json", "--set", settings[0], "--set", settings[1]]) == 0
+    assert [answer["pid"] for answer in json.loads(capsys.readouterr().out)] == [7]
+    assert run(["status", "-c", "class8", "--set", "bus.channel=can9", "--set", settings[1]]) == 1
+    assert f"{daemon.path.parent / 'status-can9.sock'}: no daemon" in capsys.readouterr().err
+    assert run(["status", "--set", settings[0]]) == 2
+    assert "found --set without a config, expected -c CONFIG" in capsys.readouterr().err
 
 
 def test_what_is_no_socket_is_no_daemon_that_was_killed(tmp_path, capsys):
