@@ -48,13 +48,14 @@ class FactsCheck:
 
     def push(self, samples: Samples) -> None:
         """Take the samples of a block: role -> t_us, values (n,)."""
-        stretch = self._stretches.push(comparable(samples))
+        stretch = self._stretches.push(samples)
         if stretch is not None:
             self._compare(stretch)
 
     def _compare(self, stretch: Samples) -> None:
+        compared = comparable(stretch)
         for check in (*self._checks, self._reference_torque):
-            check.push(stretch)
+            check.push(compared)
 
     def hints(self) -> list[str]:
         """Return what does not fit, one sentence each."""

@@ -49,10 +49,6 @@ class SwitchCheck:
         self._opened, self._reported = False, set[str]()
         self._stood_s, self._shifts = 0.0, 0
 
-    def hints(self) -> list[str]:
-        """Return which switches cannot be right, one sentence each."""
-        return [*(h for role in self._watched if (h := self._pulls_with(role))), *self._never_open()]
-
     def push(self, stretch: Samples) -> None:
         """Take the samples of a stretch."""
         speed = next((role for role in SPEEDS if role in stretch), None)
@@ -74,6 +70,10 @@ class SwitchCheck:
             self._on_s[role] += _STEP_S * np.count_nonzero(on)
             self._pulled_s[role] += _STEP_S * np.count_nonzero(pulls & known)
             self._pulled_on_s[role] += _STEP_S * np.count_nonzero(pulls & on)
+
+    def hints(self) -> list[str]:
+        """Return which switches cannot be right, one sentence each."""
+        return [*(h for role in self._watched if (h := self._pulls_with(role))), *self._never_open()]
 
     def _is_on(self, role: str, state: FloatColumn) -> BoolColumn:
         """Return where a brake is on, or a clutch open (n,)."""
