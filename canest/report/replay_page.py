@@ -111,7 +111,9 @@ def _residual(recorder: Recorder, result: ReplayResult) -> Section:
         judged.append(("normalised innovation squared", _or_dash(nis, ".2f"), of_nis(nis)))
         if "low_nis" in innovations:
             low_nis = innovations["low_nis"]
-            judged.append(("the same of innovations that last", f"{low_nis:.2f}", of_low_nis(low_nis)))
+            judged.append(
+                ("normalised innovation squared, low-passed", f"{low_nis:.2f}", of_low_nis(low_nis))
+            )
         if "runs_z" in innovations:
             z = innovations["runs_z"]
             name = f"runs test of {innovations['windows']:,.0f} innovations (z)"

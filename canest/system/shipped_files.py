@@ -28,7 +28,7 @@ def find(kind: str, name: str, where: str = "") -> Path:
     names = ", ".join(sorted(p.name for p in shipped(kind).glob("*") if p.is_file()))
     what = f"{kind.removesuffix('s')} file"
     raise ConfigError(
-        f"is {kept}, not a {what}" if (kept := _other_kind(Path(name))) else f"no such {what}",
+        f"is {found}, not a {what}" if (found := _other_kind(Path(name))) else f"no such {what}",
         where=where or name,
         found=name if where else None,
         expected=f"a path or a shipped name ({names})",

@@ -69,7 +69,7 @@ def gusts(seed: int, std_N: float = 800.0, lasts_s: float = 1.5):
 
 def test_masses_stay_within_their_standard_deviations_where_errors_last():
     """Without it three quarters of them were within two standard deviations."""
-    inside, computed, verdicts = [], [], []
+    inside, computed, lasting = [], [], []
     for seed in range(10):
         drive = trip(240, mass_kg=KG, road=flat, throttle=steps, unseen_N=gusts(seed), seed=seed)
         estimator = create("canest", STATED)
@@ -79,10 +79,10 @@ def test_masses_stay_within_their_standard_deviations_where_errors_last():
         low_nis = estimator.snapshot()["low_nis"]
         inside.append(np.mean(error < 2.0 * std))
         computed.append(np.mean(error < 2.0 * std / math.sqrt(max(low_nis, 1.0))))
-        verdicts.append(of_low_nis(low_nis).tone)
+        lasting.append(low_nis)
     assert np.mean(inside) > 0.95
     assert np.mean(computed) < 0.9
-    assert "bad" not in verdicts
+    assert np.mean(lasting) > 1.2
 
 
 def test_the_report_tells_errors_that_last():
