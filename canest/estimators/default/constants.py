@@ -18,7 +18,7 @@ class Constants(NamedTuple):
     longest_delay_s: Annotated[float, "d_max", "s", "measured: vehicles to 0.19 s; masses fail at 0.4"] = 0.32
     windup_std_s2: Annotated[float, "s_gamma", "s2", "chosen: a lag of 0.14 s; more hides the mass"] = 0.02
     bias_std_mps2: Annotated[float, "s_b", "m/s2", "chosen: 1.8 degrees of tilt of a mounting"] = 0.3
-    pitch_rad_per_mps2: Annotated[float, "p_0", "rad s2/m", "measured: mean and std; trucks 0.01"] = 0.005
+    pitch_rad_per_mps2: Annotated[float, "p_m", "rad s2/m", "measured: mean and std; trucks 0.01"] = 0.005
     cold_share: Annotated[float, "k_rho", "1", "literature: cold tyres roll 20 to 50 % harder"] = 0.25
     altitude_std_m: Annotated[float, "s_h", "m", "chosen: a satellite receiver"] = 2.5
     wind_std_mps: Annotated[float, "s_w", "m/s", "chosen: 7 m/s in three; more widens cruises"] = 2.3
@@ -38,7 +38,7 @@ class Constants(NamedTuple):
     exchange_every_s: Annotated[float, "t_x", "s", "chosen: cost against delay"] = 1.0
     altitude_wander_m2ps: Annotated[float, "q_h", "m2/s", "chosen: a receiver, 3.5 m a minute"] = 0.2
     # -- engine
-    offset_duration_s: Annotated[float, "T_o", "s", "chosen: accessories run for minutes"] = 600.0
+    offset_duration_s: Annotated[float, "T_xi", "s", "chosen: accessories run for minutes"] = 600.0
     # -- driver
     answered_share: Annotated[float, "P_a", "1", "chosen: less makes a cruise less safe"] = 0.8
     answer_length_m: Annotated[float, "L_a", "m", "measured: less fails on waves, more on unloading"] = 500.0
@@ -46,15 +46,15 @@ class Constants(NamedTuple):
     answer_noise_mps2: Annotated[float, "a_d", "m/s2", "measured: less finds cruise controls free"] = 0.03
     # -- load
     load_stop_s: Annotated[float, "T_l", "s", "chosen: less costs `valid` at every light"] = 130.0
-    shortest_stop_s: Annotated[float, "T_0", "s", "chosen: up to here rarer than a miss of two std"] = 7.0
-    motion_change_s: Annotated[float, "T_m", "s", "measured: less finds loads sooner, costs `valid`"] = 10e3
+    shortest_stop_s: Annotated[float, "T_min", "s", "chosen: up to here rarer than a miss of two std"] = 7.0
+    motion_change_s: Annotated[float, "T_g", "s", "measured: less finds loads sooner, costs `valid`"] = 10e3
     motion_every_s: Annotated[float, "t_m", "s", "chosen: cost against delay"] = 20.0
     load_tilt_mps2: Annotated[float, "s_t", "m/s2", "chosen: 0.3 degrees; more takes brakes for loads"] = 0.05
     drift_1ps: Annotated[float, "m_r", "1/s", "measured: 5 kg/s of 20 t; more costs `valid`"] = 2.5e-4
     steady_duration_s: Annotated[float, "T_rb", "s", "measured: more finds late, less widens cruises"] = 2e3
     drift_duration_s: Annotated[float, "T_re", "s", "measured: at 900 a car is 17 % off"] = 600.0
     gross_nis: Annotated[float, "S_max", "1", "chosen: five std; a road's step, in sum a surprise"] = 25.0
-    surprise_nis: Annotated[float, "k_S", "1", "measured: at 2, rough driving is a surprise"] = 3.0
+    surprise_nis: Annotated[float, "S_0", "1", "measured: at 2, rough driving is a surprise"] = 3.0
     surprise_share: Annotated[float, "P_S", "1", "measured: less misses tippers, more costs `valid`"] = 0.009
     # -- noise
     force_std_share: Annotated[float, "k_F", "1", "chosen: a controller's momentary torque"] = 0.02
@@ -67,7 +67,7 @@ class Constants(NamedTuple):
     first_noise_steps: Annotated[float, "k_v", "1", "chosen: first level, in rounding errors"] = 20.0
     noise_memory_windows: Annotated[float, "N_v", "1", "chosen: a minute of open gates"] = 300.0
     first_noise_windows: Annotated[float, "N_0", "1", "chosen: weight of the start"] = 10.0
-    noise_dominates: Annotated[float, "k_s", "1", "measured: without it a bus is less valid"] = 5.0
+    noise_dominates: Annotated[float, "k_R", "1", "measured: without it a bus is less valid"] = 5.0
     outlier_nis: Annotated[float, "k_e", "1", "textbook: three standard deviations"] = 9.0
     likelihood_floor: Annotated[float, "c_0", "1", "chosen: one window in seventy is anything"] = 6e-4
     likelihood_power: Annotated[float, "alpha", "1", "measured: at 1 cruises are too sure"] = 0.5
@@ -78,7 +78,7 @@ class Constants(NamedTuple):
     coasting_std_mps2: Annotated[float, "s_c", "m/s2", "chosen: an open driveline's 300 N on 20 t"] = 0.015
     # -- hypotheses and report
     least_weight: Annotated[float, "P_min", "1", "measured: at 1e-3 modes are missing later"] = 3e-4
-    left_out_share: Annotated[float, "P_0", "1", "chosen: false alarms against new loads"] = 0.01
+    left_out_share: Annotated[float, "P_out", "1", "chosen: false alarms against new loads"] = 0.01
 
 
 CONSTANTS = Constants()
