@@ -112,3 +112,38 @@ def test_a_retarder_of_known_force_says_what_the_road_is():
     estimates = create("canest", FACTS).update(known)
     assert np.abs(estimates.grade[3_200:4_500]).max() < 0.01
     assert estimates.grade_std[3_200:4_500].max() < 0.01
+
+
+@pytest.mark.parametrize("phase", range(10))
+def test_a_retarder_after_a_bend_that_nobody_measures_leaves_numbers(phase):
+    """A bend is looked for further back than a retarder: what it brakes is not known, so no window counts."""
+    drive = trip(60, road=flat, throttle=pulses)
+    gate = drive.block.gate.copy()
+    bend = 2_000 + phase
+    gate[bend - 100 : bend], gate[bend : bend + 100] = Gate.TURNING, Gate.RETARDER
+    given = {
+        yaw: create("canest", FACTS).update(
+            replace(drive.block, gate=gate, yaw_rate_radps=np.full(len(gate), yaw))
+        )
+        for yaw in (np.nan, 0.0)
+    }
+    assert np.isfinite(given[np.nan].mass_kg[-1])
+    assert given[np.nan].mass_kg[-1] == pytest.approx(given[0.0].mass_kg[-1], rel=2e-3)
+    assert given[np.nan].grade[-1] == pytest.approx(given[0.0].grade[-1], abs=2e-4)
+
+
+def test_altitudes_in_reverse_are_those_of_the_way_back():
+    """Up a slope of 5 % and 120 m back down it, gate closed: the grade of the vehicle stays as it was."""
+    drive = trip(100, road=lambda s: 0.05 + 0.0 * s, throttle=lambda t, v: 0.7 + 0.25 * np.sin(t / 2.2))
+    back = slice(3_000, 5_000)
+    gate, gear, speed = drive.block.gate.copy(), np.ones(5_000), drive.block.speed_mps.copy()
+    gate[back], gear[back], speed[back] = Gate.REVERSE, -1.0, 3.0
+    accel = np.where(gear > 0.0, drive.block.accel_mps2, 0.0)
+    height = 200.0 + 0.05 * np.cumsum(speed * gear) * STEP_S
+    block = replace(
+        drive.block, gate=gate, gear=gear, speed_mps=speed, raw_speed_mps=speed, accel_mps2=accel,
+        altitude_m=np.repeat(height[::50], 50),
+    )  # fmt: skip
+    grade = create("canest", FACTS).update(block).grade
+    assert grade[2_990] == pytest.approx(0.05, abs=2e-3)
+    assert grade[-1] == pytest.approx(grade[2_990], abs=1e-3)

@@ -151,3 +151,17 @@ def test_a_few_gross_windows_in_two_minutes_refute_no_model(gross, expected):
         levels = follow.interpreted(levels, window(0.0, 0.0), (nis, 0.0), 0.0, 0.0, False, CONSTANTS, vehicle)
         found.append(levels.refuted > 0.0)
     assert any(found) == expected
+
+
+def test_a_torque_held_while_standing_has_no_rate_afterwards():
+    """Standing windows wait; where the vehicle moves off, the lag of the traction begins at the traction."""
+    drive = trip(60.0, road=flat, throttle=lambda t, v: 0.3, stops=[(20.0, 50.0)])
+    traction_N = drive.block.traction_N.copy()
+    traction_N[1_500:2_700] = 9_000.0
+    block = replace(drive.block, traction_N=traction_N)
+    estimator = create("canest", momentum.FACTS)
+    moves = 10 * int(np.flatnonzero(~block.stopped[1_500::10])[0]) + 1_510
+    for end in range(10, moves + 1, 10):
+        estimator.update(block[end - 10 : end])
+    assert not block.stopped[moves - 1]
+    assert estimator._carried.progress.slow_N == pytest.approx(9_000.0, rel=0.01)

@@ -16,7 +16,7 @@ _SHARE, _SHARE_VAR = 0.5, 1.0 / 12.0
 
 @jit.kernel
 def draw_answer(mix: Mixture, d: int, left: float, u: float) -> None:
-    """Draw the answer anew but for a part that is left: s u <- left s u + (1 - left) u / 2 + noise.
+    """Draw the answer anew but for a part that is left: sigma <- left sigma + (1 - left) u / 2 + noise.
 
     u: mean inverse mass. With its own u a heavy density would expect less noise, and be preferred.
     """

@@ -63,10 +63,10 @@ class Progress(NamedTuple):
     surprise: float = 0.0  #: cumulative sum of what innovations are more than usual
     braked: bool = False  #: while a brake seems to act that nobody reports
     height_known: bool = False
-    climbed_m: float = 0.0  #: metres and seconds since the height followed the slope
+    climbed_m: float = 0.0  #: metres, forwards, and seconds since the height followed the slope
     climbed_s: float = 0.0
     delay_s: float = 0.0  #: delay of the torque beyond the usual one
-    driven_s: float = 0.0  #: seconds with open gates since another load was opened in motion
+    driven_s: float = 0.0  #: seconds with open gates since another load was due in motion
     swing: float = 0.0  #: variance of the speed by a driveline that swings
     slow_N: float = math.nan  #: see `slow_traction`; NaN before the first window
     bend_var: float = 0.0  #: see `follow_bends`
@@ -102,7 +102,7 @@ def write(row: Any, given: Report, q: Joined, p: Progress, levels: Levels, c: Co
     if levels.refuted or delay_is_too_long(p.delay_s, c):
         var += mass_kg * mass_kg
     grade = given.grade + slope_1pm * q.distance_m
-    grade_var = wider * given.grade_var + wander_1pm * q.distance_m
+    grade_var = wider * given.grade_var + wander_1pm * abs(q.distance_m)
     learned, speed_mps = 1.0 if p.learned else 0.0, max(q.last_mps, 0.0)
     row[:] = mass_kg, var, grade, grade_var, slope_1pm, wander_1pm, learned, speed_mps
 
@@ -154,7 +154,7 @@ def run(
                 opened = True
             unseen_s = surprise = 0.0
         surprised = is_open and surprise > c.gross_nis
-        mixed_m = p.mixed_m + metres
+        mixed_m = p.mixed_m + abs(metres)
         mixed_s = p.mixed_s + (0.0 if still else dt + min(w.gap_s, _DRIVEN_GAP_S))
         due = mixed_s >= c.exchange_every_s or surprised or opened
         if due:
@@ -188,7 +188,8 @@ def run(
             climb(mix, count, climbed_m, c.altitude_wander_m2ps * climbed_s, t)
             climbed_m = climbed_s = 0.0
         swing = swing_var(0.0, w.begin_N, w, dt, p.u, c) if begins else p.swing
-        slow_N = w.begin_N if w.gap_s > 0.0 or math.isnan(p.slow_N) else p.slow_N
+        skipped = joined.seconds > dt + 0.5 * WINDOW_S  # a gap, or windows that are no part of this one
+        slow_N = w.begin_N if skipped or math.isnan(p.slow_N) else p.slow_N
         before = ends_at(joined.before_mps, (w.begin_N, slow_N), ratio, undriven)
         if begins:
             widen(mix, count, m.V, UNKNOWN_V, m.EVERYWHERE)  # no known force has led to the speed before it
@@ -207,8 +208,8 @@ def run(
             speed_var = levels.speed_var + swing + windup_var(mix, count, end)
             speed(mix, count, end, p.u, speed_var, c, v, t)
             answers = (
-                answer_log_likelihood(answered_N, p.u, metres, c.smooth_wander_1pm, bend_var, c),
-                answer_log_likelihood(answered_N, p.u, metres, c.rough_wander_1pm, bend_var, c),
+                answer_log_likelihood(answered_N, p.u, abs(metres), c.smooth_wander_1pm, bend_var, c),
+                answer_log_likelihood(answered_N, p.u, abs(metres), c.rough_wander_1pm, bend_var, c),
             )
             lever = (1.0 + ratio) / (dt * GRAVITY_MPS2)
             level = levels.speed_var

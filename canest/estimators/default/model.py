@@ -55,7 +55,7 @@ class Mixture(NamedTuple):
 
     x: Any  #: (MOST, n) means, a view of A
     P: Any  #: (MOST, n, n) covariances, a view of A
-    A: Any  #: (MOST, n, n + 1) covariances, and the means as their last column: what a row of F does to both
+    A: Any  #: (MOST, n, n + 1) [P | x]: a row of the transition matrix does the same to both
     load: Any  #: (MOST,) load and disturbance, whole; like all below a list interpreted, an array compiled
     mode: Any  #: (MOST,) whole
     weight: Any  #: (MOST,) probabilities
@@ -66,7 +66,7 @@ class Ends(NamedTuple):
     """What is measured at one moment."""
 
     speed_mps: float
-    traction_N: float  #: what of it moves the vehicle: T / (1 + u J)
+    traction_N: float  #: what of it moves the vehicle: F_m = F_t / (1 + u J)
     traction_Nps: float  #: its rate, over the time of a window
     slips: float = 1.0  #: share of a slip that is in the speed: 1 / (1 + u J) of driven wheels, else 0
 
@@ -74,7 +74,7 @@ class Ends(NamedTuple):
 class Scratch(NamedTuple):
     """Room to work in: columns have one number per density."""
 
-    f: Any  #: (4 * MOST,) entries of a row of F
+    f: Any  #: (4 * MOST,) entries of a row of the transition matrix
     K: Any  #: (n,) gain
     columns: Any  #: three columns
     e: Any  #: column: innovations of the last measurement
@@ -99,7 +99,7 @@ class Window(NamedTuple):
     joined differ from those of the last one.
     """
 
-    distance_m: float
+    distance_m: float  #: negative in reverse
     begin_N: float  #: traction at its begin
     force_N: float  #: known forces, mean; the inertia of `rotating_kg` is not subtracted
     roll_mps2: float  #: g mu, mean

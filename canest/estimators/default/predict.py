@@ -1,4 +1,4 @@
-"""Prediction: what the states do between two windows, x <- F x, P <- F P F' + Q, one row of F at a time.
+"""Prediction: what the states do between two windows, x <- A x, P <- A P A' + Q, one row of A at a time.
 
 All densities have the same states, and the first `count` are alive. Interpreted, numpy takes all at once.
 """
@@ -107,12 +107,13 @@ def climb(mix: Mixture, count: int, metres: float, wander: float, t: Scratch) ->
 
 @jit.kernel
 def travel(mix: Mixture, count: int, metres: float, answered_N: float, c: Constants, t: Scratch) -> None:
-    """Let the road go on: theta <- theta + ds kappa + (dF / g) s u, Q = q_theta ds. answered_N: dF."""
+    """Let the road go on: theta <- theta + ds kappa + (dF / g) sigma, Q = q_theta ds. answered_N: dF."""
     if metres == 0.0 and answered_N == 0.0:
         return
     by_answer = answered_N / GRAVITY_MPS2
-    bent_m, most = min(metres, c.curvature_length_m), c.grade_std * c.grade_std
-    smooth, rough = min(c.smooth_wander_1pm * metres, most), min(c.rough_wander_1pm * metres, most)
+    bent_m, most = max(min(metres, c.curvature_length_m), -c.curvature_length_m), c.grade_std * c.grade_std
+    way_m = abs(metres)
+    smooth, rough = min(c.smooth_wander_1pm * way_m, most), min(c.rough_wander_1pm * way_m, most)
     for d in range(count):
         t.f[d], t.f[count + d] = bent_m, by_answer
         # noise of the state itself: the row adds no multiple of it, so it may come first
@@ -179,7 +180,7 @@ def fade(
 ) -> None:
     """Let wind and curvature fade over a distance, and in time the crank torque that the report lacks.
 
-    stds: of the three, those of wind and torque times u. Where the load drifts, u <- u + dt r.
+    stds: of the three, those of wind and torque times u. Where the load drifts, u <- u + t r.
     """
     decay(mix, count, m.WIND, math.exp(-metres / c.wind_length_m), stds[0], m.EVERYWHERE)
     decay(mix, count, m.CURVATURE, math.exp(-metres / c.curvature_length_m), stds[1], m.BENDS)

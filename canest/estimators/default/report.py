@@ -78,7 +78,7 @@ def report_mass(
 ) -> tuple[float, float, float]:
     """Return the mass of the densest load, the variance about it, and the windows until the next sum.
 
-    Where they are narrow by the moments of u: M = (1 + V) / u, Var(M) = V M^2; else summed over the nodes.
+    Where they are narrow by the moments of u, M = (1 + V_own) / u_l and Var(M) = V_all M^2; else by nodes.
     before: these three of the window before.
     """
     us, u_vars, share = space.scratch.columns
@@ -140,7 +140,9 @@ def report_grade(
 
 @jit.kernel
 def unknown_load_var(mass: float, unknown_s: float, braked: bool, c: Constants, v: Vehicle) -> float:
-    """Return what a load that may have changed adds to Var(M): P(changed) E[(M' - M)^2], M' log-uniform.
+    """Return what a load that may have changed adds to Var(M): P(changed) E[(M_new - M)^2].
+
+    M_new is log-uniform.
 
     After a stop, or while a surprise waits for its explanation (braked, see `load.brakes_unseen`).
     """

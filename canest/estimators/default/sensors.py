@@ -77,9 +77,9 @@ def delay_is_too_long(delay_s: float, c: Constants) -> bool:
 
 @jit.kernel
 def slow_traction(before_N: float, w: Window, dt: float) -> float:
-    """Return the traction T_s that follows T with a lag of 0.2 s, at the end of a window.
+    """Return the traction F_s that follows F_t with a lag of 0.2 s, at the end of a window.
 
-    before_N: at its begin. T goes in a line from begin to end.
+    before_N: at its begin. F_t goes in a line from begin to end.
     """
     ramp_N = (w.traction_N - w.begin_N) * WINDOW_S / dt
     return w.traction_N - ramp_N + (before_N - w.begin_N + ramp_N) * math.exp(-dt / WINDOW_S)
@@ -96,7 +96,7 @@ def momentum_speed(w: Window, ratio: float, undriven: bool) -> float:
 
 @jit.kernel
 def ends_at(speed_mps: float, tractions_N: tuple[float, float], ratio: float, undriven: bool) -> Ends:
-    """Return what is measured at one moment. tractions_N: T and T_s (`slow_traction`). ratio: u J."""
+    """Return what is measured at one moment. tractions_N: F_t and F_s (`slow_traction`). ratio: u J."""
     moving_N, slow_N = tractions_N[0] / (1.0 + ratio), tractions_N[1] / (1.0 + ratio)
     slips = 0.0 if undriven else 1.0 / (1.0 + ratio)
     return Ends(speed_mps, moving_N, (moving_N - slow_N) / WINDOW_S, slips)
@@ -106,9 +106,9 @@ def ends_at(speed_mps: float, tractions_N: tuple[float, float], ratio: float, un
 def speed(
     mix: Mixture, count: int, end: Ends, u: float, r: float, c: Constants, v: Vehicle, t: Scratch
 ) -> None:
-    """Update with a speed: v measured (1 - lambda u T) = v + delta T + gamma dT/dt.
+    """Update with a speed: v_measured (1 - k_lambda u F_m / (1 + u J)) = v + delta F_m + gamma Fdot.
 
-    lambda: slip of the driven wheels, where the speed is theirs. T of the delay: that halfway through it.
+    The slip is that of driven wheels, where the speed is theirs. F_m of the delay: that halfway through it.
     u: mean inverse mass.
     """
     moments(mix, count, m.DELAY, t.columns[0], t.columns[1])
@@ -181,7 +181,7 @@ def gain_is_known(is_open: bool, v: Vehicle) -> bool:
 
 @jit.kernel
 def row_of_gain(before: Ends, end: Ends, dt: float, v: Vehicle) -> tuple[float, float, float, float]:
-    """Return the row of a window's mean acceleration, (v - v0 + delta dT + s gamma dT') / dt."""
+    """Return the row of a window's mean acceleration, (v - v_0 + delta dF_m + chi gamma dFdot) / dt."""
     jump_N, jump_Nps = end.traction_N - before.traction_N, end.traction_Nps - before.traction_Nps
     return 1.0 / dt, -1.0 / dt, jump_N / dt, v.felt_windup * jump_Nps / dt
 
@@ -231,7 +231,7 @@ def altitude(mix: Mixture, count: int, height_m: float, known: bool, c: Constant
 def gained(
     mix: Mixture, count: int, w: Window, speed_var: float, u: float, c: Constants, t: Scratch
 ) -> tuple[float, float]:
-    """Return the acceleration by two speeds when the traction acted, dv/dt - delta dT/dt, and variance."""
+    """Return the acceleration by two speeds when the traction acted, dv/dt - delta dF_m/dt, and variance."""
     means, variances = t.columns[0], t.columns[1]
     moments(mix, count, m.DELAY, means, variances)
     delay = mean_of(mix.weight, count, means)

@@ -34,8 +34,9 @@ _CORNERING_S2PM = 0.02
 (
     _SENSED, _SPEED, _REST, _MU, _ACCEL, _AERO, _TRACTION, _GEAR, _ROTATING, _ALTITUDE, _YAW, _GATE, _STOPPED,
     _TICK, _BROKEN, _RAW, _COAST, _RUN, _TORQUE, _UNDRIVEN, _ROAD, _ROAD_STD,
-) = range(22)  # fmt: skip
-_COLUMNS = 22
+    _GEAR_NUMBER,
+) = range(23)  # fmt: skip
+_COLUMNS = 23
 #: ticks between two reports of a torque at most, of which the noise is measured
 _REPORT = 5
 _LATE = slice(_SENSED, _AERO + 1)  #: columns whose mean is taken SHIFT ticks back
@@ -93,6 +94,7 @@ class Windows:
             (_UNDRIVEN, within(block.undriven_mps, _MOST[0, 0])),
             (_ROAD, np.nan if block.road_sine is None else block.road_sine),
             (_ROAD_STD, np.nan if block.road_std is None else block.road_std),
+            (_GEAR_NUMBER, block.gear),
         ):  # fmt: skip
             new[row] = column
         tick_before, coasted = rows[[_TICK, _RUN], past - 1] if past else (np.nan, 0.0)
@@ -121,9 +123,11 @@ class Windows:
         settled = ticks[ends] - starts
         is_open, retarding, coarse, turns = window_gates(rows[_GATE], rows[_BROKEN], settled, ends)
         bend_mps2 = np.where(turns, _CORNERING_S2PM * lateral_mps2**2, 0.0)
-        coarse &= bend_mps2 >= 0.0  # NaN where nobody tells how sharp the bend is
+        told = bend_mps2 >= 0.0  # NaN where nobody tells how sharp the bend is
+        retarding, coarse = retarding & told, coarse & told
+        way = np.where(now[_GEAR_NUMBER] < 0.0, -1.0, 1.0)
         columns = [
-            np.maximum(mean_speed, 0.0) * WINDOW_S,
+            way * np.maximum(mean_speed, 0.0) * WINDOW_S,
             rows[_TRACTION, back_from(ends, TICKS)],
             # traction is not shifted, the rest of the force is: force = (F - T)[k - SHIFT] + T[k]
             rest + mean_traction + rotating * accel,
