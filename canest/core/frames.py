@@ -117,13 +117,13 @@ class FrameBlock:
         messages: each with ``timestamp`` (s), ``arbitration_id``, ``data``, ``is_extended_id``,
         ``is_remote_frame`` and ``is_error_frame``; of CAN FD the first eight bytes are kept.
 
+        Errors: UsageError for what are no messages.
+
         Example:
             >>> import can, canest
             >>> message = can.Message(timestamp=1.5, arbitration_id=0x0CF00400, data=bytes(8))
             >>> canest.FrameBlock.from_messages([message]).t_us.tolist()
             [1500000]
-
-        Errors: UsageError for what are no messages.
         """
         try:
             return FrameBlock.from_frames([frame_of(message) for message in messages])

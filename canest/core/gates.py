@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class Gate(IntEnum):
-    """Reasons. Where several hold at once, `Gating` names the first in its own order of precedence."""
+    """Reasons. Where several hold at once, the first in order of precedence is named."""
 
     OPEN = 0
     STALE = 1  #: a required signal is older than its limit, or has never been seen

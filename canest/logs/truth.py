@@ -46,7 +46,7 @@ def read_truth(path: str | Path | MemoryLog) -> Truth:
     except CanestError as error:
         raise LogError(str(error), where=str(path)) from None
     if not blocks or not sum(map(len, blocks)):
-        raise LogError("no truth in this file", where=str(path), expected="columns t_s and grade or mass_kg")
+        raise LogError("no truth, as it has no row", where=str(path), expected="t_s and grade or mass_kg")
     names = [name for name in COLUMNS if name in blocks[0].columns]
     if not names:
         raise LogError(
@@ -70,7 +70,7 @@ def read_truth(path: str | Path | MemoryLog) -> Truth:
         raise LogError(
             "; ".join([f"no row has a number in {' or '.join(names)}", *unread]),
             where=str(path),
-            expected="numbers, e.g. 0.05 for a grade of 5 %",
+            expected="numbers, e.g. 0.05 for a grade of 5 %, 21000 for a mass",
         )
     notes = [f"truth: {note}" for note in (*unread, *_doubts(t_us[known], columns))]
     return Truth(t_us, columns.get("grade"), columns.get("mass_kg"), tuple(notes))

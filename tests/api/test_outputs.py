@@ -79,3 +79,9 @@ def test_estimates_are_written_in_the_format_of_their_name(folder):
     assert Path("est.log").read_text().startswith("(")
     canest.estimate(TABLE, VAN, output="van.log")
     assert Path("van.log").read_text().startswith("(")
+
+
+@pytest.mark.parametrize("output", [3, "", b""])
+def test_what_is_no_path_is_no_output(folder, output):
+    with pytest.raises(canest.UsageError, match="output: no path"):
+        canest.replay("drive.csv", "my.yaml", output=output)
