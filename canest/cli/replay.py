@@ -144,12 +144,13 @@ def _list_columns(asked: str) -> int:
 def _one(job: Job, config: Config, json_path: str | None) -> int:
     from canest.cli.progress import Bar
     from canest.cli.summary import result_lines, write_json
+    from canest.system.output_conflicts import is_stdout
 
     with Bar(job.name) as bar:
         result = job.run(config, bar.update)
     if json_path is not None:
         write_json(result.summary, json_path)
-    if json_path != "-" and str(job.output) != "/dev/stdout":
+    if not is_stdout(json_path) and not is_stdout(job.output):
         print("\n".join(result_lines(result, [p for p in (job.output, job.report) if p is not None])))
     return 0
 

@@ -14,6 +14,8 @@ from canest.core.section import MisplacedError, Number, Section, Whole
 SLOWEST_PERIOD_S = 2.0
 #: and of an accelerometer: the moments that it shows are no mean of what happened between them, s
 SLOWEST_ACCELEROMETER_S = 0.5
+#: no signal is scaled further: larger factors are slips of the pen, and overflow what is computed of them
+MOST_SCALE = 1e9
 Validity = Literal["j1939", "full", "source_address", "gear", "ascii"]
 
 
@@ -56,6 +58,8 @@ class Source(Section):
             )
         if self.scale == 0:
             raise MisplacedError("found 0, expected a factor: with 0 every value is lost", "scale")
+        if not 1.0 / MOST_SCALE <= abs(self.scale) <= MOST_SCALE:
+            raise MisplacedError(f"found {self.scale:g}, expected a factor between 1e-9 and 1e9", "scale")
         if self.unit is not None and self.unit not in KNOWN_UNITS:
             raise MisplacedError(
                 f"unknown unit, found {self.unit!r}, expected one of {', '.join(KNOWN_UNITS)}", "unit"

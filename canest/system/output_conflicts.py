@@ -16,13 +16,14 @@ Named = tuple[str, Path | str | None]  #: an option or argument, and the file it
 def keep_apart(inputs: Iterable[Named], outputs: Iterable[Named]) -> None:
     """Refuse outputs that are an input or another output, by whatever name (links too).
 
-    Errors: UsageError. Devices and pipes ('-', /dev/stdout) may be named as often as one likes.
+    Errors: UsageError. Devices and pipes ('-', /dev/stdout) may be named as often as one likes; a file that
+    stdout leads to may not.
     """
     taken: dict[Hashable, str] = {
         _identity(Path(path)): name for name, path in inputs if path is not None and Path(path).is_file()
     }
     for name, path in outputs:
-        if path is None or str(path) == "-" or (key := _identity(Path(path))) is None:
+        if path is None or (key := _stdout() if str(path) == "-" else _identity(Path(path))) is None:
             continue
         if key in taken:
             what = f"would overwrite {taken[key]}"
@@ -50,6 +51,22 @@ def require_writable(outputs: Iterable[tuple[str, Path]]) -> None:
         if not os.access(there, os.W_OK | os.X_OK if there.is_dir() else os.W_OK):
             where, expected = f"{name}: {path}", f"permission to write {there}"
             raise UsageError("cannot be written", where=where, expected=expected)
+
+
+def is_stdout(path: Path | str | None) -> bool:
+    """Return whether what is written to a file goes where stdout goes."""
+    try:
+        return path is not None and (str(path) == "-" or os.path.samestat(Path(path).stat(), os.fstat(1)))
+    except OSError:
+        return False
+
+
+def _stdout() -> Hashable | None:
+    try:
+        found = os.fstat(1)
+    except OSError:
+        return None
+    return (found.st_dev, found.st_ino) if stat.S_ISREG(found.st_mode) else None
 
 
 def _identity(path: Path) -> Hashable | None:

@@ -6,6 +6,7 @@ import csv
 import gzip
 import importlib.util
 import json
+import subprocess
 import sys
 from pathlib import Path
 
@@ -323,3 +324,20 @@ def test_reports_of_several_logs_share_one_script_and_have_an_index(log, tmp_pat
     index = (folder / "index.html").read_text()
     assert '<a href="other%20drive.html">other drive</a>' in index
     assert "2 of 2 logs replayed" in index
+
+
+@pytest.mark.parametrize("name", ["/dev/stdout", "/dev/fd/1"])
+def test_estimates_on_a_redirected_stdout_stand_alone(log, tmp_path, name):
+    """A summary behind them would overwrite their begin, since stdout knows nothing of what was appended."""
+    alone, redirected = tmp_path / "est.csv", tmp_path / "stdout.csv"
+    replay(log, "-o", alone)
+    run = [sys.executable, "-m", "canest", "replay", str(log), "-c", "class8", "-o", name]
+    with redirected.open("wb") as stdout:
+        subprocess.run(run, check=True, stdout=stdout, cwd=ROOT)
+    assert redirected.read_bytes() == alone.read_bytes()
+    with redirected.open("wb") as stdout:
+        refused = subprocess.run(
+            [*run, "--json", "-"], stdout=stdout, stderr=subprocess.PIPE, cwd=ROOT, check=False
+        )
+    assert refused.returncode == 2
+    assert b"--json: would overwrite -o" in refused.stderr

@@ -274,6 +274,14 @@ def test_a_role_set_to_nothing_is_taken_away() -> None:
         ("effects=[{effect: headwind, wind_mps: 99}]", "--set: effects.0: headwind.wind_mps, found 99"),
         ("gates..enabled=no", "--set: gates."),
         ("signals.engine_speed.scale=0", "--set: signals.engine_speed.scale: found 0, expected a factor"),
+        (
+            "signals.engine_speed.scale=1e150",
+            "--set: signals.engine_speed.scale: found 1e+150, expected a factor",
+        ),
+        (
+            "signals.engine_speed.scale=-1e-12",
+            "--set: signals.engine_speed.scale: found -1e-12, expected a factor",
+        ),
         ("filter.cutoff_hz=0.001", "--set: filter.cutoff_hz, found 0.001, expected greater than or equal"),
         ("estimator.initial_mass_kg=1", "estimator.initial_mass_kg: no mass of this vehicle, found 1"),
         ("estimator.initial_mass_kg=1e9", "expected 7000 to 40000 kg"),
