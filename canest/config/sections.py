@@ -59,7 +59,8 @@ class Source(Section):
         if self.scale == 0:
             raise MisplacedError("found 0, expected a factor: with 0 every value is lost", "scale")
         if not 1.0 / MOST_SCALE <= abs(self.scale) <= MOST_SCALE:
-            raise MisplacedError(f"found {self.scale:g}, expected a factor between 1e-9 and 1e9", "scale")
+            expected = f"expected a factor between {1.0 / MOST_SCALE:g} and {MOST_SCALE:g}"
+            raise MisplacedError(f"found {self.scale:g}, {expected}", "scale")
         if self.unit is not None and self.unit not in KNOWN_UNITS:
             raise MisplacedError(
                 f"unknown unit, found {self.unit!r}, expected one of {', '.join(KNOWN_UNITS)}", "unit"

@@ -23,7 +23,7 @@ def keep_apart(inputs: Iterable[Named], outputs: Iterable[Named]) -> None:
         _identity(Path(path)): name for name, path in inputs if path is not None and Path(path).is_file()
     }
     for name, path in outputs:
-        if path is None or (key := _stdout() if str(path) == "-" else _identity(Path(path))) is None:
+        if path is None or (key := _identity(Path(path))) is None:
             continue
         if key in taken:
             what = f"would overwrite {taken[key]}"
@@ -61,18 +61,10 @@ def is_stdout(path: Path | str | None) -> bool:
         return False
 
 
-def _stdout() -> Hashable | None:
-    try:
-        found = os.fstat(1)
-    except OSError:
-        return None
-    return (found.st_dev, found.st_ino) if stat.S_ISREG(found.st_mode) else None
-
-
 def _identity(path: Path) -> Hashable | None:
-    """Return what identifies a file, None for what is no file."""
+    """Return what identifies a file ('-': that which stdout leads to), None for what is no file."""
     try:
-        found = path.stat()
+        found = os.fstat(1) if str(path) == "-" else path.stat()
     except OSError:
         return path.resolve()
     return (found.st_dev, found.st_ino) if stat.S_ISREG(found.st_mode) else None

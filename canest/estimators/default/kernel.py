@@ -154,7 +154,8 @@ def run(
                 opened = True
             unseen_s = surprise = 0.0
         surprised = is_open and surprise > c.gross_nis
-        mixed_m = p.mixed_m + abs(metres)
+        way_m = abs(metres)
+        mixed_m = p.mixed_m + way_m
         mixed_s = p.mixed_s + (0.0 if still else dt + min(w.gap_s, _DRIVEN_GAP_S))
         due = mixed_s >= c.exchange_every_s or surprised or opened
         if due:
@@ -208,8 +209,8 @@ def run(
             speed_var = levels.speed_var + swing + windup_var(mix, count, end)
             speed(mix, count, end, p.u, speed_var, c, v, t)
             answers = (
-                answer_log_likelihood(answered_N, p.u, abs(metres), c.smooth_wander_1pm, bend_var, c),
-                answer_log_likelihood(answered_N, p.u, abs(metres), c.rough_wander_1pm, bend_var, c),
+                answer_log_likelihood(answered_N, p.u, way_m, c.smooth_wander_1pm, bend_var, c),
+                answer_log_likelihood(answered_N, p.u, way_m, c.rough_wander_1pm, bend_var, c),
             )
             lever = (1.0 + ratio) / (dt * GRAVITY_MPS2)
             level = levels.speed_var

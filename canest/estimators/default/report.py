@@ -142,9 +142,8 @@ def report_grade(
 def unknown_load_var(mass: float, unknown_s: float, braked: bool, c: Constants, v: Vehicle) -> float:
     """Return what a load that may have changed adds to Var(M): P(changed) E[(M_new - M)^2].
 
-    M_new is log-uniform.
-
-    After a stop, or while a surprise waits for its explanation (braked, see `load.brakes_unseen`).
+    M_new is log-uniform. This holds after a stop, or while a surprise waits for its explanation (braked, see
+    `load.brakes_unseen`).
     """
     probability = p_changed(unknown_s, c.load_stop_s)
     if braked:

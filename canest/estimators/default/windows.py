@@ -33,8 +33,7 @@ _CORNERING_S2PM = 0.02
 
 (
     _SENSED, _SPEED, _REST, _MU, _ACCEL, _AERO, _TRACTION, _GEAR, _ROTATING, _ALTITUDE, _YAW, _GATE, _STOPPED,
-    _TICK, _BROKEN, _RAW, _COAST, _RUN, _TORQUE, _UNDRIVEN, _ROAD, _ROAD_STD,
-    _GEAR_NUMBER,
+    _TICK, _BROKEN, _RAW, _COAST, _RUN, _TORQUE, _UNDRIVEN, _ROAD, _ROAD_STD, _GEAR_NUMBER,
 ) = range(23)  # fmt: skip
 _COLUMNS = 23
 #: ticks between two reports of a torque at most, of which the noise is measured
@@ -123,11 +122,11 @@ class Windows:
         settled = ticks[ends] - starts
         is_open, retarding, coarse, turns = window_gates(rows[_GATE], rows[_BROKEN], settled, ends)
         bend_mps2 = np.where(turns, _CORNERING_S2PM * lateral_mps2**2, 0.0)
-        told = bend_mps2 >= 0.0  # NaN where nobody tells how sharp the bend is
-        retarding, coarse = retarding & told, coarse & told
-        way = np.where(now[_GEAR_NUMBER] < 0.0, -1.0, 1.0)
+        is_known = bend_mps2 >= 0.0  # NaN where nobody tells how sharp the bend is
+        retarding, coarse = retarding & is_known, coarse & is_known
+        direction = np.where(now[_GEAR_NUMBER] < 0.0, -1.0, 1.0)
         columns = [
-            way * np.maximum(mean_speed, 0.0) * WINDOW_S,
+            direction * np.maximum(mean_speed, 0.0) * WINDOW_S,
             rows[_TRACTION, back_from(ends, TICKS)],
             # traction is not shifted, the rest of the force is: force = (F - T)[k - SHIFT] + T[k]
             rest + mean_traction + rotating * accel,
