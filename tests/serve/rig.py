@@ -113,8 +113,9 @@ class Vehicle:
     def daemon(self, *more):
         return Command(self.folder, "run", *self._changes, *more)
 
-    def drive(self):
-        return Command(self.folder, "replay", DRIVE, "--to", f"udp_multicast:{self.group}")
+    def drive(self, times=1):
+        """Play the bundled drive of three minutes, so many times in a row."""
+        return Command(self.folder, "replay", *[DRIVE] * times, "--to", f"udp_multicast:{self.group}")
 
     def page(self, port, *more):
         return Command(self.folder, "serve", "--socket", self.status_socket, "--port", port, *more)

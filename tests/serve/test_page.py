@@ -40,19 +40,17 @@ def vehicle(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def driving(vehicle):
-    """The port of a page beside a daemon that estimates, until a test stops the drive."""
+    """The bundled drive, again and again for an hour, beside a daemon that estimates and has a page."""
     port = free_port()
     with vehicle.daemon("--serve", port) as daemon:
         assert wait_for(lambda: is_up(port), 30), daemon.output
-        drive = Drive(vehicle)
-        drive.port = port
-        yield drive
-        drive.close()
+        with vehicle.drive(times=20) as drive:
+            drive.port = port
+            yield drive
 
 
 @pytest.fixture
 def page(browser, driving):
-    driving.go_on()
     tab = browser.page(f"http://127.0.0.1:{driving.port}/")
     tab.wait(HAS_MASS, 90)
     return tab
@@ -71,25 +69,6 @@ def alone(browser, tmp_path):
         stream.close()
         tab.wait(f"{PROBLEM}.includes('No data')", 10)
         yield tab
-
-
-class Drive:
-    """The bundled drive on a vehicle's bus; three minutes, and begun anew where a test needs more."""
-
-    def __init__(self, vehicle):
-        self._vehicle = vehicle
-        self._playback = vehicle.drive()
-
-    def go_on(self):
-        if self._playback.process.poll() is not None:
-            self._playback = self._vehicle.drive()
-
-    def send(self, number):
-        self._playback.send(number)
-
-    def close(self):
-        with self._playback:
-            pass
 
 
 class Broadcasts:
@@ -184,7 +163,6 @@ def test_a_page_that_opens_later_has_the_minutes_before(browser, driving, page):
 
 @pytest.mark.parametrize(("scheme", "width"), [("light", 1280), ("dark", 380)])
 def test_an_accessibility_audit_finds_nothing(browser, driving, scheme, width):
-    driving.go_on()
     tab = browser.page(f"http://127.0.0.1:{driving.port}/", width=width, prefers_color_scheme=scheme)
     tab.wait(HAS_MASS, 40)
     assert violations(tab) == []

@@ -21,8 +21,9 @@ import rig
 pytestmark = pytest.mark.vcan
 
 CYCLES = 2
-#: Between a tick and the broadcast that has it, in the median: a tick and an emulated processor's work.
+#: Between a tick and the broadcast that has it, in the median, where the daemon's cycle is not longer.
 LAG_S = 0.3
+PERIOD_S = 0.2  #: of the config's 5 Hz
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,16 @@ class Run:
     @property
     def broadcasts(self) -> list[tuple[float, int, bytes]]:
         return [frame for frame in self.dumped if frame[1] >> 8 & 0x1FFFF == rig.PGN]
+
+    @property
+    def broadcasts_s(self) -> float:
+        """The time from the first broadcast to the last, in s."""
+        return self.broadcasts[-1][0] - self.broadcasts[0][0]
+
+    @property
+    def cycle_s(self) -> float:
+        """The mean time between two cycles of the daemon in s; a slow machine's takes several ticks."""
+        return self.broadcasts_s / self.status["ticks"]["count"]
 
     def estimates(self, name: str) -> list[dict[str, str]]:
         with (self.folder / name).open() as file:
@@ -102,8 +113,8 @@ def test_every_broadcast_number_is_the_replays_within_the_frames_resolution(run:
         while newest + 1 < len(rows) and times[newest + 1] <= t_s and _equals(received, rows[newest + 1]):
             newest += 1
         lags_s.append(t_s - times[newest])
-    assert len(lags_s) > 100 / run.slowness
-    assert statistics.median(lags_s) <= LAG_S * run.slowness
+    assert len(lags_s) > 0.8 * len(run.broadcasts)
+    assert statistics.median(lags_s) <= max(LAG_S, run.cycle_s)
 
 
 def _equals(received: dict[str, Any], row: dict[str, str]) -> bool:
@@ -147,11 +158,10 @@ def test_checksum_is_the_sum_of_all_other_nibbles_and_the_identifiers(run: Run) 
     assert all(rig.is_sound(can_id, payload) for _, can_id, payload in run.broadcasts)
 
 
-def test_rate_is_never_above_the_configs(run: Run) -> None:
-    """Below it only as far as the machine cannot keep up; how well it can is the live benchmark's to say."""
-    times = [t for t, _, _ in run.broadcasts]
-    rate_hz = (len(times) - 1) / (times[-1] - times[0])
-    assert 2.5 / run.slowness < rate_hz < 5.1
+def test_rate_is_the_configs_where_the_daemons_cycle_allows_it(run: Run) -> None:
+    """A cycle that comes after the period sends; how short a cycle is, is the live benchmark's to say."""
+    rate_hz = (len(run.broadcasts) - 1) / run.broadcasts_s
+    assert 0.8 / max(PERIOD_S, run.cycle_s) < rate_hz < 5.1
 
 
 def test_address_is_claimed_before_the_first_broadcast(run: Run) -> None:
