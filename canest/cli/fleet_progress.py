@@ -6,7 +6,7 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from canest.cli.progress import Count
+from canest.cli.progress import COMPILING, Count
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -37,8 +37,7 @@ class FleetProgress:
 
     def compiling(self) -> None:
         """Say why nothing happens at first."""
-        text = "compiling the kernels: once after an installation, about a minute"
-        print(text, file=sys.stderr, flush=True)
+        print(COMPILING, file=sys.stderr, flush=True)
 
     def step(self, outcome: Outcome) -> None:
         """Take note of a log that ended."""

@@ -8,6 +8,7 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+from canest.core import jit
 from canest.core.errors import printable
 from canest.system import terminal
 
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 PATIENCE_S = 0.7
 #: nobody waits at a pipe for less
 LINE_PATIENCE_S = 5.0
+#: what is told before a log that takes longer than all others
+COMPILING = "compiling the kernels: once after an installation, about a minute"
 
 
 class _Shown:
@@ -62,16 +65,21 @@ class _Shown:
 
 
 class _Waiting(_Shown):
-    """Appears even while nothing is done yet.
-
-    The first log after an update may wait for a quarter of a minute until numba has compiled.
-    """
+    """Appears even while nothing is done yet; tells that numba compiles, where it must."""
 
     def _appear(self) -> tuple[float, Callable[[], None]] | None:
         """Return after how long, s, what is to be done; None for nothing."""
         return (PATIENCE_S, self._draw) if sys.stderr.isatty() else None
 
+    def _tell_compiling(self) -> None:
+        with self._lock:
+            if self._progress is None:
+                print(COMPILING, file=sys.stderr, flush=True)
+            else:
+                self._progress.console.print(COMPILING)
+
     def __enter__(self) -> Any:
+        jit.before_compiling(self._tell_compiling)
         wanted = self._appear()
         self._timer = None if wanted is None else threading.Timer(*wanted)
         if self._timer is not None:

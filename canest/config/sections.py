@@ -23,6 +23,8 @@ def _labels(entries: Any) -> Any:
     """Return a value table with every key as text: YAML reads ``1`` as a number and ``on`` as true."""
     if not isinstance(entries, dict):
         return entries
+    if not entries:
+        raise ValueError("found no entry, expected labels or raw numbers with the number of each")
     return {_word_of_switch(key) if isinstance(key, bool) else str(key): n for key, n in entries.items()}
 
 

@@ -25,6 +25,8 @@ _enabled = False
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "forceinline": True}
 #: what numba made of kernels in this process
 _dispatchers: list[Any] = []
+#: who is told once that numba begins to compile
+_listeners: list[Callable[[], None]] = []
 
 
 def available() -> bool:
@@ -52,6 +54,11 @@ def _keeps() -> bool:
 
 def _nothing() -> None:
     pass
+
+
+def before_compiling(tell: Callable[[], None]) -> None:
+    """Have ``tell`` called once, when numba must compile a kernel: about a minute for all of them."""
+    _listeners[:] = [tell]
 
 
 def enabled() -> bool:
@@ -254,6 +261,8 @@ def _before_compiling(dispatcher: Any, bind: Callable[[], None]) -> None:
     def load_or_bind(signature: Any, context: Any) -> Any:
         loaded = load(signature, context)
         if loaded is None:
+            while _listeners:
+                _listeners.pop()()
             bind()
         return loaded
 

@@ -272,7 +272,9 @@ class Doctor:
             if not self.pipeline.clock.counters["gaps"]:  # a mean rate over a silence means nothing
                 hints += clock_hints(self.config, reports)
         warning = self.pipeline.estimator.contradiction()
-        hints += self._raw.hints() + self._facts.hints()
+        hints += self._raw.hints()
+        if not why_no_time(self.pipeline.clock):  # without time nothing happens together
+            hints += self._facts.hints()
         hints += constant_torque_hints(self.config, reports) + self._differing_masses(reports)
         return hints + ([warning] if warning else []) + self._past.notes(warning)
 

@@ -13,6 +13,7 @@ from canest.doctor.declared_range import DeclaredRangeCheck
 from canest.doctor.gearbox_states import GearboxStateCheck
 from canest.doctor.held_torque import HeldTorqueCheck
 from canest.doctor.raw_values import means_no_value
+from canest.doctor.reasons import why_no_time
 from canest.doctor.reference_torque import ReferenceTorqueCheck
 from canest.doctor.road_speeds import RoadSpeedCheck
 from canest.doctor.signs import SignCheck
@@ -26,6 +27,7 @@ from canest.pipeline.signal_map import signal_of
 if TYPE_CHECKING:
     from canest.config import Config
     from canest.decode.counters import Counters
+    from canest.pipeline.intake import Intake
 
 #: reserved numbers of this share of the samples are worth a note
 _RESERVED_SHARE = 0.01
@@ -70,9 +72,10 @@ class FactsCheck:
         """Return what may be right or wrong, as nothing shows it, one sentence each."""
         return self._reference_torque.notes()
 
-    def notes(self, counters: Counters) -> list[str]:
-        """Return the hints, and what no value came of. counters: of the decoder of the same stream."""
-        return self.hints() + self.unconfirmed() + reserved_notes(self._config, counters)
+    def notes(self, intake: Intake) -> list[str]:
+        """Return the hints, where time passes, and what no value came of. intake: that of the same stream."""
+        hints = [] if why_no_time(intake.clock) else self.hints()
+        return hints + self.unconfirmed() + reserved_notes(self._config, intake.decoder.counters)
 
 
 def reserved_notes(config: Config, counters: Counters) -> list[str]:

@@ -229,6 +229,8 @@ def _absence(config: Config, counters: Counters, role: str, frames: int) -> str:
     if message is not None and unfit and unfit == sum(sender.frames for sender in senders):
         expected = f"the length that the DBC declares, {message.length} bytes"
         return f"never had a value: none of {unfit:,} frames has {expected}"
+    if message is not None and (came := sum(sender.frames for sender in senders)):
+        return f"never had a value: none of {came:,} frames holds it, their multiplexor never selects it"
     other = other_format(config, role, counters)
     return f"was never seen in {frames:,} frames" + (f"; {other}" if other else "")
 

@@ -41,6 +41,7 @@ _SCREEN = re.compile(
     re.DOTALL,
 )
 _COLOUR = re.compile(rb"\x1b\[[0-9;]*m")
+_NEGATIVE_STAMP = re.compile(rb"\s*\(-\d")
 _NO_STAMP = re.compile(rb"\s*\S+\s+(?:[0-9A-Fa-f]{8}|[0-9A-Fa-f]{3})(?:#|\s+\[\d)")
 _WHITE = b" \t\r\n\x0b\x0c"
 
@@ -67,6 +68,8 @@ def parse_line(text: bytes) -> Line | str:
         text = _COLOUR.sub(b"", text)
     match = _LOG.fullmatch(text) or _SCREEN.fullmatch(text)
     if match is None:
+        if _NEGATIVE_STAMP.match(text):
+            return "negative time stamp"
         return "no time stamp" if _NO_STAMP.match(text) else "not a candump line"
     part = match.groupdict()
     t_us = _microseconds(part["sec"], part["date"], part["frac"])

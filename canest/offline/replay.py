@@ -125,7 +125,7 @@ def replay(
     summary["reported_masses"] = [mass.to_json() for mass in others]
     if score is not None:
         summary["errors"] = score.errors()
-    notes = run_warnings(run, score) + facts.notes(run.pipeline.decoder.counters)
+    notes = run_warnings(run, score) + facts.notes(run.pipeline.intake)
     summary["notes"] = notes
     summary["wall_s"] = round(time.perf_counter() - begin, 4)
     snapshot = run.pipeline.snapshot()

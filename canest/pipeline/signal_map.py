@@ -18,6 +18,8 @@ from canest.vehicle.role_sources import speed_in_use
 if TYPE_CHECKING:
     from cantools.database.can import Message, Signal
 
+#: a larger factor or offset, or a smaller factor, is that of no quantity, and what follows from it overflows
+_MOST_FACTOR = 1e15
 #: how a DBC declares a message as J1939, which is matched by parameter group and not by its identifier
 J1939_DATABASE = 'a DBC that declares J1939 (VFrameFormat "J1939PG", or ProtocolType "J1939")'
 
@@ -42,7 +44,7 @@ def wants_of(config: Config) -> dict[str, Want]:
                 found=f"0x{source.source:02X}",
                 expected="no such key" + (f", or {J1939_DATABASE}" if message.is_extended_frame else ""),
             )
-        _refuse_zero_factor(source, signal, where)
+        _refuse_factor(source, signal, where)
         factor, offset = factor_and_offset(role, source, unit_of(source, signal), where)
         wants[role] = Want(
             role=role,
@@ -99,14 +101,28 @@ def signal_of(config: Config, role: str) -> tuple[Message, Signal] | None:
     return find_signal(config.databases, source.message, source.signal, config.at(f"signals.{role}"))
 
 
-def _refuse_zero_factor(source: Source, signal: Signal, where: str) -> None:
-    """Refuse a factor of 0, which is used unless there is a map. Errors: ConfigError."""
-    if not source.map and source.validity != "ascii" and float(signal.scale) == 0.0:
+def _refuse_factor(source: Source, signal: Signal, where: str) -> None:
+    """Refuse a factor or an offset of the DBC that no quantity has. Errors: ConfigError.
+
+    They are used unless there is a map, or text.
+    """
+    if source.map or source.validity == "ascii":
+        return
+    factor, offset = float(signal.scale), float(signal.offset)
+    name = f"{source.message}.{source.signal}"
+    if factor == 0.0:
         raise ConfigError(
             "the DBC's factor makes every value the same",
             where=where,
-            found=f"{source.message}.{source.signal} with factor 0",
+            found=f"{name} with factor 0",
             expected="another factor in the DBC, or map: in this entry",
+        )
+    if not (1.0 / _MOST_FACTOR <= abs(factor) <= _MOST_FACTOR and abs(offset) <= _MOST_FACTOR):
+        raise ConfigError(
+            "the DBC's factor and offset make no quantity",
+            where=where,
+            found=f"{name} with factor {factor:g} and offset {offset:g}",
+            expected=f"a factor from {1.0 / _MOST_FACTOR:g} to {_MOST_FACTOR:g}, an offset of at most that",
         )
 
 
@@ -188,5 +204,6 @@ def step_of(config: Config, role: str) -> float | None:
     if found is None or config.signals[role].map:
         return None
     source, (_, signal) = config.signals[role], found
+    _refuse_factor(source, signal, config.at(f"signals.{role}"))
     factor, _ = factor_and_offset(role, source, unit_of(source, signal))
     return abs(float(signal.scale) * factor)

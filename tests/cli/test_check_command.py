@@ -118,6 +118,17 @@ def test_a_clock_that_stands_still_or_is_two_clocks_stops_the_estimator(canest, 
     assert f"because   {message}" in canest("replay", path, "-c", "kenworth").out
 
 
+def test_where_time_stands_still_nothing_is_compared(canest, tmp_path):
+    """Values of one moment gave the wheel another radius."""
+    path = tmp_path / "still.log"
+    lines = lzma.decompress(DRIVE.read_bytes()).splitlines(keepends=True)
+    path.write_bytes(b"".join(b"(1700000000.000001)" + line[line.index(b")") + 1 :] for line in lines))
+    found = report(canest, "-c", "class8", path)
+    assert found["stops"].startswith("time stands still: all ")
+    assert not any("agree with" in hint for hint in found["hints"])
+    assert "agree with" not in canest("replay", path, "-c", "class8").out
+
+
 def test_a_gear_ratio_without_a_signal_is_named(canest, tmp_path):
     """A ratio has ways, of which one is enough; the gates that close without any do not say which."""
     source = "signals.gear={message: ETC2, signal: TransCurrentGear, source: 0x31}"

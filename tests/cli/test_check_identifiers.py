@@ -61,6 +61,15 @@ def test_an_identifier_that_never_came_is_only_not_found(canest, tmp_path):
     assert check.endswith("was not found as Motor.Torque") and "was never seen in 300 frames" in replay
 
 
+def test_a_signal_that_its_multiplexor_never_selects_is_named(canest, tmp_path, monkeypatch):
+    """Its message came all the time, so "never seen" is wrong."""
+    page = ' SG_ Page M : 56|8@1+ (1,0) [0|0] "" X\n SG_ Torque m3 :'
+    monkeypatch.setattr(f"{__name__}.DBC", DBC.replace(" SG_ Torque :", page))
+    check, replay = reasons(canest, tmp_path, 257, "101#00010002000000FF")
+    assert check.endswith("their multiplexor never selects it)")
+    assert replay.endswith("none of 300 frames holds it, their multiplexor never selects it")
+
+
 def test_an_identifier_that_never_came_is_named_beside_those_that_no_message_has(tmp_path):
     wrong = config_of(tmp_path, REAR, DBC_OF_VAN.replace("BO_ 162", "BO_ 163").replace("BO_ 161", "BO_ 1000"))
     (hint,) = [hint for hint in report(wrong, bus()).hints if "never came" in hint]

@@ -122,3 +122,14 @@ def test_blanks_around_a_unit_do_not_count(tmp_path):
     )
     for config in (mine, other):
         assert wants_of(config)["vehicle_speed"].factor == pytest.approx(1 / 3.6)
+
+
+@pytest.mark.parametrize("numbers", ["1e300,0", "1e-300,0", "0.1,1e300"])
+def test_a_factor_or_an_offset_that_no_quantity_has_is_refused(canest, tmp_path, numbers):
+    config = frames(tmp_path, "km/h")
+    database = tmp_path / "van.dbc"
+    database.write_text(database.read_text().replace("(0.1,0)", f"({numbers})"))
+    done = canest("check", "-c", config)
+    assert done.code == 2 and "signals.engine_torque" in done.err and "Warning" not in done.err
+    factor, offset = numbers.replace("e3", "e+3").split(",")
+    assert f"MOT.Torque with factor {factor} and offset {offset}" in done.err

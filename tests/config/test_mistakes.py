@@ -250,6 +250,12 @@ def test_a_signal_that_only_an_effect_knows_is_a_role() -> None:
     assert "my_compressor" in config.signals
 
 
+def test_a_value_table_without_an_entry_says_what_one_holds() -> None:
+    assert refused(TRUCK, "signals.fan_speed.map={}").endswith(
+        "signals.fan_speed.map: found no entry, expected labels or raw numbers with the number of each"
+    )
+
+
 def test_a_role_set_to_nothing_is_taken_away() -> None:
     with_altitude = load_config("class8")
     assert "altitude" in with_altitude.signals

@@ -128,6 +128,21 @@ def test_a_full_disk_costs_the_next_process_its_time_and_this_one_nothing(monkey
     assert twice.compiled(4.0) == 8.0
 
 
+@COMPILES
+def test_who_waits_is_told_once_that_kernels_are_compiled(monkeypatch, tmp_path):
+    from numba.core import config
+
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    told = []
+
+    def results():
+        jit.before_compiling(lambda: told.append("compiling"))
+        return [jit.kernel(lambda x: 3.0 * x).compiled(4.0), jit.kernel(lambda x: 5.0 * x).compiled(4.0)]
+
+    assert results() == [12.0, 20.0] and told == ["compiling"]
+    assert results() == [12.0, 20.0] and told == ["compiling"]  # both are kept
+
+
 def test_another_layout_of_a_tuple_that_a_kernel_takes_is_another_kernel():
     """Compiled code takes a field by its place: what is kept is of no use where that is another's."""
 

@@ -215,6 +215,11 @@ def test_a_line_without_stamp_has_that_reason():
     assert parser.skipped[0][2] == "no time stamp"
 
 
+def test_a_stamp_before_1970_has_that_reason():
+    _, parser = parse("(-1.500000) can0 18FEDF00#8AA0\n")
+    assert parser.skipped[0][2] == "negative time stamp"
+
+
 def test_line_numbers_go_on_from_block_to_block():
     parser = CandumpParser()
     parser.parse(b"(1.0) can0 123#\n" * 7)

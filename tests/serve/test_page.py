@@ -338,7 +338,7 @@ def test_a_page_of_the_broadcast_alone_shows_the_same_mass(browser, driving, veh
     with Command(vehicle.folder, "serve", "-c", vehicle.config(), "--broadcast", "--port", port) as server:
         assert wait_for(lambda: is_up(port), 20), server.output
         tab = browser.page(f"http://127.0.0.1:{port}/")
-        tab.wait(HAS_MASS, 20)
+        tab.wait(HAS_MASS, 90)
         time.sleep(0.5)
         assert abs(shown_number(tab.text("mass")) / shown_number(page.text("mass")) - 1) < 0.02
         assert tab.text("speed").strip() == "–"

@@ -107,7 +107,7 @@ class Drive:
         notes = config_warnings(config, groups.came) + log_warnings(reader)
         notes += table.warnings() + stream_warnings(intake)
         notes += missing_signal_warnings(config, intake.received) + groups.hints()
-        notes += facts.notes(intake.decoder.counters)
+        notes += facts.notes(intake)
         return Drive(path, config, feeds, why_no_time(intake.clock), notes, channel)
 
     @staticmethod
