@@ -42,7 +42,7 @@ def enable(on: bool = True) -> bool:
 
 
 def _keeps() -> bool:
-    """Return whether compiled code can be kept: else each process would compile for half a minute."""
+    """Return whether compiled code can be kept: else each process would compile for a minute."""
     import numba
 
     try:
