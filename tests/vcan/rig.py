@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import cantools
+from guest import testing
 
 ROOT = Path(__file__).parents[2]
 #: One cycle of a truck of 21 t on 1 % grade (`make_drive.py`).
@@ -31,6 +32,9 @@ PGN, ADDRESS = 0xFF5A, 158
 #: Python starts some 20 times slower in an emulated machine, and more slowly still on a busy one.
 START_S = 90.0
 _IDLE_GUEST_S = 0.25  #: what `slowness` measures in QEMU on an idle machine of 2020
+#: what an emulated processor adds to a recovery, on an idle host: of 1.7 s until a daemon estimates on an
+#: interface that was made anew
+_EMULATED_S = 0.5
 _FRAME = struct.Struct("=IB3x8s")
 
 
@@ -168,10 +172,10 @@ class BroadcastReceiver:
     def fresh(self, since_s: float, within_s: float, what: str) -> float:
         """Wait for an estimate of now; return the seconds it took from ``since_s`` (monotonic) on.
 
-        Fails when that is more than ``within_s``, stretched by `slowness`.
+        Fails when that is more than ``within_s``, stretched by `slowness`, and more in a guest machine.
         """
         took_s = self.until(lambda received: received.fresh, 60.0, f"an estimate after {what}").t_s - since_s
-        limit_s = within_s * slowness()
+        limit_s = within_s * slowness() + _EMULATED_S * testing.inside()
         assert took_s <= limit_s, f"{what}: an estimate after {took_s:.2f} s, expected within {limit_s:.2f} s"
         return took_s
 
