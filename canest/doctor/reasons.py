@@ -9,6 +9,7 @@ from canest.core.gates import Gate
 from canest.core.roles import ROLES
 from canest.core.samples import RATE_HZ, STATUS_LABELS, Status
 from canest.doctor.other_identifiers import message_of, other_format
+from canest.doctor.signal_report import WHY_NOT_HELD
 from canest.doctor.warnings import interleaved_clocks
 from canest.pipeline.build import model_spec
 from canest.vehicle.driveline_state import CLUTCH_ROLES
@@ -230,7 +231,7 @@ def _absence(config: Config, counters: Counters, role: str, frames: int) -> str:
         expected = f"the length that the DBC declares, {message.length} bytes"
         return f"never had a value: none of {unfit:,} frames has {expected}"
     if message is not None and (came := sum(sender.frames for sender in senders)):
-        return f"never had a value: none of {came:,} frames holds it, their multiplexor never selects it"
+        return f"never had a value: none of {came:,} frames holds it: {WHY_NOT_HELD}"
     other = other_format(config, role, counters)
     return f"was never seen in {frames:,} frames" + (f"; {other}" if other else "")
 

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 OK, SILENT, ABSENT, ELSEWHERE, SEVERAL = "ok", "no value", "not found", "elsewhere", "several"
 REFUSED = "refused"
+#: of frames that are received, and give no sample of a role
+WHY_NOT_HELD = "they end before it, or their multiplexor never selects it"
 #: a signal of which more than this share has no value deserves a hint
 MOSTLY = 0.5
 #: an address whose share of error values is larger sends something else under this group
@@ -149,7 +151,7 @@ def _why_silent(senders: list[Sender]) -> str:
     if all(s.wrong_length >= s.frames for s in senders):
         return "every frame has another length than the DBC declares"
     if not any(s.not_available + s.error_value for s in senders):
-        return "no frame holds it: they end before it, or their multiplexor never selects it"
+        return f"no frame holds it: {WHY_NOT_HELD}"
     return ""
 
 

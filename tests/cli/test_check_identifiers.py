@@ -67,7 +67,9 @@ def test_a_signal_that_its_multiplexor_never_selects_is_named(canest, tmp_path, 
     monkeypatch.setattr(f"{__name__}.DBC", DBC.replace(" SG_ Torque :", page))
     check, replay = reasons(canest, tmp_path, 257, "101#00010002000000FF")
     assert check.endswith("their multiplexor never selects it)")
-    assert replay.endswith("none of 300 frames holds it, their multiplexor never selects it")
+    assert replay.endswith(
+        "none of 300 frames holds it: they end before it, or their multiplexor never selects it"
+    )
 
 
 def test_an_identifier_that_never_came_is_named_beside_those_that_no_message_has(tmp_path):
