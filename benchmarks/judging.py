@@ -17,6 +17,7 @@ from canest.core.errors import ConfigError
 from canest.core.frames import BoolColumn, FloatColumn, FrameBlock
 from canest.core.samples import EstimateBlock, ModelBlock, Status, VehicleFacts
 from canest.estimators.base import Estimator
+from canest.estimators.contract import updated
 from canest.estimators.registry import create, estimator_class, require_known
 from canest.pipeline.build import facts_of
 from canest.pipeline.pipeline import Pipeline
@@ -126,7 +127,7 @@ def estimate_with(
     samples = drive.samples if accelerometer else without_accelerometer(drive.samples)
     facts = replace(drive.facts, initial_mass_kg=start_kg, has_accelerometer=accelerometer)
     estimator = make(facts)
-    estimates = estimator.update(samples)
+    estimates = updated(estimator, samples)
     found = estimator.snapshot()
     return estimates, {key: float(found.get(key, np.nan)) for key in ("nis", "runs_z", "windows")}
 

@@ -70,6 +70,8 @@ class ModelBlock:
     ax_ok: True where accelerometer and speed are usable together (not gated by the driveline).
     road_sine, road_std: sine of the slope by a road map and its standard deviation, NaN where the vehicle is
         on no road of it; None without a map.
+    lever_std: standard deviation of ratio and radius, as a share, beyond what is declared: speeds of the bus
+        contradict them by that. 0 where they agree or nothing is known yet; None where nothing can show it.
     """
 
     t_us: IntColumn
@@ -97,6 +99,7 @@ class ModelBlock:
     ax_ok: BoolColumn
     road_sine: FloatColumn | None = None
     road_std: FloatColumn | None = None
+    lever_std: FloatColumn | None = None
 
     def __len__(self) -> int:
         return len(self.t_us)

@@ -17,6 +17,7 @@ from canest.core.errors import PluginError
 from canest.core.plugins import OWN, is_of_canest, named_failures
 from canest.core.samples import EstimateBlock, ModelBlock, Status, VehicleFacts
 from canest.estimators.base import Estimator
+from canest.estimators.doubted_lever import widened
 
 #: a mass may lie beyond a bound by this share, which is rounding
 _ROUNDING = 1e-9
@@ -50,6 +51,10 @@ def updated(estimator: Estimator, block: ModelBlock) -> EstimateBlock:
 
     Errors: PluginError for one of another package that fails, or returns what are no estimates.
     """
+    return widened(_estimates(estimator, block), block.lever_std, estimator.valid_std)
+
+
+def _estimates(estimator: Estimator, block: ModelBlock) -> EstimateBlock:
     if is_of_canest(estimator):
         return estimator.update(block)
     name = _called(estimator.name, type(estimator))

@@ -22,6 +22,7 @@ from canest.core.gates import LABELS, Gate
 from canest.core.samples import EstimateBlock, ModelBlock
 from canest.decode.decoder import Decoder
 from canest.estimators.contract import updated
+from canest.estimators.doubted_lever import mass_share
 from canest.estimators.status import none_begins
 from canest.grid.clock import Clock
 from canest.grid.grid import Feed, Grid, GridBlock
@@ -66,6 +67,7 @@ class Pipeline:
         self._restored: tuple[float, float, float] | None = None
         self._was_valid = False
         self._mass_kg = math.nan
+        self._mass_share = 0.0
         self.gates: Counter[str] = Counter()
         self.samples = 0
 
@@ -115,7 +117,10 @@ class Pipeline:
 
     def snapshot(self) -> dict[str, Any]:
         """Return what the estimator wants to keep over a restart (JSON types)."""
-        return self.estimator.snapshot()
+        kept = self.estimator.snapshot()
+        if kept and self._mass_share > 0.0:
+            kept["mass_std_kg"] = math.hypot(kept["mass_std_kg"], self._mass_share * kept["mass_kg"])
+        return kept
 
     @property
     def decoder(self) -> Decoder:
@@ -180,6 +185,8 @@ class Pipeline:
                 self.gates[LABELS[code]] += count
         self.samples += len(samples)
         self._mass_kg = float(e.mass_kg[-1])
+        if samples.lever_std is not None:
+            self._mass_share = float(mass_share(samples.lever_std[-1:])[0])
         done.append(
             Estimates(samples.t_us, e.mass_kg, e.mass_std_kg, e.grade, e.grade_std, e.status, samples.gate)
         )

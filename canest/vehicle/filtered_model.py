@@ -16,6 +16,7 @@ from canest.vehicle.brake_hold import BrakeHold
 from canest.vehicle.butterworth import Filter
 from canest.vehicle.driveline_losses import loss_factor
 from canest.vehicle.gating import Excitation, Gating
+from canest.vehicle.lever_check import LeverCheck
 from canest.vehicle.model import LongitudinalModel, RawModel
 from canest.vehicle.range_rate_check import MAX_SPEED_MPS, MOTION_JUMP, STANDSTILL_MPS
 from canest.vehicle.spec import ModelSpec
@@ -48,6 +49,7 @@ class FilteredModel:
     def __init__(self, spec: ModelSpec, *, excitation_gate: bool = False) -> None:
         self.model = LongitudinalModel(spec)
         self._gating = Gating(spec, self.model)
+        self._lever = LeverCheck(spec, self.model)
         self.stuck_sensor = StuckSensor(spec)
         self._brakes = BrakeHold(spec)
         wanted = spec.gates.low_excitation.enabled
@@ -85,6 +87,7 @@ class FilteredModel:
         losses = loss_factor(geared_force, raw.efficiency)
         force = losses * geared_force - raw.wheel_mass_kg * accel - aero + extra
         gate = self._gating.close(grid, raw, accel)
+        lever_std = self._lever.std(grid, raw, gate, accel)
         if self._excitation is not None:
             low = self._excitation.low(force, gate == 0)
             gate = np.where((gate == 0) & low, np.uint8(Gate.LOW_EXCITATION), gate)
@@ -123,6 +126,7 @@ class FilteredModel:
             restart=is_open & ~was_open,
             stopped=self._stopped(raw),
             ax_ok=np.isfinite(accelerometer) & np.isfinite(raw.speed_mps) & ~uncertain,
+            lever_std=lever_std,
         )
 
     def _stopped(self, raw: RawModel) -> BoolColumn:

@@ -25,7 +25,10 @@ CASES = [
     for name in DRIVES
     for estimator, more in (
         ("canest", ()),
-        ("rlsmf", ("gates.low_excitation.enabled=true", "filter.order=3", EFFECTS)),
+        (
+            "rlsmf",
+            ("gates.low_excitation.enabled=true", "filter.order=3", "vehicle.wheel_radius_m=0.46", EFFECTS),
+        ),
     )
 ]
 cases = pytest.mark.parametrize(("name", "estimator", "more"), CASES, ids=[f"{n}-{e}" for n, e, _ in CASES])
