@@ -1,7 +1,7 @@
 """How far speeds of the bus contradict the declared gearing and wheel radius.
 
 v = omega r / i: the speed that the shaft or, through the gear, the engine gives is that of the road where
-ratio and radius are right.
+ratio and radius are right. Where neither is there, the speed counted at the wheels (SPN 84) is compared.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ TOLERANCE = 0.03
 MEAN_OF, FEWEST, _EVERY_TICKS = 100, 10, round(0.2 * RATE_HZ)
 #: slower, a rounded speed says little; harder accelerated, one that is late differs by that, m/s and m/s2
 LEAST_MPS, MOST_MPS2 = 8.0, 0.5
-_ROAD = ("undriven_speed", "vehicle_speed", "gps_speed")
-_SHAFT = "output_shaft_speed"
+_SHAFT, _WHEELS = "output_shaft_speed", "vehicle_speed"
+_ROAD = ("undriven_speed", _WHEELS, "gps_speed")
 
 
 class LeverCheck:
@@ -33,10 +33,10 @@ class LeverCheck:
 
     def __init__(self, spec: ModelSpec, model: LongitudinalModel) -> None:
         roles = frozenset(spec.roles)
-        self._road = [role for role in _ROAD if role in roles]
-        self._by_shaft = _SHAFT in roles
-        by_engine = "engine_speed" in roles and not model.at_wheels
-        self._possible = bool(self._road) and (self._by_shaft or by_engine)
+        engine = "engine_speed" in roles and not model.at_wheels
+        self._turned = _SHAFT if _SHAFT in roles else "engine_speed" if engine else _WHEELS
+        self._road = [role for role in _ROAD if role in roles and role != self._turned]
+        self._possible = bool(self._road) and self._turned in roles
         self._per_rpm = RADPS_PER_RPM / spec.vehicle.final_drive
         self._declared_m = spec.vehicle.wheel_radius_m
         self._count, self._mean, self._std = 0, 0.0, 0.0
@@ -63,19 +63,21 @@ class LeverCheck:
         self, ticks: GridBlock, raw: RawModel, asked: NDArray[np.int64]
     ) -> tuple[FloatColumn, FloatColumn]:
         """Return the speeds of the road and of the driven wheels at some ticks, m/s, NaN where unknown."""
-        c, road = raw.columns, np.full(len(asked), math.nan)
-        radius_m = c.radius_m[asked]
+        c = raw.columns
+        radius_m, ratio = c.radius_m[asked], c.ratio[asked]
+
+        def speed(role: str) -> FloatColumn:
+            if role == "engine_speed":
+                return np.where(ratio > 0, c.engine_radps[asked] / ratio, math.nan) * radius_m
+            held = np.where(ticks.stale[role][asked], math.nan, ticks.values[role][asked])
+            if role == _SHAFT:
+                return held * (self._per_rpm * radius_m)
+            return held * (radius_m / self._declared_m) if role == _WHEELS else held  # as the model takes it
+
+        road = np.full(len(asked), math.nan)
         for role in self._road:
-            speed = np.where(ticks.stale[role][asked], math.nan, ticks.values[role][asked])
-            if role == "vehicle_speed":  # as the model takes it
-                speed = speed * (radius_m / self._declared_m)
-            road = np.where(np.isnan(road), speed, road)
-        if self._by_shaft:
-            turned = ticks.values[_SHAFT][asked] * (self._per_rpm * radius_m)
-        else:
-            ratio = c.ratio[asked]
-            turned = np.where(ratio > 0, c.engine_radps[asked] / ratio, math.nan) * radius_m
-        return road, turned
+            road = np.where(np.isnan(road), speed(role), road)
+        return road, speed(self._turned)
 
     def _add(self, share: float) -> None:
         self._count = min(self._count + 1, MEAN_OF)

@@ -48,6 +48,13 @@ def test_a_wrong_final_drive_does_as_much() -> None:
     assert std[-1] == pytest.approx(math.sqrt(math.log(1.1) ** 2 - 0.03**2), rel=1e-6)
 
 
+def test_a_wheel_speed_that_satellites_contradict_does_as_much() -> None:
+    wheels = {"wheel_torque": 9000.0, "vehicle_speed": 1.07 * V, "gps_speed": V}
+    std = lever_std(wheels)
+    assert std is not None
+    assert std[-1] == pytest.approx(math.sqrt(math.log(1.07) ** 2 - 0.03**2), rel=1e-6)
+
+
 def test_worn_tyres_and_what_cannot_be_compared_leave_nothing() -> None:
     worn = lever_std(SHAFT, wheel_radius_m=RADIUS_M * 0.975)
     assert worn is not None
