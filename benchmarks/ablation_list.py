@@ -160,7 +160,10 @@ MECHANISMS = (
     Variant("altitude", edit=partial(without, "altitude_m")),
     Variant("wander of the altitude", {"altitude_wander_m2ps": 0.0}),
     Variant("accelerometer", edit=without_accelerometer),
-    Variant("faults of the accelerometer", patch={"accelerometer._FEWEST": NEVER}),
+    Variant(
+        "faults of the accelerometer",
+        patch={"accelerometer._FEWEST": NEVER, "accelerometer._FEWEST_S": NEVER},
+    ),
     # -- hypotheses and report
     Variant("improbable loads left out", {"left_out_share": 0.0}),
     Variant("sums over nodes", patch={"report._WIDEST": NEVER}),

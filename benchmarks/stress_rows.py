@@ -97,6 +97,11 @@ def inverted(samples: ModelBlock) -> ModelBlock:
     return replace(samples, accelerometer_mps2=-samples.accelerometer_mps2)
 
 
+def with_gain(samples: ModelBlock, gain: float) -> ModelBlock:
+    """Return samples whose accelerometer shows so many times what it should."""
+    return replace(samples, accelerometer_mps2=gain * samples.accelerometer_mps2)
+
+
 def stuck(samples: ModelBlock) -> ModelBlock:
     """Return the samples with an accelerometer that always sends one number."""
     return replace(samples, accelerometer_mps2=np.full(len(samples), STUCK_MPS2))
@@ -144,6 +149,16 @@ ROWS = (
     Row("retarder unreported", FAULTS, lambda seed: with_effects(seed, _UNREPORTED)),
     Row("accelerometer inverted", FAULTS, truck, edit_samples=inverted, accelerometer=(True,)),
     Row("accelerometer stuck", FAULTS, truck, edit_samples=stuck, accelerometer=(True,)),
+    *(
+        Row(
+            f"accelerometer shows {gain:g} times",
+            FAULTS,
+            truck,
+            edit_samples=partial(with_gain, gain=gain),
+            accelerometer=(True,),
+        )
+        for gain in (0.7, 0.85, 1.15, 1.3)
+    ),
     Row("road in steps", ROADS, stepped_road),
     Row("sine road, cruise", ROADS, partial(sine_road, wavelength_m=800.0, driver=cruise(22.0, 21.0))),
     Row("sine road, mixed", ROADS, partial(sine_road, wavelength_m=600.0, driver=MIXED)),

@@ -13,7 +13,7 @@ from canest.core.samples import Status
 from canest.estimators.default import hypotheses, joining, road_map
 from canest.estimators.default import model as m
 from canest.estimators.default.accelerometer import Comparison, compare
-from canest.estimators.default.constants import CONSTANTS
+from canest.estimators.default.constants import CONSTANTS, vehicle_of
 from canest.estimators.default.estimator import GaussianSum, _space
 from canest.estimators.default.model import Window
 from canest.estimators.default.report import Report, sum_over_nodes
@@ -114,7 +114,7 @@ def test_a_gap_is_no_change_that_an_accelerometer_should_have_shown():
     comparison = Comparison()
     for sensed, accel, gap_s in [(0.78, 0.0, 0.0)] * 5 + [(1.3, 1.3, 60.0)] + [(1.3, 1.3, 0.0)] * 10:
         w = NOTHING._replace(sensed_mps2=sensed, accel_mps2=accel, speed_mps=10.0, gap_s=gap_s)
-        comparison = compare.interpreted(comparison, w, 0.001)
+        comparison = compare.interpreted(comparison, w, vehicle_of(FACTS, 0.1, CONSTANTS))
     assert comparison.faulty == 0.0
 
 

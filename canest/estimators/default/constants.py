@@ -88,6 +88,8 @@ _FINEST = 1e-4
 #: variance of what a body does that its pitch does not tell, by acceleration squared: a stated pitch (0.007
 #: rad per m/s2), a learned one, and one that slow signals do not teach, whose error lasts
 _STATED, _LEARNED, _UNKNOWN = 0.005, 0.015, 0.05
+#: g times what bodies pitch, trucks and soft cars, from the mean on, rad per m/s2 of 0.02
+_ANY_PITCH = 0.2
 
 
 class Vehicle(NamedTuple):
@@ -108,6 +110,7 @@ class Vehicle(NamedTuple):
     late_s: float  #: how much older than the samples the filtered states are
     pitch: float  #: of the body, m/s2 of the accelerometer per m/s2
     pitch_std: float  #: zero where it is stated, or is not learned
+    pitch_slack: float  #: share by which the accelerometer's ratio may be off because the pitch is not known
     felt_windup: float  #: share that a body feels: 1 where the torque lags, 0 where a driveline gives way
     rocking: float  #: variance of what it does beside, by acceleration squared
 
@@ -135,6 +138,7 @@ def vehicle_of(facts: VehicleFacts, late_s: float, c: Constants) -> Vehicle:
         late_s=late_s,
         pitch=GRAVITY_MPS2 * (c.pitch_rad_per_mps2 if stated is None else stated),
         pitch_std=GRAVITY_MPS2 * c.pitch_rad_per_mps2 if learns_pitch else 0.0,
+        pitch_slack=_ANY_PITCH if stated is None else 0.0,
         felt_windup=1.0 if facts.torque_lags else 0.0,
         rocking=_LEARNED if learns_pitch else _UNKNOWN if stated is None else _STATED,
     )

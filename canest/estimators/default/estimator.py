@@ -46,7 +46,8 @@ _UNKNOWN = 0.5
 #: without samples for so long nothing is known to be as it was, s
 _SILENCE_S = 5.0
 _FAULTY = (
-    "the accelerometer does not follow the speed's acceleration, and is not used: another unit, sign or axis?"
+    "the accelerometer does not follow the speed's acceleration, and is not used: "
+    "another unit, gain, sign or axis, or another pitch than stated?"
 )
 _APART = (
     "torque and speed seem {:.1f} s apart or more, or the road is too rough: "

@@ -118,7 +118,7 @@ def run(
     count = p.alive
     for k in range(n):
         last, was_faulty = windows[k], comparison.faulty
-        comparison = compare(comparison, last, v.speed_floor_mps)
+        comparison = compare(comparison, last, v)
         failed = comparison.faulty != was_faulty
         braked = p.braked and (last.open == 0.0 or in_overrun(last))
         is_open, still = last.open > 0.0 and not braked, last.stopped > 0.0
