@@ -16,6 +16,7 @@ from canest.core.roles import RADPS_PER_RPM
 from canest.core.samples import RATE_HZ, STEP_US
 from canest.grid.grid import GridBlock
 from canest.vehicle.model import LongitudinalModel, RawModel
+from canest.vehicle.range_rate_check import MAX_SPEED_MPS
 from canest.vehicle.spec import ModelSpec
 
 #: speeds of one vehicle that differ by less are worn tyres, slip and rounding
@@ -52,7 +53,8 @@ class LeverCheck:
             return np.full(len(ticks), self._std)
         road, turned = self._speeds(ticks, raw, asked)
         fit = (gate[asked] == 0) & (np.abs(accel_mps2[asked]) <= MOST_MPS2)
-        fit &= (road >= LEAST_MPS) & (turned >= LEAST_MPS)
+        for speed in (road, turned):
+            fit &= (speed >= LEAST_MPS) & (speed <= MAX_SPEED_MPS)
         known = [self._std]
         for ratio in (road[fit] / turned[fit]).tolist():
             self._add(math.log(ratio))

@@ -19,6 +19,8 @@ COMMON: dict[str, Any] = {"engine_torque_pct": 40.0, "gear_ratio": 1.0}
 SHAFT = COMMON | {"output_shaft_speed": RPM, "undriven_speed": V}
 ENGINE = COMMON | {"engine_speed": RPM, "vehicle_speed": V, "clutch_switch": 0.0}
 
+WHEELS = {"wheel_torque": 9000.0, "vehicle_speed": V, "gps_speed": V}
+
 
 def lever_std(signals: dict[str, Any], n: int = 1500, cut: int = 0, **vehicle: Any) -> FloatColumn | None:
     """Return the column of n ticks in gear, cut in two."""
@@ -49,8 +51,7 @@ def test_a_wrong_final_drive_does_as_much() -> None:
 
 
 def test_a_wheel_speed_that_satellites_contradict_does_as_much() -> None:
-    wheels = {"wheel_torque": 9000.0, "vehicle_speed": 1.07 * V, "gps_speed": V}
-    std = lever_std(wheels)
+    std = lever_std(WHEELS | {"vehicle_speed": 1.07 * V})
     assert std is not None
     assert std[-1] == pytest.approx(math.sqrt(math.log(1.07) ** 2 - 0.03**2), rel=1e-6)
 
@@ -73,6 +74,18 @@ def test_slow_or_hard_accelerated_driving_is_not_compared() -> None:
     std = lever_std(quick, 1000, wheel_radius_m=RADIUS_M * 0.9)
     assert std is not None
     assert not std.any()
+
+
+@pytest.mark.parametrize("value", [math.inf, 1e300, math.nan, -5.0, 0.0])
+@pytest.mark.parametrize(
+    "role", ["output_shaft_speed", "undriven_speed", "gear_ratio", "vehicle_speed", "gps_speed"]
+)
+def test_what_is_no_speed_is_not_compared(role: str, value: float) -> None:
+    for signals in (SHAFT, ENGINE, WHEELS):
+        if role in signals:
+            std = lever_std(signals | {role: value}, 400)
+            assert std is not None
+            assert not std.any()
 
 
 def test_what_is_mended_is_forgotten_in_a_minute() -> None:
