@@ -205,7 +205,8 @@ class GaussianSum(Estimator):
     def contradiction(self) -> str:
         """Return what in the samples contradicts the vehicle's facts ('' for nothing)."""
         delay_s, levels = self._carried.progress.delay_s, self._carried.levels
-        faulty = _FAULTY if self._carried.comparison.faulty else ""
+        # where nothing can be learned, it may as well be the speed
+        faulty = _FAULTY if self._carried.comparison.faulty and self._last[kernel.OUT_LEARNED] else ""
         too_long = delay_is_too_long.interpreted(delay_s, self.constants)
         apart = _APART.format(abs(delay_s)) if too_long else ""
         unlike = _INCONSISTENT.format(levels.nis) if levels.refuted and not too_long else ""
