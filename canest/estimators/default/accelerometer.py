@@ -30,7 +30,7 @@ _MOVING_MPS = 2.0
 class Comparison(NamedTuple):
     """Sums over the second that is under way, means of the one before, and the sums of products.
 
-    Of the changes from second to second of acceleration (v), sensor (x) and traction (F); r = x - (1 + p) v.
+    Of the changes from second to second of acceleration (v), sensor (x) and traction (F); e = x - (1 + p) v.
     """
 
     sensed: float = 0.0
@@ -46,13 +46,15 @@ class Comparison(NamedTuple):
     Fv: float = 0.0
     Fx: float = 0.0
     FF: float = 0.0
-    rr: float = 0.0
+    ee: float = 0.0
     faulty: bool = False
 
 
 #: where the means of the second before begin, and the sums of products
 _BEFORE: Final = 4
 _PRODUCTS: Final = 7
+#: those of a comparison that begins
+_NO_PRODUCTS: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @jit.kernel
@@ -63,13 +65,12 @@ def verdict(c: Comparison, v: Vehicle) -> float:
     the traction, so Fx / Fv is its gain, or more where the driver answers the road.
     """
     ratio, unknown = 1.0 + v.pitch, v.pitch_slack
-    too_much = unknown + _MUCH + _OF_FEW_M2PS4 / max(c.vv, 1e-9)
-    if c.vv >= _FEWEST and c.vx > c.vv * ratio * (1.0 + too_much):
+    if c.vv >= _FEWEST and c.vx > c.vv * ratio * (1.0 + unknown + _MUCH + _OF_FEW_M2PS4 / c.vv):
         return 1.0
     if c.seconds < _FEWEST_S or c.Fv <= 0.0:
         return 0.0
     due = ratio * c.Fv
-    std = _STDS * math.sqrt(c.rr / c.seconds * c.FF)
+    std = _STDS * math.sqrt(c.ee / c.seconds * c.FF)
     if due - c.Fx > (unknown + _LITTLE) * due + std:
         return 1.0
     return -1.0 if abs(c.Fx - due) + std < (unknown + _SURELY) * due else 0.0
@@ -87,21 +88,19 @@ def compare(c: Comparison, w: Window, v: Vehicle) -> Comparison:
     sensed, accel, traction = sensed / _SECOND, accel / _SECOND, traction / _SECOND
     if math.isnan(c.accel_before):
         return Comparison(0.0, 0.0, 0.0, 0.0, sensed, traction, accel, *c[_PRODUCTS:])
-    vv, vx, seconds, Fv, Fx, FF, rr, was_faulty = c[_PRODUCTS:]
+    vv, vx, seconds, Fv, Fx, FF, ee, was_faulty = c[_PRODUCTS:]
     dv, dx, dF = accel - c.accel_before, sensed - c.sensed_before, traction - c.traction_before
     if abs(dv) > max(_CHANGE_MPS2, _ROUNDED_1PS * v.speed_floor_mps):
         left = min(_MOST / (vv + dv * dv), 1.0)
         vv, vx = left * (vv + dv * dv), left * (vx + dv * dx)
-    r, left = dx - (1.0 + v.pitch) * dv, min(_MOST_S / (seconds + 1.0), 1.0)
-    seconds, rr = left * (seconds + 1.0), left * (rr + r * r)
+    e, left = dx - (1.0 + v.pitch) * dv, min(_MOST_S / (seconds + 1.0), 1.0)
+    seconds, ee = left * (seconds + 1.0), left * (ee + e * e)
     Fv, Fx, FF = left * (Fv + dF * dv), left * (Fx + dF * dx), left * (FF + dF * dF)
     done = Comparison(
-        0.0, 0.0, 0.0, 0.0, sensed, traction, accel, vv, vx, seconds, Fv, Fx, FF, rr, was_faulty
+        0.0, 0.0, 0.0, 0.0, sensed, traction, accel, vv, vx, seconds, Fv, Fx, FF, ee, was_faulty
     )
     found = verdict(done, v)
     if found == 0.0 or (found < 0.0 and not was_faulty):
         return done
     # what comes next is judged by itself
-    return Comparison(
-        0.0, 0.0, 0.0, 0.0, sensed, traction, accel, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, found > 0.0
-    )
+    return Comparison(0.0, 0.0, 0.0, 0.0, sensed, traction, accel, *_NO_PRODUCTS, found > 0.0)

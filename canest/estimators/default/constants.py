@@ -88,7 +88,7 @@ _FINEST = 1e-4
 #: variance of what a body does that its pitch does not tell, by acceleration squared: a stated pitch (0.007
 #: rad per m/s2), a learned one, and one that slow signals do not teach, whose error lasts
 _STATED, _LEARNED, _UNKNOWN = 0.005, 0.015, 0.05
-#: g times what bodies pitch, trucks and soft cars, from the mean on, rad per m/s2 of 0.02
+#: a pitch that nobody states may be 0.02 rad per m/s2 from the mean: g times that, m/s2 per m/s2
 _ANY_PITCH = 0.2
 
 
