@@ -22,8 +22,9 @@ from canest.doctor.engine_and_road import (
 from canest.doctor.gear_table import GearFit, slipping_gears, stepless, table_line
 from canest.doctor.proportion import MIN_PAIRS, Proportion
 from canest.doctor.reported_ratio import ReportedRatio
-from canest.doctor.speed_units import SPEED_TOLERANCE, UNIT_FACTORS, mistaken_unit
+from canest.doctor.speed_units import UNIT_FACTORS, mistaken_unit
 from canest.doctor.stretches import Samples, at
+from canest.vehicle.lever_check import SPEED_TOLERANCE
 from canest.vehicle.role_sources import AT_WHEELS
 
 if TYPE_CHECKING:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from canest.core.roles import RADPS_PER_RPM
-from canest.doctor.speed_units import SPEED_TOLERANCE, mistaken_unit
+from canest.doctor.speed_units import mistaken_unit
 from canest.vehicle.facts import Vehicle
+from canest.vehicle.lever_check import SPEED_TOLERANCE
 
 #: slower than this (m/s), speeds are too coarse to compare
 MIN_MPS = 5.0

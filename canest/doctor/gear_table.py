@@ -8,8 +8,8 @@ import numpy as np
 
 from canest.core.frames import BoolColumn, FloatColumn, IntColumn
 from canest.doctor.engine_and_road import MOST_TIMES
-from canest.doctor.speed_units import SPEED_TOLERANCE
 from canest.doctor.stretches import at
+from canest.vehicle.lever_check import SPEED_TOLERANCE
 
 #: ratios are counted in bins of 1 %, from and to
 _LEAST, _MOST, _BIN = 0.2, 40.0, 0.01

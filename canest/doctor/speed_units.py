@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from canest.core.roles import UNITS
+from canest.vehicle.lever_check import SPEED_TOLERANCE
 
-#: speeds that differ by less are worn tyres and rounding
-SPEED_TOLERANCE = 0.03
 #: how many times too large a speed is for each unit that is taken for another
 UNIT_FACTORS = sorted(
     {taken / true for true, _ in UNITS["m/s"].values() for taken, _ in UNITS["m/s"].values()} - {1.0}

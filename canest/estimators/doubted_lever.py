@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
 from canest.core.frames import FloatColumn
 from canest.core.samples import EstimateBlock, Status
+
+Column = TypeVar("Column", FloatColumn, float)
 
 
 def widened(estimates: EstimateBlock, lever_std: FloatColumn | None, valid_std: float) -> EstimateBlock:
@@ -19,7 +22,7 @@ def widened(estimates: EstimateBlock, lever_std: FloatColumn | None, valid_std: 
     if lever_std is None or not lever_std.any():  # nearly always
         return estimates
     mass = estimates.mass_kg
-    mass_std = np.hypot(estimates.mass_std_kg, mass_share(lever_std) * mass)
+    mass_std = widened_std_kg(estimates.mass_std_kg, mass, lever_std)
     doubted = (lever_std > 0.0) & (mass_std > valid_std * mass) & (estimates.status == Status.VALID)
     return replace(
         estimates,
@@ -29,6 +32,7 @@ def widened(estimates: EstimateBlock, lever_std: FloatColumn | None, valid_std: 
     )
 
 
-def mass_share(lever_std: FloatColumn) -> FloatColumn:
-    """Return the std of the mass as a share: M = F / a, with F proportional to 1 / r and a to r."""
-    return 2.0 * lever_std
+def widened_std_kg(mass_std_kg: Column, mass_kg: Column, lever_std: Column) -> Column:
+    """Return the std with that of ratio and radius in it: M = F / a, with F ~ 1 / r and a ~ r."""
+    wider: Column = np.hypot(mass_std_kg, 2.0 * lever_std * mass_kg)
+    return wider

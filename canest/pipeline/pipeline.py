@@ -22,7 +22,7 @@ from canest.core.gates import LABELS, Gate
 from canest.core.samples import EstimateBlock, ModelBlock
 from canest.decode.decoder import Decoder
 from canest.estimators.contract import updated
-from canest.estimators.doubted_lever import mass_share
+from canest.estimators.doubted_lever import widened_std_kg
 from canest.estimators.status import none_begins
 from canest.grid.clock import Clock
 from canest.grid.grid import Feed, Grid, GridBlock
@@ -67,7 +67,7 @@ class Pipeline:
         self._restored: tuple[float, float, float] | None = None
         self._was_valid = False
         self._mass_kg = math.nan
-        self._mass_share = 0.0
+        self._lever_std = 0.0
         self.gates: Counter[str] = Counter()
         self.samples = 0
 
@@ -118,8 +118,9 @@ class Pipeline:
     def snapshot(self) -> dict[str, Any]:
         """Return what the estimator wants to keep over a restart (JSON types)."""
         kept = self.estimator.snapshot()
-        if kept and self._mass_share > 0.0:
-            kept["mass_std_kg"] = math.hypot(kept["mass_std_kg"], self._mass_share * kept["mass_kg"])
+        if kept and self._lever_std > 0.0:
+            std_kg = widened_std_kg(kept["mass_std_kg"], kept["mass_kg"], self._lever_std)
+            kept["mass_std_kg"] = float(std_kg)
         return kept
 
     @property
@@ -186,7 +187,7 @@ class Pipeline:
         self.samples += len(samples)
         self._mass_kg = float(e.mass_kg[-1])
         if samples.lever_std is not None:
-            self._mass_share = float(mass_share(samples.lever_std[-1:])[0])
+            self._lever_std = float(samples.lever_std[-1])
         done.append(
             Estimates(samples.t_us, e.mass_kg, e.mass_std_kg, e.grade, e.grade_std, e.status, samples.gate)
         )

@@ -50,16 +50,22 @@ class ClutchReports:
         return reported
 
 
+def geared_speed(c: ModelColumns) -> FloatColumn:
+    """Return the speed that the engine's is through the gear and the wheels, m/s (n,), NaN without a gear."""
+    geared = c.ratio > 0
+    speed: FloatColumn = (
+        np.where(geared, c.engine_radps / np.where(geared, c.ratio, 1.0), np.nan) * c.radius_m
+    )
+    return speed
+
+
 def road_speed_of_engine(c: ModelColumns, clutch_slip_pct: float) -> FloatColumn:
     """Return the vehicle's speed from the engine's, m/s (n,): NaN where the engine turns by itself.
 
     At a crossing it idles in gear with its clutch open, and would be a truck that creeps: no stop, and no
     load that may have changed in it.
     """
-    geared = c.ratio > 0
-    speed: FloatColumn = (
-        np.where(geared, c.engine_radps / np.where(geared, c.ratio, 1.0), np.nan) * c.radius_m
-    )
+    speed = geared_speed(c)
     alone = driveline_open(c, clutch_slip_pct) | c.on("shift_in_process")
     road = c.signals.get("vehicle_speed")
     if road is not None:

@@ -199,8 +199,8 @@ class Gating:
         if JUMP in has:
             closed = closed | np.isfinite(has[JUMP])
         others = [has["undriven_speed"]] if "undriven_speed" in has else []
-        if "vehicle_speed" in has:  # as the model takes it
-            others.append(has["vehicle_speed"] * (raw.columns.radius_m / self._model.vehicle.wheel_radius_m))
+        if "vehicle_speed" in has:
+            others.append(self._model.speed_of("vehicle_speed", raw.columns))
         if others:
             allowed = SPEED_MISMATCH_SHARE * np.abs(raw.speed_mps) + SPEED_SLACK_MPS
             for other in others:

@@ -269,10 +269,10 @@ class LongitudinalModel:
             return
         speed = constant(math.nan, len(c))
         for role in self.speed_roles:
-            speed = np.where(np.isnan(speed), self._speed_of(role, c, constant(True, len(c))), speed)
+            speed = np.where(np.isnan(speed), self.speed_of(role, c), speed)
         c.wheel_torque_Nm = watts / np.maximum(speed, _LEAST_MPS) * c.radius_m
 
-    def _speed_of(self, role: str, c: ModelColumns, known: BoolColumn) -> FloatColumn:
+    def speed_of(self, role: str, c: ModelColumns, known: BoolColumn | bool = True) -> FloatColumn:
         """Return the speed that a role gives, m/s (n,). known: where the state of the clutch is reported."""
         if role == "output_shaft_speed":
             return c.signals[role] * (RADPS_PER_RPM / self.vehicle.final_drive) * c.radius_m
@@ -288,7 +288,7 @@ class LongitudinalModel:
         Return which that is, and the finest received so far, as positions in `speed_roles` (n,).
         """
         c.speed_mps, source, finest = self._choice.choose(
-            [partial(self._speed_of, role, c, known) for role in self.speed_roles], ticks
+            [partial(self.speed_of, role, c, known) for role in self.speed_roles], ticks
         )
         c.auxiliary["driven"] = self._is_driven[source]
         self._run("speed", c)

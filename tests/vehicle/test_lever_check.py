@@ -18,7 +18,6 @@ RPM = V / RADIUS_M * FINAL_DRIVE * 30 / math.pi
 COMMON: dict[str, Any] = {"engine_torque_pct": 40.0, "gear_ratio": 1.0}
 SHAFT = COMMON | {"output_shaft_speed": RPM, "undriven_speed": V}
 ENGINE = COMMON | {"engine_speed": RPM, "vehicle_speed": V, "clutch_switch": 0.0}
-
 WHEELS = {"wheel_torque": 9000.0, "vehicle_speed": V, "gps_speed": V}
 
 
